@@ -20,7 +20,7 @@ module command_table
       character(200) :: text
    end type option_t
 
-   type(verb_t), parameter :: verbs(9) = [ &
+   type(verb_t), parameter :: verbs(10) = [ &
       verb_t("solve", "INPUT", "solve all points of a namelist file, write an HDF5 file"), &
       verb_t("resume", "RESULT", "solve the points that an ended run has left in its result file"), &
       verb_t("info", "RESULT", "what a result file holds, whether it is complete"), &
@@ -29,6 +29,8 @@ module command_table
       verb_t("plan", "INPUT", "say how large the result becomes and how long a run takes on many ranks"), &
       verb_t("march", "INPUT", "follow the motion through time as &march says, write an HDF5 record"), &
       verb_t("verify", "RESULT", "march from the points of a result file and say whether their motions stay"), &
+      verb_t("keys", "", "the table of input keys, a row each: group | key | type | unit | default | range | meaning; "// &
+         "nhbm keys WORD: rows that have the word, such as jenkins"), &
       verb_t("version", "", "version and commit; also --version"), &
       verb_t("help", "", "this text; nhbm help VERB and nhbm VERB --help tell of one verb")]
 
@@ -56,7 +58,7 @@ module command_table
       option_t("--points", "", "N", "plan", "points, in place of those of the input"), &
       option_t("--cost-from", "", "FILE", "plan", "seconds of a point as in a result file, say of a smaller run"), &
       option_t("--cost", "", "SECONDS", "plan", "seconds of a point"), &
-      option_t("--help", "-h", "", all_verbs//" version help", "this text"), &
+      option_t("--help", "-h", "", all_verbs//" keys version help", "this text"), &
       option_t("--version", "", "", "version", "version and commit")]
 
    integer, parameter :: column_of_text = 31, width = 118

@@ -11,11 +11,12 @@ program nhbm
    use hb_error, only: error_t, fail
    use hb_guard, only: guard_outside_code
    use hb_hdf5, only: can_end_library
+   use hb_key_rows, only: key_row, n_key_rows
    use hb_mpi, only: comm_t, rank_of, share_error, start_mpi, stop_mpi, world
    use hb_signals, only: catch_signals, survive_failed_writes, wait_for_points
    use hb_memory, only: keep_freed_memory
    use hb_printable, only: printable
-   use hb_text, only: join
+   use hb_text, only: join, lower
    use hb_version, only: git_commit, program_version
    use verb_check, only: run_check
    use verb_info, only: run_info
@@ -103,6 +104,8 @@ contains
          call write_help(verb)
       else if (options%wants_version .or. verb == "version") then
          if (rank_of(comm) == 0) call say("nhbm "//program_version//" ("//git_commit//")")
+      else if (verb == "keys") then
+         if (rank_of(comm) == 0) call tell_keys()
       else if (verb == "") then
          call fail(error, "say what to do: nhbm solve input.nml; nhbm --help tells all")
       else if (all(verb_names() /= verb)) then
@@ -119,6 +122,22 @@ contains
          if (.not. allocated(error)) call run_known_verb(verb)
       end if
    end subroutine run_verb
+
+   !> Prints the rows of the table of input keys, or those that have a word.
+   subroutine tell_keys()
+      integer :: i
+      logical :: is_told
+
+      is_told = .false.
+      do i = 1, n_key_rows()
+         if (allocated(options%input)) then
+            if (index(lower(key_row(i)), lower(options%input)) == 0) cycle
+         end if
+         call say(key_row(i))
+         is_told = .true.
+      end do
+      if (.not. is_told) call fail(error, "no row of the table of keys has '"//options%input//"'; nhbm keys prints all")
+   end subroutine tell_keys
 
    subroutine run_known_verb(verb)
       character(*), intent(in) :: verb

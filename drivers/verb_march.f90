@@ -7,9 +7,10 @@ module verb_march
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t, fail
    use hb_file_place, only: check_place
+   use hb_input_keys, only: choices_of
    use hb_kinds, only: wp
    use hb_march, only: judge, march_from, march_judgement_t, march_record_t
-   use hb_march_config, only: march_method_names, march_start, step_of
+   use hb_march_config, only: march_start, step_of
    use hb_march_file, only: march_content_t, march_origin_t, read_march_state, write_march_file
    use hb_march_starts, only: motions_of, state_on_sphere
    use hb_march_state, only: march_state_t, new_march_state
@@ -102,6 +103,7 @@ contains
       type(shown_progress_t) :: progress
       real(wp) :: seconds, share, step
       real(wp), allocatable :: frequencies(:), omega(:)
+      character(:), allocatable :: methods(:)
       character(300) :: line
       integer :: i
 
@@ -132,7 +134,8 @@ contains
          if (scene%march%starts > 1) call march_others(scene, frequencies, step, content, error)
          if (allocated(error)) return
          origin%title = scene%output%title
-         origin%method = trim(march_method_names(scene%march%method))
+         methods = choices_of("march", "method")
+         origin%method = trim(methods(scene%march%method))
          origin%input_text = study%input_text
          origin%input_complete = study%input_complete
          origin%omega = omega

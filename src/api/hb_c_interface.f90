@@ -5,6 +5,7 @@ module hb_c_interface
    use hb_c_text, only: c_text
    use hb_column_view, only: column_kind
    use hb_error, only: error_t, fail
+   use hb_key_rows, only: key_row, n_key_rows
    use hb_kinds, only: wp
    use hb_session, only: session_t
    use hb_version, only: program_version
@@ -248,6 +249,22 @@ contains
       end do
       text = c_loc(version_text)
    end function nhbm_version
+
+   !> Row i of the table of input keys, from 0; 0 behind the last.
+   integer(c_int) function nhbm_key(i, row, size) bind(c, name="nhbm_key") result(is_row)
+      integer(c_int), value :: i, size
+      character(c_char), intent(out) :: row(size)
+      character(:), allocatable :: text
+      integer :: k
+
+      is_row = merge(1_c_int, 0_c_int, i >= 0 .and. i < n_key_rows() .and. size > 0)
+      if (is_row == 0) return
+      text = key_row(i + 1)
+      do k = 1, min(len(text), size - 1)
+         row(k) = text(k:k)
+      end do
+      row(k) = c_null_char
+   end function nhbm_key
 
    !> Fills the error of C, and gives its code.
    integer(c_int) function told(failure, code, error)

@@ -33,6 +33,10 @@ extern "C" {
 int nhbm_api(void);
 const char *nhbm_version(void);
 
+/* Row i, from 0, of the table of input keys: group | key | type | unit | default | range | meaning. Not 0 while there is one;
+ * 1200 bytes hold the longest. */
+int nhbm_key(int i, char *row, int size);
+
 enum nhbm_code {
    NHBM_OK = 0,
    NHBM_INPUT = 1,   /* the model, a path or a value is wrong; the text names group, key and the right value */

@@ -20,9 +20,8 @@ module hb_normal_mode
    use hb_text, only: to_text
    implicit none
    private
-   public :: find_mode_of_energy, find_normal_mode, measure_names, normal_mode_t
+   public :: find_mode_of_energy, find_normal_mode, normal_mode_t
 
-   character(8), parameter :: measure_names(2) = [character(8) :: "peak", "harmonic"]
    real(wp), parameter :: first_share = 1.0e-3_wp                     ! of the amplitude, where the way begins
    real(wp), parameter :: near = 1.0e-3_wp                            ! the goal, as a share of the amplitude, where the way ends
    integer, parameter :: most_steps = 400

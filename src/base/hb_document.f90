@@ -10,7 +10,7 @@
 !>
 !>     call document%expect_groups(["newton", "law   "], error)
 !>     group => document%optional_group("newton")
-!>     call group%get("tolerance", tolerance, limits=limits_t(above=0.0_wp))      ! as often as needed, no check in between
+!>     call group%get("tolerance", tolerance)                    ! as often as needed, no check in between
 !>     call document%finish(error)                               ! all problems of all groups at once
 !>
 !> A parameter is a handle to one value: its path is looked up once, setting it is a store. The document remembers which groups

@@ -3,30 +3,33 @@
 !> Whoever makes them, a namelist file (hb_namelist) or a caller with numbers:
 !>
 !>     call law%set("gap", 1.5e-3_wp)
-!>     call law%get("gap", gap, required=.true., unit="m", limits=limits_t(minimum=0.0_wp))
+!>     call law%get("gap", gap)
 !>     call law%finish(error)
 !>
-!> `get` takes the value of a key when it is there, else what the variable holds is the default; it collects what is wrong
-!> instead of returning an error at every call. `finish` reports all of it at once, together with the keys that nobody asked
-!> for. After a problem the value is untouched.
+!> `get` takes the value of a key when it is there, else its default. Default, unit, limits, choices and whether the key must be
+!> given are those of the table of keys (hb_input_keys); where the table has no default, it is what the variable holds. What is
+!> wrong is collected instead of returning an error at every call. `finish` reports all of it at once, together with the keys that
+!> nobody asked for. After a problem the value is the default.
 module hb_properties
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_closest_word, only: closest_word
+   use hb_input_keys, only: limits_t, rule_t
    use hb_kinds, only: wp
    use hb_property_order, only: any_length, element_at, matrix_text, pick
-   use hb_property_record, only: ask, max_unit, missing_key, record_t, value_problem
+   use hb_property_record, only: ask, missing_key, record_t, value_problem
    use hb_property_values, only: kind_of, number_value, value_t
    use hb_text, only: join, lower, quote, shown, string_t, to_text
    implicit none
    private
-   public :: limits_t, new_properties, properties_t
+   public :: new_properties, properties_t
 
    integer, parameter :: single_value(0) = [integer ::]     !! extents, as for `pick`
 
    type, extends(record_t) :: properties_t
    contains
       generic :: get => get_real, get_integer, get_logical, get_word, get_reals, get_integers, get_logicals, get_words, get_matrix
-      generic :: set => set_real, set_integer, set_logical, set_word, set_reals, set_integers, set_logicals, set_words, set_matrix
+      generic :: set => set_one, set_list, set_matrix
+      procedure :: choose => properties_choose
       procedure, private :: get_real => properties_get_real
       procedure, private :: get_integer => properties_get_integer
       procedure, private :: get_logical => properties_get_logical
@@ -36,30 +39,10 @@ module hb_properties
       procedure, private :: get_logicals => properties_get_logicals
       procedure, private :: get_words => properties_get_words
       procedure, private :: get_matrix => properties_get_matrix
-      procedure, private :: set_real => properties_set_real
-      procedure, private :: set_integer => properties_set_integer
-      procedure, private :: set_logical => properties_set_logical
-      procedure, private :: set_word => properties_set_word
-      procedure, private :: set_reals => properties_set_reals
-      procedure, private :: set_integers => properties_set_integers
-      procedure, private :: set_logicals => properties_set_logicals
-      procedure, private :: set_words => properties_set_words
+      procedure, private :: set_one => properties_set_one
+      procedure, private :: set_list => properties_set_list
       procedure, private :: set_matrix => properties_set_matrix
    end type properties_t
-
-   !> Where each number of a key must be; what is not named limits nothing.
-   type :: limits_t
-      real(wp) :: minimum = -huge(1.0_wp), maximum = huge(1.0_wp)     !! which itself may be
-      real(wp) :: above = -huge(1.0_wp), below = huge(1.0_wp)         !! which itself may not be
-   end type limits_t
-
-   !> What a reader wants of a key.
-   type :: wanted_t
-      integer :: kind = 0                                   !! one of `kind_of`
-      logical :: is_required = .false.
-      character(max_unit) :: unit = ""
-      type(limits_t) :: limits                              !! holds any integer exactly
-   end type wanted_t
 
 contains
 
@@ -75,214 +58,173 @@ contains
       self%line = line
    end subroutine new_properties
 
-   !> Takes a real; NaN and infinity are problems.
-   pure subroutine properties_get_real(self, key, value, required, unit, limits)
+   !> Takes a real; NaN and infinity are problems. `required` and `unit`, where they are given, take the place of the table's.
+   pure subroutine properties_get_real(self, key, value, required, unit)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       real(wp), intent(inout) :: value
       logical, intent(in), optional :: required             !! the key must be there
       character(*), intent(in), optional :: unit
-      type(limits_t), intent(in), optional :: limits
       real(wp), allocatable :: numbers(:)
+      integer :: i_asked
 
       numbers = [value]
-      call take_numbers(self, key, wanting(kind_of%number, required, unit, limits), single_value, numbers)
+      call take_numbers(self, key, kind_of%number, single_value, numbers, required, i_asked)
       value = numbers(1)
+      if (present(unit)) self%asked(i_asked)%unit = unit
    end subroutine properties_get_real
 
    !> Takes an integer.
-   pure subroutine properties_get_integer(self, key, value, required, unit, limits)
+   pure subroutine properties_get_integer(self, key, value, required)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       integer, intent(inout) :: value
       logical, intent(in), optional :: required
-      character(*), intent(in), optional :: unit
-      type(limits_t), intent(in), optional :: limits
       real(wp), allocatable :: numbers(:)
 
       numbers = [real(value, wp)]
-      call take_numbers(self, key, wanting(kind_of%whole, required, unit, limits), single_value, numbers)
+      call take_numbers(self, key, kind_of%whole, single_value, numbers, required)
       value = nint(numbers(1))
    end subroutine properties_get_integer
 
    !> Takes a truth.
-   pure subroutine properties_get_logical(self, key, value, required)
+   pure subroutine properties_get_logical(self, key, value)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       logical, intent(inout) :: value
-      logical, intent(in), optional :: required
       real(wp), allocatable :: numbers(:)
 
       numbers = [number_of_truth(value)]
-      call take_numbers(self, key, wanting(kind_of%truth, required), single_value, numbers)
+      call take_numbers(self, key, kind_of%truth, single_value, numbers)
       value = numbers(1) > 0.0_wp
    end subroutine properties_get_logical
 
-   !> Takes a word; with `choices` it must be one of them, in any case, and comes out as spelt there.
-   pure subroutine properties_get_word(self, key, value, required, choices)
+   !> Takes a word; one of several choices may be in any case, and comes out as the table has it.
+   pure subroutine properties_get_word(self, key, value, required)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       character(:), allocatable, intent(inout) :: value
       logical, intent(in), optional :: required
-      character(*), intent(in), optional :: choices(:)
       type(string_t), allocatable :: words(:)
 
-      if (allocated(value)) then
-         allocate (words(1))
-         words(1)%value = value
-      end if
-      call take_words(self, key, wanting(kind_of%word, required), single_value, words, choices)
+      if (allocated(value)) call put_word(words, value)
+      call take_words(self, key, single_value, words, required)
       if (allocated(words)) value = words(1)%value
    end subroutine properties_get_word
 
+   !> Takes a word that is one of several choices, by its number in the table.
+   pure subroutine properties_choose(self, key, choice)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key                       !! that has a default in the table
+      integer, intent(out) :: choice
+      type(string_t), allocatable :: words(:)
+      integer :: i_asked
+
+      call take_words(self, key, single_value, words, i_asked=i_asked)
+      choice = findloc(self%asked(i_asked)%rule%choices == words(1)%value, .true., dim=1)
+   end subroutine properties_choose
+
    !> Takes a list of reals of any length, or of length `n`.
-   pure subroutine properties_get_reals(self, key, value, n, required, unit, limits)
+   pure subroutine properties_get_reals(self, key, value, n, required)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       real(wp), allocatable, intent(inout) :: value(:)
       integer, intent(in), optional :: n
       logical, intent(in), optional :: required
-      character(*), intent(in), optional :: unit
-      type(limits_t), intent(in), optional :: limits
 
-      call take_numbers(self, key, wanting(kind_of%number, required, unit, limits), list_of(n), value)
+      call take_numbers(self, key, kind_of%number, list_of(n), value, required)
    end subroutine properties_get_reals
 
    !> Takes a list of integers of any length, or of length `n`.
-   pure subroutine properties_get_integers(self, key, value, n, required, unit, limits)
+   pure subroutine properties_get_integers(self, key, value, n, required)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       integer, allocatable, intent(inout) :: value(:)
       integer, intent(in), optional :: n
       logical, intent(in), optional :: required
-      character(*), intent(in), optional :: unit
-      type(limits_t), intent(in), optional :: limits
       real(wp), allocatable :: numbers(:)
 
       if (allocated(value)) numbers = real(value, wp)
-      call take_numbers(self, key, wanting(kind_of%whole, required, unit, limits), list_of(n), numbers)
+      call take_numbers(self, key, kind_of%whole, list_of(n), numbers, required)
       if (allocated(numbers)) value = nint(numbers)
    end subroutine properties_get_integers
 
-   !> Takes a list of truths of any length, or of length `n`.
-   pure subroutine properties_get_logicals(self, key, value, n, required)
+   !> Takes a list of truths of any length.
+   pure subroutine properties_get_logicals(self, key, value)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       logical, allocatable, intent(inout) :: value(:)
-      integer, intent(in), optional :: n
-      logical, intent(in), optional :: required
       real(wp), allocatable :: numbers(:)
 
       if (allocated(value)) numbers = number_of_truth(value)
-      call take_numbers(self, key, wanting(kind_of%truth, required), list_of(n), numbers)
+      call take_numbers(self, key, kind_of%truth, list_of(), numbers)
       if (allocated(numbers)) value = numbers > 0.0_wp
    end subroutine properties_get_logicals
 
-   !> Takes a list of words of any length, or of length `n`; `choices` as for one word.
-   pure subroutine properties_get_words(self, key, value, n, required, choices)
+   !> Takes a list of words of any length, or of length `n`; choices as for one word.
+   pure subroutine properties_get_words(self, key, value, n, required)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       type(string_t), allocatable, intent(inout) :: value(:)
       integer, intent(in), optional :: n
       logical, intent(in), optional :: required
-      character(*), intent(in), optional :: choices(:)
 
-      call take_words(self, key, wanting(kind_of%word, required), list_of(n), value, choices)
+      call take_words(self, key, list_of(n), value, required)
    end subroutine properties_get_words
 
    !> Takes a real matrix of `n` rows and `m` columns, listed row by row, or element by element as key(i, j).
-   pure subroutine properties_get_matrix(self, key, value, n, m, required, unit, limits)
+   pure subroutine properties_get_matrix(self, key, value, n, m, required)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       real(wp), allocatable, intent(inout) :: value(:, :)   !! (n, m)
       integer, intent(in) :: n, m
       logical, intent(in), optional :: required
-      character(*), intent(in), optional :: unit
-      type(limits_t), intent(in), optional :: limits
       real(wp), allocatable :: numbers(:)
 
       if (allocated(value)) numbers = row_by_row(value)
-      call take_numbers(self, key, wanting(kind_of%number, required, unit, limits), [n, m], numbers)
+      call take_numbers(self, key, kind_of%number, [n, m], numbers, required)
       if (.not. allocated(numbers)) return
       if (size(numbers) == n*m) value = reshape(numbers, [n, m], order=[2, 1])
    end subroutine properties_get_matrix
 
-   !> Sets a key to a real in place of the values that it had.
-   pure subroutine properties_set_real(self, key, value)
+   !> Sets a key to one value, a real, integer, truth or word, in place of the values that it had.
+   pure subroutine properties_set_one(self, key, value)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
-      real(wp), intent(in) :: value
+      class(*), intent(in) :: value
+      type(string_t), allocatable :: words(:)
 
-      call self%set_reals(key, [value])
-   end subroutine properties_set_real
+      select type (value)
+      type is (real(wp)); call self%set(key, [value])
+      type is (integer); call self%set(key, [value])
+      type is (logical); call self%set(key, [value])
+      type is (character(*))
+         call put_word(words, value)
+         call self%set(key, words)
+      end select
+   end subroutine properties_set_one
 
-   !> Sets a key to an integer.
-   pure subroutine properties_set_integer(self, key, value)
+   !> Sets a key to a list of reals, integers, truths or words.
+   pure subroutine properties_set_list(self, key, value)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
-      integer, intent(in) :: value
-
-      call self%set_reals(key, [real(value, wp)])
-   end subroutine properties_set_integer
-
-   !> Sets a key to a truth.
-   pure subroutine properties_set_logical(self, key, value)
-      class(properties_t), intent(inout) :: self
-      character(*), intent(in) :: key
-      logical, intent(in) :: value
-
-      call self%set_logicals(key, [value])
-   end subroutine properties_set_logical
-
-   !> Sets a key to a word.
-   pure subroutine properties_set_word(self, key, value)
-      class(properties_t), intent(inout) :: self
-      character(*), intent(in) :: key
-      character(*), intent(in) :: value
-      type(string_t) :: words(1)
-
-      words(1)%value = value
-      call self%set_words(key, words)
-   end subroutine properties_set_word
-
-   !> Sets a key to a list of reals.
-   pure subroutine properties_set_reals(self, key, value)
-      class(properties_t), intent(inout) :: self
-      character(*), intent(in) :: key
-      real(wp), intent(in) :: value(:)
-
-      call self%content%put(lower(trim(key)), number_value(value), self%has_changed)
-   end subroutine properties_set_reals
-
-   !> Sets a key to a list of integers.
-   pure subroutine properties_set_integers(self, key, value)
-      class(properties_t), intent(inout) :: self
-      character(*), intent(in) :: key
-      integer, intent(in) :: value(:)
-
-      call self%set_reals(key, real(value, wp))
-   end subroutine properties_set_integers
-
-   !> Sets a key to a list of truths.
-   pure subroutine properties_set_logicals(self, key, value)
-      class(properties_t), intent(inout) :: self
-      character(*), intent(in) :: key
-      logical, intent(in) :: value(:)
+      class(*), intent(in) :: value(:)
       type(value_t) :: values(size(value))
 
-      values%kind = kind_of%truth
-      values%number = number_of_truth(value)
+      select type (value)
+      type is (real(wp))
+         values = number_value(value)
+      type is (integer)
+         values = number_value(real(value, wp))
+      type is (logical)
+         values%kind = kind_of%truth
+         values%number = number_of_truth(value)
+      type is (string_t)
+         call self%content%put_words(lower(trim(key)), value, self%has_changed)
+         return
+      end select
       call self%content%put(lower(trim(key)), values, self%has_changed)
-   end subroutine properties_set_logicals
-
-   !> Sets a key to a list of words.
-   pure subroutine properties_set_words(self, key, value)
-      class(properties_t), intent(inout) :: self
-      character(*), intent(in) :: key
-      type(string_t), intent(in) :: value(:)
-
-      call self%content%put_words(lower(trim(key)), value, self%has_changed)
-   end subroutine properties_set_words
+   end subroutine properties_set_list
 
    !> Sets a key to a matrix.
    pure subroutine properties_set_matrix(self, key, value)
@@ -290,66 +232,46 @@ contains
       character(*), intent(in) :: key
       real(wp), intent(in) :: value(:, :)
 
-      call self%set_reals(key, row_by_row(value))
+      call self%set(key, row_by_row(value))
    end subroutine properties_set_matrix
 
-   ! What a reader wants, and what is said where a value is not so
-
-   pure type(wanted_t) function wanting(kind, required, unit, limits) result(wanted)
-      integer, intent(in) :: kind
-      logical, intent(in), optional :: required
-      character(*), intent(in), optional :: unit
-      type(limits_t), intent(in), optional :: limits
-
-      wanted%kind = kind
-      if (present(required)) wanted%is_required = required
-      if (present(unit)) wanted%unit = unit
-      if (present(limits)) wanted%limits = limits
-   end function wanting
+   ! What is said where a value is not what the table wants
 
    !> Whether a value is of the kind that is wanted, finite and within the limits.
-   pure logical function suits(value, wanted)
+   pure logical function suits(value, kind, limits)
       type(value_t), intent(in) :: value
-      type(wanted_t), intent(in) :: wanted
-
-      suits = value%kind == wanted%kind .or. (value%kind == kind_of%whole .and. wanted%kind == kind_of%number)
-      if (suits) suits = ieee_is_finite(value%number)
-      if (suits) suits = is_within(value%number, wanted%limits)
-   end function suits
-
-   pure logical function is_within(number, limits)
-      real(wp), intent(in) :: number
+      integer, intent(in) :: kind
       type(limits_t), intent(in) :: limits
 
-      is_within = number >= limits%minimum .and. number <= limits%maximum .and. &
-                  (number > limits%above .or. limits%above <= -huge(1.0_wp)) .and. &
-                  (number < limits%below .or. limits%below >= huge(1.0_wp))
-   end function is_within
+      suits = value%kind == kind .or. (value%kind == kind_of%whole .and. kind == kind_of%number)
+      if (suits) suits = ieee_is_finite(value%number)
+      if (suits) suits = value%number >= limits%minimum .and. value%number <= limits%maximum .and. &
+                         (value%number > limits%above .or. limits%above <= -huge(1.0_wp))
+   end function suits
 
    !> What is wrong with a value that does not suit.
-   pure function complaint(value, wanted) result(text)
+   pure function complaint(value, kind, limits) result(text)
       type(value_t), intent(in) :: value
-      type(wanted_t), intent(in) :: wanted
+      integer, intent(in) :: kind
+      type(limits_t), intent(in) :: limits
       character(:), allocatable :: text
 
-      if (wanted%kind == kind_of%truth) then
+      if (kind == kind_of%truth) then
          text = "must be .true. or .false."
       else if (value%kind == kind_of%word) then
-         text = "must be "//what(wanted%kind, single_value)//", without quotes"
-      else if (wanted%kind == kind_of%whole .and. value%kind /= kind_of%whole) then
+         text = "must be "//what(kind, single_value)//", without quotes"
+      else if (kind == kind_of%whole .and. value%kind /= kind_of%whole) then
          text = "must be an integer like 3, at most "//to_text(huge(1))
       else if (.not. any(value%kind == [kind_of%number, kind_of%whole])) then
          text = "must be a real number like 1.5e-3, below 1.8e308"
       else if (.not. ieee_is_finite(value%number)) then
          text = "must be finite"
-      else if (value%number < wanted%limits%minimum) then
-         text = "must be "//limit_text(wanted%limits%minimum)//" or greater"
-      else if (value%number > wanted%limits%maximum) then
-         text = "must be "//limit_text(wanted%limits%maximum)//" or less"
-      else if (value%number <= wanted%limits%above) then
-         text = "must be above "//limit_text(wanted%limits%above)
+      else if (value%number < limits%minimum) then
+         text = "must be "//limit_text(limits%minimum)//" or greater"
+      else if (value%number > limits%maximum) then
+         text = "must be "//limit_text(limits%maximum)//" or less"
       else
-         text = "must be below "//limit_text(wanted%limits%below)
+         text = "must be above "//limit_text(limits%above)
       end if
 
    contains
@@ -359,7 +281,7 @@ contains
          character(:), allocatable :: limit_text
 
          limit_text = to_text(limit)
-         if (wanted%kind == kind_of%whole) limit_text = to_text(nint(limit))
+         if (kind == kind_of%whole) limit_text = to_text(nint(limit))
       end function limit_text
    end function complaint
 
@@ -386,113 +308,175 @@ contains
    ! Reading
 
    !> Takes the numbers of a key in the place of the default: all of them, or none after a problem. Keeps what is used.
-   pure subroutine take_numbers(self, key, wanted, extents, numbers)
+   pure subroutine take_numbers(self, key, kind, extents, numbers, required, i)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
-      type(wanted_t), intent(in) :: wanted
+      integer, intent(in) :: kind                           !! one of `kind_of`
       integer, intent(in) :: extents(:)                     !! as for `pick`
       real(wp), allocatable, intent(inout) :: numbers(:)    !! row by row; not allocated: no default
+      logical, intent(in), optional :: required
+      integer, intent(out), optional :: i                   !! position among what was asked for
       real(wp), allocatable :: found(:)
       integer, allocatable :: order(:)
       integer :: i_asked, i_key, k
 
-      call find(self, key, wanted, extents, i_asked, i_key, order)
+      call find(self, key, kind, extents, required, i_asked, i_key, order)
+      if (present(i)) i = i_asked
+      call put_default(self%asked(i_asked)%rule, extents, numbers)
       if (allocated(order)) then
-         allocate (found(size(order)))
-         do k = 1, size(order)
-            if (suits(self%content%values(order(k)), wanted)) then
-               found(k) = self%content%values(order(k))%number
-               cycle
-            end if
-            call value_problem(self, i_key, order(k), element_at(k, extents), complaint(self%content%values(order(k)), wanted))
-            deallocate (found)
-            exit
-         end do
+         associate (limits => self%asked(i_asked)%rule%limits, values => self%content%values)
+            allocate (found(size(order)))
+            do k = 1, size(order)
+               found(k) = values(order(k))%number
+               if (suits(values(order(k)), kind, limits)) cycle
+               call value_problem(self, i_key, order(k), element_at(k, extents), complaint(values(order(k)), kind, limits))
+               deallocate (found)
+               exit
+            end do
+         end associate
       end if
       if (allocated(found)) then
          call move_alloc(found, numbers)
-      else if (wanted%is_required .or. .not. allocated(numbers)) then
+      else if (must_be_given(self%asked(i_asked)%rule, required) .or. .not. allocated(numbers)) then
          return
       end if
       associate (asked => self%asked(i_asked))
-         asked%kind = wanted%kind
+         asked%kind = kind
          asked%numbers = numbers
          asked%row_length = size(numbers)
          if (size(extents) == 2) asked%row_length = extents(2)
       end associate
    end subroutine take_numbers
 
+   !> Puts the default of the table in place of the reader's: once for each value that there was, or must be. What must be given and
+   !> is one number is 0 after a problem.
+   pure subroutine put_default(rule, extents, numbers)
+      type(rule_t), intent(in) :: rule
+      integer, intent(in) :: extents(:)                     !! as for `pick`
+      real(wp), allocatable, intent(inout) :: numbers(:)
+      integer :: n
+
+      n = 1
+      if (allocated(numbers)) n = size(numbers)
+      if (size(extents) == 1) n = merge(n, extents(1), extents(1) == any_length)
+      if (.not. allocated(rule%numbers)) then
+         if (rule%is_required .and. size(extents) == 0) numbers = [0.0_wp]
+      else if (size(rule%numbers) > 1) then
+         numbers = rule%numbers
+      else
+         numbers = spread(rule%numbers(1), 1, n)
+      end if
+   end subroutine put_default
+
    !> Takes the words of a key in the place of the default, as `take_numbers` does.
-   pure subroutine take_words(self, key, wanted, extents, words, choices)
+   pure subroutine take_words(self, key, extents, words, required, i_asked)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
-      type(wanted_t), intent(in) :: wanted
       integer, intent(in) :: extents(:)                     !! as for `pick`
       type(string_t), allocatable, intent(inout) :: words(:)
-      character(*), intent(in), optional :: choices(:)
+      logical, intent(in), optional :: required
+      integer, intent(out), optional :: i_asked             !! position among what was asked for
       type(string_t), allocatable :: found(:)
-      character(:), allocatable :: close, problem, word
+      character(:), allocatable :: problem
       integer, allocatable :: order(:)
-      integer :: i, i_asked, i_key, k
-      logical :: is_given
+      integer :: i, i_key, k
 
-      call find(self, key, wanted, extents, i_asked, i_key, order)
-      is_given = allocated(order)
-      if (.not. is_given) allocate (order(0))
-      allocate (found(size(order)))
-      do k = 1, size(order)
-         problem = ""
-         if (self%content%values(order(k))%kind == kind_of%whole .and. .not. present(choices)) then
-            found(k)%value = self%content%shown(order(k))    ! a name that is a number, such as that of a degree of freedom
-         else if (self%content%values(order(k))%kind /= kind_of%word) then
-            problem = "needs quotes: "//quote(shown(self%content%shown(order(k))))
-         else
-            word = self%content%word(order(k))
-            if (present(choices)) then
-               do i = 1, size(choices)
-                  if (lower(trim(choices(i))) == lower(word)) exit
-               end do
-               if (i <= size(choices)) then
-                  word = trim(choices(i))
-               else
-                  close = closest_word(word, choices)
-                  if (close /= "") close = " did you mean '"//close//"'?"
-                  problem = "is not known;"//close//" known: "//join(choices, ", ")
-               end if
-            end if
-            call move_alloc(word, found(k)%value)
-         end if
-         if (problem == "") cycle
-         call value_problem(self, i_key, order(k), element_at(k, extents), problem)
-         deallocate (found)
-         exit
-      end do
-      if (allocated(found) .and. is_given) call move_alloc(found, words)
+      call find(self, key, kind_of%word, extents, required, i, i_key, order)
+      if (present(i_asked)) i_asked = i
+      if (allocated(self%asked(i)%rule%word)) then
+         if (.not. allocated(words)) allocate (words(1))
+         do k = 1, size(words)
+            words(k)%value = self%asked(i)%rule%word
+         end do
+      end if
+      if (allocated(order)) then
+         allocate (found(size(order)))
+         do k = 1, size(order)
+            call take_word(self, order(k), self%asked(i)%rule, found(k)%value, problem)
+            if (problem == "") cycle
+            call value_problem(self, i_key, order(k), element_at(k, extents), problem)
+            deallocate (found)
+            exit
+         end do
+      end if
+      if (allocated(found)) call move_alloc(found, words)
       if (.not. allocated(words)) return
-      associate (asked => self%asked(i_asked))
+      associate (asked => self%asked(i))
          asked%kind = kind_of%word
          asked%words = words
          asked%row_length = size(words)
       end associate
    end subroutine take_words
 
+   !> Takes one word, as the table spells it.
+   pure subroutine take_word(self, i_value, rule, word, problem)
+      class(properties_t), intent(in) :: self
+      integer, intent(in) :: i_value
+      type(rule_t), intent(in) :: rule
+      character(:), allocatable, intent(out) :: word, problem
+      integer :: i
+
+      problem = ""
+      if (self%content%values(i_value)%kind == kind_of%whole .and. .not. allocated(rule%choices)) then
+         word = self%content%shown(i_value)                 ! a name that is a number, such as that of a degree of freedom
+         return
+      else if (self%content%values(i_value)%kind /= kind_of%word) then
+         problem = "needs quotes: "//quote(shown(self%content%shown(i_value)))
+         return
+      end if
+      word = self%content%word(i_value)
+      if (.not. allocated(rule%choices)) return
+      do i = 1, size(rule%choices)
+         if (rule%choices(i) /= lower(word)) cycle
+         word = trim(rule%choices(i))
+         return
+      end do
+      problem = closest_word(word, rule%choices)
+      if (problem /= "") problem = " did you mean '"//problem//"'?"
+      problem = "is not known;"//problem//" known: "//join(rule%choices, ", ")
+   end subroutine take_word
+
    !> Asks for a key; `order` tells its values, and is not allocated when there are none or they are too few or too many.
-   pure subroutine find(self, key, wanted, extents, i_asked, i_key, order)
+   pure subroutine find(self, key, kind, extents, required, i_asked, i_key, order)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
-      type(wanted_t), intent(in) :: wanted
+      integer, intent(in) :: kind
       integer, intent(in) :: extents(:)                     !! as for `pick`
+      logical, intent(in), optional :: required
       integer, intent(out) :: i_asked, i_key
       integer, allocatable, intent(out) :: order(:)
+      character(:), allocatable :: choices
 
-      call ask(self, key, wanted%unit, i_asked, i_key)
+      call ask(self, key, i_asked, i_key)
+      associate (rule => self%asked(i_asked)%rule)
+         if (all(rule%kind /= [kind, kind_of%none]) .and. (rule%kind /= kind_of%whole .or. kind /= kind_of%number)) &
+            call self%problem(key, "is "//what(rule%kind, extents)//" in the table of keys, and read as "//what(kind, extents))
+      end associate
       if (i_key > 0) then
-         self%content%keys(i_key)%is_real = wanted%kind == kind_of%number
+         self%content%keys(i_key)%is_real = kind == kind_of%number
          call pick(self, i_key, extents, order)
-      else if (wanted%is_required) then
-         call missing_key(self, key, what(wanted%kind, extents))
+      else if (must_be_given(self%asked(i_asked)%rule, required)) then
+         choices = ""
+         if (allocated(self%asked(i_asked)%rule%choices)) choices = ": "//join(self%asked(i_asked)%rule%choices, ", ")
+         call missing_key(self, key, what(kind, extents)//choices)
       end if
    end subroutine find
+
+   pure logical function must_be_given(rule, required)
+      type(rule_t), intent(in) :: rule
+      logical, intent(in), optional :: required             !! in place of what the rule says
+
+      must_be_given = rule%is_required
+      if (present(required)) must_be_given = required
+   end function must_be_given
+
+   pure subroutine put_word(words, word)
+      type(string_t), allocatable, intent(out) :: words(:)
+      character(*), intent(in) :: word
+
+      allocate (words(1))
+      words(1)%value = word
+   end subroutine put_word
 
    !> Extents of a list, with or without a given length.
    pure function list_of(n) result(extents)

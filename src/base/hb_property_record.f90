@@ -5,20 +5,22 @@
 module hb_property_record
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
+   use hb_input_keys, only: find_rule, max_unit, rule_t
+   use hb_key_rows, only: row_of
    use hb_kinds, only: wp
-   use hb_property_values, only: content_t, element_text
+   use hb_property_values, only: content_t, element_text, kind_of
    use hb_text, only: join, lower, max_name, shown, string_t, text_builder_t, to_text
    implicit none
    private
-   public :: ask, asked_t, key_problem, max_unit, missing_key, record_t, value_problem
+   public :: ask, asked_t, key_problem, missing_key, record_t, value_problem
 
    integer, parameter :: max_problems = 50                  !! more are counted, not told
-   integer, parameter :: max_unit = 16
 
    !> What was asked for, and the values used.
    type :: asked_t
       integer :: i_key = 0
-      character(max_unit) :: unit = ""                      !! as the reader declares it
+      type(rule_t), allocatable :: rule                     !! for the key, from the table of keys
+      character(max_unit) :: unit = ""
       integer :: kind = 0                                   !! of the values: one of `kind_of`, `none` while there are none
       real(wp), allocatable :: numbers(:)                   !! values, or
       type(string_t), allocatable :: words(:)
@@ -35,6 +37,7 @@ module hb_property_record
       logical :: has_changed = .false.                      !! a value has been set since the marks were taken away
       type(content_t) :: content
       type(asked_t), allocatable :: asked(:)                !! (capacity), in the order of asking
+      character(:), allocatable, private :: type            !! for which the rules of `asked` are
       integer :: n_asked = 0
       type(string_t), allocatable, private :: problems(:)
       integer, private :: n_problems = 0
@@ -44,8 +47,10 @@ module hb_property_record
       procedure :: given => record_given
       procedure :: nobody_reads => record_nobody_reads
       procedure :: place => record_place
+      procedure :: pass_over_keys => record_pass_over_keys
       procedure :: problem => record_problem
       procedure :: problem_as_is => record_problem_as_is
+      procedure :: tell_first => record_tell_first
    end type record_t
 
 contains
@@ -93,6 +98,16 @@ contains
          call add_problem(self, self%place()//": "//trim(key)//": "//text)
       end if
    end subroutine record_problem
+
+   !> Has `finish` say nothing of keys that the table has: what they are for is not known after a problem.
+   pure subroutine record_pass_over_keys(self)
+      class(record_t), intent(inout) :: self
+      integer :: i
+
+      do i = 1, self%content%names%n
+         if (row_of(self%name, trim(self%content%names%names(i))) > 0) self%content%keys(i)%has_problem = .true.
+      end do
+   end subroutine record_pass_over_keys
 
    !> Adds a problem whose text has a place already.
    pure subroutine record_problem_as_is(self, text)
@@ -149,11 +164,18 @@ contains
       if (n > 0) call fail(error, lines%text())
    end subroutine record_finish
 
+   !> Reports the first problem alone: without a known type nothing can be said of the other keys.
+   pure subroutine record_tell_first(self, error)
+      class(record_t), intent(in) :: self
+      type(error_t), allocatable, intent(out) :: error
+
+      call fail(error, self%problems(1)%value)
+   end subroutine record_tell_first
+
    !> Notes that a key is asked for. `i_key` is 0 when it is not given.
-   pure subroutine ask(self, key, unit, i_asked, i_key)
+   pure subroutine ask(self, key, i_asked, i_key)
       class(record_t), intent(inout) :: self
       character(*), intent(in) :: key
-      character(*), intent(in) :: unit                      !! empty: none is declared
       integer, intent(out) :: i_asked, i_key
       type(asked_t), allocatable :: larger(:)
       character(max_name) :: name
@@ -166,7 +188,7 @@ contains
       end if
       i_asked = self%content%keys(i_key)%asked
       if (i_asked == 0) then
-         if (.not. allocated(self%asked)) allocate (self%asked(8))
+         if (self%n_asked == 0) call begin_reading(self)
          if (self%n_asked == size(self%asked)) then
             allocate (larger(2*self%n_asked))
             larger(:self%n_asked) = self%asked
@@ -175,13 +197,38 @@ contains
          self%n_asked = self%n_asked + 1
          i_asked = self%n_asked
          self%content%keys(i_key)%asked = i_asked
-         self%asked(i_asked)%i_key = i_key
-         self%asked(i_asked)%unit = ""
-         self%asked(i_asked)%kind = 0
+         associate (asked => self%asked(i_asked))
+            if (asked%i_key /= i_key .or. .not. allocated(asked%rule)) then
+               if (.not. allocated(asked%rule)) allocate (asked%rule)
+               call find_rule(self%name, self%type, trim(name), asked%rule)
+            end if
+            asked%i_key = i_key
+            asked%unit = asked%rule%unit
+            asked%kind = kind_of%none
+         end associate
       end if
-      if (unit /= "") self%asked(i_asked)%unit = unit
       if (.not. self%content%is_given(i_key)) i_key = 0
    end subroutine ask
+
+   !> Makes room for what is asked; what is known of keys by now is of no use where the group has become one of another type.
+   pure subroutine begin_reading(self)
+      class(record_t), intent(inout) :: self
+      character(:), allocatable :: type
+      integer :: i_key, i_value
+
+      type = ""
+      i_key = self%content%names%find("type")
+      if (self%content%is_given(i_key)) then
+         i_value = self%content%keys(i_key)%head
+         if (i_value > 0) then
+            if (self%content%values(i_value)%kind == kind_of%word) type = lower(self%content%word(i_value))
+         end if
+      end if
+      if (.not. allocated(self%type)) self%type = type
+      if (self%type /= type .and. allocated(self%asked)) deallocate (self%asked)
+      if (.not. allocated(self%asked)) allocate (self%asked(8))
+      self%type = type
+   end subroutine begin_reading
 
    !> Adds the problem that a key is not given which must be.
    pure subroutine missing_key(self, key, what)

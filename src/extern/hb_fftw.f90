@@ -9,7 +9,7 @@ module hb_fftw
    implicit none
    private
    public :: axis_plan_t, complex_block_t, export_wisdom, fft_plan_t, forget_plans, import_wisdom, new_axis_plan
-   public :: new_complex_block, new_fft_plan, new_real_block, planning, planning_names, real_block_t, two_together
+   public :: new_complex_block, new_fft_plan, new_real_block, planning, real_block_t, two_together
 
    include 'fftw3.f03'
 
@@ -21,7 +21,6 @@ module hb_fftw
       integer :: patient = int(FFTW_PATIENT)
    end type planning_t
    type(planning_t), parameter :: planning = planning_t()
-   character(8), parameter :: planning_names(3) = [character(8) :: "estimate", "measure", "patient"]
 
    !> Real array (n, m) in memory aligned for SIMD transforms.
    type :: real_block_t

@@ -1,8 +1,8 @@
 !> A nonlinear law: forces as a function of the motion, sample by sample on the torus.
 !>
 !> A law acts on coordinates z = shape^T q, linear forms of a few degrees of freedom q; its force f on the coordinates
-!> stands beside K q on the left-hand side, as shape f. Adding a law: a module that extends `law_t`, one `case` and one
-!> name in hb_law_catalogue. Source: docs/user/theory.md, section 5.
+!> stands beside K q on the left-hand side, as shape f. Adding a law: a module that extends `law_t`, one `case` in
+!> hb_law_catalogue, rows in the table of input keys. Source: docs/user/theory.md, section 5.
 module hb_law
    use hb_error, only: error_t
    use hb_kinds, only: wp
@@ -258,11 +258,11 @@ contains
       else if (group%given("dofs")) then
          call group%get("dofs", names)
          if (.not. allocated(names)) return
-         call group%get("weights", weights, required=.true., unit="1", n=size(names))
+         call group%get("weights", weights, n=size(names))
          if (.not. allocated(weights)) return
          call place_coordinate(self, group, structure, "dofs", names, weights)
       else
-         call group%get("dof", name, required=.true.)
+         call group%get("dof", name)
          if (.not. allocated(name)) return
          allocate (names(1))
          names(1)%value = name

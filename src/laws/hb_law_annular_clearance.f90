@@ -8,13 +8,11 @@
 module hb_law_annular_clearance
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
    public :: annular_clearance_t, new_annular_clearance, set_sliding
-
-   character(8), parameter :: spin_names(2) = [character(8) :: "positive", "negative"]
 
    type, extends(law_t) :: annular_clearance_t
       real(wp) :: stiffness = 0.0_wp                                  !! k [N/m]
@@ -69,34 +67,27 @@ contains
       class(annular_clearance_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      character(:), allocatable :: spin
       real(wp), allocatable :: center(:)
       real(wp) :: clearance, friction, radius, slip_velocity, speed, stiffness
+      integer :: spin                                                 ! positive, negative
 
-      stiffness = 0.0_wp
-      clearance = 0.0_wp
-      friction = 0.0_wp
-      spin = trim(spin_names(1))
-      center = self%center
-      call group%get("stiffness", stiffness, required=.true., unit="N/m", limits=limits_t(minimum=0.0_wp))
-      call group%get("clearance", clearance, required=.true., unit="m", limits=limits_t(minimum=0.0_wp))
-      call group%get("friction_coefficient", friction, unit="1", limits=limits_t(minimum=0.0_wp))
+      spin = 1
+      call group%get("stiffness", stiffness)
+      call group%get("clearance", clearance)
+      call group%get("friction_coefficient", friction)
       if (group%given("rotor_radius")) then
-         radius = 0.0_wp
-         speed = 0.0_wp
-         slip_velocity = 0.0_wp
-         call group%get("rotor_radius", radius, required=.true., unit="m", limits=limits_t(above=0.0_wp))
-         call group%get("rotor_speed", speed, required=.true., unit="rad/s")
-         call group%get("slip_velocity", slip_velocity, required=.true., unit="m/s", limits=limits_t(above=0.0_wp))
+         call group%get("rotor_radius", radius)
+         call group%get("rotor_speed", speed)
+         call group%get("slip_velocity", slip_velocity)
          if (slip_velocity > 0.0_wp) call set_sliding(self, radius*speed, slip_velocity)
          if (group%given("spin")) call group%problem("spin", "not beside 'rotor_radius': the sign of 'rotor_speed' tells the sense")
       else
-         call group%get("spin", spin, choices=spin_names)
+         call group%choose("spin", spin)
          if (group%given("rotor_speed")) call group%problem("rotor_speed", "needs 'rotor_radius' and 'slip_velocity'")
          if (group%given("slip_velocity")) call group%problem("slip_velocity", "needs 'rotor_radius' and 'rotor_speed'")
       end if
-      call group%get("center", center, unit="m", n=2)
-      if (spin == spin_names(2)) friction = -friction
+      call group%get("center", center, n=2)
+      if (spin == 2) friction = -friction
       if (size(center) == 2) call new_annular_clearance(self, stiffness, clearance, friction, center)
       call read_dofs(self, group, structure)
       if (.not. allocated(self%dofs)) return

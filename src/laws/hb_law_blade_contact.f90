@@ -12,13 +12,11 @@ module hb_law_blade_contact
    use hb_kinds, only: int64, two_pi, wp
    use hb_law, only: read_dofs
    use hb_law_contact_table, only: contact_table_t, make_rigid, new_contact_table, one_for_each, read_hardness, set_turns
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
    public :: blade_contact_t, new_blade_contact
-
-   character(10), parameter :: known_frames(3) = [character(10) :: "rotating", "stationary", "own"]
 
    type, extends(contact_table_t) :: blade_contact_t
    contains
@@ -65,29 +63,20 @@ contains
       real(wp) :: augmentation
       logical :: is_rigid
 
-      n_blades = 0
-      n_diameters = 0
       tone = 0
-      frame = trim(known_frames(1))
-      friction = [0.0_wp]
-      shares = [1.0_wp]
       self%has_potential = .true.                                     ! until it is known
       call read_dofs(self, group, structure)
-      call group%get("n_diameters", n_diameters, required=.true., limits=limits_t(minimum=1))
-      call group%get("n_blades", n_blades, required=.true., limits=limits_t(minimum=1, maximum=100000))
-      call group%get("gaps", gaps, required=.true., unit="m")
+      call group%get("n_diameters", n_diameters)
+      call group%get("n_blades", n_blades)
+      call group%get("gaps", gaps)
       call read_hardness(group, is_rigid, stiffness, augmentation)
-      call group%get("friction_coefficient", friction, unit="1", limits=limits_t(minimum=0.0_wp))
-      call group%get("shares", shares, unit="1")
-      call group%get("frame", frame, choices=known_frames)
-      if (any(friction > 0.0_wp)) then
-         call group%get("friction_arms", arms, required=.true., unit="1", n=2)
-      else
-         arms = [0.0_wp, 0.0_wp]
-         call group%get("friction_arms", arms, unit="1", n=2)
-      end if
-      if (frame /= known_frames(1)) call group%get("tone", tone, required=.true., limits=limits_t(minimum=1))
-      if (.not. (allocated(self%dofs) .and. allocated(gaps) .and. allocated(stiffness) .and. allocated(arms))) return
+      call group%get("friction_coefficient", friction)
+      call group%get("shares", shares)
+      call group%get("frame", frame)
+      arms = [0.0_wp, 0.0_wp]
+      call group%get("friction_arms", arms, n=2, required=any(friction > 0.0_wp))
+      if (frame /= "rotating") call group%get("tone", tone)
+      if (.not. (allocated(self%dofs) .and. allocated(gaps) .and. allocated(stiffness))) return
       if (size(self%dofs) /= 4) call group%problem("dofs", "name both coordinates of the disk, then both of the casing")
       if (n_blades < 1 .or. n_diameters < 1) return
       call one_for_each(group, "gaps", gaps, n_blades)
@@ -101,6 +90,6 @@ contains
          if (len(trouble) > 0) call group%problem("contact", trouble)
       end if
       if (tone < 1 .or. size(self%dofs) /= 4) return
-      call set_turns(self, tone, merge([n_diameters, n_diameters], [0, n_diameters], frame == known_frames(2)))
+      call set_turns(self, tone, merge([n_diameters, n_diameters], [0, n_diameters], frame == "stationary"))
    end subroutine blade_contact_read
 end module hb_law_blade_contact

@@ -1,4 +1,4 @@
-!> The laws that an input file can name: one name and one case each.
+!> The laws that an input file can name: a case each. Their names stand in the table of input keys, as the types of `&law`.
 module hb_law_catalogue
    use hb_law, only: law_box_t
    use hb_law_annular_clearance, only: annular_clearance_t
@@ -25,19 +25,14 @@ module hb_law_catalogue
    use hb_text, only: to_text
    implicit none
    private
-   public :: allocate_law, law_names, read_law
-
-   character(24), parameter :: law_names(19) = [character(24) :: &
-      "annular_clearance", "blade_contact", "contact_table", "coulomb_rigid", "coulomb_tanh", "cubic_damping", &
-      "cubic_spring", "elastic_stop", "iwan", "jenkins", "jenkins_2d", "piecewise_linear", "polynomial", &
-      "polynomial_coupled", "quadratic_damping", "rigid_wall", "tabulated", "user", "van_der_pol"]
+   public :: allocate_law, read_law
 
 contains
 
    !> Makes the box hold a law of the named kind, with its defaults; it stays empty when there is no such kind.
    subroutine allocate_law(box, name)
       type(law_box_t), intent(out) :: box
-      character(*), intent(in) :: name                                !! one of `law_names`
+      character(*), intent(in) :: name                                !! a type of `&law` in the table of keys
 
       select case (name)
       case ("annular_clearance"); allocate (annular_clearance_t :: box%law)
@@ -71,7 +66,7 @@ contains
       integer, intent(in) :: number                                   !! of the group in the file, for the default label
       character(:), allocatable :: kind_of_law, label
 
-      call group%get("type", kind_of_law, required=.true., choices=law_names)
+      call group%get("type", kind_of_law)
       if (.not. allocated(kind_of_law)) return
       call allocate_law(box, kind_of_law)
       if (.not. allocated(box%law)) return

@@ -15,7 +15,7 @@ module hb_law_contact_table
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
    use hb_law, only: defects_t, hold_t, kink_t, law_t, read_dofs
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_rigid_contacts, only: new_rigid_contacts, rigid_contacts_t
    use hb_structure, only: structure_t
    use hb_text, only: to_text
@@ -24,8 +24,6 @@ module hb_law_contact_table
    public :: contact_table_t, make_rigid, new_contact_table, one_for_each, read_hardness, set_turns
 
    integer, parameter :: block_size = 256                             ! samples that stay in the cache over all contacts
-
-   character(7), parameter :: kinds(2) = [character(7) :: "elastic", "rigid"]
 
    type, extends(law_t) :: contact_table_t
       real(wp), allocatable :: shapes(:, :)                           !! a_i, (n_contacts, n_dofs)
@@ -123,29 +121,22 @@ contains
       real(wp) :: augmentation
       logical :: is_rigid
 
-      n = 0
-      tone = 0
-      friction = [0.0_wp]
       self%has_potential = .true.                                     ! until it is known
       call read_dofs(self, group, structure)
-      call group%get("n_contacts", n, required=.true., limits=limits_t(minimum=1, maximum=100000))
-      call group%get("gaps", gaps, required=.true., unit="m")
+      call group%get("n_contacts", n)
+      call group%get("gaps", gaps)
       call read_hardness(group, is_rigid, stiffness, augmentation)
-      call group%get("friction_coefficient", friction, unit="1", limits=limits_t(minimum=0.0_wp))
-      call group%get("tone", tone, limits=limits_t(minimum=0))
-      if (tone > 0) call group%get("turns", turns, required=.true., unit="1")
+      call group%get("friction_coefficient", friction)
+      call group%get("tone", tone)
+      if (tone > 0) call group%get("turns", turns)
       if (n < 1 .or. .not. (allocated(self%dofs) .and. allocated(gaps) .and. allocated(stiffness))) return
-      call group%get("shapes", shapes, required=.true., unit="1", n=n, m=size(self%dofs))
-      if (any(friction > 0.0_wp)) then
-         call group%get("friction_shapes", friction_shapes, required=.true., unit="1", n=n, m=size(self%dofs))
-      else
-         allocate (friction_shapes(n, size(self%dofs)), source=0.0_wp)
-         call group%get("friction_shapes", friction_shapes, unit="1", n=n, m=size(self%dofs))
-      end if
+      call group%get("shapes", shapes, n=n, m=size(self%dofs))
+      allocate (friction_shapes(n, size(self%dofs)), source=0.0_wp)
+      call group%get("friction_shapes", friction_shapes, n=n, m=size(self%dofs), required=any(friction > 0.0_wp))
       call one_for_each(group, "gaps", gaps, n)
       call one_for_each(group, "stiffness", stiffness, n)
       call one_for_each(group, "friction_coefficient", friction, n)
-      if (.not. (allocated(shapes) .and. allocated(friction_shapes))) return
+      if (.not. allocated(shapes)) return
       do i = 1, n
          if (all(shapes(i, :) == 0.0_wp)) call group%problem("shapes", "row "//to_text(i)//" is zero: its gap never moves")
       end do
@@ -170,14 +161,13 @@ contains
       logical, intent(out) :: is_rigid
       real(wp), allocatable, intent(out) :: stiffness(:)              !! [N/m], 0 of rigid ones; not allocated: a problem
       real(wp), intent(out) :: augmentation                           !! [N/m], 0: chosen from the structure
-      character(:), allocatable :: kind
+      integer :: kind                                                 ! elastic, rigid
 
-      kind = trim(kinds(1))
       augmentation = 0.0_wp
-      call group%get("contact", kind, choices=kinds)
-      is_rigid = kind == kinds(2)
+      call group%choose("contact", kind)
+      is_rigid = kind == 2
       if (.not. is_rigid) then
-         call group%get("stiffness", stiffness, required=.true., unit="N/m", limits=limits_t(minimum=0.0_wp))
+         call group%get("stiffness", stiffness)
          if (group%given("augmentation")) call group%problem("augmentation", "only rigid contacts have one: leave it out, or "// &
                                                              "take contact = 'rigid'")
          return
@@ -185,7 +175,7 @@ contains
       if (group%given("stiffness")) call group%problem("stiffness", "rigid contacts have none: leave it out, or take "// &
                                                        "contact = 'elastic'")
       stiffness = [0.0_wp]
-      call group%get("augmentation", augmentation, unit="N/m", limits=limits_t(minimum=0.0_wp))
+      call group%get("augmentation", augmentation)
    end subroutine read_hardness
 
    !> Spreads one number over all contacts.

@@ -7,11 +7,11 @@
 module hb_law_coulomb_rigid
    use hb_kinds, only: wp
    use hb_law, only: defects_t, hold_t, law_t, read_place
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: coulomb_rigid_t, new_coulomb_rigid
+   public :: coulomb_rigid_t
 
    type, extends(law_t) :: coulomb_rigid_t
       real(wp) :: limit = 0.0_wp                                      !! S = mu N [N]
@@ -26,32 +26,18 @@ module hb_law_coulomb_rigid
 
 contains
 
-   !> Friction of the given limit.
-   pure subroutine new_coulomb_rigid(self, limit, augmentation)
-      class(coulomb_rigid_t), intent(inout) :: self
-      real(wp), intent(in) :: limit                                   !! S [N], >= 0
-      real(wp), intent(in) :: augmentation                            !! eps [N s/m], 0: chosen from the structure
-
-      self%limit = limit
-      self%augmentation = augmentation
-      self%is_multiplier = .true.
-      self%needs_velocity = .true.
-      self%has_potential = .true.
-      self%is_odd = .true.
-   end subroutine new_coulomb_rigid
-
    !> Reads a `&law type = 'coulomb_rigid'` group.
    subroutine coulomb_rigid_read(self, group, structure)
       class(coulomb_rigid_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      real(wp) :: augmentation, limit
 
-      limit = 0.0_wp
-      augmentation = self%augmentation
-      call group%get("limit", limit, required=.true., unit="N", limits=limits_t(minimum=0.0_wp))
-      call group%get("augmentation", augmentation, unit="N s/m", limits=limits_t(minimum=0.0_wp))
-      call new_coulomb_rigid(self, limit, augmentation)
+      call group%get("limit", self%limit)
+      call group%get("augmentation", self%augmentation)
+      self%is_multiplier = .true.
+      self%needs_velocity = .true.
+      self%has_potential = .true.
+      self%is_odd = .true.
       call read_place(self, group, structure)
    end subroutine coulomb_rigid_read
 

@@ -5,11 +5,11 @@
 module hb_law_coulomb_tanh
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: coulomb_tanh_t, new_coulomb_tanh
+   public :: coulomb_tanh_t
 
    type, extends(law_t) :: coulomb_tanh_t
       real(wp) :: limit = 0.0_wp                                      !! S = mu N [N]
@@ -21,31 +21,17 @@ module hb_law_coulomb_tanh
 
 contains
 
-   !> Friction of the given limit, 76 % of it at `velocity`.
-   pure subroutine new_coulomb_tanh(self, limit, velocity)
-      class(coulomb_tanh_t), intent(inout) :: self
-      real(wp), intent(in) :: limit                                   !! S [N], >= 0
-      real(wp), intent(in) :: velocity                                !! v_0 [m/s], > 0
-
-      self%limit = limit
-      self%velocity = velocity
-      self%needs_velocity = .true.
-      self%has_potential = .true.
-      self%is_odd = .true.
-   end subroutine new_coulomb_tanh
-
    !> Reads a `&law type = 'coulomb_tanh'` group.
    subroutine coulomb_tanh_read(self, group, structure)
       class(coulomb_tanh_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      real(wp) :: limit, velocity
 
-      limit = 0.0_wp
-      velocity = 0.0_wp
-      call group%get("limit", limit, required=.true., unit="N", limits=limits_t(minimum=0.0_wp))
-      call group%get("velocity", velocity, required=.true., unit="m/s", limits=limits_t(above=0.0_wp))
-      call new_coulomb_tanh(self, limit, velocity)
+      call group%get("limit", self%limit)
+      call group%get("velocity", self%velocity)
+      self%needs_velocity = .true.
+      self%has_potential = .true.
+      self%is_odd = .true.
       call read_place(self, group, structure)
    end subroutine coulomb_tanh_read
 

@@ -6,11 +6,11 @@
 module hb_law_cubic_damping
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: cubic_damping_t, new_cubic_damping
+   public :: cubic_damping_t
 
    type, extends(law_t) :: cubic_damping_t
       real(wp) :: coefficient = 0.0_wp                                !! c [N s**3/m**3]
@@ -22,36 +22,23 @@ module hb_law_cubic_damping
 
 contains
 
-   !> Damper of the given coefficient; a rate other than 0 is for two coordinates.
-   pure subroutine new_cubic_damping(self, coefficient, rate)
-      class(cubic_damping_t), intent(inout) :: self
-      real(wp), intent(in) :: coefficient                             !! c [N s**3/m**3]
-      real(wp), intent(in) :: rate                                    !! W [rad/s]
-
-      self%coefficient = coefficient
-      self%rate = rate
-      self%needs_velocity = .true.
-      self%degree = 3
-      self%has_potential = .not. abs(rate) > 0.0_wp
-      self%is_odd = .true.
-   end subroutine new_cubic_damping
-
    !> Reads a `&law type = 'cubic_damping'` group.
    subroutine cubic_damping_read(self, group, structure)
       class(cubic_damping_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      real(wp) :: coefficient, speed
+      real(wp) :: speed
       integer :: n_diameters
 
-      coefficient = 0.0_wp
-      speed = 0.0_wp
-      n_diameters = 1
       call read_dofs(self, group, structure)
-      call group%get("coefficient", coefficient, required=.true., unit="N s3/m3")
-      call group%get("speed", speed, unit="rad/s")
-      call group%get("n_diameters", n_diameters, limits=limits_t(minimum=1))
-      call new_cubic_damping(self, coefficient, n_diameters*speed)
+      call group%get("coefficient", self%coefficient)
+      call group%get("speed", speed)
+      call group%get("n_diameters", n_diameters)
+      self%rate = n_diameters*speed
+      self%needs_velocity = .true.
+      self%degree = 3
+      self%has_potential = .not. abs(self%rate) > 0.0_wp
+      self%is_odd = .true.
       if (.not. allocated(self%dofs)) return
       if (abs(speed) > 0.0_wp .and. size(self%dofs) /= 2) then
          call group%problem("speed", "only two coordinates can belong to a frame that turns")

@@ -7,7 +7,7 @@ module hb_law_cubic_spring
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: cubic_spring_t, new_cubic_spring
+   public :: cubic_spring_t
 
    type, extends(law_t) :: cubic_spring_t
       real(wp) :: stiffness = 0.0_wp                                  !! k3 [N/m**3], negative for a softening spring
@@ -19,27 +19,16 @@ module hb_law_cubic_spring
 
 contains
 
-   !> Spring of the given stiffness; where it acts is set by hb_law%place_on_dof or hb_law%read_place.
-   pure subroutine new_cubic_spring(self, stiffness)
-      class(cubic_spring_t), intent(inout) :: self
-      real(wp), intent(in) :: stiffness                               !! k3 [N/m**3]
-
-      self%stiffness = stiffness
-      self%degree = 3
-      self%has_potential = .true.
-      self%is_odd = .true.
-   end subroutine new_cubic_spring
-
    !> Reads a `&law type = 'cubic_spring'` group.
    subroutine cubic_spring_read(self, group, structure)
       class(cubic_spring_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      real(wp) :: stiffness
 
-      stiffness = 0.0_wp
-      call group%get("stiffness", stiffness, required=.true., unit="N/m3")
-      call new_cubic_spring(self, stiffness)
+      call group%get("stiffness", self%stiffness)
+      self%degree = 3
+      self%has_potential = .true.
+      self%is_odd = .true.
       call read_place(self, group, structure)
    end subroutine cubic_spring_read
 

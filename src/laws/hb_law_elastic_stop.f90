@@ -3,11 +3,11 @@
 module hb_law_elastic_stop
    use hb_kinds, only: wp
    use hb_law, only: kink_t, law_t, read_place
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: elastic_stop_t, new_elastic_stop
+   public :: elastic_stop_t
 
    type, extends(law_t) :: elastic_stop_t
       real(wp) :: stiffness = 0.0_wp                                  !! k [N/m]
@@ -23,40 +23,22 @@ module hb_law_elastic_stop
 
 contains
 
-   !> Stop of the given stiffness and gap, at z > gap, if `two_sided` also at z < -gap.
-   pure subroutine new_elastic_stop(self, stiffness, gap, two_sided)
-      class(elastic_stop_t), intent(inout) :: self
-      real(wp), intent(in) :: stiffness                               !! [N/m], >= 0
-      real(wp), intent(in) :: gap                                     !! [m]
-      logical, intent(in) :: two_sided
-
-      self%stiffness = stiffness
-      self%gap = gap
-      self%two_sided = two_sided
-      self%has_potential = .true.
-      self%is_odd = two_sided
-      self%is_piecewise_linear = .true.
-      self%length_scale = abs(gap)
-      self%n_switches = merge(2, 1, two_sided)
-      self%kinks = [kink_t([1.0_wp], [1.0_wp], [gap], [stiffness])]
-      if (two_sided) self%kinks = [kink_t([1.0_wp], [1.0_wp], [gap, -gap], [stiffness, -stiffness])]
-   end subroutine new_elastic_stop
-
    !> Reads a `&law type = 'elastic_stop'` group.
    subroutine elastic_stop_read(self, group, structure)
       class(elastic_stop_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      real(wp) :: gap, stiffness
-      logical :: two_sided
 
-      stiffness = 0.0_wp
-      gap = 0.0_wp
-      two_sided = self%two_sided
-      call group%get("stiffness", stiffness, required=.true., unit="N/m", limits=limits_t(minimum=0.0_wp))
-      call group%get("gap", gap, required=.true., unit="m")
-      call group%get("two_sided", two_sided)
-      call new_elastic_stop(self, stiffness, gap, two_sided)
+      call group%get("stiffness", self%stiffness)
+      call group%get("gap", self%gap)
+      call group%get("two_sided", self%two_sided)
+      self%has_potential = .true.
+      self%is_odd = self%two_sided
+      self%is_piecewise_linear = .true.
+      self%length_scale = abs(self%gap)
+      self%n_switches = merge(2, 1, self%two_sided)
+      self%kinks = [kink_t([1.0_wp], [1.0_wp], [self%gap], [self%stiffness])]
+      if (self%two_sided) self%kinks = [kink_t([1.0_wp], [1.0_wp], [self%gap, -self%gap], [self%stiffness, -self%stiffness])]
       call read_place(self, group, structure)
    end subroutine elastic_stop_read
 

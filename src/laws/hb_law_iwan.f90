@@ -6,12 +6,12 @@ module hb_law_iwan
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
    use hb_law, only: read_place
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_slider, only: move_slider, pushed_by
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: iwan_t, new_iwan
+   public :: iwan_t
 
    type, extends(hysteretic_law_t) :: iwan_t
       real(wp), allocatable :: stiffness(:)                           !! k_i [N/m], (n_states)
@@ -25,34 +25,24 @@ module hb_law_iwan
 
 contains
 
-   !> Elements of the given stiffnesses and limits, as many of the one as of the other.
-   pure subroutine new_iwan(self, stiffness, limit)
-      class(iwan_t), intent(inout) :: self
-      real(wp), intent(in) :: stiffness(:)                            !! [N/m], > 0
-      real(wp), intent(in) :: limit(:)                                !! [N], > 0
-
-      self%stiffness = stiffness
-      self%limit = limit
-      self%n_states = size(stiffness)
-      self%is_odd = .true.
-      self%length_scale = minval(limit/stiffness)
-      self%has_bounds = .true.
-   end subroutine new_iwan
-
    !> Reads a `&law type = 'iwan'` group.
    subroutine iwan_read(self, group, structure)
       class(iwan_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      real(wp), allocatable :: limit(:), stiffness(:)
 
-      call group%get("stiffness", stiffness, required=.true., unit="N/m", limits=limits_t(above=0.0_wp))
-      if (allocated(stiffness)) then
-         call group%get("limit", limit, required=.true., unit="N", n=size(stiffness), limits=limits_t(above=0.0_wp))
+      call group%get("stiffness", self%stiffness)
+      if (allocated(self%stiffness)) then
+         call group%get("limit", self%limit, n=size(self%stiffness))
       else
-         call group%get("limit", limit, required=.true., unit="N", limits=limits_t(above=0.0_wp))
+         call group%get("limit", self%limit)
       end if
-      if (allocated(stiffness) .and. allocated(limit)) call new_iwan(self, stiffness, limit)
+      self%is_odd = .true.
+      self%has_bounds = .true.
+      if (allocated(self%stiffness) .and. allocated(self%limit)) then
+         self%n_states = size(self%stiffness)
+         self%length_scale = minval(self%limit/self%stiffness)
+      end if
       call read_place(self, group, structure)
    end subroutine iwan_read
 

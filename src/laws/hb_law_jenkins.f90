@@ -6,13 +6,13 @@ module hb_law_jenkins
    use hb_hysteretic_law, only: advance_step_by_step, hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
    use hb_law, only: place_coordinate, read_place
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_slider, only: move_slider, move_steadily, pushed_by
    use hb_structure, only: structure_t
    use hb_text, only: string_t
    implicit none
    private
-   public :: jenkins_t, new_jenkins
+   public :: jenkins_t
 
    type, extends(hysteretic_law_t) :: jenkins_t
       real(wp) :: stiffness = 0.0_wp                                  !! k [N/m]
@@ -32,22 +32,6 @@ module hb_law_jenkins
 
 contains
 
-   !> Element of constant normal load.
-   pure subroutine new_jenkins(self, stiffness, limit)
-      class(jenkins_t), intent(inout) :: self
-      real(wp), intent(in) :: stiffness                               !! k [N/m], > 0
-      real(wp), intent(in) :: limit                                   !! mu N [N], > 0
-
-      self%stiffness = stiffness
-      self%limit = limit
-      self%normal_load_varies = .false.
-      self%n_states = 1
-      self%is_odd = .true.
-      self%is_piecewise_linear = .true.
-      if (stiffness > 0.0_wp) self%length_scale = limit/stiffness     ! not so while it is read with a problem
-      self%has_bounds = .true.
-   end subroutine new_jenkins
-
    !> Reads a `&law type = 'jenkins'` group; with `friction_coefficient` the normal load varies.
    subroutine jenkins_read(self, group, structure)
       class(jenkins_t), intent(inout) :: self
@@ -55,34 +39,31 @@ contains
       type(structure_t), intent(in) :: structure
       type(string_t), allocatable :: names(:)
       real(wp), allocatable :: weights(:)
-      real(wp) :: limit, stiffness
 
-      stiffness = 0.0_wp
-      limit = 0.0_wp
-      call group%get("stiffness", stiffness, required=.true., unit="N/m", limits=limits_t(above=0.0_wp))
-      if (.not. group%given("friction_coefficient")) then
-         call group%get("limit", limit, required=.true., unit="N", limits=limits_t(above=0.0_wp))
-         call new_jenkins(self, stiffness, limit)
+      call group%get("stiffness", self%stiffness)
+      self%n_states = 1
+      self%has_bounds = .true.
+      self%normal_load_varies = group%given("friction_coefficient")
+      self%is_piecewise_linear = .not. self%normal_load_varies
+      self%is_odd = .not. self%normal_load_varies                     ! a load pushes to one side
+      if (.not. self%normal_load_varies) then
+         call group%get("limit", self%limit)
+         if (self%stiffness > 0.0_wp) self%length_scale = self%limit/self%stiffness    ! not so after a problem
          call read_place(self, group, structure)
          return
       end if
-      call new_jenkins(self, stiffness, limit)
-      self%normal_load_varies = .true.
-      self%is_piecewise_linear = .false.
-      self%is_odd = .false.                                           ! the load pushes to one side
       self%n_switches = 1
       if (group%given("limit")) then
          call group%problem("limit", "give either 'limit' or 'friction_coefficient', not both")
-         call group%get("limit", limit, unit="N")
+         call group%get("limit", self%limit)
       end if
-      call group%get("friction_coefficient", self%friction_coefficient, required=.true., unit="1", limits=limits_t(above=0.0_wp))
-      call group%get("normal_stiffness", self%normal_stiffness, required=.true., unit="N/m", limits=limits_t(minimum=0.0_wp))
-      call group%get("preload", self%preload, required=.true., unit="N")
+      call group%get("friction_coefficient", self%friction_coefficient)
+      call group%get("normal_stiffness", self%normal_stiffness)
+      call group%get("preload", self%preload)
       call read_place(self, group, structure)
-      call group%get("normal_dofs", names, required=.true.)
+      call group%get("normal_dofs", names)
       if (.not. allocated(names)) return
-      weights = spread(1.0_wp, 1, size(names))
-      call group%get("normal_weights", weights, unit="1", n=size(names))
+      call group%get("normal_weights", weights, n=size(names))
       call place_coordinate(self, group, structure, "normal_dofs", names, weights)
    end subroutine jenkins_read
 

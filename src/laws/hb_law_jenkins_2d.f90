@@ -8,12 +8,12 @@ module hb_law_jenkins_2d
    use hb_hysteretic_law, only: hysteretic_law_t, path_part
    use hb_kinds, only: wp
    use hb_law, only: place_coordinate, read_place
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t
    implicit none
    private
-   public :: jenkins_2d_t, new_jenkins_2d
+   public :: jenkins_2d_t
 
    type, extends(hysteretic_law_t) :: jenkins_2d_t
       real(wp) :: stiffness = 0.0_wp                                  !! k [N/m], the same in all directions
@@ -26,19 +26,6 @@ module hb_law_jenkins_2d
 
 contains
 
-   !> Element of the given stiffness and limit.
-   pure subroutine new_jenkins_2d(self, stiffness, limit)
-      class(jenkins_2d_t), intent(inout) :: self
-      real(wp), intent(in) :: stiffness                               !! k [N/m], > 0
-      real(wp), intent(in) :: limit                                   !! mu N [N], > 0
-
-      self%stiffness = stiffness
-      self%limit = limit
-      self%n_states = 2
-      self%is_odd = .true.
-      if (stiffness > 0.0_wp) self%length_scale = limit/stiffness     ! not so while it is read with a problem
-   end subroutine new_jenkins_2d
-
    !> Reads a `&law type = 'jenkins_2d'` group.
    subroutine jenkins_2d_read(self, group, structure)
       class(jenkins_2d_t), intent(inout) :: self
@@ -46,18 +33,16 @@ contains
       type(structure_t), intent(in) :: structure
       type(string_t), allocatable :: names(:)
       real(wp), allocatable :: weights(:)
-      real(wp) :: limit, stiffness
 
-      stiffness = 0.0_wp
-      limit = 0.0_wp
-      call group%get("stiffness", stiffness, required=.true., unit="N/m", limits=limits_t(above=0.0_wp))
-      call group%get("limit", limit, required=.true., unit="N", limits=limits_t(above=0.0_wp))
-      call new_jenkins_2d(self, stiffness, limit)
+      call group%get("stiffness", self%stiffness)
+      call group%get("limit", self%limit)
+      self%n_states = 2
+      self%is_odd = .true.
+      if (self%stiffness > 0.0_wp) self%length_scale = self%limit/self%stiffness    ! not so after a problem
       call read_place(self, group, structure)
-      call group%get("second_dofs", names, required=.true.)
+      call group%get("second_dofs", names)
       if (.not. allocated(names)) return
-      weights = spread(1.0_wp, 1, size(names))
-      call group%get("second_weights", weights, unit="1", n=size(names))
+      call group%get("second_weights", weights, n=size(names))
       call place_coordinate(self, group, structure, "second_dofs", names, weights)
    end subroutine jenkins_2d_read
 

@@ -63,11 +63,10 @@ contains
       real(wp) :: force_at_zero
 
       self%has_potential = .true.                                     ! whatever is wrong with the rest
-      force_at_zero = 0.0_wp
-      call group%get("breakpoints", breakpoints, required=.true., unit="m")
-      call group%get("force_at_zero", force_at_zero, unit="N")
+      call group%get("breakpoints", breakpoints)
+      call group%get("force_at_zero", force_at_zero)
       if (allocated(breakpoints)) then
-         call group%get("slopes", slopes, required=.true., unit="N/m", n=size(breakpoints) + 1)
+         call group%get("slopes", slopes, n=size(breakpoints) + 1)
          if (.not. is_ascending(breakpoints)) then
             call group%problem("breakpoints", "each must be greater than the one before")
          else if (allocated(slopes)) then

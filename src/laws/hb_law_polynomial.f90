@@ -7,7 +7,7 @@ module hb_law_polynomial
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: new_polynomial, polynomial_t
+   public :: polynomial_t
 
    type, extends(law_t) :: polynomial_t
       real(wp), allocatable :: stiffness(:)                           !! k_1, k_2, ... [N/m, N/m**2, ...]
@@ -20,35 +20,23 @@ module hb_law_polynomial
 
 contains
 
-   !> Polynomial with the given coefficients of z, z**2, ... and of the rate v, v**2, ...; either list may be empty.
-   pure subroutine new_polynomial(self, stiffness, damping)
-      class(polynomial_t), intent(inout) :: self
-      real(wp), intent(in) :: stiffness(:)                            !! [N/m**n]
-      real(wp), intent(in) :: damping(:)                              !! [N (s/m)**n]
-
-      self%stiffness = stiffness
-      self%damping = damping
-      self%degree = max(size(stiffness), size(damping), 1)
-      self%needs_velocity = size(damping) > 0
-      self%has_potential = .true.
-      self%is_odd = all(abs(stiffness(2::2)) <= 0.0_wp) .and. all(abs(damping(2::2)) <= 0.0_wp)
-   end subroutine new_polynomial
-
    !> Reads a `&law type = 'polynomial'` group.
    subroutine polynomial_read(self, group, structure)
       class(polynomial_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      real(wp), allocatable :: damping(:), stiffness(:)
 
-      call group%get("stiffness", stiffness)
-      call group%get("damping", damping)
-      if (.not. (allocated(stiffness) .or. allocated(damping))) then
+      call group%get("stiffness", self%stiffness)
+      call group%get("damping", self%damping)
+      if (.not. (allocated(self%stiffness) .or. allocated(self%damping))) then
          call group%problem("stiffness", "a polynomial law needs 'stiffness' or 'damping' coefficients")
       end if
-      if (.not. allocated(stiffness)) allocate (stiffness(0))
-      if (.not. allocated(damping)) allocate (damping(0))
-      call new_polynomial(self, stiffness, damping)
+      if (.not. allocated(self%stiffness)) allocate (self%stiffness(0))
+      if (.not. allocated(self%damping)) allocate (self%damping(0))
+      self%degree = max(size(self%stiffness), size(self%damping), 1)
+      self%needs_velocity = size(self%damping) > 0
+      self%has_potential = .true.
+      self%is_odd = all(abs(self%stiffness(2::2)) <= 0.0_wp) .and. all(abs(self%damping(2::2)) <= 0.0_wp)
       call read_place(self, group, structure)
    end subroutine polynomial_read
 

@@ -5,7 +5,7 @@ module hb_law_polynomial_coupled
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t, to_text
    implicit none
@@ -58,12 +58,12 @@ contains
 
       self%has_potential = .true.                                     ! until it is known
       call read_dofs(self, group, structure)
-      call group%get("coefficients", coefficients, required=.true.)
+      call group%get("coefficients", coefficients)
       if (.not. (allocated(self%dofs) .and. allocated(coefficients))) return
-      call group%get("acts_on", names, required=.true., n=size(coefficients))
+      call group%get("acts_on", names, n=size(coefficients))
       allocate (z_list(size(coefficients)*size(self%dofs)), v_list(size(coefficients)*size(self%dofs)), source=0)
-      call group%get("displacement_exponents", z_list, limits=limits_t(minimum=0, maximum=max_exponent))
-      call group%get("velocity_exponents", v_list, limits=limits_t(minimum=0, maximum=max_exponent))
+      call group%get("displacement_exponents", z_list)
+      call group%get("velocity_exponents", v_list)
       call sort_by_term(group, "displacement_exponents", z_list, size(coefficients), size(self%dofs), z_exponents)
       call sort_by_term(group, "velocity_exponents", v_list, size(coefficients), size(self%dofs), v_exponents)
       if (.not. (allocated(names) .and. allocated(z_exponents) .and. allocated(v_exponents))) return

@@ -7,7 +7,7 @@ module hb_law_quadratic_damping
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: new_quadratic_damping, quadratic_damping_t
+   public :: quadratic_damping_t
 
    type, extends(law_t) :: quadratic_damping_t
       real(wp) :: coefficient = 0.0_wp                                !! c [N s**2/m**2]
@@ -20,28 +20,17 @@ module hb_law_quadratic_damping
 
 contains
 
-   !> Damper of the given coefficient.
-   pure subroutine new_quadratic_damping(self, coefficient)
-      class(quadratic_damping_t), intent(inout) :: self
-      real(wp), intent(in) :: coefficient                             !! c [N s**2/m**2]
-
-      self%coefficient = coefficient
-      self%needs_velocity = .true.
-      self%has_potential = .true.
-      self%is_odd = .true.
-      self%n_switches = 1
-   end subroutine new_quadratic_damping
-
    !> Reads a `&law type = 'quadratic_damping'` group.
    subroutine quadratic_damping_read(self, group, structure)
       class(quadratic_damping_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      real(wp) :: coefficient
 
-      coefficient = 0.0_wp
-      call group%get("coefficient", coefficient, required=.true., unit="N s2/m2")
-      call new_quadratic_damping(self, coefficient)
+      call group%get("coefficient", self%coefficient)
+      self%needs_velocity = .true.
+      self%has_potential = .true.
+      self%is_odd = .true.
+      self%n_switches = 1
       call read_place(self, group, structure)
    end subroutine quadratic_damping_read
 

@@ -7,11 +7,11 @@
 module hb_law_rigid_wall
    use hb_kinds, only: wp
    use hb_law, only: defects_t, hold_t, law_t, read_place
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: new_rigid_wall, rigid_wall_t
+   public :: rigid_wall_t
 
    type, extends(law_t) :: rigid_wall_t
       real(wp) :: gap = 0.0_wp                                        !! g [m]; negative: pressed on at rest
@@ -28,38 +28,20 @@ module hb_law_rigid_wall
 
 contains
 
-   !> Wall at z = gap, if `two_sided` also at z = -gap.
-   pure subroutine new_rigid_wall(self, gap, augmentation, two_sided)
-      class(rigid_wall_t), intent(inout) :: self
-      real(wp), intent(in) :: gap                                     !! [m]
-      real(wp), intent(in) :: augmentation                            !! eps [N/m], 0: chosen from the structure
-      logical, intent(in) :: two_sided
-
-      self%gap = gap
-      self%augmentation = augmentation
-      self%two_sided = two_sided
-      self%is_multiplier = .true.
-      self%has_potential = .true.
-      self%is_odd = two_sided
-      self%length_scale = abs(gap)
-   end subroutine new_rigid_wall
-
    !> Reads a `&law type = 'rigid_wall'` group.
    subroutine rigid_wall_read(self, group, structure)
       class(rigid_wall_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      real(wp) :: augmentation, gap
-      logical :: two_sided
 
-      gap = 0.0_wp
-      augmentation = self%augmentation
-      two_sided = self%two_sided
-      call group%get("gap", gap, required=.true., unit="m")
-      call group%get("augmentation", augmentation, unit="N/m", limits=limits_t(minimum=0.0_wp))
-      call group%get("two_sided", two_sided)
-      if (two_sided .and. gap < 0.0_wp) call group%problem("gap", "a two-sided rigid wall needs a gap of 0 or more")
-      call new_rigid_wall(self, gap, augmentation, two_sided)
+      call group%get("gap", self%gap)
+      call group%get("augmentation", self%augmentation)
+      call group%get("two_sided", self%two_sided)
+      if (self%two_sided .and. self%gap < 0.0_wp) call group%problem("gap", "a two-sided rigid wall needs a gap of 0 or more")
+      self%is_multiplier = .true.
+      self%has_potential = .true.
+      self%is_odd = self%two_sided
+      self%length_scale = abs(self%gap)
       call read_place(self, group, structure)
    end subroutine rigid_wall_read
 

@@ -13,8 +13,6 @@ module hb_law_tabulated
    private
    public :: new_tabulated, tabulated_t
 
-   character(8), parameter :: beyond_names(2) = [character(8) :: "linear", "constant"]
-
    type, extends(law_t) :: tabulated_t
       real(wp), allocatable :: nodes(:)                               !! z_i [m], ascending, at least two
       real(wp), allocatable :: forces(:)                              !! f_i [N]
@@ -93,20 +91,19 @@ contains
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp), allocatable :: forces(:), nodes(:)
-      character(:), allocatable :: beyond
+      integer :: beyond                                               ! linear, constant
 
       self%has_potential = .true.                                     ! whatever is wrong with the rest
-      beyond = trim(beyond_names(1))
-      call group%get("displacements", nodes, required=.true., unit="m")
-      call group%get("beyond", beyond, choices=beyond_names)
+      call group%get("displacements", nodes)
+      call group%choose("beyond", beyond)
       if (allocated(nodes)) then
-         call group%get("forces", forces, required=.true., unit="N", n=size(nodes))
+         call group%get("forces", forces, n=size(nodes))
          if (size(nodes) < 2) then
             call group%problem("displacements", "a table needs two points or more")
          else if (.not. is_ascending(nodes)) then
             call group%problem("displacements", "each must be greater than the one before")
          else if (allocated(forces)) then
-            if (size(forces) == size(nodes)) call new_tabulated(self, nodes, forces, beyond == beyond_names(2))
+            if (size(forces) == size(nodes)) call new_tabulated(self, nodes, forces, beyond == 2)
          end if
       end if
       call read_place(self, group, structure)

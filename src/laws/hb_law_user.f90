@@ -69,8 +69,8 @@ contains
          call read_place(self, group, structure)
       end if
       allocate (parameters(0))
-      call group%get("library", library, required=.true.)
-      call group%get("name", name, required=.true.)
+      call group%get("library", library)
+      call group%get("name", name)
       call group%get("parameters", parameters)
       call group%get("odd", self%is_odd)                              ! nobody else can see it
       if (.not. (allocated(library) .and. allocated(name))) return

@@ -4,11 +4,11 @@
 module hb_law_van_der_pol
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: new_van_der_pol, van_der_pol_t
+   public :: van_der_pol_t
 
    type, extends(law_t) :: van_der_pol_t
       real(wp) :: strength = 0.0_wp                                   !! mu [N s/m]
@@ -20,33 +20,19 @@ module hb_law_van_der_pol
 
 contains
 
-   !> Damping of the given strength that changes its sign at |z| = threshold.
-   pure subroutine new_van_der_pol(self, strength, threshold)
-      class(van_der_pol_t), intent(inout) :: self
-      real(wp), intent(in) :: strength                                !! mu [N s/m]
-      real(wp), intent(in) :: threshold                               !! a [m], > 0
-
-      self%strength = strength
-      self%threshold = threshold
-      self%needs_velocity = .true.
-      self%degree = 3
-      self%has_potential = .true.
-      self%is_odd = .true.
-      self%length_scale = threshold
-   end subroutine new_van_der_pol
-
    !> Reads a `&law type = 'van_der_pol'` group.
    subroutine van_der_pol_read(self, group, structure)
       class(van_der_pol_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      real(wp) :: strength, threshold
 
-      strength = 0.0_wp
-      threshold = self%threshold
-      call group%get("strength", strength, required=.true., unit="N s/m")
-      call group%get("threshold", threshold, unit="m", limits=limits_t(above=0.0_wp))
-      call new_van_der_pol(self, strength, threshold)
+      call group%get("strength", self%strength)
+      call group%get("threshold", self%threshold)
+      self%needs_velocity = .true.
+      self%degree = 3
+      self%has_potential = .true.
+      self%is_odd = .true.
+      self%length_scale = self%threshold
       call read_place(self, group, structure)
    end subroutine van_der_pol_read
 

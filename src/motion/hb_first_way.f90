@@ -8,7 +8,7 @@ module hb_first_way
    use hb_kinds, only: two_pi, wp
    implicit none
    private
-   public :: first_way, first_way_names, march_counts_t, march_is_cheaper
+   public :: first_way, march_counts_t, march_is_cheaper
 
    type :: first_way_t
       integer :: auto = 1
@@ -16,7 +16,6 @@ module hb_first_way
       integer :: march = 3
    end type first_way_t
    type(first_way_t), parameter :: first_way = first_way_t()
-   character(7), parameter :: first_way_names(3) = [character(7) :: "auto", "balance", "march"]
 
    !> What is counted, of a scene with rigid laws and one tone.
    type :: march_counts_t

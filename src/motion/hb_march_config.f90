@@ -1,10 +1,10 @@
-!> The group `&march`: how the scene is followed through time. The component initialisers are the defaults.
+!> The group `&march`: how the scene is followed through time.
 module hb_march_config
    use hb_kinds, only: int64, two_pi, wp
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    implicit none
    private
-   public :: march_config_t, march_method, march_method_names, march_start, read_march, step_of
+   public :: march_config_t, march_method, march_start, read_march, step_of
 
    type :: march_method_t
       integer :: cvode = 1
@@ -13,15 +13,12 @@ module hb_march_config
       integer :: generalized_alpha = 4
    end type march_method_t
    type(march_method_t), parameter :: march_method = march_method_t()
-   character(19), parameter :: march_method_names(4) = [character(19) :: &
-      "cvode", "runge_kutta_4", "central_differences", "generalized_alpha"]
 
    type :: march_start_t
       integer :: rest = 1
       integer :: given = 2
    end type march_start_t
    type(march_start_t), parameter :: march_start = march_start_t()
-   character(5), parameter :: start_names(2) = [character(5) :: "rest", "given"]
 
    type :: march_config_t
       integer :: method = march_method%cvode
@@ -52,27 +49,22 @@ contains
    subroutine read_march(self, group)
       type(march_config_t), intent(out) :: self
       type(properties_t), intent(inout) :: group
-      character(:), allocatable :: method, start
 
-      method = trim(march_method_names(self%method))
-      start = trim(start_names(self%start))
       self%record = ""
-      call group%get("method", method, choices=march_method_names)
-      call group%get("step", self%step, unit="s", limits=limits_t(minimum=0.0_wp))
-      call group%get("steps_per_period", self%steps_per_period, limits=limits_t(minimum=1))
-      call group%get("duration", self%duration, unit="s", limits=limits_t(minimum=0.0_wp))
-      call group%get("transient", self%transient, unit="s", limits=limits_t(minimum=0.0_wp))
-      call group%get("decimation", self%decimation, limits=limits_t(minimum=1))
-      call group%get("tolerance", self%tolerance, unit="1", limits=limits_t(above=0.0_wp))
+      call group%choose("method", self%method)
+      call group%get("step", self%step)
+      call group%get("steps_per_period", self%steps_per_period)
+      call group%get("duration", self%duration)
+      call group%get("transient", self%transient)
+      call group%get("decimation", self%decimation)
+      call group%get("tolerance", self%tolerance)
       call group%get("is_stiff", self%is_stiff)
-      call group%get("restitution", self%restitution, unit="1", limits=limits_t(minimum=0.0_wp, maximum=1.0_wp))
-      call group%get("spectral_radius", self%spectral_radius, unit="1", limits=limits_t(minimum=0.0_wp, maximum=1.0_wp))
-      call group%get("start", start, choices=start_names)
+      call group%get("restitution", self%restitution)
+      call group%get("spectral_radius", self%spectral_radius)
+      call group%choose("start", self%start)
       call group%get("continue", self%record)
-      call group%get("starts", self%starts, limits=limits_t(minimum=1, maximum=1000))
-      call group%get("n_peaks", self%n_peaks, limits=limits_t(minimum=0, maximum=1000))
-      self%method = max(1, findloc(march_method_names == method, .true., dim=1))
-      self%start = merge(march_start%given, march_start%rest, start == start_names(march_start%given))
+      call group%get("starts", self%starts)
+      call group%get("n_peaks", self%n_peaks)
    end subroutine read_march
 
    !> The step [s], also the distance of two samples of the record.

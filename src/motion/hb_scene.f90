@@ -1,6 +1,6 @@
 !> A scene: all that one point of a study needs.
 !>
-!> The component initialisers of the types here and below are the defaults of the input; docs/user/input.md lists the keys.
+!> The component initialisers of the types here and below are the defaults of the table of input keys (src/input_keys.txt).
 !> hb_scene_reader fills scenes from an input.
 module hb_scene
    use hb_amplitudes, only: amplitudes_t
@@ -20,7 +20,7 @@ module hb_scene
    use hb_torus, only: torus_t
    implicit none
    private
-   public :: accuracy_t, certificate_config_t, scene_t, services_t, share_of_marched, symmetry, symmetry_names
+   public :: accuracy_t, certificate_config_t, scene_t, services_t, share_of_marched, symmetry
 
    integer, parameter :: share_of_marched = 4                         !! sets of marched motions are as many times larger: no tuple
                                                                       !! of theirs is an unknown
@@ -32,7 +32,6 @@ module hb_scene
       integer :: odd = 3                                              !! odd ones; refused where equations are not
    end type symmetry_t
    type(symmetry_t), parameter :: symmetry = symmetry_t()
-   character(4), parameter :: symmetry_names(3) = [character(4) :: "auto", "none", "odd"]
 
    !> What is kept of a result.
    type :: output_config_t

@@ -27,8 +27,10 @@ contains
       do i = 1, size(boxes)
          group => document%group("law", i)
          call read_law(boxes(i), group, self%structure, i)
-         call check_kind(boxes(i), group, error)
-         if (allocated(error)) return
+         if (.not. allocated(boxes(i)%law)) then
+            call group%tell_first(error)
+            return
+         end if
          self%law_groups = [self%law_groups, spread(i, 1, n_places(boxes(i)))]
          if (boxes(i)%law%phase_tone > self%tones%n_tones) then
             call group%problem("tone", "there are only "//to_text(self%tones%n_tones)//" tones")
@@ -113,17 +115,6 @@ contains
                  (law%needs_velocity .eqv. other%needs_velocity) .and. (law%is_multiplier .eqv. other%is_multiplier) .and. &
                  law%phase_tone == other%phase_tone
    end function is_alike
-
-   !> Fails when the kind of a law is not known, and with that alone: none of the other keys of its group can be judged.
-   subroutine check_kind(box, group, error)
-      type(law_box_t), intent(in) :: box
-      type(properties_t), intent(in) :: group
-      type(error_t), allocatable, intent(out) :: error
-
-      if (allocated(box%law)) return
-      call group%finish(error)
-      error%message = error%message(:index(error%message//new_line("a"), new_line("a")) - 1)
-   end subroutine check_kind
 
    !> Refuses laws where one of them and one before are rigid and share a degree of freedom: each would take the whole
    !> reaction.

@@ -4,7 +4,7 @@ module hb_scene_loads
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_scene, only: scene_t
    implicit none
    private
@@ -46,8 +46,7 @@ contains
       character(4), parameter :: units(0:4) = [character(4) :: "N", "N s", "N s2", "N s3", "N s4"]
       integer :: h, power
 
-      power = 0
-      call group%get("frequency_power", power, limits=limits_t(minimum=0, maximum=4))
+      call group%get("frequency_power", power)
       if (power == 0) then
          call read_amplitude(self, group, trim(units(0)), self%loads)
          return
@@ -79,12 +78,10 @@ contains
       type(error_t), allocatable :: error
       real(wp) :: cosine, sine
 
-      cosine = 0.0_wp
-      sine = 0.0_wp
       call group%get("dof", name, required=.not. group%given("vector"))
       call group%get("vector", vector)
       if (allocated(name) .and. allocated(vector)) call group%problem("vector", "give either 'dof' or 'vector', not both")
-      call group%get("tuple", tuple, required=.true., n=self%tones%n_tones)
+      call group%get("tuple", tuple, n=self%tones%n_tones)
       call group%get("cos", cosine, unit=unit)
       call group%get("sin", sine, unit=unit)
       if (.not. (group%given("cos") .or. group%given("sin"))) then

@@ -3,7 +3,7 @@ module hb_scene_tones
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t
    use hb_kinds, only: two_pi, wp
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_text, only: to_text
    use hb_tones, only: new_tones, tones_t
    implicit none
@@ -20,6 +20,7 @@ contains
       type(properties_t), pointer :: group
       real(wp), allocatable :: omega(:)
       logical, allocatable :: is_unknown(:)
+      character(:), allocatable :: key
       integer :: subharmonic
 
       call document%required_group("tones", group, error)
@@ -27,27 +28,17 @@ contains
       if (group%given("hertz")) then
          if (group%given("frequency")) then
             call group%problem("hertz", "give either 'frequency' [rad/s] or 'hertz', not both")
-            call group%get("frequency", omega, unit="rad/s", limits=limits_t(above=0.0_wp))
+            call group%get("frequency", omega)
          end if
-         if (group%given("unknown")) then
-            call group%get("hertz", omega, unit="Hz", limits=limits_t(minimum=0.0_wp))
-         else
-            call group%get("hertz", omega, unit="Hz", limits=limits_t(above=0.0_wp))
-         end if
+         call group%get("hertz", omega)
          if (allocated(omega)) omega = two_pi*omega
-      else if (.not. group%given("unknown")) then
-         call group%get("frequency", omega, required=.true., unit="rad/s", limits=limits_t(above=0.0_wp))
-      else if (group%given("frequency")) then
-         call group%get("frequency", omega, unit="rad/s", limits=limits_t(minimum=0.0_wp))
+      else if (group%given("frequency") .or. .not. group%given("unknown")) then
+         call group%get("frequency", omega)
       else
          call group%get("unknown", is_unknown)
          if (allocated(is_unknown)) then
             omega = spread(0.0_wp, 1, size(is_unknown))
-            if (all(is_unknown)) then
-               call group%get("frequency", omega, unit="rad/s")
-            else
-               call group%get("frequency", omega, required=.true., unit="rad/s")
-            end if
+            call group%get("frequency", omega, required=.not. all(is_unknown))
          end if
       end if
       if (allocated(omega)) then
@@ -56,12 +47,12 @@ contains
          if (size(is_unknown) /= size(omega)) then
             call group%problem("unknown", "give one value for each of the "//to_text(size(omega))//" tones")
          else if (any(omega <= 0.0_wp .and. .not. is_unknown)) then
-            call group%problem(trim(merge("hertz    ", "frequency", group%given("hertz"))), &
-                               "must be greater than 0; only for an unknown tone 0 says that there is no first guess")
+            key = trim(merge("hertz    ", "frequency", group%given("hertz")))
+            call group%problem(key, key//"("//to_text(findloc(omega <= 0.0_wp .and. .not. is_unknown, .true., dim=1))// &
+                               ") = 0.0 must be above 0.0; only for an unknown tone 0 says that there is no first guess")
          end if
       end if
-      subharmonic = 1
-      call group%get("subharmonic", subharmonic, limits=limits_t(minimum=1, maximum=1000))
+      call group%get("subharmonic", subharmonic)
       if (allocated(omega)) omega = omega/subharmonic
       call group%finish(error)
       if (allocated(error)) return

@@ -5,16 +5,13 @@ module hb_scene_unknown_tones
    use hb_harmonics, only: tuple_text
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
-   use hb_normal_mode, only: measure_names
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_scene, only: scene_t
    use hb_structure, only: most_dense
    use hb_text, only: string_t
    implicit none
    private
    public :: check_fundamentals, read_normal_mode, read_phase
-
-   character(8), parameter :: phase_names(2) = [character(8) :: "integral", "sine"]
 
 contains
 
@@ -39,15 +36,13 @@ contains
    subroutine read_phase(self, group)
       type(scene_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
-      character(:), allocatable :: condition
       type(string_t), allocatable :: names(:)
-      integer :: i
+      integer :: condition, i                                         ! condition: integral, sine
 
-      condition = trim(phase_names(1))
       allocate (self%phase_dofs(0))
-      call group%get("condition", condition, choices=phase_names)
-      if (condition == phase_names(1)) return
-      call group%get("dofs", names, required=.true., n=count(self%tones%is_unknown))
+      call group%choose("condition", condition)
+      if (condition == 1) return
+      call group%get("dofs", names, n=count(self%tones%is_unknown))
       if (.not. allocated(names)) return
       self%phase_dofs = spread(0, 1, size(names))
       do i = 1, size(names)
@@ -59,26 +54,27 @@ contains
    subroutine read_normal_mode(self, group)
       type(scene_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
-      character(:), allocatable :: dof, measure
+      character(:), allocatable :: dof
+      integer :: measure                                              ! peak, harmonic
 
-      measure = trim(measure_names(merge(1, 2, self%normal_mode%is_peak)))
+      measure = 1
       associate (mode => self%normal_mode)
          mode%is_asked = .true.
          mode%has_energy = group%given("energy")
-         call group%get("mode", mode%mode, limits=limits_t(minimum=0))
+         call group%get("mode", mode%mode)
          if (mode%has_energy) then
-            call group%get("energy", mode%energy, required=.true., unit="J", limits=limits_t(above=0.0_wp))
+            call group%get("energy", mode%energy)
             call refuse_beside_energy(group)
             call check_energy(self, group)
          else if (.not. any([group%given("amplitude"), group%given("dof"), group%given("measure")])) then
             call group%problem("amplitude", "give 'amplitude' and 'dof', or 'energy'")
          else
-            call group%get("amplitude", mode%amplitude, required=.true., unit="m")
-            call group%get("dof", dof, required=.true.)
+            call group%get("amplitude", mode%amplitude)
+            call group%get("dof", dof)
             if (group%given("amplitude") .and. mode%amplitude == 0.0_wp) call group%problem("amplitude", "must not be 0")
-            call group%get("measure", measure, choices=measure_names)
+            call group%choose("measure", measure)
          end if
-         mode%is_peak = measure == measure_names(1)
+         mode%is_peak = measure == 1
          if (allocated(dof)) call find_law_dof(self, group, "dof", dof, mode%dof)
       end associate
       if (self%start_from_march) call group%problem_as_is(group%place()//": a normal mode attracts nothing, so that "// &

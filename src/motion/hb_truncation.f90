@@ -3,8 +3,8 @@ module hb_truncation
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t
    use hb_harmonics, only: exceeds_largest_box, harmonics_t, new_box, new_diamond, new_harmonics
-   use hb_properties, only: limits_t, properties_t
-   use hb_scene, only: symmetry, symmetry_names
+   use hb_properties, only: properties_t
+   use hb_scene, only: symmetry
    use hb_text, only: to_text
    use hb_tuple_choice, only: new_lowest_set
    implicit none
@@ -44,24 +44,20 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(properties_t), pointer :: group
       integer, allocatable :: order(:), tuples(:)
-      character(:), allocatable :: set, symmetry_name
-      character(7), parameter :: sets(3) = [character(7) :: "box", "diamond", "list"]
+      character(:), allocatable :: set
 
       call document%required_group("harmonics", group, error)
       if (allocated(error)) return
-      set = trim(self%set)
-      symmetry_name = trim(symmetry_names(self%symmetry))
-      call group%get("set", set, choices=sets)
-      call group%get("symmetry", symmetry_name, choices=symmetry_names)
-      self%symmetry = max(1, findloc(symmetry_names == symmetry_name, .true., dim=1))
+      call group%get("set", set)
+      call group%choose("symmetry", self%symmetry)
       if (set == "list") then
-         call group%get("tuples", tuples, required=.true.)
+         call group%get("tuples", tuples)
          if (allocated(tuples)) then
             if (modulo(size(tuples), n_tones) /= 0) call group%problem("tuples", to_text(size(tuples))// &
                " integers are not a whole number of tuples of "//to_text(n_tones)//" tones")
          end if
       else
-         call group%get("order", order, required=.true., limits=limits_t(minimum=0))
+         call group%get("order", order)
          call group%get("odd_only", self%odd_only)
          if (allocated(order)) then
             if (size(order) == 1 .and. set == "box") order = spread(order(1), 1, n_tones)
@@ -104,12 +100,9 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer, intent(out) :: chosen_symmetry                         !! one of `symmetry_t`
       type(properties_t), pointer :: group
-      character(:), allocatable :: name
 
-      name = trim(symmetry_names(symmetry%auto))
       group => document%optional_group("harmonics")
-      call group%get("symmetry", name, choices=symmetry_names)
-      chosen_symmetry = max(1, findloc(symmetry_names == name, .true., dim=1))
+      call group%choose("symmetry", chosen_symmetry)
       call group%finish(error)
       if (allocated(error)) return
       call new_lowest_set(self, size(loaded, 1), loaded, error)

@@ -6,18 +6,16 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: attempt_t, largest_affordable, method, method_names, report_t, rescue, rescue_names
-   public :: share_of_solver, solver_config_t, start_names, unit_of_work
+   public :: attempt_t, largest_affordable, method, report_t, rescue, rescue_names
+   public :: share_of_solver, solver_config_t, unit_of_work
 
    type :: method_t
-      integer :: newton = 1
-      integer :: broyden = 2
+      integer :: auto = 1                                             !! numbers as the order of the table of input keys
+      integer :: newton = 2
       integer :: krylov = 3
-      integer :: auto = 4
+      integer :: broyden = 4
    end type method_t
    type(method_t), parameter :: method = method_t()
-   character(7), parameter :: method_names(4) = [character(7) :: "newton", "broyden", "krylov", "auto"]
-   character(7), parameter :: start_names(2) = [character(7) :: "linear", "tangent"]
 
    real(wp), parameter :: clear_gain = 0.7_wp                         ! least norm, relative to the least one before
    !> Work is counted, never measured, so that no result depends on the machine. One of work is about a nanosecond of a processor,
@@ -44,7 +42,7 @@ module hb_solver_types
       "none", "other_guess", "other_method", "other_guess_and_method", "nonlinearity_homotopy", "load_homotopy", &
       "several_guesses", "fewer_harmonics", "march", "damping"]
 
-   !> Settings of a solver; the component initialisers are the defaults of the input group `&solver`.
+   !> Settings of a solver; the component initialisers are the defaults that the table of input keys has for `&solver`.
    type :: solver_config_t
       integer :: method = method%auto
       real(wp) :: tolerance = 1.0e-12_wp                              !! norm of the residual relative to the forces

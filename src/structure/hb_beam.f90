@@ -7,15 +7,13 @@
 module hb_beam
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_structure, only: check_room, label_length, max_dofs, new_structure, structure_t, unit_length
-   use hb_text, only: join, to_text
+   use hb_text, only: to_text
    implicit none
    private
    public :: new_beam, read_beam
-
-   character(*), parameter :: supports(4) = [character(7) :: "pinned", "clamped", "free", "guided"]
 
 contains
 
@@ -31,18 +29,12 @@ contains
       real(wp) :: bending_stiffness, length, mass_per_length
       integer :: n_elements
 
-      n_elements = 0
-      left_support = "pinned"
-      right_support = "pinned"
-      length = 0.0_wp
-      bending_stiffness = 0.0_wp
-      mass_per_length = 0.0_wp
-      call group%get("length", length, required=.true., unit="m", limits=limits_t(above=0.0_wp))
-      call group%get("bending_stiffness", bending_stiffness, required=.true., unit="N m2", limits=limits_t(above=0.0_wp))
-      call group%get("mass_per_length", mass_per_length, required=.true., unit="kg/m", limits=limits_t(above=0.0_wp))
-      call group%get("n_elements", n_elements, required=.true., limits=limits_t(minimum=1, maximum=max_dofs/2))
-      call group%get("left_support", left_support, choices=supports)
-      call group%get("right_support", right_support, choices=supports)
+      call group%get("length", length)
+      call group%get("bending_stiffness", bending_stiffness)
+      call group%get("mass_per_length", mass_per_length)
+      call group%get("n_elements", n_elements)
+      call group%get("left_support", left_support)
+      call group%get("right_support", right_support)
       call read_proportional_damping(group, damping)
       call group%finish(error)
       if (allocated(error)) return
@@ -55,8 +47,7 @@ contains
       call annotate(error, group%place())
    end subroutine read_beam
 
-   !> Makes a beam; fails for a size that is not positive, an unknown support, or when no degree of freedom is
-   !> free.
+   !> Makes a beam; fails when no degree of freedom is free.
    subroutine new_beam(structure, length, bending_stiffness, mass_per_length, n_elements, ends, damping, error)
       type(structure_t), intent(out) :: structure
       real(wp), intent(in) :: length                         !! [m]
@@ -73,16 +64,6 @@ contains
       integer, allocatable :: kept(:)
       real(wp) :: element_mass(4, 4), element_stiffness(4, 4)
       integer :: i, n_all
-
-      if (.not. min(length, bending_stiffness, mass_per_length) > 0.0_wp .or. n_elements < 1) then
-         call fail(error, "beam: length, bending stiffness, mass per length and number of elements "// &
-                   "must be above 0")
-         return
-      else if (.not. (any(supports == ends(1)) .and. any(supports == ends(2)))) then
-         call fail(error, "beam: unknown support in '"//trim(ends(1))//"' and '"//trim(ends(2))// &
-                   "'; known: "//join(supports, ", "))
-         return
-      end if
 
       n_all = 2*(n_elements + 1)
       allocate (mass(n_all, n_all), stiffness(n_all, n_all), source=0.0_wp)

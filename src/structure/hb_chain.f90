@@ -2,16 +2,14 @@
 module hb_chain
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_sparse, only: sparse_from_entries, sparse_sum, sparse_t
    use hb_structure, only: check_room, label_length, max_sparse_dofs, most_dense, new_structure, structure_t, unit_length
-   use hb_text, only: join, to_text
+   use hb_text, only: to_text
    implicit none
    private
    public :: new_chain, read_chain
-
-   character(*), parameter :: known_ends(3) = [character(10) :: "fixed", "free", "fixed-free"]
 
 contains
 
@@ -27,14 +25,11 @@ contains
       character(:), allocatable :: ends
       integer :: n_masses
 
-      ends = "fixed"
-      ground_stiffness = [0.0_wp]
-      n_masses = 0
-      call group%get("n_masses", n_masses, required=.true., limits=limits_t(minimum=1, maximum=max_sparse_dofs))
-      call group%get("ends", ends, choices=known_ends)
-      call group%get("mass", mass, required=.true., unit="kg", limits=limits_t(minimum=0.0_wp))
-      call group%get("coupling_stiffness", coupling_stiffness, required=.true., unit="N/m", limits=limits_t(minimum=0.0_wp))
-      call group%get("ground_stiffness", ground_stiffness, unit="N/m")
+      call group%get("n_masses", n_masses)
+      call group%get("ends", ends)
+      call group%get("mass", mass)
+      call group%get("coupling_stiffness", coupling_stiffness)
+      call group%get("ground_stiffness", ground_stiffness)
       call read_proportional_damping(group, damping)
       if (n_masses > 0) then
          call spread_value(group, "mass", mass, n_masses)
@@ -66,10 +61,7 @@ contains
       integer :: first, i, n
 
       n = size(mass)
-      if (.not. any(known_ends == ends)) then
-         call fail(error, "chain: unknown ends '"//trim(ends)//"'; known: "//join(known_ends, ", "))
-         return
-      else if (size(coupling_stiffness) /= n_springs(n, ends) .or. size(ground_stiffness) /= n) then
+      if (size(coupling_stiffness) /= n_springs(n, ends) .or. size(ground_stiffness) /= n) then
          call fail(error, "chain: "//to_text(n)//" masses with ends '"//trim(ends)//"' need "// &
                    to_text(n_springs(n, ends))//" coupling and "//to_text(n)//" ground springs, not "// &
                    to_text(size(coupling_stiffness))//" and "//to_text(size(ground_stiffness)))

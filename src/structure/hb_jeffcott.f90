@@ -11,7 +11,7 @@
 module hb_jeffcott
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_structure, only: label_length, new_structure, structure_t, unit_length
    use hb_turning_frame, only: add_turned_pair, quarter_turn
@@ -46,26 +46,22 @@ contains
       type(proportional_damping_t) :: damping
       type(jeffcott_t) :: rotor
 
-      call group%get("mass", rotor%mass, required=.true., unit="kg", limits=limits_t(above=0.0_wp))
-      call group%get("stiffness", rotor%stiffness, required=.true., unit="N/m", limits=limits_t(minimum=0.0_wp))
-      call group%get("damping", rotor%damping, unit="N s/m", limits=limits_t(minimum=0.0_wp))
-      call group%get("rotating_damping", rotor%rotating_damping, unit="N s/m", limits=limits_t(minimum=0.0_wp))
-      call group%get("diametral_inertia", rotor%diametral_inertia, unit="kg m2", limits=limits_t(minimum=0.0_wp))
+      call group%get("mass", rotor%mass)
+      call group%get("stiffness", rotor%stiffness)
+      call group%get("damping", rotor%damping)
+      call group%get("rotating_damping", rotor%rotating_damping)
+      call group%get("diametral_inertia", rotor%diametral_inertia)
       if (rotor%diametral_inertia > 0.0_wp) then
-         call group%get("tilt_stiffness", rotor%tilt_stiffness, required=.true., unit="N m/rad", limits=limits_t(minimum=0.0_wp))
-         call group%get("polar_inertia", rotor%polar_inertia, unit="kg m2", limits=limits_t(minimum=0.0_wp))
-         call group%get("tilt_damping", rotor%tilt_damping, unit="N m s/rad", limits=limits_t(minimum=0.0_wp))
-         call group%get("coupling_stiffness", rotor%coupling_stiffness, unit="N/rad")
+         call group%get("tilt_stiffness", rotor%tilt_stiffness)
+         call group%get("polar_inertia", rotor%polar_inertia)
+         call group%get("tilt_damping", rotor%tilt_damping)
+         call group%get("coupling_stiffness", rotor%coupling_stiffness)
       end if
-      if (rotor%rotating_damping > 0.0_wp .or. rotor%polar_inertia > 0.0_wp) then
-         call group%get("speed", rotor%speed, required=.true., unit="rad/s")
-      else
-         call group%get("speed", rotor%speed, unit="rad/s")
-      end if
-      call group%get("ring_mass", rotor%ring_mass, unit="kg", limits=limits_t(minimum=0.0_wp))
+      call group%get("speed", rotor%speed, required=rotor%rotating_damping > 0.0_wp .or. rotor%polar_inertia > 0.0_wp)
+      call group%get("ring_mass", rotor%ring_mass)
       if (rotor%ring_mass > 0.0_wp) then
-         call group%get("ring_stiffness", rotor%ring_stiffness, required=.true., unit="N/m", limits=limits_t(minimum=0.0_wp))
-         call group%get("ring_damping", rotor%ring_damping, unit="N s/m", limits=limits_t(minimum=0.0_wp))
+         call group%get("ring_stiffness", rotor%ring_stiffness)
+         call group%get("ring_damping", rotor%ring_damping)
       end if
       call read_proportional_damping(group, damping)
       call group%finish(error)

@@ -2,7 +2,7 @@
 module hb_matrices
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_structure, only: check_room, label_length, max_dofs, new_structure, structure_t
    use hb_text, only: string_t, to_text
@@ -26,21 +26,19 @@ contains
       real(wp), allocatable :: damping(:), gyroscopic(:), mass(:), stiffness(:)
       integer :: i, n_dofs
 
-      n_dofs = 0
-      call group%get("n_dofs", n_dofs, required=.true., limits=limits_t(minimum=1, maximum=max_dofs))
+      call group%get("n_dofs", n_dofs)
       allocate (labels(max(n_dofs, 0)), units(max(n_dofs, 0)))
       do i = 1, n_dofs
          labels(i)%value = "x"//to_text(i)
-         units(i)%value = "m"
       end do
       mass = [(0.0_wp, i=1, n_dofs)]
       damping = mass
       gyroscopic = mass
       stiffness = mass
-      call group%get("mass", mass, required=.true., unit="kg")
-      call group%get("damping", damping, unit="N s/m")
-      call group%get("gyroscopic", gyroscopic, unit="N s/m")
-      call group%get("stiffness", stiffness, required=.true., unit="N/m")
+      call group%get("mass", mass)
+      call group%get("damping", damping)
+      call group%get("gyroscopic", gyroscopic)
+      call group%get("stiffness", stiffness)
       call group%get("labels", labels)
       call group%get("units", units)
       call read_proportional_damping(group, proportional)

@@ -4,9 +4,9 @@
 !> The degrees of freedom are the modal amplitudes q1, q2, ...; a law or load at the place x acts on them with
 !> the weights `modal_beam_weights`.
 module hb_modal_beam
-   use hb_error, only: annotate, error_t, fail
+   use hb_error, only: annotate, error_t
    use hb_kinds, only: pi, wp
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_structure, only: check_room, label_length, max_dofs, new_structure, structure_t, unit_length
    use hb_text, only: to_text
@@ -26,14 +26,10 @@ contains
       real(wp) :: bending_stiffness, length, mass_per_length
       integer :: n_modes
 
-      n_modes = 0
-      length = 0.0_wp
-      bending_stiffness = 0.0_wp
-      mass_per_length = 0.0_wp
-      call group%get("length", length, required=.true., unit="m", limits=limits_t(above=0.0_wp))
-      call group%get("bending_stiffness", bending_stiffness, required=.true., unit="N m2", limits=limits_t(above=0.0_wp))
-      call group%get("mass_per_length", mass_per_length, required=.true., unit="kg/m", limits=limits_t(above=0.0_wp))
-      call group%get("n_modes", n_modes, required=.true., limits=limits_t(minimum=1, maximum=max_dofs))
+      call group%get("length", length)
+      call group%get("bending_stiffness", bending_stiffness)
+      call group%get("mass_per_length", mass_per_length)
+      call group%get("n_modes", n_modes)
       call read_proportional_damping(group, damping)
       call group%finish(error)
       if (allocated(error)) return
@@ -44,7 +40,7 @@ contains
       call annotate(error, group%place())
    end subroutine read_modal_beam
 
-   !> Makes a modal beam, M_kk = rho A L/2 and K_kk = E I (k pi/L)**4 L/2; fails for what is not positive.
+   !> Makes a modal beam, M_kk = rho A L/2 and K_kk = E I (k pi/L)**4 L/2.
    subroutine new_modal_beam(structure, length, bending_stiffness, mass_per_length, n_modes, damping, error)
       type(structure_t), intent(out) :: structure
       real(wp), intent(in) :: length                         !! L [m]
@@ -58,11 +54,6 @@ contains
       character(unit_length), allocatable :: units(:)
       integer :: k
 
-      if (.not. min(length, bending_stiffness, mass_per_length) > 0.0_wp .or. n_modes < 1) then
-         call fail(error, "modal beam: length, bending stiffness, mass per length and number of modes "// &
-                   "must be above 0")
-         return
-      end if
       allocate (mass(n_modes, n_modes), stiffness(n_modes, n_modes), source=0.0_wp)
       allocate (labels(n_modes), units(n_modes))
       units = "m"

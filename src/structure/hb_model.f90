@@ -7,7 +7,7 @@ module hb_model
    use hb_kinds, only: wp
    use hb_node_sets, only: named_vectors_t, node_sets_t
    use hb_path, only: beside
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_sparse, only: sparse_sum, sparse_t
    use hb_structure, only: check_room, max_sparse_dofs, new_structure, structure_t
@@ -61,9 +61,8 @@ contains
       character(:), allocatable :: file
       real(wp) :: structural_frequency
 
-      call group%get("file", file, required=.true.)
-      structural_frequency = 0.0_wp
-      call group%get("structural_frequency", structural_frequency, unit="rad/s", limits=limits_t(minimum=0.0_wp))
+      call group%get("file", file)
+      call group%get("structural_frequency", structural_frequency, required=.false.)
       call read_proportional_damping(group, proportional)
       call group%finish(error)
       if (allocated(error)) return

@@ -1,7 +1,7 @@
 !> Damping made from the matrices that a builder has anyway, D = diagonal I + mass M + stiffness K.
 module hb_proportional_damping
    use hb_kinds, only: wp
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_sparse, only: sparse_identity, sparse_sum, sparse_t
    implicit none
    private
@@ -25,9 +25,9 @@ contains
       type(properties_t), intent(inout) :: group
       type(proportional_damping_t), intent(out) :: self
 
-      call group%get("damping_diagonal", self%diagonal, unit="N s/m", limits=limits_t(minimum=0.0_wp))
-      call group%get("damping_mass", self%mass, unit="1/s", limits=limits_t(minimum=0.0_wp))
-      call group%get("damping_stiffness", self%stiffness, unit="s", limits=limits_t(minimum=0.0_wp))
+      call group%get("damping_diagonal", self%diagonal)
+      call group%get("damping_mass", self%mass)
+      call group%get("damping_stiffness", self%stiffness)
    end subroutine read_proportional_damping
 
    !> Gives the damping matrix for this mass and stiffness.

@@ -5,18 +5,15 @@
 !> rotation and one of the casing along it meet at the speed (w_c + w_d)/n. Source: the paper (docs/user/theory.md),
 !> section 4 and eq. (14).
 module hb_rotor_stator
-   use hb_error, only: annotate, error_t, fail
+   use hb_error, only: annotate, error_t
    use hb_kinds, only: wp
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_structure, only: new_structure, structure_t
-   use hb_text, only: join
    use hb_turning_frame, only: add_turned_pair
    implicit none
    private
    public :: body_t, new_rotor_stator, read_rotor_stator
-
-   character(10), parameter :: known_frames(3) = [character(10) :: "rotating", "stationary", "own"]
 
    !> One of the two bodies, as it is in its own frame.
    type :: body_t
@@ -38,18 +35,15 @@ contains
       integer :: n_diameters
       real(wp) :: speed
 
-      frame = trim(known_frames(1))
-      n_diameters = 1
-      speed = 0.0_wp
-      call group%get("n_diameters", n_diameters, required=.true., limits=limits_t(minimum=1))
-      call group%get("speed", speed, required=.true., unit="rad/s")
-      call group%get("frame", frame, choices=known_frames)
-      call group%get("disk_frequency", disk%frequency, required=.true., unit="rad/s", limits=limits_t(minimum=0.0_wp))
-      call group%get("casing_frequency", casing%frequency, required=.true., unit="rad/s", limits=limits_t(minimum=0.0_wp))
-      call group%get("disk_mass", disk%mass, unit="kg", limits=limits_t(above=0.0_wp))
-      call group%get("casing_mass", casing%mass, unit="kg", limits=limits_t(above=0.0_wp))
-      call group%get("disk_damping_ratio", disk%damping_ratio, unit="1", limits=limits_t(minimum=0.0_wp))
-      call group%get("casing_damping_ratio", casing%damping_ratio, unit="1", limits=limits_t(minimum=0.0_wp))
+      call group%get("n_diameters", n_diameters)
+      call group%get("speed", speed)
+      call group%get("frame", frame)
+      call group%get("disk_frequency", disk%frequency)
+      call group%get("casing_frequency", casing%frequency)
+      call group%get("disk_mass", disk%mass)
+      call group%get("casing_mass", casing%mass)
+      call group%get("disk_damping_ratio", disk%damping_ratio)
+      call group%get("casing_damping_ratio", casing%damping_ratio)
       call read_proportional_damping(group, damping)
       call group%finish(error)
       if (allocated(error)) return
@@ -57,7 +51,7 @@ contains
       call annotate(error, group%place())
    end subroutine read_rotor_stator
 
-   !> Makes disk and casing; fails for a frame that is not known.
+   !> Makes disk and casing.
    subroutine new_rotor_stator(structure, n_diameters, speed, frame, disk, casing, damping, error)
       type(structure_t), intent(out) :: structure
       integer, intent(in) :: n_diameters
@@ -77,11 +71,7 @@ contains
          casing_rate = n_diameters*speed
       case ("stationary")
          disk_rate = -n_diameters*speed
-      case ("own")
-      case default
-         call fail(error, "rotor_stator: unknown frame '"//trim(frame)//"'; known: "//join(known_frames, ", "))
-         return
-      end select
+      end select                                             ! "own": neither turns
       mass = 0.0_wp
       damping_matrix = 0.0_wp
       stiffness = 0.0_wp

@@ -1,9 +1,8 @@
-!> The known builders of structures. A new one is a module and, here, one name and one case.
+!> The known builders of structures: a case each. Their names stand in the table of input keys, as the types of `&structure`.
 module hb_structure_catalogue
    use hb_beam, only: read_beam
    use hb_chain, only: read_chain
-   use hb_closest_word, only: closest_word
-   use hb_error, only: error_t, fail
+   use hb_error, only: error_t
    use hb_jeffcott, only: read_jeffcott
    use hb_kinds, only: wp
    use hb_matrices, only: read_matrices
@@ -12,13 +11,9 @@ module hb_structure_catalogue
    use hb_properties, only: properties_t
    use hb_rotor_stator, only: read_rotor_stator
    use hb_structure, only: structure_t
-   use hb_text, only: join, lower
    implicit none
    private
-   public :: known_structures, read_structure
-
-   character(*), parameter :: known_structures(7) = &
-      [character(12) :: "beam", "chain", "jeffcott", "matrices", "modal_beam", "model", "rotor_stator"]
+   public :: read_structure
 
 contains
 
@@ -30,11 +25,13 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: memory_limit                  !! bytes
       class(model_source_t), intent(in), optional :: models           !! for structures of type `model`
-      character(:), allocatable :: closest, name
+      character(:), allocatable :: name
 
-      name = ""
       call group%get("type", name)
-      name = lower(name)
+      if (.not. allocated(name)) then
+         call group%tell_first(error)
+         return
+      end if
       select case (name)
       case ("beam")
          call read_beam(group, structure, error, memory_limit)
@@ -50,14 +47,6 @@ contains
          call read_model(group, structure, error, memory_limit, models)
       case ("rotor_stator")
          call read_rotor_stator(group, structure, error)
-      case ("")
-         call fail(error, group%place()//": type: needs the name of a structure in quotes; known: "// &
-                   join(known_structures, ", "))
-      case default
-         closest = closest_word(name, known_structures)
-         if (len(closest) > 0) closest = "; did you mean '"//closest//"'?"
-         call fail(error, group%place()//": type: unknown structure '"//name//"'; known: "// &
-                   join(known_structures, ", ")//closest)
       end select
    end subroutine read_structure
 end module hb_structure_catalogue

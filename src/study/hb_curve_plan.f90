@@ -4,7 +4,7 @@ module hb_curve_plan
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_response, only: new_response
    use hb_scene, only: scene_t
    use hb_text, only: lower, shown, string_t, to_text
@@ -14,8 +14,6 @@ module hb_curve_plan
 
    !> Groups whose numbers can move.
    character(*), parameter :: groups(4) = [character(9) :: "structure", "tones", "load", "law"]
-   character(*), parameter :: ties(2) = [character(5) :: "none", "ratio"]
-   character(*), parameter :: followed(3) = [character(6) :: "motion", "peak", "fold"]
 
    type :: curve_plan_t
       character(:), allocatable :: path                               !! in the input, such as tones%frequency
@@ -58,27 +56,25 @@ contains
       if (allocated(error)) return
       self%place = group%place()
       self%units = ""
-      self%tie = trim(ties(1))
       allocate (self%values(0), self%others(0), self%peak_of(0))
-      call group%get("parameter", self%path, required=.true.)
-      call group%get("from", self%from, required=.true.)
-      call group%get("to", self%to, required=.true.)
+      call group%get("parameter", self%path)
+      call group%get("from", self%from)
+      call group%get("to", self%to)
       self%start = self%from
       call group%get("start", self%start)
       call group%get("values", self%values)
       call group%get("others", self%others)
-      call group%get("points", self%n_points, limits=limits_t(minimum=2, maximum=1000000))
-      call group%get("max_step", self%longest_step, limits=limits_t(above=0.0_wp, maximum=1.0_wp))
+      call group%get("points", self%n_points)
+      call group%get("max_step", self%longest_step)
       call group%get("peak_of", self%peak_of)
-      call group%get("tie", self%tie, choices=ties)
+      call group%get("tie", self%tie)
       call group%get("switch", self%switches)
-      self%follow = trim(followed(1))
-      call group%get("follow", self%follow, choices=followed)
-      if (self%follow /= followed(1)) then
-         call group%get("over", self%over, required=.true.)
-         call group%get("over_from", self%over_from, required=.true.)
-         call group%get("over_to", self%over_to, required=.true.)
-         if (self%follow == followed(2) .and. size(self%peak_of) /= 1) &
+      call group%get("follow", self%follow)
+      if (self%follow /= "motion") then
+         call group%get("over", self%over)
+         call group%get("over_from", self%over_from)
+         call group%get("over_to", self%over_to)
+         if (self%follow == "peak" .and. size(self%peak_of) /= 1) &
             call group%problem("peak_of", "name the one response whose maximum is followed")
          if (abs(self%start - self%from) > 0.0_wp) call group%problem("start", "a peak or fold is followed from 'from'")
          if (size(self%others) > 0) call group%problem("others", "is for the motion itself, not for a peak or fold")
@@ -93,9 +89,9 @@ contains
       end if
       self%origin = ""
       call group%get("origin", self%origin)
-      if (len(self%origin) > 0) call group%get("origin_point", self%origin_point, required=.true., limits=limits_t(minimum=0))
+      if (len(self%origin) > 0) call group%get("origin_point", self%origin_point)
       allocate (self%torus_order(0))
-      call group%get("torus_order", self%torus_order, limits=limits_t(minimum=0), n=2)
+      call group%get("torus_order", self%torus_order, n=2)
       if (group%given("from") .and. group%given("to")) then
          if (.not. abs(self%to - self%from) > 0.0_wp) call group%problem("to", "is the same as 'from': there is no way to go")
          if ((self%start - self%from)*(self%start - self%to) > 0.0_wp) &
@@ -127,7 +123,7 @@ contains
       associate (name => document%groups%holders(self%parameter%i_group)%group%name)
          if (.not. any(groups == name)) call fail(error, self%place//": parameter '"//shown(self%path)// &
             "': a curve follows a number of &structure, &tones, &load or &law; give others to &sweep")
-         if (name /= "tones" .and. self%tie == ties(2)) &
+         if (name /= "tones" .and. self%tie == "ratio") &
             call fail(error, self%place//": tie: 'ratio' is for the frequency of a tone")
       end associate
       if (document%n_tones_of(self%parameter) > 1) &
@@ -175,7 +171,7 @@ contains
       end if
       if (is_tones .and. len(complaint) == 0) then
          if (scene%tones%is_unknown(max(1, self%parameter%element(1)))) complaint = "this frequency is found, not given"
-         if (any(scene%tones%is_unknown) .and. self%tie == ties(2)) complaint = "tie = 'ratio' needs tones that are all given"
+         if (any(scene%tones%is_unknown) .and. self%tie == "ratio") complaint = "tie = 'ratio' needs tones that are all given"
       end if
       if (len(complaint) > 0) then
          call fail(error, self%place//": parameter '"//shown(self%path)//"': "//complaint)
@@ -196,7 +192,7 @@ contains
             return
          end if
          allocate (request%over)
-         request%over%kind = merge(curve_kind%peak, curve_kind%fold, self%follow == followed(2))
+         request%over%kind = merge(curve_kind%peak, curve_kind%fold, self%follow == "peak")
          request%over%moving%parameter = self%first_parameter
          request%over%moving%typical = abs(self%over_to - self%over_from)
          request%over%from = self%over_from
@@ -204,7 +200,7 @@ contains
       end if
       request%moving%parameter = self%parameter
       request%moving%typical = abs(self%to - self%from)
-      request%moving%is_tied = self%tie == ties(2)
+      request%moving%is_tied = self%tie == "ratio"
       request%from = self%from
       request%to = self%to
       request%start = self%start
@@ -235,7 +231,7 @@ contains
       if (self%parameter%element(1) > size(omega)) then
          call fail(error, self%place//": parameter '"//shown(self%path)//"': the highest number of a tone is "// &
             to_text(size(omega)))
-      else if (self%tie == ties(2)) then
+      else if (self%tie == "ratio") then
          self%ratios = omega/omega(max(1, self%parameter%element(1)))
       end if
    end subroutine curve_plan_tie_tones

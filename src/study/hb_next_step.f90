@@ -5,9 +5,7 @@ module hb_next_step
    use hb_kinds, only: two_pi, wp
    use hb_outcome, only: outcome
    use hb_properties, only: properties_t
-   use hb_scene, only: accuracy_t
    use hb_scene_tones, only: read_tones
-   use hb_solver_types, only: share_of_solver, solver_config_t, unit_of_work
    use hb_sweep_plan, only: sweep_plan_t
    use hb_system, only: file_kind, kind_of_file
    use hb_text, only: parse_integer, string_t, to_text
@@ -123,6 +121,7 @@ contains
       type(run_t), intent(in) :: run
       character(:), allocatable :: text
       character(*), parameter :: raise = "raise &solver "
+      type(properties_t), pointer :: group
       character(:), allocatable :: guess
       logical :: rescues
 
@@ -132,9 +131,9 @@ contains
       else if (index(run%kind%message, raise) > 0) then
          text = raised(run, run%kind%message(index(run%kind%message, raise) + len(raise):))
       else
-         rescues = .true.
-         guess = "auto"
-         call read_solver(run, rescues, guess)
+         group => run%here%optional_group("solver")
+         call group%get("rescue", rescues)
+         call group%get("first_guess", guess)
          if (.not. rescues) then
             text = solve_with(run, "solver%rescue=.true.")
          else if (guess /= "march" .and. .not. any(run%tones%is_unknown)) then
@@ -148,11 +147,10 @@ contains
    function with_finer_equations(run) result(text)
       type(run_t), intent(in) :: run
       character(:), allocatable :: text
-      type(accuracy_t) :: accuracy                                    ! defaults
 
       if (numbers_are_absent(run, "harmonics", "order") .and. numbers_are_absent(run, "harmonics", "tuples")) then
          text = solve_with(run, "accuracy%tolerance="// &
-                           to_text(real_of(run, "accuracy", "tolerance", accuracy%tolerance)/more))
+                           to_text(real_of(run, "accuracy", "tolerance")/more))
       else
          text = with_more_samples(run)
       end if
@@ -161,7 +159,6 @@ contains
    function with_more_harmonics(run) result(text)
       type(run_t), intent(in) :: run
       character(:), allocatable :: text
-      type(accuracy_t) :: accuracy                                    ! defaults
       integer, allocatable :: orders(:)
 
       text = ""
@@ -169,8 +166,7 @@ contains
       if (size(orders) > 0) then
          text = solve_with(run, "harmonics%order="//list_of(2*max(orders, 1)))
       else if (numbers_are_absent(run, "harmonics", "tuples")) then
-         text = solve_with(run, "accuracy%max_work="// &
-                           to_text(more*real_of(run, "accuracy", "max_work", accuracy%max_work/unit_of_work)))
+         text = solve_with(run, "accuracy%max_work="//to_text(more*real_of(run, "accuracy", "max_work")))
       end if
    end function with_more_harmonics
 
@@ -181,7 +177,7 @@ contains
       real(wp) :: oversampling
 
       numbers = numbers_of(run, "sampling", "samples")
-      oversampling = real_of(run, "sampling", "oversampling", 0.0_wp)
+      oversampling = real_of(run, "sampling", "oversampling")
       if (any(numbers > 0)) then
          text = solve_with(run, "sampling%samples="//list_of(2*numbers))
       else
@@ -256,23 +252,16 @@ contains
       type(run_t), intent(in) :: run
       character(*), intent(in) :: words
       character(:), allocatable :: command, key
-      type(solver_config_t) :: solver                                 ! defaults
       real(wp) :: before
 
       key = words(:verify(words//" ", "abcdefghijklmnopqrstuvwxyz_") - 1)
-      select case (key)
-      case ("max_iterations")
-         before = solver%max_iterations
-         command = solve_with(run, "solver%"//key//"="//to_text(nint(more*real_of(run, "solver", key, before))))
-         return
-      case ("rescue_work")
-         before = solver%rescue_work/(share_of_solver*unit_of_work)
-      case default
-         before = 0.0_wp
-      end select
-      before = real_of(run, "solver", key, before)
+      before = real_of(run, "solver", key)
       command = ""
-      if (before > 0.0_wp) command = solve_with(run, "solver%"//key//"="//to_text(more*before))
+      if (key == "max_iterations") then
+         command = solve_with(run, "solver%"//key//"="//to_text(nint(more*before)))
+      else if (before > 0.0_wp) then
+         command = solve_with(run, "solver%"//key//"="//to_text(more*before))
+      end if
    end function raised
 
    !> Twice, or as many times as the message says, the period: tuples of loads and orders count in the new tone.
@@ -373,28 +362,15 @@ contains
       if (associated(group)) numbers_are_absent = .not. group%given(key)
    end function numbers_are_absent
 
-   real(wp) function real_of(run, group_name, key, default) result(value)
+   real(wp) function real_of(run, group_name, key) result(value)
       type(run_t), intent(in) :: run
       character(*), intent(in) :: group_name, key
-      real(wp), intent(in) :: default
       type(properties_t), pointer :: group
 
-      value = default
-      group => group_of(run, group_name)
-      if (associated(group)) call group%get(key, value)
+      value = 0.0_wp
+      group => run%here%optional_group(group_name)
+      call group%get(key, value)
    end function real_of
-
-   subroutine read_solver(run, rescues, guess)
-      type(run_t), intent(in) :: run
-      logical, intent(inout) :: rescues
-      character(:), allocatable, intent(inout) :: guess
-      type(properties_t), pointer :: group
-
-      group => group_of(run, "solver")
-      if (.not. associated(group)) return
-      call group%get("rescue", rescues)
-      call group%get("first_guess", guess)
-   end subroutine read_solver
 
    function group_of(run, name, i) result(group)
       type(run_t), intent(in) :: run

@@ -9,7 +9,7 @@ module hb_sweep_plan
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: int64, wp
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_text, only: lower, number_of, quote, shown, string_t, to_text
    implicit none
    private
@@ -174,7 +174,7 @@ contains
       allocate (axis_of(document%count("sweep")), source=0)
       do i = 1, size(axis_of)
          group => document%group("sweep", i)
-         if (group%given("axis")) call group%get("axis", axis_of(i), limits=limits_t(minimum=1))
+         if (group%given("axis")) call group%get("axis", axis_of(i))
       end do
       free = 1
       do i = 1, size(axis_of)
@@ -193,9 +193,8 @@ contains
       type(swept_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       character(:), allocatable :: spacing
-      character(6), parameter :: spacings(2) = [character(6) :: "linear", "log"]
 
-      call group%get("parameter", self%path, required=.true.)
+      call group%get("parameter", self%path)
       self%group = ""
       if (allocated(self%path)) then
          self%group = lower(trim(adjustl(self%path)))//"%"
@@ -207,19 +206,18 @@ contains
       if (count([group%given("values"), group%given("texts"), group%given("from")]) /= 1) then
          call group%problem_as_is(group%place()//": give one of 'values' (numbers), 'texts' (strings), "// &
                                   "or 'from', 'to' and 'n'")
-         call ask_for_all(self, group)
+         call group%pass_over_keys()
       else if (group%given("values")) then
          call group%get("values", self%values)
       else if (group%given("texts")) then
          call group%get("texts", self%texts)
          self%is_text = .true.
       else if (group%given("from")) then
-         self%range%n = 2
-         spacing = spacings(1)
-         call group%get("from", self%range%first, required=.true.)
-         call group%get("to", self%range%last, required=.true.)
-         call group%get("n", self%range%n, required=.true., limits=limits_t(minimum=1, maximum=100000000))
-         call group%get("spacing", spacing, choices=spacings)
+         call group%get("from", self%range%first)
+         call group%get("to", self%range%last)
+         call group%get("n", self%range%n)
+         self%range%n = max(1, self%range%n)                          ! after a problem
+         call group%get("spacing", spacing)
          self%range%is_log = spacing == "log"
          if (self%range%is_log .and. .not. self%range%first*self%range%last > 0.0_wp) &
             call group%problem("spacing", "a logarithmic range needs 'from' and 'to' of one sign, and not zero")
@@ -277,26 +275,6 @@ contains
       end do
       has_several_values = .false.
    end function has_several_values
-
-   !> Reads the keys of all ways to give values, so that the group knows them beside the problem that it has.
-   subroutine ask_for_all(self, group)
-      type(swept_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      character(:), allocatable :: spacing
-      integer :: n
-      real(wp) :: first, last
-
-      n = 1
-      first = 0.0_wp
-      last = 0.0_wp
-      spacing = ""
-      call group%get("values", self%values)
-      call group%get("texts", self%texts)
-      call group%get("from", first)
-      call group%get("to", last)
-      call group%get("n", n)
-      call group%get("spacing", spacing)
-   end subroutine ask_for_all
 
    !> A text with a unit behind it, where there is one to tell.
    pure function with_unit(text, units)

@@ -11,7 +11,7 @@ module hb_switched_input
    use hb_error, only: error_t, fail
    use hb_kinds, only: two_pi, wp
    use hb_namelist, only: complete_text
-   use hb_properties, only: limits_t, properties_t
+   use hb_properties, only: properties_t
    use hb_run_services, only: run_services
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
@@ -72,7 +72,7 @@ contains
       call add("harmonics%symmetry", "'none'")
       group => document%optional_group("sampling")
       samples = [0]
-      call group%get("samples", samples, limits=limits_t(minimum=0))
+      call group%get("samples", samples)
       if (is_torus) then
          call add("sampling%samples", as_list([samples(1), 0]))
       else

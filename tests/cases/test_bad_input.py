@@ -88,7 +88,7 @@ CASES = [
         changed("1.0, 1.4", "1.0, 1.4, hertz = 1.0, 1.4"),
     ),
     # references between groups
-    Bad("unknown structure", (line(1), "'chan'", "did you mean 'chain'?", "modal_beam"), changed("'chain'", "'chan'")),
+    Bad("unknown structure", (line(2), "'chan'", "did you mean 'chain'?", "modal_beam"), changed("'chain'", "'chan'")),
     Bad("unknown law", (line(7), "'elastic_stp'", "did you mean 'elastic_stop'?", "rigid_wall"), changed("_stop'", "_stp'")),
     Bad("dof of law unknown", (line(7), "&law", "'x3'", "known: x1, x2"), changed("dof = 'x2', gap", "dof = 'x3', gap")),
     Bad("dof of load unknown", (line(5), "&load(1)", "'y1'", "known: x1, x2"), changed("dof = 'x1'", "dof = 'y1'")),

@@ -23,7 +23,7 @@ if not LIBRARY.is_file():
 os.environ["NHBM_LIBRARY"] = str(LIBRARY)
 
 from nhbm.errors import ModelError  # noqa: E402
-from nhbm.solver import Model  # noqa: E402
+from nhbm.solver import Model, input_keys  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 DUFFING = """&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0, damping_mass = 0.1 /
@@ -93,7 +93,7 @@ def test_warm_starts_stay_on_the_branch():
 
 
 def test_what_is_wrong_is_said():
-    with pytest.raises(ModelError, match="unknown structure 'chian'.*did you mean 'chain'"):
+    with pytest.raises(ModelError, match="type = 'chian' is not known; did you mean 'chain'"):
         Model(DUFFING.replace("chain", "chian"))
     model = Model(DUFFING)
     with pytest.raises(ModelError, match="'law.stop.%gap'.*spring"):
@@ -171,3 +171,10 @@ def test_a_c_program_has_the_same_numbers(tmp_path):
         frequency.set(0.5 + 0.25 * k)
         expected.append(model.solve(warm=k > 0)["coefficients"][0, 1, 0])
     assert [float(line.split()[1]) for line in done.stdout.splitlines()] == expected
+
+
+def test_the_table_of_keys():
+    rows = [line for line in (ROOT / "src" / "input_keys.txt").read_text().splitlines() if line and not line.startswith("#")]
+    assert [" | ".join(key) for key in input_keys()] == rows
+    gap = next(key for key in input_keys() if (key.section, key.name) == ("law rigid_wall", "gap"))
+    assert (gap.type, gap.unit, gap.default) == ("real", "m", "required")

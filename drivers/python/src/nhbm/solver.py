@@ -21,6 +21,7 @@ import threading
 import weakref
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -88,6 +89,26 @@ def _load() -> ctypes.CDLL:
     library.nhbm_delete.argtypes = (handle,)
     library.nhbm_delete.restype = None
     return library
+
+
+class Key(NamedTuple):
+    """A key of the input as the table of the program has it (docs/user/input.md)."""
+
+    section: str  # a group, or a group and its type: "law", "law jenkins"
+    name: str
+    type: str
+    unit: str
+    default: str
+    range: str
+    meaning: str
+
+
+def input_keys() -> list[Key]:
+    """The table of input keys, in the order of the documentation."""
+    row, keys = ctypes.create_string_buffer(1200), []
+    while library().nhbm_key(len(keys), row, len(row)):
+        keys.append(Key(*row.value.decode().split(" | ")))
+    return keys
 
 
 _library: ctypes.CDLL | None = None

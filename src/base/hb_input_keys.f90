@@ -1,0 +1,155 @@
+!> The table of input keys: what each key is, said once, in src/input_keys.txt (whose head describes its columns).
+!>
+!> A section of the table is a group, or a group and its type: "law", "law jenkins". Readers (hb_properties) take unit, default,
+!> limits and choices of a key from its row; pages and messages have them from there, too.
+module hb_input_keys
+   use hb_key_rows, only: key_row, row_of
+   use hb_kinds, only: wp
+   use hb_property_values, only: kind_of
+   use hb_text, only: parse_real, split, string_t
+   implicit none
+   private
+   public :: choices_of, find_rule, limits_t, max_unit, rule_t
+
+   integer, parameter :: max_unit = 16
+   integer, parameter :: max_choice = 24
+
+   !> Where each number of a key must be; what is not named limits nothing.
+   type :: limits_t
+      real(wp) :: minimum = -huge(1.0_wp), maximum = huge(1.0_wp)     !! which itself may be
+      real(wp) :: above = -huge(1.0_wp)                               !! which itself may not be
+   end type limits_t
+
+   !> What the table says of a key.
+   type :: rule_t
+      integer :: kind = kind_of%none                        !! of its values; none: the table does not have the key
+      logical :: is_required = .false.
+      character(max_unit) :: unit = ""
+      real(wp), allocatable :: numbers(:)                   !! default, or
+      character(:), allocatable :: word                     !! neither where the reader has a default of its own
+      type(limits_t) :: limits
+      character(max_choice), allocatable :: choices(:)
+   end type rule_t
+
+contains
+
+   !> Gives the rule for a key of a group, whose type comes first.
+   pure subroutine find_rule(group, type, key, rule)
+      character(*), intent(in) :: group, type, key          !! lower case; the type is empty where there is none
+      type(rule_t), intent(out) :: rule
+      type(string_t), allocatable :: cells(:)
+      integer :: i
+
+      i = 0
+      if (type /= "") i = row_of(group//" "//type, key)
+      if (i == 0) i = row_of(group, key)
+      if (i == 0) return
+      call split(key_row(i), " | ", cells)
+      associate (type_cell => cells(3)%value, unit => cells(4)%value, default => cells(5)%value, range => cells(6)%value)
+         rule%kind = kind_of%word
+         if (index(type_cell, "real") > 0) rule%kind = kind_of%number
+         if (index(type_cell, "integer") > 0) rule%kind = kind_of%whole
+         if (index(type_cell, "logical") > 0) rule%kind = kind_of%truth
+         rule%is_required = index(default, "required") == 1
+         if (len(unit) <= max_unit .and. index(unit, ",") == 0 .and. index(unit, "of ") == 0) rule%unit = unit
+         if (unit == "" .and. rule%kind == kind_of%number) rule%unit = "1"
+         call read_default(default, rule)
+         if (rule%kind == kind_of%word) then
+            call read_choices(range, rule)
+         else
+            call read_limits(range, rule%limits)
+         end if
+      end associate
+   end subroutine find_rule
+
+   !> The words that a key accepts, in the order of the table; none where it has no choices.
+   pure function choices_of(group, key, type) result(choices)
+      character(*), intent(in) :: group, key
+      character(*), intent(in), optional :: type
+      character(max_choice), allocatable :: choices(:)
+      type(rule_t) :: rule
+
+      if (present(type)) call find_rule(group, type, key, rule)
+      if (.not. present(type)) call find_rule(group, "", key, rule)
+      allocate (choices(0))
+      if (allocated(rule%choices)) choices = rule%choices
+   end function choices_of
+
+   !> Takes a default that is a value; words that describe one say nothing here.
+   pure subroutine read_default(text, rule)
+      character(*), intent(in) :: text
+      type(rule_t), intent(inout) :: rule
+      type(string_t), allocatable :: parts(:)
+      real(wp), allocatable :: numbers(:)
+      logical :: is_number
+      integer :: i
+
+      select case (rule%kind)
+      case (kind_of%word)
+         if (is_quoted(text)) rule%word = text(2:len(text) - 1)
+      case (kind_of%truth)
+         if (text == ".true." .or. text == ".false.") rule%numbers = [merge(1.0_wp, 0.0_wp, text == ".true.")]
+      case default
+         call split(text, ", ", parts)
+         allocate (numbers(size(parts)))
+         do i = 1, size(parts)
+            call parse_real(parts(i)%value, numbers(i), is_number)
+            if (.not. is_number) return
+         end do
+         rule%numbers = numbers
+      end select
+   end subroutine read_default
+
+   !> Takes the words of a range that has nothing but words in quotes.
+   pure subroutine read_choices(text, rule)
+      character(*), intent(in) :: text
+      type(rule_t), intent(inout) :: rule
+      type(string_t), allocatable :: parts(:)
+      integer :: i
+
+      call split(text, ", ", parts)
+      if (.not. all([(is_quoted(parts(i)%value), i=1, size(parts))])) return
+      allocate (rule%choices(size(parts)))
+      do i = 1, size(parts)
+         rule%choices(i) = parts(i)%value(2:len(parts(i)%value) - 1)
+      end do
+   end subroutine read_choices
+
+   pure logical function is_quoted(text)
+      character(*), intent(in) :: text
+
+      is_quoted = .false.
+      if (len(text) > 1) is_quoted = text(1:1) == "'" .and. index(text(2:), "'") == len(text) - 1
+   end function is_quoted
+
+   !> Takes the limits of a range: its parts like `>= 0`, `> 0`, `<= 1`, `1 to 100`; others are for people.
+   pure subroutine read_limits(text, limits)
+      character(*), intent(in) :: text
+      type(limits_t), intent(inout) :: limits
+      type(string_t), allocatable :: parts(:)
+      integer :: i, middle
+
+      call split(text, ", ", parts)
+      do i = 1, size(parts)
+         associate (part => parts(i)%value)
+            middle = index(part, " to ")
+            call take(part, ">= ", limits%minimum)
+            call take(part, "> ", limits%above)
+            call take(part, "<= ", limits%maximum)
+            if (middle > 0) call take(part(:middle - 1), "", limits%minimum)
+            if (middle > 0) call take(part(middle + 4:), "", limits%maximum)
+         end associate
+      end do
+   end subroutine read_limits
+
+   pure subroutine take(text, mark, limit)
+      character(*), intent(in) :: text, mark
+      real(wp), intent(inout) :: limit
+      real(wp) :: number
+      logical :: is_number
+
+      if (index(text, mark) /= 1) return
+      call parse_real(text(len(mark) + 1:), number, is_number)
+      if (is_number) limit = number
+   end subroutine take
+end module hb_input_keys
