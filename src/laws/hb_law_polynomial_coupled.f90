@@ -13,7 +13,6 @@ module hb_law_polynomial_coupled
    public :: new_polynomial_coupled, polynomial_coupled_t
 
    integer, parameter :: block_size = 256                             ! samples at a time
-   integer, parameter :: max_exponent = 30
 
    type, extends(law_t) :: polynomial_coupled_t
       real(wp), allocatable :: coefficients(:)                        !! c, (n_terms)

@@ -5,7 +5,7 @@ module hb_chain
    use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_sparse, only: sparse_from_entries, sparse_sum, sparse_t
-   use hb_structure, only: check_room, label_length, max_sparse_dofs, most_dense, new_structure, structure_t, unit_length
+   use hb_structure, only: check_room, label_length, most_dense, new_structure, structure_t, unit_length
    use hb_text, only: to_text
    implicit none
    private

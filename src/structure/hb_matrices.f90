@@ -4,7 +4,7 @@ module hb_matrices
    use hb_kinds, only: wp
    use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
-   use hb_structure, only: check_room, label_length, max_dofs, new_structure, structure_t
+   use hb_structure, only: check_room, label_length, new_structure, structure_t
    use hb_text, only: string_t, to_text
    implicit none
    private

@@ -8,7 +8,7 @@ module hb_modal_beam
    use hb_kinds, only: pi, wp
    use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
-   use hb_structure, only: check_room, label_length, max_dofs, new_structure, structure_t, unit_length
+   use hb_structure, only: check_room, label_length, new_structure, structure_t, unit_length
    use hb_text, only: to_text
    implicit none
    private
