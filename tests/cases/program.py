@@ -72,10 +72,10 @@ def environment() -> dict[str, str]:
     return {**os.environ, **_ENVIRONMENT}
 
 
-def run(*arguments, cwd, ranks: int | None = None) -> Run:
+def run(*arguments, cwd, ranks: int | None = None, limit: float = _TIME_LIMIT) -> Run:
     """Runs the program in the folder `cwd` and waits for its end."""
     done = subprocess.run(
-        command(*arguments, ranks=ranks), cwd=cwd, env=environment(), capture_output=True, timeout=_TIME_LIMIT
+        command(*arguments, ranks=ranks), cwd=cwd, env=environment(), capture_output=True, timeout=limit
     )
     return Run(done.returncode, done.stdout.decode(errors="replace"), _of_the_program(done.stderr.decode(errors="replace")))
 
