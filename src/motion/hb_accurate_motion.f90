@@ -346,9 +346,7 @@ contains
             call other_first(scene, i, top, error)
             if (allocated(error)) return
          end if
-         if (i == n_tries .and. present(judge)) then
-            call take(here, scene, top, none, .true., account, result, error, watch, judge)
-         else if (scene%start_from_march .or. any(scene%tones%is_unknown) .or. .not. scene%accuracy%grows_set) then
+         if (scene%start_from_march .or. any(scene%tones%is_unknown) .or. .not. scene%accuracy%grows_set) then
             call take(here, scene, top, none, .true., account, result, error, watch, judge)
          else
             call take(here, scene, top, none, .true., account, result, error, watch)

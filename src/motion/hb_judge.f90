@@ -34,6 +34,7 @@ module hb_judge
       real(wp) :: amplitude = 0.0_wp                                  !! of the same root mean square, of the largest coordinate [m]
       real(wp) :: spread = 0.0_wp                                     !! of the coordinates of the laws between windows, relative;
                                                                       !! of fits to candidates, what they leave of a record
+      real(wp) :: change_by_steps = 0.0_wp                            !! of it, with fixed steps: by the last ones half as long
       real(wp) :: left_out = 0.0_wp                                   !! of the motion beyond the set, relative; of fits 0
       integer :: n_periods = 0                                        !! of the slowest tone, in all
       logical :: is_out_of_work = .false.                             !! before anything was known

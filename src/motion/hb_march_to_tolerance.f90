@@ -255,6 +255,7 @@ contains
             end if
             result%n_rungs = n_found
             if (estimate_of(result) <= scene%accuracy%tolerance) exit
+            if (trial%change_by_steps > scene%accuracy%tolerance) exit   ! of which a larger box sees nothing
          else if (all(trial%status /= [outcome%subharmonic, outcome%broadband])) then
             exit
          end if

@@ -76,6 +76,7 @@ module hb_scene
    type :: services_t
       class(model_source_t), allocatable :: models                    !! from where a structure of type `model` comes
       class(stability_finder_t), allocatable :: finder                !! of stability; none: it is not known
+      real(wp) :: share_of_march = 1.0_wp                             !! of a point, of the work of time integration
    end type services_t
 
    type :: scene_t

@@ -164,6 +164,7 @@ contains
       if (document%count("normal_mode") > 0) call read_normal_mode(self, document%optional_group("normal_mode"))
       call read_march(self%march, document%optional_group("march"))
       self%march%work_limit = work_of_method*self%solver%rescue_work
+      if (.not. self%solver%has_rescue_work) self%march%work_limit = self%services%share_of_march*self%march%work_limit
    end subroutine read_parts
 
    !> Reads those groups anew that have changed; `is_read` is false, and the scene of no use, where something is wrong with them,

@@ -48,6 +48,7 @@ contains
          if (limit > 0.0_wp) self%memory_limit = limit*gib
          call group%get("time_limit", limit)
          if (limit > 0.0_wp) solver%time_limit = limit
+         solver%has_rescue_work = group%given("rescue_work")
          call group%get("rescue_work", limit)
          solver%rescue_work = share_of_solver*limit*unit_of_work
          solver%start_with_tangent = first_jacobian == 2

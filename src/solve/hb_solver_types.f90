@@ -47,6 +47,7 @@ module hb_solver_types
       integer :: method = method%auto
       real(wp) :: tolerance = 1.0e-12_wp                              !! norm of the residual relative to the forces
       logical :: has_tolerance = .false.                              !! it was asked for, whatever else is
+      logical :: has_rescue_work = .false.                            !! likewise
       integer :: max_iterations = 100
       integer :: patience = 0                                         !! iterations that may gain nothing; 0: all
       logical :: climbs = .true.                                      !! from fewer harmonics first, where that pays

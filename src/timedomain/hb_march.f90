@@ -145,7 +145,7 @@ contains
          call integrator%advance(state, config%substeps, error)
          if (allocated(error)) return
          call keep(i)
-         if (modulo(i, steps_between_looks) > 0 .and. i < n_steps .and. system%laws%n_gathered <= config%most_looks) cycle
+         if (modulo(i, steps_between_looks) > 0 .and. i < n_steps .and. system%laws%n_looks <= config%most_looks) cycle
          call check_finite(state, config%largest, error)
          if (.not. allocated(error)) call look()
          if (allocated(error)) return
@@ -155,7 +155,7 @@ contains
    contains
 
       subroutine look()
-         record%is_out_of_work = system%laws%n_gathered > config%most_looks
+         record%is_out_of_work = system%laws%n_looks > config%most_looks
          if (record%is_out_of_work) call fail(error, "the march has had its budget of work")
          if (.not. record%is_out_of_work .and. work_is_over()) call fail(error, "the march was ended before its time")
       end subroutine look

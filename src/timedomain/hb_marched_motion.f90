@@ -38,6 +38,7 @@ module hb_marched_motion
    integer, parameter :: more_steps = 5                               ! of an implicit method, than there are samples
    integer, parameter :: coarse_steps = 3                             ! likewise at first, where the set is given
    integer, parameter :: most_halvings = 3                            ! of fixed steps
+   real(wp), parameter :: largest_change = 0.1_wp                     ! by the last of them: of a motion that is known, if not well
    real(wp), parameter :: steps_of_mode = 1.0_wp                      ! of central differences in a radian of the fastest mode
    real(wp), parameter :: work_of_mode = 4.0_wp                       ! looks of cvode, likewise
    integer, parameter :: most_windows = 7
@@ -159,8 +160,10 @@ contains
          settled%spread = hypot(settled%spread, change)
          settled%message = trim(settled%message)//", half as long ones change it by "//rounded(change)
          if (merge(change, settled%spread, is_aimed) <= allowed_of(scene)) return
+         settled%change_by_steps = change
       end do
-      if (settled%status == outcome%marched) settled%status = outcome%pending
+      if (settled%status == outcome%marched .and. .not. (is_aimed .and. settled%change_by_steps <= largest_change)) &
+         settled%status = outcome%pending
    end subroutine follow_in_steps
 
    !> Frequency of the fastest mode of the structure without damping [rad/s], 0 where it is not known.
@@ -206,6 +209,19 @@ contains
       work = 600.0_wp + 6.0_wp*real(n_dofs, wp)**2 + 60.0_wp*n_coordinates
    end function work_of_look
 
+   !> What the averages over a record, or a fit to it, take [ns].
+   pure real(wp) function work_of_averages(scene, n_samples, n_coordinates, n_products) result(work)
+      type(scene_t), intent(in) :: scene
+      integer, intent(in) :: n_samples, n_coordinates
+      integer, intent(in) :: n_products                               !! of a fit
+
+      if (scene%march%aim > 0.0_wp) then
+         work = work_of_product*n_products*real(n_samples, wp)
+      else
+         work = 2.0_wp*n_samples*n_coordinates*real(scene%harmonics%n_harmonics, wp)
+      end if
+   end function work_of_averages
+
    !> Spread that a steady motion may have.
    pure real(wp) function allowed_of(scene) result(allowed)
       type(scene_t), intent(in) :: scene
@@ -227,6 +243,7 @@ contains
       type(march_system_t), target :: system
       type(line_fit_t) :: fit
       complex(wp), allocatable :: before(:, :), now(:, :)
+      integer(int64) :: n_looks
       real(wp), allocatable :: remainder(:, :), z(:, :)
       real(wp) :: allowed, look, period, rate, spread, spread_before, step
       integer :: i, n_first, status_before, window
@@ -251,7 +268,6 @@ contains
          config%decimation = huge(1)
          config%largest = runaway*max(system%length, maxval(abs(state%q)), tiny(1.0_wp))
          look = work_of_look(system%n_dofs, system%laws%n_coordinates)
-         config%most_looks = int(min(scene%march%work_limit/look, 1.0e18_wp), int64)
          allowed = allowed_of(scene)
          dofs = [(i, i=1, system%n_dofs)]
          rate = slowest_decay(system%structure%mass, system%structure%damping, system%structure%stiffness)
@@ -259,7 +275,9 @@ contains
          n_first = periods_of_first(scene)
          if (present(start)) n_first = max(n_first, other_window)
          spread = huge(1.0_wp)
+         n_looks = 0_int64
          do window = 1, most_windows
+            config%most_looks = n_looks + int(min((scene%march%work_limit - settled%work)/look, 1.0e18_wp), int64)
             config%duration = n_first*2**(window - 1)*period
             if (config%duration/step*system%n_dofs > largest_record) exit
             if (.not. finds_lines .and. config%duration/step*coordinates%n*size(frequencies) > most_terms) exit
@@ -270,6 +288,8 @@ contains
                if (settled%status /= outcome%marched) settled%status = outcome%pending
                exit
             end if
+            settled%work = settled%work + look*(system%laws%n_looks - n_looks)
+            n_looks = system%laws%n_looks
             if (allocated(error)) return
             call move_alloc(next%every_displacement, record%every_displacement)
             record%start = next%start
@@ -280,6 +300,7 @@ contains
                                                importance_of(scene), error)
             if (allocated(error)) return
             now = averages_of(scene, z, record, fit)
+            settled%work = settled%work + work_of_averages(scene, size(z, 1), size(z, 2), fit%n_products)
             if (work_is_over()) call fail(error, ended)
             if (allocated(error)) return
             spread_before = spread
@@ -315,12 +336,6 @@ contains
             " periods has too many samples"
          if (settled%status == outcome%marched) &
             settled%amplitudes = transpose(averages_of(scene, record%every_displacement, record, fit))
-         settled%work = look*system%laws%n_gathered
-         if (finds_lines) then
-            settled%work = settled%work + work_of_product*fit%n_products*size(z, 1)
-         else
-            settled%work = settled%work + 2.0_wp*settled%n_periods*(period/step)*coordinates%n*size(frequencies)
-         end if
          call fit%destroy()
       end associate
    end subroutine follow

@@ -171,7 +171,7 @@ contains
       class(state_map_t), intent(inout) :: self
       real(wp), intent(in) :: work                                    !! in about a nanosecond
 
-      self%config%most_looks = self%system%laws%n_gathered + int(min(work/work_of_look(self), 1.0e18_wp), int64)
+      self%config%most_looks = self%system%laws%n_looks + int(min(work/work_of_look(self), 1.0e18_wp), int64)
    end subroutine state_map_allow
 
    !> About how many nanoseconds a period of the slowest tone takes, from counts alone.

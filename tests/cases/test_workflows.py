@@ -14,7 +14,7 @@ sys.path.insert(0, str(TESTS))
 
 from judge_parts.scenes import Law, Scene  # noqa: E402
 from judge_parts.truth import Motion, build, error_of  # noqa: E402
-from workflow_parts.held import hold  # noqa: E402
+from workflow_parts.held import GIVEN_UP, hold  # noqa: E402
 from workflow_parts.reference import Box, System, autonomous, forced  # noqa: E402
 from workflow_parts.scenes import Axis, Workflow, random_workflow  # noqa: E402
 
@@ -85,6 +85,12 @@ def test_a_scene_of_each_kind(library, tmp_path, kind, number):
     case = hold(library, tmp_path, 1, number, random_workflow(1, number, (kind,)), 0)
     off = [point.off for point in case.points if np.isfinite(point.off)]
     assert len(off) > 5 and max(off) < 1
+
+
+def test_references_that_take_too_long_are_given_up(library, tmp_path):
+    sweep = Axis("tones%frequency", 3.0, 0.15, 40, False)
+    case = hold(library, tmp_path, 0, 0, Workflow("frequency", one_mass(CUBIC), (sweep,)), 1, limit=0.05)
+    assert case.points == [] and case.note.startswith(GIVEN_UP)
 
 
 def test_an_unknown_workflow_is_a_wrong_argument():

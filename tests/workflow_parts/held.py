@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -31,6 +32,7 @@ BEYOND_TWO = 0.5
 SHARE_OF_CURVE = 30  # points of a curve that are looked at
 ONE_OF_MANY = "one of many"
 RESUMED_AFTER = (0.02, 0.4)  # seconds until a run is stopped
+GIVEN_UP = "references given up"
 PATIENCE = 20.0  # processor seconds of the references of a scene, after which only the direct way to one is tried
 
 
@@ -73,8 +75,8 @@ class Case:
         return Case(**{**line, "points": [Point(**point) for point in line["points"]]})
 
 
-def hold(library, folder: Path, seed: int, number: int, workflow: Workflow, n_marches: int) -> Case:
-    """Runs workflow `number` in `folder` and looks at all its points."""
+def hold(library, folder: Path, seed: int, number: int, workflow: Workflow, n_marches: int, limit: float = 120.0) -> Case:
+    """Runs workflow `number` in `folder` and looks at all its points; at none where that takes more than `limit` processor seconds."""
     source = folder / f"workflow_{seed}_{number}.nml"
     result = source.with_suffix(".h5")
     source.write_text(f"! tests/workflows --seed {seed} --first {number} --count 1: {workflow.title}\n" + workflow.text())
@@ -84,9 +86,29 @@ def hold(library, folder: Path, seed: int, number: int, workflow: Workflow, n_ma
     case.seconds, case.note = _run(workflow, source, result, draw)
     if not result.exists():
         return case
-    with h5py.File(result) as file:
-        look_at(library, workflow, file, case, draw, n_marches)
+    try:
+        with h5py.File(result) as file, _processor_time(limit):
+            look_at(library, workflow, file, case, draw, n_marches)
+    except TimeoutError:
+        case.points.clear()
+        case.note = f"{GIVEN_UP} after {limit:g} s"
     return case
+
+
+@contextlib.contextmanager
+def _processor_time(limit: float):
+    """Ends what is in it by a TimeoutError."""
+
+    def end(*_):
+        raise TimeoutError
+
+    before = signal.signal(signal.SIGPROF, end)
+    signal.setitimer(signal.ITIMER_PROF, limit)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
 
 
 def _run(workflow: Workflow, source: Path, result: Path, draw) -> tuple[float, str]:
