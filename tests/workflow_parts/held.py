@@ -25,6 +25,7 @@ TIME_LIMIT = 12.0  # processor seconds of a run
 ORDERS = {1: (45, 90, 180), 2: (9, 13, 18)}  # of the reference, one after the other until it has nothing to speak of beyond
 CLIMB = 1.2  # ratio of orders on the way to a reference that is not reached at once
 SAMPLES = {1: 16, 2: 8}  # of the reference, times the order of each tone
+MOST_TUPLES = 4000  # of a reference, whose matrices are dense
 FINER = (1.3, 4)  # times these samples, where Newton's method goes round between contacts of samples
 FEWEST_SAMPLES = {1: 600, 2: 72}
 BEYOND = 0.1  # largest tail of a reference, relative to the tolerance
@@ -89,9 +90,9 @@ def hold(library, folder: Path, seed: int, number: int, workflow: Workflow, n_ma
     try:
         with h5py.File(result) as file, _processor_time(limit):
             look_at(library, workflow, file, case, draw, n_marches)
-    except TimeoutError:
+    except (TimeoutError, MemoryError) as reason:
         case.points.clear()
-        case.note = f"{GIVEN_UP} after {limit:g} s"
+        case.note = f"{GIVEN_UP}: {reason or f'more than {limit:g} s'}"
     return case
 
 
@@ -235,6 +236,8 @@ class Stored:
     def _system(self, orders: tuple[int, ...], times: float = 1) -> tuple[System, np.ndarray]:
         """The scene in a box, and the stored motion there."""
         m = len(orders)
+        if np.prod([2 * n + 1 for n in orders]) > MOST_TUPLES:
+            raise MemoryError(f"a box of orders {', '.join(map(str, orders))}")
         box = Box(orders, tuple(_fast(int(times * max(SAMPLES[m] * n, FEWEST_SAMPLES[m]))) for n in orders))
         return System(self.scene, box), box.of(self.tuples, self.coefficients[..., 0], self.coefficients[..., 1])
 
