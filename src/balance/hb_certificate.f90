@@ -70,6 +70,7 @@ module hb_certificate
                                                                       !! (n_coefficients of `around`, n_dofs of the balance)
       real(wp), allocatable :: improved(:, :)                         !! motion in the wider set [m], (n_coefficients, n_law_dofs);
                                                                       !! not allocated where it was not asked for
+      integer :: n_products = 0                                       !! with the tangent of the wider set; 0: steps in blocks do
       logical, private :: keeps_refined = .false.                     ! of several tones, too
       real(wp), private :: accuracy = accuracy_of_estimates           ! of solutions from products
       complex(wp), allocatable :: refined(:, :)                       !! motion with its first-order errors taken out [m], (all
@@ -345,6 +346,7 @@ contains
          self%truncation = norm2(on_wide(change))/size_of_motion
       end if
       call keep_step()
+      self%n_products = whole%n_products
       if (present(phase)) then
          if (acts_rigidly(balance, wide) .or. self%truncation > linear) &
             call compare_with_half(self, balance%harmonics, phase, u, size_of_motion)
