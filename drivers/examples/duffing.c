@@ -14,11 +14,11 @@ static const char *const text =
 
 int main(void) {
    nhbm_error error;
-   nhbm_model *model = NULL;
+   nhbm_model *model = nhbm_new();
    nhbm_column coefficients;
    int frequency, k;
 
-   if (nhbm_api() != NHBM_API || nhbm_read(text, "duffing", &model, &error)) goto failed;
+   if (nhbm_api() != NHBM_API || nhbm_read(model, text, "duffing", &error)) goto failed;
    if (nhbm_parameter(model, "tones%frequency", &frequency, &error)) goto failed;
    for (k = 0; k < 5; ++k) {
       const double value = 0.5 + 0.25 * k;

@@ -3,6 +3,7 @@ module hb_c_interface
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_funptr, c_int, c_int64_t, &
       c_loc, c_null_char, c_null_ptr, c_ptr
    use hb_c_text, only: c_text
+   use hb_c_structures, only: c_structures_t
    use hb_column_view, only: column_kind
    use hb_error, only: error_t, fail
    use hb_key_rows, only: key_row, n_key_rows
@@ -46,22 +47,31 @@ contains
       nhbm_api = api
    end function nhbm_api
 
-   integer(c_int) function nhbm_read(text, name, model, error) bind(c, name="nhbm_read") result(code)
-      type(c_ptr), value :: text, name
-      type(c_ptr), intent(out) :: model
+   type(c_ptr) function nhbm_new() bind(c, name="nhbm_new") result(model)
+      type(handle_t), pointer :: handle
+
+      allocate (handle)
+      model = c_loc(handle)
+   end function nhbm_new
+
+   subroutine nhbm_structures(model, fill, context) bind(c, name="nhbm_structures")
+      type(c_ptr), value :: model
+      type(c_funptr), value :: fill
+      type(c_ptr), value :: context
+      type(handle_t), pointer :: handle
+
+      call c_f_pointer(model, handle)
+      handle%session%services%models = c_structures_t(fill, context)
+   end subroutine nhbm_structures
+
+   integer(c_int) function nhbm_read(model, text, name, error) bind(c, name="nhbm_read") result(code)
+      type(c_ptr), value :: model, text, name
       type(c_error_t), intent(inout) :: error
       type(handle_t), pointer :: handle
       type(error_t), allocatable :: failure
 
-      model = c_null_ptr
-      allocate (handle)
+      call c_f_pointer(model, handle)
       call handle%session%read(c_text(name), c_text(text), failure)
-      if (allocated(failure)) then
-         call handle%session%destroy()
-         deallocate (handle)
-      else
-         model = c_loc(handle)
-      end if
       code = told(failure, wrong_input, error)
    end function nhbm_read
 

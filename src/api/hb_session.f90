@@ -60,7 +60,7 @@ module hb_session
       type(session_watch_t) :: watch
       type(column_view_t) :: column                                   !! looked up last
       type(parameter_t), allocatable :: parameters(:)                 !! that have been resolved
-      type(services_t), private :: services
+      type(services_t) :: services                                    !! `models` is where structures come from
       type(neighbour_t), private :: neighbour
       type(kept_linear_parts_t), private :: kept
       type(curve_plan_t), private :: plan
@@ -83,7 +83,7 @@ module hb_session
 
 contains
 
-   !> Takes a model from the text of an input. Fails with all that is wrong with it.
+   !> Takes a model from the text of an input, in the place of the one before. Fails with all that is wrong with it.
    subroutine session_read(self, name, text, error)
       class(session_t), intent(inout), target :: self
       character(*), intent(in) :: name                                !! for messages
@@ -91,11 +91,14 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(marched_floquet_t) :: finder
 
+      call self%destroy()
+      self%scene%is_read = .false.
+      if (allocated(self%parameters)) deallocate (self%parameters)
+      allocate (self%parameters(0))
       call read_namelist(self%document, name, text, error)
       if (.not. allocated(error)) call self%document%expect_groups([character(11) :: group_names, "curve"], error)
       if (allocated(error)) return
       if (.not. allocated(self%services%finder)) allocate (self%services%finder, source=finder)
-      allocate (self%parameters(0))
       call self%update(error)
    end subroutine session_read
 

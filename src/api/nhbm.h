@@ -5,7 +5,8 @@
  *    nhbm_error error;
  *    nhbm_model *model;
  *    int frequency;
- *    if (nhbm_read(text, "my model", &model, &error)) complain(error.text);
+ *    model = nhbm_new();
+ *    if (nhbm_read(model, text, "my model", &error)) complain(error.text);
  *    nhbm_parameter(model, "tones%frequency", &frequency, &error);
  *    for (i = 0; i < n; ++i) {
  *       nhbm_set(model, frequency, values[i], &error);
@@ -22,6 +23,8 @@
 #define NHBM_H
 
 #include <stdint.h>
+
+#include "nhbm_user_law.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -50,8 +53,42 @@ typedef struct nhbm_error {
 
 typedef struct nhbm_model nhbm_model;
 
-/* A model from the text of an input (docs/user/input.md); `name` stands in messages. On error *model is null. */
-int nhbm_read(const char *text, const char *name, nhbm_model **model, nhbm_error *error);
+/* A model without an input, to be freed by nhbm_delete. */
+nhbm_model *nhbm_new(void);
+
+/* Takes the text of an input (docs/user/input.md), in the place of the one before, whose parameters are gone; `name` stands in
+ * messages. */
+int nhbm_read(nhbm_model *model, const char *text, const char *name, nhbm_error *error);
+
+/* Says who gives the structures that inputs name by &structure type = 'model', file = '...': fill(context, file, structure) describes
+ * one by the functions below and returns 0. To be called before nhbm_read; null: there are none. */
+typedef struct nhbm_structure nhbm_structure;
+void nhbm_structures(nhbm_model *model, int (*fill)(void *context, const char *file, nhbm_structure *structure), void *context);
+
+/* Names of its degrees of freedom and their units, with blanks between (no units: all m), and up to which frequency it holds
+ * [rad/s], 0: any. To be called first. These functions return 0, or something else where what they get is wrong; the model says why. */
+int nhbm_structure_dofs(nhbm_structure *structure, const char *labels, const char *units, double up_to);
+
+/* A matrix by compressed rows, from 0 on: row i has the entries starts[i] to starts[i + 1] - 1. Names: mass, stiffness, damping,
+ * gyroscopic, structural (the imaginary part of the stiffness). */
+int nhbm_structure_matrix(nhbm_structure *structure, const char *name, const int32_t *starts, const int32_t *columns,
+                          const double *values);
+
+/* A named load vector by its entries, degrees of freedom from 0 on. */
+int nhbm_structure_vector(nhbm_structure *structure, const char *name, int n, const int32_t *dofs, const double *values);
+
+/* The node of each degree of freedom, from 0 on, -1: none, and its direction, with blanks between; then named sets of nodes. */
+int nhbm_structure_nodes(nhbm_structure *structure, int n_nodes, const int32_t *nodes, const char *directions);
+int nhbm_structure_set(nhbm_structure *structure, const char *name, int n, const int32_t *nodes);
+
+/* Says why there is no structure of that name. */
+void nhbm_structure_refuse(nhbm_structure *structure, const char *text);
+
+/* Gives a law to all models of this process, in the place of one of the same name: &law type = 'user', library = '', name = NAME
+ * evaluates it as nhbm_user_law.h says. Returns 0, or something else where info->api_version is not NHBM_USER_LAW_API or memory is
+ * short. It must live as long as there are models with it. */
+int nhbm_give_law(const char *name, const nhbm_law_info_t *info, nhbm_law_evaluate_2_function evaluate);
+void nhbm_forget_law(const char *name);
 
 /* Frees a model and sets the pointer to null; a null pointer is left alone. */
 void nhbm_delete(nhbm_model **model);

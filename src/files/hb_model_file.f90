@@ -1,6 +1,5 @@
 !> Model files (HDF5, docs/user/model.md): read whole, once, and refused with the name of the entry that is wrong.
 module hb_model_file
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: annotate, error_t, fail
    use hb_file_place, only: check_source
    use hb_hdf5, only: h5_file_t, open_file
@@ -151,7 +150,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: words(:)
       integer, allocatable :: node_of(:), nodes(:), numbers(:), starts(:)
-      integer :: i, k, n_nodes
+      integer :: i, n_nodes
 
       if (.not. file%has("sets")) return
       call file%get("nodes/number", numbers, error)
@@ -177,20 +176,9 @@ contains
       if (.not. allocated(error)) call check_ranges("sets", size(words), starts, size(nodes), error)
       if (allocated(error)) return
       do i = 1, size(words)
-         do k = starts(i) + 1, starts(i + 1)
-            if (nodes(k) < 0 .or. nodes(k) >= n_nodes) then
-               call fail(error, "set '"//trim(words(i))//"' names node "//to_text(nodes(k))//", there are 0 to "// &
-                         to_text(n_nodes - 1))
-            else if (any(nodes(starts(i) + 1:k - 1) == nodes(k))) then
-               call fail(error, "set '"//trim(words(i))//"' names node "//to_text(nodes(k))//" twice")
-            end if
-            if (allocated(error)) return
-         end do
+         call model%sets%add(trim(words(i)), nodes(starts(i) + 1:starts(i + 1)), n_nodes, error)
+         if (allocated(error)) return
       end do
-      allocate (model%sets%names(size(words)))
-      model%sets%names = words
-      model%sets%first = starts + 1
-      model%sets%nodes = nodes + 1
    end subroutine read_sets
 
    subroutine read_vectors(file, model, error)
@@ -200,6 +188,7 @@ contains
       character(:), allocatable :: words(:)
       integer, allocatable :: dofs(:), starts(:)
       real(wp), allocatable :: values(:)
+      integer :: i
 
       if (.not. file%has("loads")) return
       call file%get("loads/names", words, error)
@@ -209,19 +198,12 @@ contains
       if (.not. allocated(error)) call check_ranges("loads", size(words), starts, size(dofs), error)
       if (.not. allocated(error)) call check_size("loads/values", size(values), size(dofs), error)
       if (allocated(error)) return
-      if (any(dofs < 0 .or. dofs >= model%n_dofs)) then
-         call fail(error, "loads/dofs has "//to_text(dofs(findloc(dofs < 0 .or. dofs >= model%n_dofs, .true., dim=1)))// &
-                   ", there are degrees of freedom 0 to "//to_text(model%n_dofs - 1))
-         return
-      else if (.not. all(ieee_is_finite(values))) then
-         call fail(error, "loads/values("//to_text(findloc(ieee_is_finite(values), .false., dim=1))//") is not a finite number")
-         return
-      end if
-      allocate (model%vectors%names(size(words)))
-      model%vectors%names = words
-      model%vectors%first = starts + 1
-      model%vectors%dofs = dofs + 1
-      model%vectors%values = values
+      do i = 1, size(words)
+         associate (first => starts(i) + 1, last => starts(i + 1))
+            call model%vectors%add(trim(words(i)), dofs(first:last), values(first:last), model%n_dofs, error)
+         end associate
+         if (allocated(error)) return
+      end do
    end subroutine read_vectors
 
    subroutine check_size(name, n, n_expected, error)

@@ -33,7 +33,7 @@ contains
    !> Loads the law `name` from a library; fails when it cannot be loaded or takes another number of parameters.
    subroutine load_user_law(self, library, name, parameters, error)
       class(user_law_t), intent(inout) :: self
-      character(*), intent(in) :: library                             !! path
+      character(*), intent(in) :: library                             !! path; empty: the program itself
       character(*), intent(in) :: name                                !! prefix of the functions
       real(wp), intent(in) :: parameters(:)
       type(error_t), allocatable, intent(out) :: error
@@ -74,7 +74,8 @@ contains
       call group%get("parameters", parameters)
       call group%get("odd", self%is_odd)                              ! nobody else can see it
       if (.not. (allocated(library) .and. allocated(name))) return
-      call load_user_law(self, library_place(group%file_name, library), name, parameters, error)
+      if (len(library) > 0) library = library_place(group%file_name, library)
+      call load_user_law(self, library, name, parameters, error)
       if (allocated(error)) then
          call group%problem("library", error%message)
       else if (allocated(self%shape)) then

@@ -1,5 +1,6 @@
 /*
- * A nonlinear law of your own for nhbm: a shared library that is loaded at run time, nhbm itself is not touched.
+ * A nonlinear law of your own for nhbm: a shared library that is loaded at run time, or a function of the program that nhbm is part
+ * of; nhbm itself is not touched.
  *
  * The input names it,
  *
@@ -14,8 +15,10 @@
  * and the library exports two functions, here of the prefix `cubic`:
  *
  *    int cubic_info(nhbm_law_info_t *info);
- *    int cubic_evaluate(int n_samples, int n_coordinates, int stride, const double *z, const double *v,
- *                       int n_parameters, const double *parameters, double *f, double *df_dz, double *df_dv);
+ *    int cubic_evaluate(const nhbm_law_samples_t *samples);
+ *
+ * A program that solves models in process (nhbm.h) hands over such a function by nhbm_give_law, and names it with library = ''.
+ * Libraries of version 1, whose `evaluate` takes the members of the struct one by one, are still taken (below).
  *
  * `nhbm check input.nml` loads the library and compares the derivatives with differences of the forces.
  * Worked examples in C and in Fortran: inputs/user_law/.
@@ -27,8 +30,8 @@
 extern "C" {
 #endif
 
-/* Version of this interface. nhbm refuses a library that gives another one. */
-#define NHBM_USER_LAW_API 1
+/* Version of this interface. nhbm takes version 1, too, and refuses others. */
+#define NHBM_USER_LAW_API 2
 
 #define NHBM_ANY_NUMBER (-1)
 
@@ -43,25 +46,35 @@ typedef struct nhbm_law_info {
    int needs_velocity;  /* 0: the force depends on displacements alone, v and df_dv are NULL */
    int degree;          /* of a force that is a polynomial in z and v: sets the default number of samples; else 0 */
    double length_scale; /* a length typical of the law, such as a gap [m]; 0 when there is none */
+   void *context;       /* handed to each evaluation as it is; from version 2 on */
 } nhbm_law_info_t;
 
 typedef int (*nhbm_law_info_function)(nhbm_law_info_t *info);
 
 /*
- * Forces of a block of samples, and their derivatives when asked for. Forces stand beside K q on the left-hand side of
- * the equation of motion: a spring that pulls back has a positive force at a positive displacement.
- *
- * Arrays are column-major, sample by sample with stride 1:
+ * A block of samples. Forces stand beside K q on the left-hand side of the equation of motion: a spring that pulls back has a
+ * positive force at a positive displacement. Arrays are column-major, sample by sample with stride 1; with 0 <= i < n_samples <= stride
+ * and 0 <= a, b, c < n_coordinates
  *
  *    z[i + stride*c]                            displacement of coordinate c at sample i [m]
- *    v[i + stride*c]                            its rate [m/s]; NULL unless needs_velocity
- *    f[i + stride*a]                            force on coordinate a [N], to be written
- *    df_dz[i + stride*(a + n_coordinates*b)]    d f_a/d z_b, to be written; NULL when not asked for
- *    df_dv[i + stride*(a + n_coordinates*b)]    d f_a/d v_b, to be written; NULL when not asked for or not needs_velocity
+ *    f[i + stride*a]                            force on coordinate a [N]
+ *    df_dz[i + stride*(a + n_coordinates*b)]    d f_a/d z_b
  *
- * with 0 <= i < n_samples <= stride and 0 <= a, b, c < n_coordinates. Every entry must be written, zeros too: it is NaN before.
- *
- * Returns
+ * v is as z, df_dv as df_dz. Every entry of f and of the derivatives that are asked for must be written, zeros too: it is NaN before.
+ */
+typedef struct nhbm_law_samples {
+   int n_samples, n_coordinates, stride, n_parameters;
+   const double *z;          /* displacements [m] */
+   const double *v;          /* their rates [m/s]; NULL unless needs_velocity */
+   const double *parameters; /* of the input */
+   double *f;                /* forces [N] */
+   double *df_dz;            /* derivatives by z; NULL when not asked for */
+   double *df_dv;            /* and by v; NULL when not asked for or not needs_velocity */
+   void *context;            /* of nhbm_law_info_t */
+} nhbm_law_samples_t;
+
+/*
+ * Writes forces, and derivatives when asked for. Returns
  *    0           all is well; entries may be NaN where the law is not defined,
  *    positive    a sample lies outside of what the law can do: the solver tries a smaller step,
  *    negative    the law cannot go on: this point of the study ends as `failed`, the others go on.
@@ -70,6 +83,9 @@ typedef int (*nhbm_law_info_function)(nhbm_law_info_t *info);
  * The same samples must always give the same forces: nhbm calls the function in any order and with blocks of any size,
  * and every MPI rank calls its own copy.
  */
+typedef int (*nhbm_law_evaluate_2_function)(const nhbm_law_samples_t *samples);
+
+/* `evaluate` of libraries whose info says version 1. */
 typedef int (*nhbm_law_evaluate_function)(int n_samples, int n_coordinates, int stride, const double *z, const double *v,
                                           int n_parameters, const double *parameters, double *f, double *df_dz,
                                           double *df_dv);

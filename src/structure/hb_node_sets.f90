@@ -1,5 +1,6 @@
 !> Named sets of nodes of a structure, and named load vectors: names that stand for many degrees of freedom at once.
 module hb_node_sets
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
@@ -19,6 +20,7 @@ module hb_node_sets
       integer, allocatable :: node_of(:)                              !! (n_dofs), 0: none
       character(direction_length), allocatable :: direction(:)        !! (n_dofs), such as `x` or `rz`
    contains
+      procedure :: add => node_sets_add
       procedure :: find => node_sets_find
    end type node_sets_t
 
@@ -29,10 +31,66 @@ module hb_node_sets
       integer, allocatable :: dofs(:)
       real(wp), allocatable :: values(:)                              !! [N]
    contains
+      procedure :: add => named_vectors_add
       procedure :: find => named_vectors_find
    end type named_vectors_t
 
 contains
+
+   !> Adds a set; fails for nodes that there are not, and for one named twice.
+   pure subroutine node_sets_add(self, name, nodes, n_nodes, error)
+      class(node_sets_t), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer, intent(in) :: nodes(:)                                 !! from 0
+      integer, intent(in) :: n_nodes
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
+
+      do k = 1, size(nodes)
+         if (nodes(k) < 0 .or. nodes(k) >= n_nodes) then
+            call fail(error, "set '"//name//"' names node "//to_text(nodes(k))//", there are 0 to "//to_text(n_nodes - 1))
+         else if (any(nodes(:k - 1) == nodes(k))) then
+            call fail(error, "set '"//name//"' names node "//to_text(nodes(k))//" twice")
+         end if
+         if (allocated(error)) return
+      end do
+      if (.not. allocated(self%names)) then
+         allocate (self%names(0), self%nodes(0))
+         self%first = [1]
+      end if
+      self%names = [character(name_length) :: self%names, name]
+      self%nodes = [self%nodes, nodes + 1]
+      self%first = [self%first, size(self%nodes) + 1]
+   end subroutine node_sets_add
+
+   !> Adds a vector; fails for degrees of freedom that there are not, and for values that are not finite.
+   pure subroutine named_vectors_add(self, name, dofs, values, n_dofs, error)
+      class(named_vectors_t), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer, intent(in) :: dofs(:)                                  !! from 0
+      real(wp), intent(in) :: values(:)                               !! [N], as dofs
+      integer, intent(in) :: n_dofs
+      type(error_t), allocatable, intent(out) :: error
+      integer :: k
+
+      do k = 1, size(dofs)
+         if (dofs(k) < 0 .or. dofs(k) >= n_dofs) then
+            call fail(error, "load '"//name//"' names degree of freedom "//to_text(dofs(k))//", there are 0 to "// &
+                      to_text(n_dofs - 1))
+         else if (.not. ieee_is_finite(values(k))) then
+            call fail(error, "value "//to_text(k)//" of load '"//name//"' is not a finite number")
+         end if
+         if (allocated(error)) return
+      end do
+      if (.not. allocated(self%names)) then
+         allocate (self%names(0), self%dofs(0), self%values(0))
+         self%first = [1]
+      end if
+      self%names = [character(name_length) :: self%names, name]
+      self%dofs = [self%dofs, dofs + 1]
+      self%values = [self%values, values]
+      self%first = [self%first, size(self%dofs) + 1]
+   end subroutine named_vectors_add
 
    !> Degrees of freedom of a set in the order of its nodes: `contact.z`, or `contact` where its nodes move in one direction only.
    !> Not allocated where no set has the name; fails where a node of the set lacks the direction.

@@ -75,6 +75,7 @@ contains
       self%is_too_costly = work_of_exponents(laps%work, config%fewest_laps) > work_limit
       if (self%is_too_costly) return
       self%method = stability_method%march
+      call laps%march%allow(work_limit)
       call judge_exponents(self, laps, min(work_limit, work_on_demand), config)
    end subroutine march_laps
 

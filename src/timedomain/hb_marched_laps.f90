@@ -19,7 +19,7 @@ module hb_marched_laps
    real(wp), parameter :: unmoved = 1.0e-9_wp                         ! change of a place that friction never lets go, scaled
 
    type, extends(laps_t) :: marched_laps_t
-      type(state_map_t), private :: march
+      type(state_map_t) :: march
       real(wp), private :: time = 0.0_wp                              ! [s]
       real(wp), allocatable, private :: x(:)                          ! state of the march, scaled
       real(wp), allocatable, private :: still(:, :)                   ! orthonormal, places held for ever, (size, any)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import resource
 import shutil
@@ -22,10 +23,11 @@ if not LIBRARY.is_file():
     pytest.skip("the shared library was not built", allow_module_level=True)
 os.environ["NHBM_LIBRARY"] = str(LIBRARY)
 
-from nhbm.errors import ModelError  # noqa: E402
-from nhbm.solver import Model, input_keys  # noqa: E402
+import nhbm  # noqa: E402
+from nhbm import Model, ModelError, Session  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
+INCLUDES = [f"-I{ROOT / 'src' / folder}" for folder in ("api", "laws")]
 DUFFING = """&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0, damping_mass = 0.1 /
 &tones frequency = 0.9 /
 &load dof = 'x1', tuple = 1, cos = 0.3 /
@@ -34,6 +36,12 @@ DUFFING = """&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0,
 STOP = DUFFING.replace("type = 'cubic_spring'", "type = 'elastic_stop', gap = 0.2").replace("= 0.5 /", "= 20.0 /")
 CURVE = "&curve parameter = 'tones%frequency', from = 0.3, to = 3.0, peak_of = 'x1 (1)' /\n"
 SECONDS = "setup_seconds", "iteration_seconds", "certificate_seconds", "solve_seconds"
+
+
+def session_of(text):
+    session = Session()
+    session.read(text)
+    return session
 
 
 def same(ours, stored, name):
@@ -46,71 +54,81 @@ def same(ours, stored, name):
 def test_points_have_the_bits_of_the_command(text, tmp_path):
     (tmp_path / "point.nml").write_text(text)
     assert run("solve", "point.nml", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
-    model = Model(text)
-    motion = model.solve().keep()
-    assert motion.is_converged
+    session = session_of(text)
+    session.solve()
     with h5py.File(tmp_path / "point.h5") as file:
-        compared = [name for name in model.columns() if name in file and name not in (*SECONDS, "message", "rank")]
+        compared = [name for name in session.columns() if name in file and name not in (*SECONDS, "message", "rank")]
         for name in compared:
-            if motion[name] is not None:
-                same(motion[name], file[name][0], name)
+            column = session.column(name)
+            if column.values is not None:
+                same(column.values, file[name][0], name)
+                assert column.unit in (file[name].attrs["units"], "m", "N")
         for axis in ("dof", "law_dof", "law"):
-            assert model.labels(axis) == list(file[axis].asstr()[()])
+            assert session.labels(axis) == list(file[axis].asstr()[()])
+    motion = Model.from_namelist(text).solve()
+    assert set(motion.data_vars) >= {name for name in compared if session.column(name).values is not None} - {"tuples"}
     assert {"coefficients", "truncation_estimate", "is_stable", "multiplier_real", "power_in"} <= set(compared)
 
 
 def test_curves_have_the_bits_of_the_command(tmp_path):
     (tmp_path / "curve.nml").write_text(DUFFING + CURVE)
     assert run("solve", "curve.nml", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
-    points = [motion.keep() for motion in Model(DUFFING + CURVE).curve()]
+    curve = Model.from_namelist(DUFFING).curve("tones.frequency", 0.3, 3.0, peak_of="x1 (1)")
     with h5py.File(tmp_path / "curve.h5") as file:
-        assert len(points) == np.count_nonzero(file["curve_kind"][()])
+        n = np.count_nonzero(file["curve_kind"][()])
+        assert curve.sizes["point"] == n
         for name in ("coefficients", "tones_frequency", "curve_kind", "curve_unknowns", "curve_step", "is_stable", "status"):
-            for point, stored in zip(points, file[name][()]):
-                same(point[name], stored, name)
-    kinds = [int(point["curve_kind"]) for point in points]
+            stored = file[name][:n]
+            same(curve[name].values, stored[tuple(slice(k) for k in curve[name].shape)], name)
+    kinds = curve["curve_kind"].values.tolist()
     assert kinds.count(3) == 2 and kinds.count(4) == 1
+    some = Model.from_namelist(DUFFING).curve("tones.frequency", 0.3, 3.0, on_point=lambda point: float(point["tones_frequency"]) > 0.5)
+    assert float(some["tones_frequency"][:-1].max()) <= 0.5 < float(some["tones_frequency"][-1])
 
 
 def test_values_are_set_by_path_and_by_handle():
-    model, other = Model(DUFFING), Model(DUFFING.replace("stiffness = 0.5", "stiffness = 0.7").replace("= 0.9 /", "= 1.1 /"))
-    model.parameter("law(spring)%stiffness").set(0.7)
-    model["tones%frequency"] = 1.1
-    np.testing.assert_array_equal(model.solve()["coefficients"], other.solve()["coefficients"])
-    assert "stiffness = 0.7" in " ".join(model.to_namelist().split())
+    other = Model.from_namelist(DUFFING.replace("stiffness = 0.5", "stiffness = 0.7").replace("= 0.9 /", "= 1.1 /"))
+    for spring, tone in (("spring.stiffness", "tones[0]"), ("law[0].stiffness", "tones.frequency"), ("law(1)%stiffness", "tones%frequency(1)")):
+        model = Model.from_namelist(DUFFING)
+        model[spring] = 0.7
+        model[tone] = 1.1
+        np.testing.assert_array_equal(model.solve()["coefficients"], other.solve()["coefficients"])
+        assert "stiffness = 0.7" in " ".join(model.to_namelist().split())
 
 
 def test_warm_starts_stay_on_the_branch():
     """Downwards the response of a hardening spring stays small at .9 of the way up, upwards large."""
-    model = Model(DUFFING.replace("damping_mass = 0.1", "damping_mass = 0.05") + "&harmonics order = 7 /\n")
-    frequency, found = model.parameter("tones%frequency"), []
+    model, found = Model.from_namelist(DUFFING.replace("damping_mass = 0.1", "damping_mass = 0.05")), []
     for values in (np.linspace(0.6, 1.6, 41), np.linspace(2.4, 1.6, 41)):
-        for k, value in enumerate(values):
-            frequency.set(value)
-            motion = model.solve(warm=k > 0)
-        found.append(np.abs(motion["coefficients"]).max())
+        line = model.sweep({"tones[0]": values}, order=7, warm=True)
+        found.append(float(line.nhbm.amplitude("x1")[-1]))
     assert found[0] > 2 * found[1]
 
 
 def test_what_is_wrong_is_said():
     with pytest.raises(ModelError, match="type = 'chian' is not known; did you mean 'chain'"):
-        Model(DUFFING.replace("chain", "chian"))
-    model = Model(DUFFING)
+        Model.from_namelist(DUFFING.replace("chain", "chian"))
+    model = Model.from_namelist(DUFFING)
     with pytest.raises(ModelError, match="'law.stop.%gap'.*spring"):
-        model.parameter("law(stop)%gap")
+        model["stop.gap"] = 0.1
+    with pytest.raises(ModelError, match="unknown group 'harmonic'; known: structure, tones"):
+        model.set("harmonic", order=3)
+    with pytest.raises(ModelError, match="'wall gap!' is no path"):
+        model["wall gap!"] = 1.0
     with pytest.raises(KeyError, match="no column 'amplitude'; known: status message"):
-        model.solve()["amplitude"]
+        session_of(DUFFING).column("amplitude")
     model["tones%frequency"] = -1.0
     with pytest.raises(ModelError, match="frequency"):
         model.solve()
     model["tones%frequency"] = 0.9
-    first = model.solve()
-    assert first.is_converged
-    model.solve()
-    with pytest.raises(ModelError, match="before the model was solved again"):
-        first["coefficients"]
+    motion = model.solve()
+    assert motion.nhbm.is_converged and motion.nhbm.message == ""
+    with pytest.raises(KeyError, match="no dof 'x2'; known: x1"):
+        motion.nhbm.amplitude("x2")
     with pytest.raises(ModelError, match="curve"):
-        next(model.curve())
+        session_of(DUFFING).begin_curve()
+    with pytest.warns(nhbm.NotConverged, match="budget|iterations|residual"):
+        Model.from_namelist(DUFFING + "&solver max_iterations = 1, rescue = .false. /\n").solve(order=7)
 
 
 def test_an_interrupt_ends_a_solution():
@@ -119,7 +137,7 @@ def test_an_interrupt_ends_a_solution():
     text = ("&structure type = 'chain', n_masses = 8, mass = 1.0, coupling_stiffness = 1.0, damping_mass = 0.01 /\n"
             "&tones frequency = 0.7, 1.13 /\n&harmonics order = 14 /\n"
             "&load dof = 'x1', tuple = 1, 0, cos = 1.0 /\n&load dof = 'x1', tuple = 0, 1, cos = 1.0 /\n" + laws)  # fmt: skip
-    model = Model(text)
+    model = Model.from_namelist(text)
     threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
     started = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
@@ -129,11 +147,12 @@ def test_an_interrupt_ends_a_solution():
 
 def test_threads_with_a_model_each_do_not_meet():
     def sweep(text, found):
-        model = Model(text)
-        frequency = model.parameter("tones%frequency")
+        session = session_of(text)
+        frequency = session.parameter("tones%frequency")
         for value in np.linspace(0.5, 1.4, 30):
-            frequency.set(value)
-            found.append(model.solve(warm=True)["coefficients"].tobytes())
+            session.set_parameter(frequency, value)
+            session.solve(warm=True)
+            found.append(session.column("coefficients").values.tobytes())
 
     texts = [text + "&harmonics order = 9 /\n" for text in (DUFFING, STOP)]
     alone, together = [[], []], [[], []]
@@ -150,7 +169,7 @@ def test_threads_with_a_model_each_do_not_meet():
 def test_models_leave_nothing_behind():
     def make(n):
         for _ in range(n):
-            Model(DUFFING + "&harmonics order = 3 /\n").solve()
+            session_of(DUFFING + "&harmonics order = 3 /\n").solve()
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
     make(50)
@@ -162,19 +181,139 @@ def test_a_c_program_has_the_same_numbers(tmp_path):
     compiler = shutil.which("cc") or pytest.skip("no C compiler")
     source = ROOT / "drivers" / "examples" / "duffing.c"
     program = tmp_path / "duffing"
-    command = [compiler, "-Wall", "-Werror", "-I", str(ROOT / "src" / "api"), str(source), str(LIBRARY), "-o", str(program)]
+    command = [compiler, "-Wall", "-Werror", *INCLUDES, str(source), str(LIBRARY), "-o", str(program)]
     subprocess.run([*command, f"-Wl,-rpath,{LIBRARY.parent}"], check=True)
     done = subprocess.run([program], capture_output=True, text=True, check=True)
-    model = Model(DUFFING)
-    frequency, expected = model.parameter("tones%frequency"), []
+    session, expected = session_of(DUFFING), []
+    frequency = session.parameter("tones%frequency")
     for k in range(5):
-        frequency.set(0.5 + 0.25 * k)
-        expected.append(model.solve(warm=k > 0)["coefficients"][0, 1, 0])
+        session.set_parameter(frequency, 0.5 + 0.25 * k)
+        session.solve(warm=k > 0)
+        expected.append(session.column("coefficients").values[0, 1, 0])
     assert [float(line.split()[1]) for line in done.stdout.splitlines()] == expected
+
+
+def duffing(**spring):
+    model = Model(nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1), tones=[0.9])
+    model.load("x1", 1, cos=0.3)
+    if not spring:
+        model.law("cubic_spring", "x1", label="spring", stiffness=0.5)
+    return model
+
+
+def test_models_are_made_of_values():
+    same(duffing().solve()["coefficients"].values, Model.from_namelist(DUFFING).solve()["coefficients"].values, "coefficients")
+    wall = Model(nhbm.Beam(length=1.0, bending_stiffness=1750.0, mass_per_length=7.8, n_elements=4, damping_diagonal=1.0), tones=[np.e, np.pi])
+    wall.load("v3", (1, 0), cos=100)
+    wall.load("v3", (0, 1), cos=100)
+    wall.law("rigid_wall", "v3", gap=1.5e-3, label="wall")
+    wall.set("certificate", penetration=0.1)
+    motion = wall.solve(order=8)
+    assert motion.nhbm.is_converged and motion["coefficients"].dims == ("dof", "harmonic", "component")
+    first = motion.nhbm.harmonic("v3", (1, 0))
+    assert complex(motion.nhbm.harmonic("v3", (-1, 0))) == complex(first).conjugate()
+    times = np.linspace(0.0, 40.0, 500)
+    direct = sum(c * np.cos(j @ [np.e, np.pi] * times) + s * np.sin(j @ [np.e, np.pi] * times)
+                 for j, (c, s) in zip(motion["tuple"].values, motion["coefficients"].sel(dof="v3").values))  # fmt: skip
+    np.testing.assert_allclose(motion.nhbm.time("v3", times), direct, atol=1e-12)
+
+
+def test_structures_come_from_memory_and_from_files(tmp_path):
+    """Matrices of SciPy, a model file and a chain of the solver's own give the same motion; sets and load vectors go along."""
+    n = 3
+    k = np.diag([2.0, 2.0, 2.0]) - np.diag([1.0, 1.0], 1) - np.diag([1.0, 1.0], -1)
+    structure = nhbm.Structure(
+        mass=np.eye(n), stiffness=k, damping=0.1 * np.eye(n), labels=["x1", "x2", "x3"], node_numbers=np.arange(1, 4),
+        coordinates=np.zeros((3, 3)), dof_node=np.arange(3), dof_direction=["x"] * 3, sets={"tip": np.array([2])},
+        loads={"push": (np.array([0]), np.array([2.0]))},
+    )  # fmt: skip
+    structure.write(tmp_path / "chain.h5")
+    found = []
+    for source in (structure, tmp_path / "chain.h5", nhbm.Matrices(np.eye(n), k, 0.1 * np.eye(n))):
+        is_builder = isinstance(source, nhbm.Matrices)
+        model = Model(source, tones=[0.7])
+        if is_builder:
+            model.load("x1", 1, cos=0.6)
+        else:
+            model._add("load", {"vector": "push", "tuple": 1, "cos": 0.3})
+        model.law("cubic_spring", "x3" if is_builder else "tip.x", stiffness=0.5)
+        found.append(model.solve(order=7)["coefficients"].values)
+    same(found[0], found[1], "coefficients")
+    np.testing.assert_allclose(found[0], found[2], rtol=1e-12)
+    with pytest.raises(ModelError, match="nowhere.h5.*does not exist"):
+        Model(tmp_path / "nowhere.h5", tones=[1.0]).solve()
+
+
+def cubic(q):
+    return 0.5 * q**3
+
+
+def test_laws_are_functions_of_python(tmp_path):
+    """Complex steps, differences, given derivatives and a compiled law find what the law of the catalogue does."""
+    def with_derivatives(q, v, p):
+        return p[0] * q**3, 3 * p[0] * q**2, np.zeros_like(v)
+
+    def by_differences(q):
+        return np.array([0.5 * x**3 for x in q.tolist()], dtype=float)
+
+    (tmp_path / "law.c").write_text(
+        '#include "nhbm_user_law.h"\n'
+        "int cubic(const nhbm_law_samples_t *s) { for (int i = 0; i < s->n_samples; ++i) { s->f[i] = .5*s->z[i]*s->z[i]*s->z[i];\n"
+        "if (s->df_dz) s->df_dz[i] = 1.5*s->z[i]*s->z[i]; } return 0; }\n")  # fmt: skip
+    subprocess.run([shutil.which("cc"), *INCLUDES, "-shared", "-fPIC", tmp_path / "law.c", "-o", tmp_path / "law.so"], check=True)
+    compiled = ctypes.CDLL(str(tmp_path / "law.so")).cubic
+    expected = duffing().solve(order=9)["coefficients"].values
+    laws = {"complex": (cubic, {}), "given": (with_derivatives, {"parameters": [0.5]}), "differences": (by_differences, {}),
+            "compiled": (nhbm.Law(compiled, odd=True), {})}  # fmt: skip
+    for name, (law, keys) in laws.items():
+        model = duffing(spring=law)
+        model.law(law, "x1", **keys)
+        found = model.solve(order=9)
+        np.testing.assert_allclose(found["coefficients"].values, expected, atol=1e-9 if name != "differences" else 1e-7, err_msg=name)
+
+
+def test_faults_of_laws_are_raised():
+    def raises(q):
+        raise RuntimeError("out of range")
+
+    def wrong_shape(q):
+        return np.zeros(3)
+
+    def never_ends(q):
+        while True:
+            time.sleep(0.01)
+
+    for law, fault, text in ((raises, RuntimeError, "out of range"), (wrong_shape, ModelError, "'wrong_shape' gives forces of shape"),
+                             (lambda q, v, p, x: q, ModelError, "1 to 3 arguments")):  # fmt: skip
+        model = duffing(spring=law)
+        with pytest.raises(fault, match=text):
+            model.law(law, "x1")
+            model.solve(order=3)
+    model = duffing(spring=True)
+    model.law(lambda q: np.full_like(q, np.nan), "x1")
+    with pytest.warns(nhbm.NotConverged, match="NaN"):
+        model.solve(order=3)
+    model = duffing(spring=True)
+    model.law(never_ends, "x1")
+    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+    with pytest.raises(KeyboardInterrupt):
+        model.solve(order=3)
+    assert duffing().solve(order=3).nhbm.is_converged
+
+
+def test_sweeps_are_spread_over_processes():
+    model = duffing(spring=cubic)
+    model.law(nhbm.Law(cubic, odd=True), "x1", label="spring")
+    values = {"load[0].cos": [0.1, 0.3], "tones[0]": np.linspace(0.6, 0.9, 4)}
+    alone = model.sweep(values, order=5)
+    assert alone.sizes["point"] == 8 and alone["load_1_cos"].values.tolist() == [0.1] * 4 + [0.3] * 4
+    assert bool(alone.nhbm.is_converged.all())
+    together = model.sweep(values, order=5, workers=2)
+    same(together["coefficients"].values, alone["coefficients"].values, "coefficients")
 
 
 def test_the_table_of_keys():
     rows = [line for line in (ROOT / "src" / "input_keys.txt").read_text().splitlines() if line and not line.startswith("#")]
-    assert [" | ".join(key) for key in input_keys()] == rows
-    gap = next(key for key in input_keys() if (key.section, key.name) == ("law rigid_wall", "gap"))
+    assert [" | ".join(key) for key in nhbm.input_keys()] == rows
+    gap = next(key for key in nhbm.input_keys() if (key.section, key.name) == ("law rigid_wall", "gap"))
     assert (gap.type, gap.unit, gap.default) == ("real", "m", "required")

@@ -15,7 +15,7 @@ import scipy.io
 import scipy.linalg
 import scipy.optimize
 import scipy.sparse as sp
-from nhbm import Model
+import nhbm
 from nhbm.command import main as nhbm_model
 from nhbm_post.cli import main as post
 from nhbm_post.contact import Motion, contacts, follow, history
@@ -45,7 +45,7 @@ STOPS = "&law type = 'elastic_stop', label = 'stop', dof = 'stops.z', stiffness 
 def chain(tmp_path):
     """Five masses between walls, stops at the second and the fourth, in a file."""
     stiffness = sp.diags([np.full(N, 2.0), np.full(N - 1, -1.0), np.full(N - 1, -1.0)], [0, 1, -1])
-    model = Model(
+    model = nhbm.Structure(
         mass=sp.diags(np.linspace(1.0, 2.0, N)),
         stiffness=stiffness,
         damping=0.05 * stiffness,
@@ -361,7 +361,7 @@ def test_a_wheel_that_was_never_put_together_moves_as_the_whole(tmp_path, monkey
         (tmp_path / f"{name}.nml").write_text(text.replace("FILE", name))
         done = run("solve", f"{name}.nml", "-o", f"{name}_run.h5", "--set", "certificate%is_on=f", cwd=tmp_path)
         assert done.status == ALL_CONVERGED, done.stderr
-        labels = Model.read(f"{name}.h5")
+        labels = nhbm.Structure.read(f"{name}.h5")
         with Results(f"{name}_run.h5") as results:
             series = [results.series(0, labels.labels[dof]) for dof in labels.dofs_of("tip.z")]
             tips[name] = np.array([s.cos - 1j * s.sin for s in series])
@@ -380,7 +380,7 @@ def test_waves_of_sectors_move_as_wheels_put_together(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     make_model("blades_casing", tmp_path)
     solve(tmp_path, (INPUTS / "blades_casing.nml").read_text(), "--set", "sampling%samples=4224,8")
-    small, structure = Model.read("blades_casing.h5"), Structure("blades_casing.h5")
+    small, structure = nhbm.Structure.read("blades_casing.h5"), Structure("blades_casing.h5")
     phase = 2 * np.pi * 3 * np.arange(22) / 22
     first, found = 0, []
     with Results("run.h5") as results:
@@ -389,7 +389,7 @@ def test_waves_of_sectors_move_as_wheels_put_together(tmp_path, monkeypatch):
             ("blade", "tip.r", "disk_tip.r", (1, 0)), ("ring", "inside.r", "casing_inside.r", (1, -3)),
         ):  # fmt: skip
             assert nhbm_model(["wheel", f"{sector}.h5", "--sectors", "22", "-o", f"{sector}s.h5"]) == 0
-            whole, h = Model.read(f"{sector}s.h5"), harmonic_of(tuples, motion, which)
+            whole, h = nhbm.Structure.read(f"{sector}s.h5"), harmonic_of(tuples, motion, which)
             forces = [results.series(0, small.labels[dof], "force") for dof in small.dofs_of(kept)]
             cosine, sine = (series.cos[h] - 1j * series.sin[h] for series in forces)
             load = np.zeros(whole.n_dofs, dtype=complex)
@@ -407,7 +407,7 @@ def waves_against_many_blades(speed):
     """Amplitudes of drum and ring and their frequency, from the flexibility of one sector of each and the force of 22 blades as the
     mean around the ring. Complex amplitudes of exp(-i w t) in the frame of the drum."""
     bodies = [(model, model.dofs_of(place)[0]) for model, place in
-              ((Model.read("disk.h5"), "tip.r"), (Model.read("casing.h5"), "inside.r"))]  # fmt: skip
+              ((nhbm.Structure.read("disk.h5"), "tip.r"), (nhbm.Structure.read("casing.h5"), "inside.r"))]  # fmt: skip
 
     def stiffness(body, w):
         """Force of 1 m at the contact."""
@@ -443,7 +443,7 @@ def net(tmp_path_factory):
     n = N_X * N_Y
     mass = sp.diags(1.0 + 0.1 * (np.arange(n) % 7))
     dashpot = sp.csr_matrix(([0.3], ([555], [555])), shape=(n, n))
-    Model(
+    nhbm.Structure(
         mass=mass,
         stiffness=stiffness,
         damping=0.02 * stiffness + dashpot,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from nhbm import Model, examples
+from nhbm import Structure, examples
 
 
 @pytest.fixture
@@ -13,7 +13,7 @@ def chain():
     n = 12
     mass = sp.diags(np.linspace(1.0, 2.0, n))
     stiffness = sp.diags([np.full(n, 2.0), np.full(n - 1, -1.0), np.full(n - 1, -1.0)], [0, 1, -1])
-    return Model(
+    return Structure(
         mass=mass,
         stiffness=stiffness,
         damping=0.01 * stiffness,

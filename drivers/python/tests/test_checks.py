@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from nhbm import Model, examples
+from nhbm import Structure, examples
 from nhbm.checks import check
 from nhbm.command import main
 
@@ -82,5 +82,5 @@ def test_exit_status(chain, tmp_path, capsys):
 
 
 def test_models_without_nodes():
-    model = Model(mass=sp.identity(2), stiffness=sp.csr_matrix(np.array([[1.0, -1.0], [-1.0, 1.0]])), labels=["a", "b"])
+    model = Structure(mass=sp.identity(2), stiffness=sp.csr_matrix(np.array([[1.0, -1.0], [-1.0, 1.0]])), labels=["a", "b"])
     assert "1 rigid body mode" in said(model)

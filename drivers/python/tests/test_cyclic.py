@@ -7,7 +7,7 @@ import pytest
 import scipy.linalg
 import scipy.sparse as sp
 
-from nhbm import Model, ModelError, cyclic, examples
+from nhbm import ModelError, Structure, cyclic, examples
 from nhbm.command import main
 from nhbm.factors import lowest_modes
 from nhbm.reduction import MODAL
@@ -31,7 +31,7 @@ def ring():
         stiffness[j, i] -= block
     stiffness[3:6, 3:6] += np.eye(3)
     mass = np.kron(np.diag([0.5, 2.0, 0.7]), np.eye(3))
-    return Model(
+    return Structure(
         mass=sp.csr_matrix(mass),
         stiffness=sp.csr_matrix(stiffness),
         labels=[f"n{i}.{d}" for i in (1, 2, 3) for d in "xyz"],
@@ -111,7 +111,7 @@ def dented(ring):
         k[3 + d, 9 + d] = k[9 + d, 3 + d] = -2.0
         m[9 + d, 9 + d] = 0.3
     angle = 0.8 * 2 * np.pi / N
-    return Model(
+    return Structure(
         mass=m.tocsr(),
         stiffness=k.tocsr(),
         labels=[f"n{i}.{d}" for i in (1, 2, 3, 4) for d in "xyz"],
@@ -199,4 +199,4 @@ def test_waves_and_pairs_that_cannot_be_are_refused(dented, tmp_path, capsys):
     assert main([*words[:-2], "--diameter", "1"]) == 2 and "--diameter belongs to --keep" in capsys.readouterr().err
     assert main([*words, "--wave", "push=low.z:5", "--modes", "3"]) == 0
     assert "error of the flexibility at" in capsys.readouterr().out
-    assert set(Model.read(out).loads) == {"push_cos", "push_sin"}
+    assert set(Structure.read(out).loads) == {"push_cos", "push_sin"}

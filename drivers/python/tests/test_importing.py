@@ -8,7 +8,7 @@ import pytest
 import scipy.io
 import scipy.sparse as sp
 
-from nhbm import Model, ModelError, importing
+from nhbm import ModelError, Structure, importing
 from nhbm.command import main
 
 DIGITS = "{:d} {:d} {:.17g}\n"
@@ -38,7 +38,7 @@ def test_matrix_market_and_npz(chain, tmp_path, end):
     out = tmp_path / "out.h5"
     more = [f"--labels={tmp_path / 'labels'}", "--set=contact=5,2", "--load=push=n1.z:1,n12.z:-0.5", "-o", str(out)]
     assert main(["import", *arguments, *more]) == 0
-    model = Model.read(out)
+    model = Structure.read(out)
     assert_same(model, chain)
     assert model.dofs_of("contact.z") == chain.dofs_of("contact.z")
     np.testing.assert_array_equal(model.loads["push"], chain.loads["push"])
@@ -131,11 +131,11 @@ def test_physical_groups_of_gmsh_are_sets(tmp_path):
     pytest.importorskip("meshio")
     (tmp_path / "wire.msh").write_text(GMSH)
     unit = sp.identity(3)
-    model = Model(mass=unit, stiffness=unit, **importing.places_of(["n1.z", "n2.z", "n3.z"]))
+    model = Structure(mass=unit, stiffness=unit, **importing.places_of(["n1.z", "n2.z", "n3.z"]))
     importing.add_mesh(model, tmp_path / "wire.msh")
     assert {name: nodes.tolist() for name, nodes in model.sets.items()} == {"tip": [2], "wire": [0, 1, 2]}
     assert model.dofs_of("tip.z") == [2]
-    nameless = Model(mass=unit, stiffness=unit, labels=["x1", "x2", "x3"])
+    nameless = Structure(mass=unit, stiffness=unit, labels=["x1", "x2", "x3"])
     with pytest.raises(ModelError, match="no degree of freedom stands at a node of .*wire.msh': --labels gives"):
         importing.add_mesh(nameless, tmp_path / "wire.msh")
 
@@ -143,7 +143,7 @@ def test_physical_groups_of_gmsh_are_sets(tmp_path):
 def test_mesh_gives_places_cells_and_sets(chain, tmp_path):
     nodes = "".join(f"{10 * i}, {i}.0, 0.5, 0.0\n" for i in range(1, 4))
     (tmp_path / "mesh.inp").write_text(f"*NODE\n{nodes}*ELEMENT, TYPE=T3D2\n1, 10, 20\n2, 20, 30\n*NSET, NSET=TIP\n30\n")
-    model = Model(mass=sp.identity(2), stiffness=sp.identity(2), **importing.places_of(["n30.z", "n20.z"]))
+    model = Structure(mass=sp.identity(2), stiffness=sp.identity(2), **importing.places_of(["n30.z", "n20.z"]))
     importing.add_mesh(model, tmp_path / "mesh.inp")
     assert model.node_numbers.tolist() == [10, 20, 30]
     assert model.coordinates[model.dof_node].tolist() == [[3.0, 0.5, 0.0], [2.0, 0.5, 0.0]]
@@ -265,7 +265,7 @@ def test_loads_and_places_of_the_output_are_looked_at(tmp_path, monkeypatch, cap
 
 
 def test_nodes_that_calculix_adds_are_explained(tmp_path):
-    model = Model(
+    model = Structure(
         mass=sp.identity(2), stiffness=sp.identity(2), labels=["n1.x", "n9.x"], node_numbers=np.array([1, 9]),
         coordinates=np.full((2, 3), np.nan), dof_node=np.arange(2), dof_direction=["x", "x"],
     )  # fmt: skip

@@ -8,7 +8,7 @@ import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from nhbm import Model, ModelError, examples, rotors
+from nhbm import ModelError, Structure, examples, rotors
 from nhbm.command import main
 from nhbm.factors import Factors, lowest_modes
 from nhbm.reduction import MODAL, band, compare, load_matrix, reduce
@@ -104,7 +104,7 @@ def test_an_error_that_is_asked_for_is_met(tmp_path, capsys):
     plate.write(path)
     words = ["reduce", path, "--keep", "corner.z", "--modes", "10", "-o", out]
     assert main([*words, "--tolerance", "1e-8", "--up-to", "4e3"]) == 0
-    small = Model.read(out)
+    small = Structure.read(out)
     assert small.n_dofs < plate.n_dofs
     names = [plate.labels[dof] for dof in plate.dofs_of("corner.z")]
     for w in np.linspace(0.0, 4.0e3, 9):
@@ -165,7 +165,7 @@ def test_file_of_a_reduced_model(chain, tmp_path):
     chain.write(path)
     out = tmp_path / "small.h5"
     assert main(["reduce", str(path), "--keep", "contact.z", "--modes", "3", "-o", str(out)]) == 0
-    small = Model.read(out)
+    small = Structure.read(out)
     assert small.labels == ["n5.z", "n2.z", "q1", "q2", "q3", "q4"]
     assert small.recovery.matrix.shape == (12, 6)
     assert small.dofs_of("contact.z") == [0, 1]
@@ -319,7 +319,7 @@ def long_chain():
     n = 300
     stiffness = sp.diags([np.r_[np.full(n - 1, 2.0), 1.0], -np.ones(n - 1), -np.ones(n - 1)], [0, 1, -1]).tocsr()
     mass = sp.diags(1.0 + 0.1 * (np.arange(n) % 5)).tocsr()
-    return Model(mass=mass, stiffness=stiffness, damping=1e-2 * stiffness + 1e-4 * mass, labels=[f"n{i + 1}.z" for i in range(n)],
+    return Structure(mass=mass, stiffness=stiffness, damping=1e-2 * stiffness + 1e-4 * mass, labels=[f"n{i + 1}.z" for i in range(n)],
                  node_numbers=np.arange(1, n + 1), coordinates=np.zeros((n, 3)), dof_node=np.arange(n), dof_direction=["z"] * n,
                  loads={"all": (np.arange(n), np.ones(n))})  # fmt: skip
 
@@ -380,7 +380,7 @@ def test_the_method_follows_from_what_is_given(long_chain, tmp_path, capsys):
     words = ["reduce", path, "--keep", ",".join(KEPT), "-o", out, "--overwrite"]
     for more, up_to in ((["--up-to", "0.11"], 0.11), (["--up-to", "0.11", "--modes", "30"], None), ([], None)):
         assert main([*words, *more]) == 0
-        assert Model.read(out).up_to == up_to
+        assert Structure.read(out).up_to == up_to
     capsys.readouterr()
     assert main([*words, "--method", "krylov", "--up-to", "0.11", "--modes", "30"]) == 2
     assert "--modes belongs to the other methods" in capsys.readouterr().err

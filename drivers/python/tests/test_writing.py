@@ -18,7 +18,7 @@ import scipy.sparse as sp
 
 from nhbm.command import main
 from nhbm.guard import printable
-from nhbm.model import Model
+from nhbm.structure import Structure
 
 ROTOR = ["rotor", "--n-elements", "2", "--bearing", "0.0,1e7,10", "--bearing", "0.6,1e7,10"]
 
@@ -72,7 +72,7 @@ def test_a_write_that_fails_leaves_the_file_that_was_there(number, faults, tmp_p
         assert status == "2" and rest.startswith("['rotor.h5']"), (calls, status, rest, done.stderr)
     kept = [rest == old for _, _, _, rest in attempts]
     assert not kept[-1] and kept[: len(kept) - 2] == [True] * (len(kept) - 2), attempts  # at the last the name was given already
-    assert Model.read(path).n_dofs > 0
+    assert Structure.read(path).n_dofs > 0
 
 
 def test_sigterm_ends_both_processes_and_leaves_no_part(faults, tmp_path):

@@ -1,7 +1,24 @@
-"""Finite element models for nhbm: the model file, import from other programs, checks, examples and reduction."""
+"""Vibrations of structures with contact, friction and other nonlinear laws under several tones: models that are solved in process, finite
+element structures, and their files."""
 
 from nhbm.errors import ModelError
-from nhbm.model import Model
+from nhbm.structure import Structure
 
 __version__ = "0.1.0"
-__all__ = ["Model", "ModelError", "__version__"]
+_LATER = {  # what needs more than sparse matrices is imported when it is asked for
+    "Model": "model", "NotConverged": "model", "Law": "laws", "law": "laws", "Beam": "groups", "Chain": "groups", "Jeffcott": "groups",
+    "Matrices": "groups", "ModalBeam": "groups", "RotorStator": "groups", "Session": "session", "input_keys": "session",
+}  # fmt: skip
+__all__ = ["ModelError", "Structure", "__version__", *_LATER]
+
+
+def __getattr__(name: str):
+    if name not in _LATER:
+        raise AttributeError(f"module 'nhbm' has no attribute '{name}'")
+    import importlib
+
+    return getattr(importlib.import_module(f"nhbm.{_LATER[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -8,10 +8,10 @@ from scipy.linalg import block_diag
 from scipy.spatial import cKDTree
 
 from nhbm.errors import ModelError
-from nhbm.model import MATRICES, Model, Recovery
+from nhbm.structure import MATRICES, Recovery, Structure
 
 
-def assemble(parts: dict[str, Model], places: dict[str, tuple[float, float, float]] | None = None) -> Model:
+def assemble(parts: dict[str, Structure], places: dict[str, tuple[float, float, float]] | None = None) -> Structure:
     """One model of several parts, which nothing couples yet. Nodes of later parts are numbered on from those before; sets and loads
     bear the name of their part, `lower_top`, as modes of reduced parts do, `lower.q1`. `places`: by what a part is shifted."""
     places = places or {}
@@ -51,7 +51,7 @@ def assemble(parts: dict[str, Model], places: dict[str, tuple[float, float, floa
         if any(block is not None for block in blocks):
             empty = [sp.csr_matrix((model.n_dofs,) * 2) for model in models]
             matrices[name] = sp.block_diag([e if b is None else b for b, e in zip(blocks, empty)], format="csr")
-    return Model(
+    return Structure(
         **matrices,
         labels=labels,
         units=[unit for model in models for unit in model.units],
@@ -72,7 +72,7 @@ def assemble(parts: dict[str, Model], places: dict[str, tuple[float, float, floa
     )
 
 
-def meeting_nodes(model: Model, first: str, second: str, within: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def meeting_nodes(model: Structure, first: str, second: str, within: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Nodes of two sets that stand at the same places, or no farther apart than `within`, first with first."""
     for name in (first, second):
         if name not in model.sets:
@@ -89,7 +89,7 @@ def meeting_nodes(model: Model, first: str, second: str, within: float = 0.0) ->
     return a[meets], b[nearest[meets]]
 
 
-def add_pair(model: Model, name: str, first: str, second: str, within: float = 0.0) -> int:
+def add_pair(model: Structure, name: str, first: str, second: str, within: float = 0.0) -> int:
     """Names the nodes where two sets meet, `<name>_1` of the first and `<name>_2` of the second; returns how many."""
     a, b = meeting_nodes(model, first, second, within)
     model.sets |= {f"{name}_1": a, f"{name}_2": b}

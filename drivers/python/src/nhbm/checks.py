@@ -9,7 +9,7 @@ import scipy.sparse as sp
 
 from nhbm.errors import ModelError
 from nhbm.factors import Factors, lowest_modes, symmetric_part
-from nhbm.model import Model
+from nhbm.structure import Structure
 
 ASYMMETRY = 1.0e-10
 DENSE = 400
@@ -23,7 +23,7 @@ class Finding:
     is_bad: bool = False
 
 
-def check(model: Model) -> list[Finding]:
+def check(model: Structure) -> list[Finding]:
     """All findings, the bad ones among them."""
     findings = [_symmetry(model, "mass", True), _symmetry(model, "stiffness", False)]
     if model.gyroscopic is not None:

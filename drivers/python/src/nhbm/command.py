@@ -14,7 +14,7 @@ from nhbm.checks import check
 from nhbm.errors import ModelError
 from nhbm.factors import dense_modes, symmetric_part
 from nhbm.guard import guarded
-from nhbm.model import MATRICES, Model
+from nhbm.structure import MATRICES, Structure
 
 OK, NOT_GOOD, WRONG = 0, 1, 2
 
@@ -169,7 +169,7 @@ def _check_output(options) -> None:
         raise ModelError(f"file '{path}': there is no folder '{path.parent}'")
 
 
-def _write(model: Model, options) -> None:
+def _write(model: Structure, options) -> None:
     path = Path(options.output)
     model.write(path)
     print(f"{path}: {model.n_dofs} degrees of freedom, {model.stiffness.nnz} entries of the stiffness")
@@ -204,7 +204,7 @@ def run_import(options) -> int:
     return OK
 
 
-def _add_loads(model: Model, texts: list[str]) -> None:
+def _add_loads(model: Structure, texts: list[str]) -> None:
     for text in texts:
         name, parts = _named(text, "NAME=LABEL:VALUE,...")
         try:
@@ -223,7 +223,7 @@ def _named(text: str, form: str) -> tuple[str, str]:
 
 
 def run_info(options) -> int:
-    model = Model.read(options.model)
+    model = Structure.read(options.model)
     print(f"{options.model}: {model.source or 'of unknown origin'}; units {model.unit_system}")
     print(f"{model.n_dofs} degrees of freedom, {model.labels[0]} to {model.labels[-1]}; {len(model.node_numbers)} nodes, "
           f"{len(model.cell_types)} cells")  # fmt: skip
@@ -242,7 +242,7 @@ def run_info(options) -> int:
 
 
 def run_check(options) -> int:
-    findings = check(Model.read(options.model))
+    findings = check(Structure.read(options.model))
     for finding in findings:
         print(("wrong: " if finding.is_bad else "") + finding.text)
     return NOT_GOOD if any(finding.is_bad for finding in findings) else OK
@@ -298,7 +298,7 @@ def run_rotor(options) -> int:
 
 def run_wheel(options) -> int:
     n = options.sectors
-    sector = cyclic.sector_of(Model.read(options.model), n, options.low, options.high)
+    sector = cyclic.sector_of(Structure.read(options.model), n, options.low, options.high)
     if options.frequencies > 0:
         print("nodal diameters: lowest frequencies [rad/s]")
         for diameter in range(n // 2 + 1):
@@ -345,7 +345,7 @@ def run_assemble(options) -> int:
     parts = {}
     for text in options.parts:
         name, path = _named(text, "NAME=FILE")
-        parts[name] = Model.read(path)
+        parts[name] = Structure.read(path)
     places = {name: _place(text, place) for text in options.at for name, place in [_named(text, "NAME=X,Y,Z")]}
     model = assembly.assemble(parts, places)
     for text in options.pair:
@@ -358,7 +358,7 @@ def run_assemble(options) -> int:
 
 
 def run_reduce(options) -> int:
-    model = Model.read(options.model)
+    model = Structure.read(options.model)
 
     def reduced_model(n_modes):
         reduced = reduction.reduce(
@@ -370,7 +370,7 @@ def run_reduce(options) -> int:
     return OK
 
 
-def _reduced(reduce, options) -> Model:
+def _reduced(reduce, options) -> Structure:
     """What `reduce` makes with a number of modes: a model, and pairs to compare. With more until errors are below the tolerance."""
     if options.method is None:
         is_krylov = options.has_krylov and options.up_to is not None and options.modes is None
@@ -406,7 +406,7 @@ def _reduced(reduce, options) -> Model:
         n_modes, before = max(1, 2 * n_modes), model.n_dofs
 
 
-def _tell_errors(pairs: list[tuple[Model, Model]], up_to: float | None) -> float:
+def _tell_errors(pairs: list[tuple[Structure, Structure]], up_to: float | None) -> float:
     """The errors of reduced models, the largest of several at each frequency; returns the largest of all."""
     highest = up_to or max(_highest(reduced) for _, reduced in pairs)
     reports = [reduction.compare(model, reduced, reduction.band(reduced, highest)) for model, reduced in pairs]
@@ -422,7 +422,7 @@ def _tell_errors(pairs: list[tuple[Model, Model]], up_to: float | None) -> float
     return max(report.errors.max() for report in reports)
 
 
-def _highest(reduced: Model) -> float:
+def _highest(reduced: Structure) -> float:
     """Half of the highest frequency among the modes of the reduced model."""
     values, _ = dense_modes(symmetric_part(reduced.stiffness), reduced.mass)
     n_kept = sum(label[0] != "q" for label in reduced.labels)

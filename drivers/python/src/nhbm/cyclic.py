@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from nhbm.assembly import meeting_nodes
 from nhbm.errors import ModelError
 from nhbm.factors import lowest_modes, symmetric_part
-from nhbm.model import Model, Recovery
+from nhbm.structure import Recovery, Structure
 from nhbm.reduction import MODAL, load_matrix, reduce
 
 POLAR = {"x": "r", "y": "t"}
@@ -28,7 +28,7 @@ POLAR = {"x": "r", "y": "t"}
 class Sector:
     """A sector in polar directions, and what it shares with the next one."""
 
-    model: Model
+    model: Structure
     n_sectors: int
     own: np.ndarray  # degrees of freedom that are not those of the high side
     inside: sp.csr_matrix  # A, (n_dofs, n_own)
@@ -36,7 +36,7 @@ class Sector:
     twin: dict[int, int]  # nodes of the high side: that of the low side
 
 
-def sector_of(model: Model, n_sectors: int, low: str, high: str) -> Sector:
+def sector_of(model: Structure, n_sectors: int, low: str, high: str) -> Sector:
     """Prepares a sector of which the set `low`, turned by 2 pi/n_sectors, meets the set `high`."""
     if n_sectors < 3:
         raise ModelError(f"a wheel has three sectors or more, not {n_sectors}")
@@ -46,7 +46,7 @@ def sector_of(model: Model, n_sectors: int, low: str, high: str) -> Sector:
     polar = _polar(model)
     angle = 2 * np.pi / n_sectors
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    turned = Model(**{**vars(model), "coordinates": model.coordinates.copy(), "recovery": None})
+    turned = Structure(**{**vars(model), "coordinates": model.coordinates.copy(), "recovery": None})
     turned.coordinates[model.sets[low]] = model.coordinates[model.sets[low]] @ turn.T
     a, b = meeting_nodes(turned, low, high)
     if len(a) != len(model.sets[low]) or len(a) != len(model.sets[high]):
@@ -69,7 +69,7 @@ def sector_of(model: Model, n_sectors: int, low: str, high: str) -> Sector:
     return Sector(polar, n_sectors, own, inside, shared, twin)
 
 
-def _polar(model: Model) -> Model:
+def _polar(model: Structure) -> Structure:
     """The model with r and t in place of x and y at each node."""
     if set(model.dof_direction) & {"rx", "ry", ""}:
         raise ModelError("a sector moves along x, y and z; degrees of freedom that are rotations about x or y are not known here")
@@ -92,7 +92,7 @@ def _polar(model: Model) -> Model:
     directions = [POLAR.get(d, d) for d in model.dof_direction]
     changed = {name: sp.csr_matrix(turn.T @ m @ turn) for name, m in model.matrices().items()}
     labels = [f"n{model.node_numbers[node]}.{d}" for node, d in zip(model.dof_node, directions)]
-    return Model(**{**vars(model), **changed, "labels": labels, "dof_direction": directions, "loads": loads, "recovery": None})
+    return Structure(**{**vars(model), **changed, "labels": labels, "dof_direction": directions, "loads": loads, "recovery": None})
 
 
 def frequencies(sector: Sector, diameter: int, n: int) -> np.ndarray:
@@ -106,7 +106,7 @@ def frequencies(sector: Sector, diameter: int, n: int) -> np.ndarray:
     return np.sqrt(np.maximum(values[::n_parts], 0.0))
 
 
-def nodal_diameter(sector: Sector, diameter: int, neighbours: dict[str, tuple[str, str]] | None = None) -> Model:
+def nodal_diameter(sector: Sector, diameter: int, neighbours: dict[str, tuple[str, str]] | None = None) -> Structure:
     """The wave of so many nodal diameters as a model of the amplitudes c and s of one sector; of c alone for 0 and N/2.
 
     The nodes of s are copies with numbers of their own, sets of them are called `<set>_sin`. For each of `neighbours`, a set and
@@ -144,7 +144,7 @@ def nodal_diameter(sector: Sector, diameter: int, neighbours: dict[str, tuple[st
                 sets[name + ending] = kept + part * n_nodes
         for name, (high, low) in (neighbours or {}).items():
             sets |= {f"{name}{ending}_{k}": model.sets[one] + part * n_nodes for k, one in ((1, high), (2, low))}
-    return Model(
+    return Structure(
         **{name: doubled(matrix) for name, matrix in model.matrices().items()},
         labels=[f"n{all_numbers[node]}.{d}" for node, d in zip(dof_node, directions)],
         units=[model.units[dof] for dof in sector.own] * len(parts),
@@ -204,8 +204,8 @@ LARGEST_RECOVERY = 2.0e8  # entries
 class _Part:
     """A nodal diameter: its model, what is left of it, and what that is in the degrees of freedom of the reduced wheel."""
 
-    full: Model
-    reduced: Model
+    full: Structure
+    reduced: Structure
     waves: np.ndarray  # cosine and sine of its phase at each sector, (n_sectors, n_parts)
     weight: float  # of its energies in those of the wheel
     place: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))  # (reduced.n_dofs, n_dofs)
@@ -216,7 +216,7 @@ class _Part:
         return sum(label[0] != "q" for label in self.reduced.labels) // self.waves.shape[1]
 
 
-def reduced_wheel(sector: Sector, wanted: Reduction, diameter: int | None = None) -> tuple[Model, list[tuple[Model, Model]]]:
+def reduced_wheel(sector: Sector, wanted: Reduction, diameter: int | None = None) -> tuple[Structure, list[tuple[Structure, Structure]]]:
     """A small model of a wheel that never was put together: kept degrees of freedom of all sectors, and modes of each nodal
     diameter. Beside it the model of each diameter and what it was reduced to, to compare.
 
@@ -245,7 +245,7 @@ def reduced_wheel(sector: Sector, wanted: Reduction, diameter: int | None = None
     body = _body(sector)
     kept = _kept_nodes(sector, body, parts[0], range(n) if diameter is None else None)
     n_modes = int(starts[-1]) - n_kept
-    model = Model(
+    model = Structure(
         **{name: sp.csr_matrix(matrix) for name, matrix in matrices.items()},
         labels=[f"n{kept['node_numbers'][node]}.{d}" for node, d in zip(kept["dof_node"], kept["dof_direction"])]
         + [f"q{i + 1}" for i in range(n_modes)],
@@ -280,7 +280,7 @@ def _recovery(sector: Sector, wanted: Reduction, parts: list[_Part], body: dict)
     return Recovery(matrix, body["dof_node"], body["dof_direction"])
 
 
-def _reduced_wave(sector: Sector, wanted: Reduction, diameter: int) -> tuple[Model, Model]:
+def _reduced_wave(sector: Sector, wanted: Reduction, diameter: int) -> tuple[Structure, Structure]:
     """The model of a nodal diameter with its loads, and what is left of it."""
     full = nodal_diameter(sector, diameter, wanted.neighbours)
     n = sector.n_sectors
@@ -297,7 +297,7 @@ def _reduced_wave(sector: Sector, wanted: Reduction, diameter: int) -> tuple[Mod
     return full, reduce(full, keep, n_parts * wanted.n_modes, wanted.method)
 
 
-def _of_sine(full: Model, sector: Sector, name: str) -> str:
+def _of_sine(full: Structure, sector: Sector, name: str) -> str:
     """What a degree of freedom, set or pair of c is called for s."""
     if name in full.labels:
         return full.labels[full.labels.index(name) + len(sector.own)]
@@ -370,7 +370,7 @@ def _body(sector: Sector) -> dict:
     }
 
 
-def wheel(sector: Sector) -> Model:
+def wheel(sector: Sector) -> Structure:
     """The whole wheel. Sets have their nodes sector by sector."""
     model, n, body = sector.model, sector.n_sectors, _body(sector)
     node_of = body.pop("node_of")
@@ -383,7 +383,7 @@ def wheel(sector: Sector) -> Model:
         return sp.csr_matrix(sp.kron(sp.identity(n), a.T @ matrix @ a + b.T @ matrix @ b) + across + back)
 
     sets = {name: [int(k) for k in members if int(k) not in sector.twin] for name, members in model.sets.items()}
-    return Model(
+    return Structure(
         **{name: expand(matrix) for name, matrix in model.matrices().items()},
         **body,
         labels=[f"n{body['node_numbers'][node]}.{d}" for node, d in zip(body["dof_node"], body["dof_direction"])],
@@ -394,14 +394,14 @@ def wheel(sector: Sector) -> Model:
     )
 
 
-def add_neighbours(model: Model, name: str, high: str, low: str, n_sectors: int) -> None:
+def add_neighbours(model: Structure, name: str, high: str, low: str, n_sectors: int) -> None:
     """Names a set of each sector, and that of the next sector which it faces, `<name>_1` and `<name>_2`."""
     a, b = _same_number(model, high, low)
     model.sets |= {f"{name}_1": a, f"{name}_2": np.roll(b, -len(b) // n_sectors)}
     model.validate()
 
 
-def _same_number(model: Model, high: str, low: str) -> tuple[np.ndarray, np.ndarray]:
+def _same_number(model: Structure, high: str, low: str) -> tuple[np.ndarray, np.ndarray]:
     for one in (high, low):
         if one not in model.sets:
             raise ModelError(f"there is no set '{one}'; sets: {', '.join(model.sets) or 'none'}")
@@ -411,7 +411,7 @@ def _same_number(model: Model, high: str, low: str) -> tuple[np.ndarray, np.ndar
     return a, b
 
 
-def add_wave(model: Model, name: str, where: str, diameter: int, n_sectors: int) -> None:
+def add_wave(model: Structure, name: str, where: str, diameter: int, n_sectors: int) -> None:
     """Vectors of loads `<name>_cos` and `<name>_sin` of a wave that has so many nodal diameters: 1 N times the cosine and sine of
     its phase at each sector. Their cosine and sine in time make a wave that turns."""
     dofs = np.array(model.dofs_of(where))

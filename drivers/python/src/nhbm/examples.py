@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from nhbm.errors import ModelError
-from nhbm.model import Model
+from nhbm.structure import Structure
 
 VTK_LINE, VTK_QUAD, VTK_QUADRATIC_TETRA = 3, 9, 24
 
@@ -21,7 +21,7 @@ def _skfem():
     return skfem
 
 
-def beam(length=1.0, n_elements=20, width=0.03, height=0.01, clamped="left", young=2.1e11, density=7850.0) -> Model:
+def beam(length=1.0, n_elements=20, width=0.03, height=0.01, clamped="left", young=2.1e11, density=7850.0) -> Structure:
     """Bernoulli beam along x that bends along z: `z` and the slope `zx` at each node."""
     fem = _skfem()
     _above_zero(length=length, n_elements=n_elements, width=width, height=height, young=young, density=density)
@@ -40,7 +40,7 @@ def beam(length=1.0, n_elements=20, width=0.03, height=0.01, clamped="left", you
 
 def plate(
     length=0.4, width=0.3, thickness=0.004, n_x=10, n_y=8, edges="clamped", young=2.1e11, poisson=0.3, density=7850.0
-) -> Model:
+) -> Structure:
     """Kirchhoff plate in the plane of x and y that bends along z, by the rectangle of Bogner, Fox and Schmit: `z`, its slopes `zx`
     and `zy` and its twist `zxy` at each node. Edges are `clamped`, `supported`, `cantilever` (clamped at x = 0) or `free`."""
     fem = _skfem()
@@ -79,7 +79,7 @@ def plate(
 
 def solid(
     length=0.2, width=0.04, height=0.02, n_x=10, n_y=2, n_z=2, clamped="left", young=2.1e11, poisson=0.3, density=7850.0
-) -> Model:
+) -> Structure:
     """Block of quadratic tetrahedra with `x`, `y`, `z` at each node."""
     fem = _skfem()
     _above_zero(length=length, width=width, height=height, n_x=n_x, n_y=n_y, n_z=n_z, young=young, density=density)
@@ -101,7 +101,7 @@ def solid(
 def sector(
     n_sectors=12, hub=0.08, rim=0.14, platform=0.16, tip=0.26, height=0.012, clamped="hub", young=2.1e11, poisson=0.3,
     density=7850.0,
-) -> Model:  # fmt: skip
+) -> Structure:  # fmt: skip
     """Sector of a bladed disk about the axis z: disk, neck, platform and blade of quadratic tetrahedra, `clamped` at the hub or not
     at all (`none`)."""
     fem = _skfem()
@@ -136,7 +136,7 @@ def sector(
     )  # fmt: skip
 
 
-def ring(n_sectors=12, inner=0.262, outer=0.272, height=0.012, young=2.1e11, poisson=0.3, density=7850.0) -> Model:
+def ring(n_sectors=12, inner=0.262, outer=0.272, height=0.012, young=2.1e11, poisson=0.3, density=7850.0) -> Structure:
     """Sector of a casing, a ring about the axis z that nothing holds, of quadratic tetrahedra; the set `inside` is the node of its
     middle that the blade of a `sector` meets."""
     fem = _skfem()
@@ -207,7 +207,7 @@ def _vtk_order(mesh, cells):
     return cells
 
 
-def _nodal(stiffness, mass, dofs, directions, points, cells, vtk_type, sets, held, source) -> Model:
+def _nodal(stiffness, mass, dofs, directions, points, cells, vtk_type, sets, held, source) -> Structure:
     """Model of the degrees of freedom that are not held, node by node. `held`: names of sets, or directions by set."""
     n_nodes = len(points)
     kept = np.ones((len(directions), n_nodes), dtype=bool)
@@ -224,7 +224,7 @@ def _nodal(stiffness, mass, dofs, directions, points, cells, vtk_type, sets, hel
     symmetric = {name: sp.csr_matrix((m + m.T) / 2)[order][:, order] for name, m in pick.items()}
     moving = np.zeros(n_nodes, dtype=bool)
     moving[node] = True
-    return Model(
+    return Structure(
         **symmetric,
         labels=[f"n{i + 1}.{directions[d]}" for i, d in zip(node, direction)],
         units=["m" if len(directions[d]) == 1 else "rad" if len(directions[d]) == 2 else "rad/m" for d in direction],
@@ -247,7 +247,7 @@ def _clamped(ends: str) -> list[str]:
     return known[ends]
 
 
-def nearest_node(model: Model, place) -> int:
+def nearest_node(model: Structure, place) -> int:
     """Index of the node that moves and is closest to a place."""
     moving = np.unique(model.dof_node[model.dof_node >= 0])
     return int(moving[np.argmin(((model.coordinates[moving] - np.asarray(place)) ** 2).sum(axis=1))])

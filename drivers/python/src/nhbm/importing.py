@@ -15,21 +15,21 @@ import scipy.io
 import scipy.sparse as sp
 
 from nhbm.errors import ModelError
-from nhbm.model import Model, check_labels
+from nhbm.structure import Structure, check_labels
 
 DIRECTIONS = {1: "x", 2: "y", 3: "z", 4: "rx", 5: "ry", 6: "rz"}
 ANGLES = ("rx", "ry", "rz")
 
 
-def from_matrices(paths: dict[str, Path], labels: list[str] | None = None, **more) -> Model:
-    """Model of matrices in Matrix Market (.mtx, .mm) or npz files, one a matrix."""
+def from_matrices(paths: dict[str, Path], labels: list[str] | None = None, **more) -> Structure:
+    """Structure of matrices in Matrix Market (.mtx, .mm) or npz files, one a matrix."""
     matrices = {name: read_matrix(path) for name, path in paths.items()}
     if labels is None:
         labels = [f"x{i + 1}" for i in range(next(iter(matrices.values())).shape[0])]
     for name, matrix in matrices.items():
         if matrix.shape[0] != len(labels):
             raise ModelError(f"file '{paths[name]}': matrix '{name}' has {matrix.shape[0]} rows, there are {len(labels)} labels")
-    return Model(**matrices, **places_of(labels), **more)
+    return Structure(**matrices, **places_of(labels), **more)
 
 
 def read_matrix(path) -> sp.csr_matrix:
@@ -97,8 +97,8 @@ def places_of(labels: list[str]) -> dict:
     }
 
 
-def from_calculix(stem, **more) -> Model:
-    """Model of what CalculiX stores for `*FREQUENCY, SOLVER=MATRIXSTORAGE`: <stem>.sti, .mas and .dof."""
+def from_calculix(stem, **more) -> Structure:
+    """Structure of what CalculiX stores for `*FREQUENCY, SOLVER=MATRIXSTORAGE`: <stem>.sti, .mas and .dof."""
     stem = Path(stem)
     stem = stem.with_suffix("") if stem.suffix in (".sti", ".mas", ".dof", ".inp") else stem
     labels = []
@@ -111,7 +111,7 @@ def from_calculix(stem, **more) -> Model:
         raise ModelError(f"file '{stem}.dof' names no degree of freedom")
     n = len(_checked(labels, f"{stem}.dof"))
     matrices = {name: _triangle(f"{stem}{end}", n) for name, end in (("stiffness", ".sti"), ("mass", ".mas"))}
-    return Model(**matrices, **places_of(labels), **more)
+    return Structure(**matrices, **places_of(labels), **more)
 
 
 def _triangle(path, n) -> sp.csr_matrix:
@@ -133,8 +133,8 @@ def _symmetric(row, column, value, n) -> sp.csr_matrix:
     return sp.csr_matrix(half + half.T - sp.diags(half.diagonal()))
 
 
-def from_abaqus(paths: dict[str, Path], **more) -> Model:
-    """Model of Abaqus' `*MATRIX GENERATE` (MATRIX INPUT format): node, direction, node, direction, value a line."""
+def from_abaqus(paths: dict[str, Path], **more) -> Structure:
+    """Structure of Abaqus' `*MATRIX GENERATE` (MATRIX INPUT format): node, direction, node, direction, value a line."""
     tables = {name: _table(path, 5, 4) for name, path in paths.items()}
     places = np.unique(np.concatenate([t[:, pair] for t in tables.values() for pair in ([0, 1], [2, 3])]), axis=0)
     index = {(int(node), int(direction)): i for i, (node, direction) in enumerate(places)}
@@ -151,11 +151,11 @@ def from_abaqus(paths: dict[str, Path], **more) -> Model:
         column = np.array([index[int(a), int(b)] for a, b in table[:, 2:4]])
         matrices[name] = _symmetric(row, column, table[:, 4], len(index))
     labels = [f"n{node}.{DIRECTIONS[direction]}" for node, direction in index]
-    return Model(**matrices, **places_of(labels), **more)
+    return Structure(**matrices, **places_of(labels), **more)
 
 
-def from_nastran(path, names: dict[str, str], **more) -> Model:
-    """Model of DMIG matrices in a bulk data or punch file (needs pyNastran)."""
+def from_nastran(path, names: dict[str, str], **more) -> Structure:
+    """Structure of DMIG matrices in a bulk data or punch file (needs pyNastran)."""
     try:
         from pyNastran.bdf.bdf import read_bdf
     except ImportError:
@@ -187,10 +187,10 @@ def from_nastran(path, names: dict[str, str], **more) -> Model:
         column = [index[tuple(map(int, columns[i]))] for i in matrix.col]
         matrices[name] = sp.csr_matrix((matrix.data, (row, column)), shape=(len(index),) * 2)
     labels = [f"n{node}.{DIRECTIONS.get(direction, 's')}" for node, direction in index]
-    return Model(**matrices, **places_of(labels), **more)
+    return Structure(**matrices, **places_of(labels), **more)
 
 
-def add_mesh(model: Model, path) -> None:
+def add_mesh(model: Structure, path) -> None:
     """Takes coordinates, cells and sets of nodes from a mesh (any format of meshio), nodes by their numbers."""
     if (model.dof_node < 0).all():
         raise ModelError(f"no degree of freedom stands at a node of '{path}': --labels gives names such as n12.z")

@@ -1,307 +1,317 @@
-"""A structure as sparse matrices with labels, nodes, sets and loads, and its file (HDF5, docs/user/model.md)."""
+"""Models in process: a structure with tones, loads and laws, its motions, curves and sweeps as xarray.Dataset."""
 
 from __future__ import annotations
 
-import difflib
-from dataclasses import dataclass, field
+import itertools
+import re
+import warnings
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-import h5py
 import numpy as np
-import scipy.sparse as sp
+import xarray as xr
 
+from nhbm import dataset
 from nhbm.errors import ModelError
-from nhbm.guard import written
+from nhbm.groups import Builder, group_text, identifier, path_of
+from nhbm.laws import Law
+from nhbm.session import Session
+from nhbm.structure import Structure
 
-FORMAT = "nhbm model"
-SCHEMA_VERSION = 1
-MATRICES = ("mass", "stiffness", "damping", "gyroscopic", "structural")
-MAX_LABEL = 16
-
-_NO_INTEGERS = np.zeros(0, dtype=np.int64)
-
-
-@dataclass
-class Recovery:
-    """Degrees of freedom of the full model that a reduced one stands for: full = matrix @ reduced."""
-
-    matrix: np.ndarray  # (n_full, n_dofs)
-    node: np.ndarray  # (n_full), index into the nodes, -1 for none
-    direction: list[str]  # (n_full)
+GROUPS = (
+    "structure", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", "certificate", "stability",
+    "output", "march", "accuracy", "curve",
+)  # fmt: skip
+_IN_MEMORY = "structure in memory"
 
 
-@dataclass
+class NotConverged(UserWarning):
+    """A motion was not found, or misses what was asked for."""
+
+
 class Model:
-    """M x'' + (D + G) x' + (K + i H) x = forces."""
+    """A structure with tones, loads and laws.
 
-    mass: sp.csr_matrix
-    stiffness: sp.csr_matrix
-    labels: list[str]
-    damping: sp.csr_matrix | None = None
-    gyroscopic: sp.csr_matrix | None = None
-    structural: sp.csr_matrix | None = None  # H
-    units: list[str] | None = None  # of the coordinates
-    node_numbers: np.ndarray = field(default_factory=lambda: _NO_INTEGERS)
-    coordinates: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    dof_node: np.ndarray | None = None  # index into the nodes, -1 for none
-    dof_direction: list[str] | None = None
-    cell_types: np.ndarray = field(default_factory=lambda: _NO_INTEGERS)  # of VTK
-    cell_starts: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
-    cell_nodes: np.ndarray = field(default_factory=lambda: _NO_INTEGERS)
-    sets: dict[str, np.ndarray] = field(default_factory=dict)  # indices of nodes
-    loads: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)  # degrees of freedom, values
-    unit_system: str = "m kg s"
-    source: str = ""
-    recovery: Recovery | None = None
-    up_to: float | None = None  # frequencies that a reduced model is for [rad/s]
+    structure: a Builder (nhbm.Beam, nhbm.Chain, ...), a Structure of sparse matrices, or the path of a model file.
+    tones: base frequencies [rad/s], or a mapping of keys of the group &tones.
+    groups: further groups of the input by name, each a mapping of its keys: harmonics={"order": 9}.
 
-    def __post_init__(self):
-        for name in MATRICES:
-            matrix = getattr(self, name)
-            if matrix is None:
-                continue
-            matrix = sp.csr_matrix(matrix, dtype=float)
-            matrix.sum_duplicates()
-            setattr(self, name, matrix)
-        if self.units is None:
-            self.units = ["m"] * self.n_dofs
-        if self.dof_node is None:
-            self.dof_node = np.full(self.n_dofs, -1)
-        if self.dof_direction is None:
-            self.dof_direction = [""] * self.n_dofs
-        self.validate()
+    Keys, units and defaults are those of the input (docs/user/input.md). Raises ModelError with group, key and the right value. A model
+    belongs to one thread at a time; it can be pickled with its values, for processes that work on the same.
+    """
 
-    @property
-    def n_dofs(self) -> int:
-        return len(self.labels)
-
-    def matrices(self) -> dict[str, sp.csr_matrix]:
-        """The matrices that there are, by name."""
-        return {name: getattr(self, name) for name in MATRICES if getattr(self, name) is not None}
-
-    def validate(self) -> None:
-        """Refuses sizes that disagree, numbers that are not finite, labels that are no names or not unique."""
-        n = self.n_dofs
-        if n == 0:
-            raise ModelError("the model has no degrees of freedom")
-        for name, matrix in self.matrices().items():
-            if matrix.shape != (n, n):
-                raise ModelError(f"matrix '{name}' is {matrix.shape[0]} x {matrix.shape[1]}, there are {n} labels")
-            if not np.isfinite(matrix.data).all():
-                at = sp.coo_matrix(matrix)
-                e = int(np.argmin(np.isfinite(at.data)))
-                raise ModelError(
-                    f"matrix '{name}': the entry between {self.labels[at.row[e]]} and {self.labels[at.col[e]]} is not a "
-                    "finite number"
-                )
-        check_labels(self.labels)
-        for what, values in (("units", self.units), ("nodes", self.dof_node), ("directions", self.dof_direction)):
-            if len(values) != n:
-                raise ModelError(f"there are {len(values)} {what} for {n} degrees of freedom")
-        n_nodes = len(self.node_numbers)
-        if np.shape(self.coordinates) != (n_nodes, 3):
-            raise ModelError(f"coordinates are {np.shape(self.coordinates)}, expected ({n_nodes}, 3)")
-        for name, nodes in self.sets.items():
-            nodes = np.asarray(nodes)
-            if nodes.size and (nodes.min() < 0 or nodes.max() >= n_nodes):
-                raise ModelError(f"set '{name}' names a node that there is not; there are 0 to {n_nodes - 1}")
-            if len(np.unique(nodes)) != len(nodes):
-                raise ModelError(f"set '{name}' names a node twice")
-        for name, (dofs, values) in self.loads.items():
-            if len(dofs) != len(values):
-                raise ModelError(f"load '{name}' has {len(dofs)} degrees of freedom and {len(values)} values")
-            if len(dofs) and (np.min(dofs) < 0 or np.max(dofs) >= n):
-                raise ModelError(f"load '{name}' acts on a degree of freedom that there is not")
-            if not np.isfinite(values).all():
-                at = self.labels[int(dofs[np.argmin(np.isfinite(values))])]
-                raise ModelError(f"load '{name}': the value at {at} is not a finite number")
-
-    def dofs_of(self, name: str) -> list[int]:
-        """Numbers of a label, of a set with a direction (`contact.z`), or of all directions of a set (`contact`)."""
-        if name in self.labels:
-            return [self.labels.index(name)]
-        stem, _, direction = name.rpartition(".")
-        wanted = None
-        if name in self.sets:
-            stem = name
-        elif stem in self.sets:
-            wanted = direction
+    def __init__(self, structure: Builder | Structure | str | Path, tones: Iterable[float] | Mapping = (), **groups: Mapping):
+        self._clear()
+        if isinstance(structure, Builder):
+            self._groups["structure"] = dict(structure.keys)
+        elif isinstance(structure, Structure):
+            self._structure = structure
+            self._groups["structure"] = {"type": "model", "file": _IN_MEMORY}
+        elif isinstance(structure, (str, Path)):
+            self._groups["structure"] = {"type": "model", "file": str(structure)}
         else:
-            known = ", ".join(self.sets) or "none"
-            directed = [f"{name}.{d}" for name in self.sets for d in set(self.dof_direction)]
-            hint = meant(name, [*self.sets, *directed, *self.labels])
-            raise ModelError(f"there is no degree of freedom and no set '{name}'; sets: {known}{hint}")
-        of_node: dict[int, list[int]] = {}
-        for dof, node in enumerate(self.dof_node):
-            if wanted is None or self.dof_direction[dof] == wanted:
-                of_node.setdefault(int(node), []).append(dof)
-        missing = [int(node) for node in self.sets[stem] if int(node) not in of_node]
-        if missing:
-            raise ModelError(f"node {self.node_numbers[missing[0]]} of set '{stem}' has no degree of freedom '{direction}'")
-        return [dof for node in self.sets[stem] for dof in of_node[int(node)]]
+            raise ModelError(f"{structure!r} is no structure; nhbm.Beam(...), nhbm.Structure(...) or the path of a model file is one")
+        if isinstance(tones, Mapping):
+            self._groups["tones"] = dict(tones)
+        elif len(list(np.atleast_1d(tones))) > 0:
+            self._groups["tones"] = {"frequency": [float(omega) for omega in np.atleast_1d(tones)]}
+        for name, keys in groups.items():
+            self.set(name, **keys)
 
-    def write(self, path) -> None:
-        """Writes the model file: a new one beside it, which takes its name when it is complete and on the disk."""
-        image = self._image()
-        try:
-            with written(path) as name, open(name, "wb") as file:
-                file.write(image)
-        except OSError as error:
-            raise ModelError(f"file '{path}' cannot be written: {error.strerror or error}") from None
-
-    def _image(self) -> bytes:
-        """The bytes of the file. HDF5 makes them in memory: where a write of its own fails, it cannot be told to let go."""
-        texts = h5py.string_dtype()
-        with h5py.File("model", "w", driver="core", backing_store=False) as file:
-            file.attrs["format"] = FORMAT
-            file.attrs["schema_version"] = np.int32(SCHEMA_VERSION)
-            file.attrs["unit_system"] = self.unit_system
-            file.attrs["source"] = self.source
-            file.create_dataset("labels", data=self.labels, dtype=texts)
-            file.create_dataset("units", data=self.units, dtype=texts)
-            for name, matrix in self.matrices().items():
-                group = file.create_group(name)
-                group["indptr"] = matrix.indptr
-                group["indices"] = matrix.indices
-                group["data"] = matrix.data
-            file["nodes/number"] = np.asarray(self.node_numbers, dtype=np.int64)
-            file["nodes/coordinates"] = np.asarray(self.coordinates, dtype=float)
-            file["dofs/node"] = np.asarray(self.dof_node, dtype=np.int64)
-            file.create_dataset("dofs/direction", data=self.dof_direction, dtype=texts)
-            file["cells/type"] = np.asarray(self.cell_types, dtype=np.uint8)
-            file["cells/indptr"] = np.asarray(self.cell_starts, dtype=np.int64)
-            file["cells/nodes"] = np.asarray(self.cell_nodes, dtype=np.int64)
-            _write_lists(file, "sets", {name: (nodes,) for name, nodes in self.sets.items()}, ("nodes",), texts)
-            _write_lists(file, "loads", self.loads, ("dofs", "values"), texts)
-            if self.recovery is not None:
-                file["recovery/matrix"] = self.recovery.matrix
-                file["recovery/node"] = np.asarray(self.recovery.node, dtype=np.int64)
-                file.create_dataset("recovery/direction", data=self.recovery.direction, dtype=texts)
-            if self.up_to is not None:
-                file["up_to"] = np.array([self.up_to])
-            file.flush()
-            return file.id.get_file_image()
+    def _clear(self) -> None:
+        self._base, self._folder, self._name = "", Path(), "model"
+        self._groups: dict[str, dict] = {}
+        self._lists: list[tuple[str, dict]] = []
+        self._laws: list[Law] = []
+        self._structure: Structure | None = None
+        self._values: dict[str, object] = {}
+        self._handles: dict[str, int] = {}
+        self._session: Session | None = None
+        self._wanted: tuple[float | None, int | None] = (None, None)  # tolerance and order
 
     @classmethod
-    def read(cls, path) -> Model:
-        """Reads a model file."""
-        if not Path(path).is_file():
-            raise ModelError(f"file '{path}' does not exist")
-        try:
-            with h5py.File(path, "r") as file:
-                return cls._from_file(file)
-        except ModelError as error:
-            raise ModelError(f"file '{path}': {error}") from None
-        except OSError as error:
-            raise ModelError(f"file '{path}' cannot be read as HDF5: {error}") from None
-        except (KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError, OverflowError, MemoryError) as error:
-            why = " ".join(str(error).strip("'\"").split())  # h5py raises any of these where a part is damaged
-            raise ModelError(f"file '{path}' is damaged: {why}") from None
+    def from_namelist(cls, text: str, folder: str | Path = ".") -> Model:
+        """The model of the text of an input; files that it names are looked for in `folder`."""
+        model = cls.__new__(cls)
+        model._clear()
+        model._base, model._folder = text if text.endswith("\n") else text + "\n", Path(folder)
+        model._live()
+        return model
 
     @classmethod
-    def _from_file(cls, file: h5py.File) -> Model:
-        if _text(file.attrs.get("format", "")) != FORMAT:
-            raise ModelError(f"is no model file: it has no attribute 'format' that says '{FORMAT}'")
-        if int(file.attrs.get("schema_version", 0)) != SCHEMA_VERSION:
-            raise ModelError(f"has schema version {file.attrs.get('schema_version')}, this package reads {SCHEMA_VERSION}")
-        labels = _texts(file, "labels")
-        n = len(labels)
-        matrices = {}
-        for name in MATRICES:
-            if name in file:
-                parts = [_values(file, f"{name}/{part}") for part in ("data", "indices", "indptr")]
-                if len(parts[2]) != n + 1:
-                    raise ModelError(f"matrix '{name}' has {len(parts[2]) - 1} rows, there are {n} labels")
-                try:
-                    matrices[name] = sp.csr_matrix(tuple(parts), shape=(n, n))
-                    matrices[name].check_format()
-                except ValueError as error:
-                    raise ModelError(f"matrix '{name}': {error}") from None
-        for name in ("mass", "stiffness"):
-            if name not in matrices:
-                raise ModelError(f"has no matrix '{name}'")
-        more = {}
-        if "dofs" in file:
-            more = {"dof_node": _values(file, "dofs/node"), "dof_direction": _texts(file, "dofs/direction")}
-        if "nodes" in file:
-            more |= {"node_numbers": _values(file, "nodes/number"), "coordinates": _values(file, "nodes/coordinates")}
-        if "cells" in file:
-            more |= {
-                "cell_types": _values(file, "cells/type"),
-                "cell_starts": _values(file, "cells/indptr"),
-                "cell_nodes": _values(file, "cells/nodes"),
-            }
-        if "recovery" in file:
-            parts = (_values(file, "recovery/matrix"), _values(file, "recovery/node"), _texts(file, "recovery/direction"))
-            more["recovery"] = Recovery(*parts)
-        if "up_to" in file:
-            more["up_to"] = float(_values(file, "up_to")[0])
-        return cls(
-            labels=labels,
-            units=_texts(file, "units"),
-            sets={name: nodes for name, (nodes,) in _read_lists(file, "sets", ("nodes",)).items()},
-            loads=_read_lists(file, "loads", ("dofs", "values")),
-            unit_system=_text(file.attrs.get("unit_system", "")),
-            source=_text(file.attrs.get("source", "")),
-            **matrices,
-            **more,
-        )
+    def from_file(cls, path: str | Path) -> Model:
+        """The model of an input file."""
+        model = cls.from_namelist(Path(path).read_text(), Path(path).parent)
+        model._name = str(path)
+        return model
+
+    def to_namelist(self) -> str:
+        """The input with all keys that may be given and their values; laws of Python and structures in memory stand by name alone."""
+        return self._live().input()
+
+    # What it is made of
+
+    def set(self, group: str, **keys) -> None:
+        """Sets keys of a group, such as set("harmonics", order=9); None leaves a key to its default."""
+        if group in ("load", "law", "start"):
+            raise ModelError(f"there may be several groups &{group}; model.{group}(...) adds one")
+        if group not in GROUPS:
+            raise ModelError(f"unknown group '{group}'; known: {', '.join(GROUPS)}")
+        self._groups.setdefault(group, {}).update(keys)
+        self._session = None
+
+    def load(self, dof: str, tuple_: int | Iterable[int] = 1, cos: float = 0.0, sin: float = 0.0, **keys) -> None:
+        """Adds the force cos cos(j.omega t) + sin sin(j.omega t) [N] at a degree of freedom; `tuple_` is j."""
+        entries = [int(k) for k in np.atleast_1d(tuple_)]
+        self._add("load", {"dof": dof, "tuple": entries, "cos": cos, "sin": sin, **keys})
+
+    def law(self, kind: str | Law | Callable, dof: str | Iterable[str] | None = None, **keys) -> None:
+        """Adds a law of the catalogue by its type, or one of Python (nhbm.law); `dof` is where it acts, several are `dofs`."""
+        where = {} if dof is None else {"dof": dof} if isinstance(dof, str) else {"dofs": list(dof)}
+        if isinstance(kind, str):
+            self._add("law", {"type": kind, **where, **keys})
+            return
+        law = kind if isinstance(kind, Law) else Law(kind)
+        self._laws.append(law)
+        self._add("law", {"type": "user", "library": "", "name": law.name, "odd": law.odd, **where, **keys})
+
+    def start(self, dof: str, tuple_: int | Iterable[int] = 1, cos: float = 0.0, sin: float = 0.0, **keys) -> None:
+        """Adds an entry of the first guess, as `load`, in units of the motion."""
+        self._add("start", {"dof": dof, "tuple": [int(k) for k in np.atleast_1d(tuple_)], "cos": cos, "sin": sin, **keys})
+
+    def __setitem__(self, path: str, value) -> None:
+        """Sets a value by its path: model["wall.gap"] = 1e-3, model["tones[0]"] = 2.0, or a path of the input, "law(wall)%gap"."""
+        path, session = path_of(path, GROUPS), self._live()
+        if isinstance(value, (float, np.floating)):
+            if path not in self._handles:
+                self._handles[path] = session.parameter(path)
+            session.set_parameter(self._handles[path], float(value))
+        else:
+            session.set(path, value)
+        self._values[path] = value
+
+    # What it does
+
+    def solve(self, *, tolerance: float | None = None, order: int | None = None, warm: bool = False) -> xr.Dataset:
+        """Finds the motion: harmonics by tolerance (relative, 1e-2 if nothing is said) or of a given order.
+
+        `warm` starts from the motion found last. The dataset has the names of the result file; its status is 1 where the motion has
+        converged, else NotConverged is warned of with the reason.
+        """
+        session = self._asked(tolerance, order)
+        session.solve(warm)
+        motion = dataset.motion_of(session)
+        if int(motion["status"]) != dataset.CONVERGED:
+            warnings.warn(session.message or f"status {int(motion['status'])}", NotConverged, stacklevel=2)
+        return motion
+
+    def curve(self, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
+              on_point: Callable[[xr.Dataset], bool] | None = None, progress=False, **keys) -> xr.Dataset:  # fmt: skip
+        """Follows motions while the value of a path moves from `start` to `stop`, round folds, with stability and bifurcations.
+
+        keys: of the group &curve (docs/user/curves.md), such as peak_of="x1 (1)", points=200. `on_point` gets each point and may end the
+        curve by returning True. The points are those of the dimension `point`; `curve_kind` tells folds, peaks and bifurcations.
+        """
+        path = path_of(path, GROUPS)
+        self._groups["curve"] = {"parameter": path, "from": float(start), "to": float(stop), **keys}
+        self._session = None
+        try:
+            session, points = self._asked(tolerance, order), []
+            session.begin_curve()
+            with _Progress(progress, "curve") as bar:
+                while session.next():
+                    points.append(dataset.motion_of(session))
+                    bar.update()
+                    if on_point is not None and on_point(points[-1]):
+                        break
+        finally:
+            del self._groups["curve"]
+            self._session = None
+        if not points:
+            raise ModelError(session.message or "the curve has no points")
+        found = dataset.joined(points, {})
+        return found.set_coords(identifier(path)).assign_attrs(varies=[identifier(path)])
+
+    def sweep(self, values: Mapping[str, Iterable], *, tolerance: float | None = None, order: int | None = None, warm: bool = False,
+              workers: int = 1, executor=None, comm=None, progress=False) -> xr.Dataset:  # fmt: skip
+        """Solves the points of a grid of values by path, {"wall.gap": [...], "tones[0]": [...]}; the last one changes fastest.
+
+        `warm` starts each point from its neighbour along the last path. The work is spread over lines of the grid (points, where nothing
+        is warm): over `workers` processes, an executor with `map` (concurrent.futures, mpi4py.futures, Dask), or the ranks of an MPI
+        communicator, each of which gets the whole dataset. Points that have no motion are told by `status` and `message`.
+        """
+        grid = {path: list(np.atleast_1d(list(line))) for path, line in values.items()}
+        if not grid or not all(grid.values()):
+            raise ModelError("a sweep needs at least one path, and values for each")
+        points = list(itertools.product(*grid.values()))
+        length = len(list(grid.values())[-1]) if warm else 1
+        lines = [points[k : k + length] for k in range(0, len(points), length)]
+        if length == 1 and comm is None:  # fewer, larger pieces of work
+            n = max(1, len(points) // (8 * workers)) if workers > 1 or executor else 1
+            lines = [points[k : k + n] for k in range(0, len(points), n)]
+        work = _Line(self, list(grid), tolerance, order, warm)
+        with _Progress(progress, "sweep", len(points)) as bar:
+            motions = list(itertools.chain.from_iterable(_spread(work, lines, workers, executor, comm, bar)))
+        names = [identifier(path_of(path, GROUPS)) for path in grid]
+        found = dataset.joined(motions, {name: [point[k] for point in points] for k, name in enumerate(names)}).assign_attrs(varies=names)
+        bad = int((found["status"] != dataset.CONVERGED).sum())
+        if bad:
+            warnings.warn(f"{bad} of {len(points)} points have not converged: {found.nhbm.message}", NotConverged, stacklevel=2)
+        return found
+
+    # How it is kept
+
+    def _add(self, name: str, keys: dict) -> None:
+        self._lists.append((name, keys))
+        self._session = None
+
+    def _text(self) -> str:
+        groups, (tolerance, order) = dict(self._groups), self._wanted
+        if order is not None:
+            groups.pop("accuracy", None)
+        for name, key, value in (("accuracy", "tolerance", tolerance), ("harmonics", "order", order)):
+            if value is not None and not self._is_in_base(name):
+                groups[name] = {**groups.get(name, {}), key: value}
+        groups = [group_text(name, keys) for name, keys in groups.items()]
+        return self._base + "".join(groups + [group_text(name, keys) for name, keys in self._lists])
+
+    def _is_in_base(self, group: str) -> bool:
+        return re.search(rf"^\s*&{group}\b", self._base, re.IGNORECASE | re.MULTILINE) is not None
+
+    def _live(self) -> Session:
+        """The session, made anew where groups have changed."""
+        if self._session is None:
+            session = Session(self._find_structure)
+            session.read(self._text(), self._name)
+            for name, path, value in zip(("accuracy", "harmonics"), ("accuracy%tolerance", "harmonics%order"), self._wanted):
+                if value is not None and self._is_in_base(name):
+                    session.set(path, value)
+            for path, value in self._values.items():
+                session.set(path, value)
+            self._session, self._handles = session, {}
+        return self._session
+
+    def _find_structure(self, name: str) -> Structure:
+        if name == _IN_MEMORY and self._structure is not None:
+            return self._structure
+        path = self._folder / name
+        return Structure.read(path if path.is_file() else name)
+
+    def _asked(self, tolerance, order) -> Session:
+        """The session with that tolerance or order. Which of both it is decides how an input is read, so it is read again where that changes."""
+        if (tolerance, order) != self._wanted:
+            self._wanted, self._session = (tolerance, order), None
+        return self._live()
+
+    def __getstate__(self):
+        return {**self.__dict__, "_session": None, "_handles": {}, "_lists": [*self._lists], "_law_names": [law.name for law in self._laws]}
+
+    def __setstate__(self, state):
+        names = state.pop("_law_names")
+        self.__dict__.update(state)
+        new = {old: law.name for old, law in zip(names, self._laws)}  # laws have names of their own in each process
+        self._lists = [(g, {**keys, "name": new.get(keys["name"], keys["name"])} if "name" in keys else keys) for g, keys in self._lists]
 
 
-def meant(name: str, known: list[str]) -> str:
-    """The end of a message on an unknown name: the known one that is like it, if there is one."""
-    lower = {other.lower(): other for other in reversed(known)}
-    close = difflib.get_close_matches(name.lower(), lower, 1, 0.7)
-    return f"; did you mean '{lower[close[0]]}'?" if close else ""
+class _Line:
+    """Solves a line of points; a value that processes can be sent."""
+
+    def __init__(self, model, paths, tolerance, order, warm):
+        self.model, self.paths, self.tolerance, self.order, self.warm = model, paths, tolerance, order, warm
+
+    def __call__(self, points) -> list[xr.Dataset]:
+        motions = []
+        for k, point in enumerate(points):
+            for path, value in zip(self.paths, point):
+                self.model[path] = value
+            session = self.model._asked(self.tolerance, self.order)
+            session.solve(self.warm and k > 0)
+            motions.append(dataset.motion_of(session))
+        return motions
 
 
-def check_labels(labels: list[str]) -> None:
-    """Refuses labels that are no names or not unique."""
-    seen: dict[str, int] = {}
-    for i, label in enumerate(labels):
-        if not label or not label[0].isascii() or not label[0].isalpha():
-            raise ModelError(f"label {i + 1} is '{label}', it must begin with a letter")
-        if len(label) > MAX_LABEL:
-            raise ModelError(f"label '{label}' has more than {MAX_LABEL} characters")
-        if label in seen:
-            raise ModelError(f"degrees of freedom {seen[label] + 1} and {i + 1} both have the label '{label}'")
-        seen[label] = i
-
-
-def _write_lists(file, group, lists, parts, texts) -> None:
-    """Writes named lists one behind the other, with the place where each begins."""
-    if not lists:
+def _spread(work, lines, workers, executor, comm, bar) -> Iterable[list[xr.Dataset]]:
+    """What comes of all lines, in their order."""
+    if comm is not None:
+        mine = [(k, work(line)) for k, line in enumerate(lines) if k % comm.Get_size() == comm.Get_rank()]
+        done = dict(itertools.chain.from_iterable(comm.allgather(mine)))
+        yield from (done[k] for k in range(len(lines)))
         return
-    file.create_dataset(f"{group}/names", data=list(lists), dtype=texts)
-    columns = list(zip(*lists.values()))
-    file[f"{group}/indptr"] = np.concatenate([[0], np.cumsum([len(c) for c in columns[0]])]).astype(np.int64)
-    for part, column in zip(parts, columns):
-        values = np.concatenate([np.asarray(c) for c in column])
-        file[f"{group}/{part}"] = values.astype(float if part == "values" else np.int64)
+    if executor is None and workers > 1:
+        import multiprocessing
+        from concurrent.futures import ProcessPoolExecutor
+
+        with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as executor:
+            yield from _spread(work, lines, 1, executor, None, bar)
+        return
+    for motions in map(work, lines) if executor is None else executor.map(work, lines):
+        bar.update(len(motions))
+        yield motions
 
 
-def _read_lists(file, group, parts) -> dict[str, tuple]:
-    if group not in file:
-        return {}
-    starts = _values(file, f"{group}/indptr")
-    columns = [_values(file, f"{group}/{part}") for part in parts]
-    names = _texts(file, f"{group}/names")
-    if len(starts) != len(names) + 1:
-        raise ModelError(f"'{group}/indptr' has {len(starts)} entries, expected {len(names) + 1}")
-    return {
-        name: tuple(column[starts[i] : starts[i + 1]] for column in columns) for i, name in enumerate(names)
-    }
+class _Progress:
+    """A bar of tqdm where one is asked for and tqdm is there, or a function that gets the number of points done."""
 
+    def __init__(self, wanted, what: str, total: int | None = None):
+        self._wanted, self._what, self._total, self._n, self._bar = wanted, what, total, 0, None
 
-def _values(file, name) -> np.ndarray:
-    if name not in file:
-        raise ModelError(f"has no '{name}'")
-    return file[name][()]
+    def __enter__(self) -> _Progress:
+        if self._wanted is True:
+            try:
+                from tqdm.auto import tqdm
 
+                self._bar = tqdm(total=self._total, desc=self._what, unit="point")
+            except ImportError:
+                pass
+        return self
 
-def _texts(file, name) -> list[str]:
-    return [_text(value) for value in _values(file, name)]
+    def update(self, n: int = 1) -> None:
+        self._n += n
+        if self._bar is not None:
+            self._bar.update(n)
+        elif callable(self._wanted):
+            self._wanted(self._n)
 
-
-def _text(value) -> str:
-    return value.decode() if isinstance(value, bytes) else str(value)
+    def __exit__(self, *fault) -> None:
+        if self._bar is not None:
+            self._bar.close()

@@ -21,7 +21,7 @@ import scipy.sparse.linalg as spla
 
 from nhbm.errors import ModelError
 from nhbm.factors import Factors, dense_modes, lowest_modes, symmetric_part
-from nhbm.model import Model, Recovery
+from nhbm.structure import Structure, Recovery
 
 MODAL = ("free-interface", "craig-bampton")  # with a number of modes
 METHODS = ("krylov", *MODAL)
@@ -51,8 +51,8 @@ class Report:
 
 
 def reduce(
-    model: Model, keep: list[str], n_modes: int = 20, method: str = MODAL[0], up_to: float | None = None, tolerance: float = KRYLOV_TOLERANCE
-) -> Model:
+    model: Structure, keep: list[str], n_modes: int = 20, method: str = MODAL[0], up_to: float | None = None, tolerance: float = KRYLOV_TOLERANCE
+) -> Structure:
     """Reduced model with the named degrees of freedom or sets, and the vectors of loads as further static shapes.
 
     By a number of modes, or with 'krylov' by as many shapes as the flexibility takes up to a frequency [rad/s]: to a tolerance,
@@ -98,7 +98,7 @@ def _pair(model, name) -> tuple[str, str, str] | None:
     return stem, f"{stem}_1.{direction}", f"{stem}_2.{direction}"
 
 
-def _relative(model, keep) -> tuple[Model, sp.csr_matrix]:
+def _relative(model, keep) -> tuple[Structure, sp.csr_matrix]:
     """The model in coordinates x = turn @ x' of which those of pairs are differences. These belong to new nodes, halfway."""
     numbers, coordinates, sets = model.node_numbers, model.coordinates, dict(model.sets)
     dof_node, dof_direction, labels = model.dof_node.copy(), list(model.dof_direction), list(model.labels)
@@ -137,12 +137,12 @@ def _relative(model, keep) -> tuple[Model, sp.csr_matrix]:
     return changed, turn
 
 
-def is_symmetric(model: Model) -> bool:
+def is_symmetric(model: Structure) -> bool:
     """Whether the stiffness is symmetric, up to rounding."""
     return abs(model.stiffness - model.stiffness.T).max() <= ASYMMETRY * abs(model.stiffness).max()
 
 
-def _without_circulation(model: Model) -> Model:
+def _without_circulation(model: Structure) -> Structure:
     """The model with the symmetric part of its stiffness, and as loads unit forces where the rest acts, if these are few."""
     if is_symmetric(model):
         return model
@@ -156,7 +156,7 @@ def _without_circulation(model: Model) -> Model:
     return replace(model, stiffness=symmetric, loads=model.loads | forces)
 
 
-def load_matrix(model: Model) -> np.ndarray:
+def load_matrix(model: Structure) -> np.ndarray:
     """The vectors of loads as columns (n_dofs, n_loads)."""
     loads = np.zeros((model.n_dofs, len(model.loads)))
     for i, (dofs, values) in enumerate(model.loads.values()):
@@ -370,7 +370,7 @@ def _proportions(matrix, mass, stiffness) -> tuple[float, float]:
     return float(np.median(alpha)), float(np.median(beta))
 
 
-def _project(model, kept, basis, method) -> Model:
+def _project(model, kept, basis, method) -> Structure:
     """The model in the columns of a basis, of which the first are the kept degrees of freedom."""
     n_kept = len(kept)
     inner = basis[:, n_kept:]
@@ -397,7 +397,7 @@ def _project(model, kept, basis, method) -> Model:
     node = np.concatenate([model.dof_node[kept], np.full(n_inner, -1)]).astype(int)
     moving = set(node[node >= 0].tolist())
     sets = {name: np.array([n for n in nodes if int(n) in moving]) for name, nodes in model.sets.items()}
-    return Model(
+    return Structure(
         **{name: sp.csr_matrix(matrix) for name, matrix in matrices.items()},
         labels=[model.labels[dof] for dof in kept] + [f"q{i + 1}" for i in range(n_inner)],
         units=[model.units[dof] for dof in kept] + ["m"] * n_inner,
@@ -424,7 +424,7 @@ def _uncoupled(matrix, n_kept) -> np.ndarray:
     return matrix
 
 
-def band(reduced: Model, up_to: float, most: int = 6) -> np.ndarray:
+def band(reduced: Structure, up_to: float, most: int = 6) -> np.ndarray:
     """Frequencies up to one at which errors are told: four over the band, then resonances of the reduced model, where it is off
     most; some of them, with the lowest and the highest."""
     found = resonances(reduced, up_to)
@@ -432,7 +432,7 @@ def band(reduced: Model, up_to: float, most: int = 6) -> np.ndarray:
     return np.concatenate([up_to * BAND, chosen])
 
 
-def resonances(reduced: Model, up_to: float) -> np.ndarray:
+def resonances(reduced: Structure, up_to: float) -> np.ndarray:
     """Frequencies of a small model without those of rigid bodies [rad/s]; with gyroscopic and circulatory terms those of its
     whirls."""
     k, m = reduced.stiffness.toarray(), reduced.mass.toarray()
@@ -445,7 +445,7 @@ def resonances(reduced: Model, up_to: float) -> np.ndarray:
     return found[(found > RIGID * up_to) & (found <= up_to)]
 
 
-def compare(model: Model, reduced: Model, frequencies, loss: float = 1.0e-3) -> Report:
+def compare(model: Structure, reduced: Structure, frequencies, loss: float = 1.0e-3) -> Report:
     """Errors of the reduced model's flexibility at its kept degrees of freedom against the full one's, at some frequencies [rad/s].
 
     Both with the loss factor `loss` on top, so that a resonance is no singularity. The full model is solved from the reduced one's

@@ -10,13 +10,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from nhbm.errors import ModelError
-from nhbm.model import Model
+from nhbm.structure import Structure
 
 VTK_LINE = 3
 DIRECTIONS = ("x", "y", "xz", "yz")
 
 
-def rotor(length, diameter, n_elements, disks=(), bearings=(), speed=0.0, young=2.1e11, density=7850.0) -> Model:
+def rotor(length, diameter, n_elements, disks=(), bearings=(), speed=0.0, young=2.1e11, density=7850.0) -> Structure:
     """Rotor of a round shaft [m]; sets `disk1`, `bearing1`, ...
 
     `disks`: position [m], mass [kg], diametral and polar moment of inertia [kg m2]; `bearings`: position, stiffness [N/m] and
@@ -56,7 +56,7 @@ def rotor(length, diameter, n_elements, disks=(), bearings=(), speed=0.0, young=
               "gyroscopic": speed * np.kron(across, polar)}  # fmt: skip
     if not speed:
         del spread["gyroscopic"]
-    return Model(
+    return Structure(
         **{name: sp.csr_matrix(matrix[np.ix_(order, order)]) for name, matrix in spread.items()},
         labels=[f"n{node + 1}.{d}" for node in range(n_nodes) for d in DIRECTIONS],
         units=["m", "m", "rad", "rad"] * n_nodes,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from nhbm import Model, ModelError
+from nhbm import ModelError, Structure
 
 
 def same(a, b):
@@ -27,7 +27,7 @@ def same(a, b):
 
 def test_file_keeps_everything(chain, tmp_path):
     chain.write(tmp_path / "chain.h5")
-    same(chain, Model.read(tmp_path / "chain.h5"))
+    same(chain, Structure.read(tmp_path / "chain.h5"))
 
 
 def test_names_of_sets(chain):
@@ -82,7 +82,7 @@ def test_damaged_files_are_refused(chain, tmp_path, damage, message):
     with h5py.File(path, "r+") as file:
         damage(file)
     with pytest.raises(ModelError, match=message):
-        Model.read(path)
+        Structure.read(path)
 
 
 @pytest.mark.parametrize("mark", [b"TREE", b"SNOD", b"HEAP"])
@@ -91,7 +91,7 @@ def test_parts_of_hdf5_that_are_damaged(chain, tmp_path, mark):
     chain.write(path)
     path.write_bytes(path.read_bytes().replace(mark, b"XXXX"))
     with pytest.raises(ModelError, match=re.escape(f"file '{path}'")) as raised:
-        Model.read(path)
+        Structure.read(path)
     assert "\n" not in str(raised.value)
 
 
@@ -102,7 +102,7 @@ def test_labels_that_are_a_group(chain, tmp_path):
         del file["labels"]
         file.create_group("labels")
     with pytest.raises(ModelError, match=re.escape(f"file '{path}' is damaged: ")):
-        Model.read(path)
+        Structure.read(path)
 
 
 def test_file_that_is_cut_off(chain, tmp_path):
@@ -110,4 +110,4 @@ def test_file_that_is_cut_off(chain, tmp_path):
     chain.write(path)
     path.write_bytes(path.read_bytes()[:3000])
     with pytest.raises(ModelError, match="cannot be read as HDF5"):
-        Model.read(path)
+        Structure.read(path)

@@ -1,0 +1,141 @@
+"""Motions as xarray.Dataset, with the names, axes and units of the result file (docs/user/schema.md)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+if TYPE_CHECKING:
+    from nhbm.session import Session
+
+CONVERGED = 1
+SOLVED = (1, 7, 8, 9, 16, 18)  # a motion of the tones is stored, if not always within what was asked for
+AMPLITUDES = "x(t) = sum over h of cos_h cos(j_h.omega t) + sin_h sin(j_h.omega t), j_h = tuple[h, :]"
+
+
+def motion_of(session: Session) -> xr.Dataset:
+    """The motion found last."""
+    variables, lengths = {}, {}
+    for name in session.columns():
+        column = session.column(name)
+        if column.values is None:
+            continue
+        lengths.update(zip(column.axes, column.values.shape))
+        name = "tuple" if name == "tuples" else name
+        variables[name] = (column.axes if column.values.ndim else (), column.values, {"units": column.unit} if column.unit else {})
+    dataset = xr.Dataset(variables, _labels(session, lengths), {"amplitude_convention": AMPLITUDES})
+    return dataset.assign_coords({f"tuple_{m + 1}": ("harmonic", line) for m, line in enumerate(dataset["tuple"].values.T)})
+
+
+def _labels(session, lengths) -> dict:
+    """Coordinates along the axes that there are."""
+    labels = {}
+    for axis, n in lengths.items():
+        words = session.labels(axis)
+        if axis == "component":
+            labels[axis] = ["cos", "sin"]
+        elif len(words) == n > 0:
+            labels[axis] = words
+        else:
+            labels[axis] = np.arange(1 if axis == "tone" else 0, n + (axis == "tone"))
+    return labels
+
+
+def joined(motions: list[xr.Dataset], coordinates: dict[str, np.ndarray]) -> xr.Dataset:
+    """Motions as the points of one dataset, in their order; what a motion lacks is padded as in the result file."""
+    if not motions:
+        raise ValueError("there are no motions to join")
+    longest = {axis: max(m.sizes.get(axis, 0) for m in motions) for m in motions for axis in m.sizes}
+    variables = {}
+    for name in dict.fromkeys(name for m in motions for name in m.data_vars):
+        first = next(m[name] for m in motions if name in m)
+        rows = [_padded(m.get(name), first, longest) for m in motions]
+        variables["tuples" if name == "tuple" else name] = (("point", *first.dims), np.stack(rows), first.attrs)
+    labels = {axis: next(m[axis].values for m in motions if m.sizes.get(axis) == n) for axis, n in longest.items()}
+    labels["point"] = np.arange(len(motions))
+    labels.update({name: ("point", np.asarray(values)) for name, values in coordinates.items()})
+    return xr.Dataset(variables, labels, motions[0].attrs)
+
+
+def _padded(values, like, longest) -> np.ndarray:
+    """Values, or what stands for none, in an array of the longest axes: 0 for whole numbers and beyond the harmonics in use, else NaN."""
+    shape = tuple(longest[axis] for axis in like.dims)
+    is_real = like.dtype.kind == "f"
+    if like.dtype.kind in "US":
+        return np.array("" if values is None else values.values, dtype=object)
+    row = np.full(shape, 0 if not is_real or (values is not None and "harmonic" in like.dims) else np.nan, dtype=like.dtype)
+    if values is not None:
+        row[tuple(slice(n) for n in values.shape)] = values
+    return row
+
+
+@xr.register_dataset_accessor("nhbm")
+class Accessor:
+    """What one asks of motions: dataset.nhbm.amplitude("x1", 1)."""
+
+    def __init__(self, dataset: xr.Dataset):
+        self._dataset = dataset
+
+    @property
+    def is_converged(self):
+        """Whether each motion solves the equations within what was asked for."""
+        return self._dataset["status"] == CONVERGED
+
+    @property
+    def message(self) -> str:
+        """Why a motion was not found, or what to know of it; of several the first that says something."""
+        return next((str(text) for text in np.ravel(self._dataset["message"].values) if str(text)), "")
+
+    def harmonic(self, dof: str, tuple_=1, of: str = "coefficients") -> xr.DataArray:
+        """Complex amplitude cos - i sin of the harmonic of an integer tuple (or number, of one tone) at a degree of freedom.
+
+        `of` names the column: coefficients, force_coefficients, corrected_coefficients. Zero where the set lacks the tuple.
+        """
+        data = self._dataset
+        wanted = np.atleast_1d(tuple_)
+        tuples = data["tuples"] if "tuples" in data else data["tuple"]
+        if len(wanted) != data.sizes["tone"]:
+            raise KeyError(f"tuple {tuple_} has {len(wanted)} entries, there are {data.sizes['tone']} tones")
+        sign = -1 if next((k for k in wanted if k), 0) < 0 else 1
+        column = data[of]
+        axis = column.dims[-3]
+        if dof not in column[axis].values:
+            raise KeyError(f"'{of}' has no {axis} '{dof}'; known: {', '.join(map(str, column[axis].values))}")
+        held = column.sel({axis: dof}).where((tuples == sign * wanted).all("tone") & self._in_use())
+        found = held.sum("harmonic")
+        return found.sel(component="cos", drop=True) - sign * 1j * found.sel(component="sin", drop=True)
+
+    def amplitude(self, dof: str, tuple_=1, of: str = "coefficients") -> xr.DataArray:
+        """Amplitude of that harmonic."""
+        return np.abs(self.harmonic(dof, tuple_, of))
+
+    def time(self, dof: str, times, of: str = "coefficients") -> xr.DataArray:
+        """Values at times [s], (..., time)."""
+        data = self._dataset
+        tuples = data["tuples"] if "tuples" in data else data["tuple"]
+        times = xr.DataArray(np.asarray(times, dtype=float), dims="time", attrs={"units": "s"})
+        phases = (tuples * data["frequency"]).sum("tone") * times
+        column = data[of].sel({data[of].dims[-3]: dof}).where(self._in_use(), 0.0)
+        values = column.sel(component="cos", drop=True) * np.cos(phases) + column.sel(component="sin", drop=True) * np.sin(phases)
+        return values.sum("harmonic").assign_coords(time=times)
+
+    def largest(self, dof: str, n: int = 4096) -> xr.DataArray:
+        """Largest displacement [m] over many samples of the motion along time, from both signs."""
+        slowest = float(np.nanmin(self._dataset["frequency"]))
+        periods = 1 if self._dataset.sizes["tone"] == 1 else 64
+        times = np.linspace(0.0, periods * 2 * np.pi / slowest, n * (1 if periods == 1 else 8), endpoint=False)
+        if "point" not in self._dataset.dims:
+            return np.abs(self.time(dof, times)).max("time")
+        points = (self._dataset.isel(point=[k]).nhbm.time(dof, times) for k in range(self._dataset.sizes["point"]))
+        return xr.concat([np.abs(values).max("time") for values in points], "point")
+
+    def plot(self, dof: str | None = None, ax=None):
+        """The motion over time, or over points the largest displacement along what varies; returns the axes."""
+        from nhbm.pictures import plot
+
+        return plot(self._dataset, dof, ax)
+
+    def _in_use(self) -> xr.DataArray:
+        return self._dataset["harmonic"] < self._dataset["n_harmonics"]

@@ -1,0 +1,112 @@
+"""Groups of an input as values of Python, and structures that the solver builds itself."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from nhbm.errors import ModelError
+
+
+def as_input(value) -> str:
+    """A value, or a list of them, as an input has it."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist() if value.ndim else value.item()
+    if isinstance(value, (list, tuple, range)):
+        return ", ".join(map(as_input, value))
+    if isinstance(value, (bool, np.bool_)):
+        return ".true." if value else ".false."
+    if isinstance(value, str):
+        return "'" + value.replace("'", "''") + "'"
+    if isinstance(value, (int, np.integer)):
+        return repr(int(value))
+    if isinstance(value, (float, np.floating)):
+        return repr(float(value))
+    raise ModelError(f"{value!r} is no number, text, truth or list of them")
+
+
+def group_text(name: str, keys: Mapping) -> str:
+    """A group of an input: keys whose value is None are left out."""
+    given = ", ".join(f"{key} = {as_input(value)}" for key, value in keys.items() if value is not None)
+    return f"&{name} {given} /\n"
+
+
+def path_of(path: str, groups=()) -> str:
+    """A path of the input: `tones[0]` is tones%frequency(1), `wall.gap` law(wall)%gap, `load[1].cos` load(2)%cos.
+
+    What names a group (`structure.length`) is a key of it; paths of the input itself stay as they are.
+    """
+    if "%" in path:
+        return path
+    place = re.fullmatch(r"([\w ]+?)(?:\[(\d+)\])?(?:\.(\w+)(?:\[(\d+)\])?)?", path)
+    if place is None:
+        raise ModelError(f"'{path}' is no path; 'wall.gap', 'tones[0]' and 'load[1].cos' are")
+    name, number, key, element = place.groups()
+    if key is None:
+        if name != "tones":
+            raise ModelError(f"'{path}' names no key; 'wall.gap' and 'load[1].cos' do")
+        key, element, number = "frequency", number, None
+    group = f"{name}({int(number) + 1})" if number is not None else name
+    if name not in groups:
+        group = f"law({name})"
+    return f"{group}%{key}" + (f"({int(element) + 1})" if element is not None else "")
+
+
+def identifier(path: str) -> str:
+    """A path of the input as a name, as the result file has it: law(wall)%gap is law_wall_gap."""
+    return re.sub("[^a-z0-9]+", "_", path.lower()).strip("_")
+
+
+class Builder:
+    """A structure that the solver builds: `&structure` with its keys, which docs/user/input.md names with their units."""
+
+    type = ""
+
+    def __init__(self, **keys):
+        self.keys = {"type": self.type, **keys}
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in self.keys.items() if k != 'type')})"
+
+
+class Beam(Builder):
+    """Euler-Bernoulli beam of finite elements."""
+
+    type = "beam"
+
+
+class Chain(Builder):
+    """Masses in a row, with springs and dashpots between them and to the ground."""
+
+    type = "chain"
+
+
+class ModalBeam(Builder):
+    """A beam by its first modes."""
+
+    type = "modal_beam"
+
+
+class Jeffcott(Builder):
+    """A disk on a massless shaft."""
+
+    type = "jeffcott"
+
+
+class RotorStator(Builder):
+    """A rotor and a stator that it may touch."""
+
+    type = "rotor_stator"
+
+
+class Matrices(Builder):
+    """Small full matrices, row by row; Structure takes sparse ones."""
+
+    type = "matrices"
+
+    def __init__(self, mass, stiffness, damping=None, **keys):
+        mass = np.atleast_2d(np.asarray(mass, dtype=float))
+        more = {name: np.asarray(m, dtype=float).ravel() for name, m in (("stiffness", stiffness), ("damping", damping)) if m is not None}
+        super().__init__(n_dofs=len(mass), mass=mass.ravel(), **more, **keys)

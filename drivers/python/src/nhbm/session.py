@@ -1,0 +1,295 @@
+"""The shared library in process (nhbm.h, ctypes): a session reads an input, is given other values, and is solved again and again."""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import os
+import signal
+import threading
+import weakref
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from nhbm import laws
+from nhbm.errors import ModelError
+from nhbm.groups import as_input
+from nhbm.structure import Structure
+
+API = 1
+_KINDS = {0: np.float64, 1: np.int32}
+_ASK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
+_FILL = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
+
+
+class _Error(ctypes.Structure):
+    _fields_ = [("code", ctypes.c_int), ("text", ctypes.c_char * 2048)]
+
+
+class _Column(ctypes.Structure):
+    _fields_ = [
+        ("data", ctypes.c_void_p),
+        ("kind", ctypes.c_int),
+        ("n_axes", ctypes.c_int),
+        ("shape", ctypes.c_int64 * 4),
+        ("unit", ctypes.c_char_p),
+        ("axes", ctypes.c_char_p),
+    ]
+
+
+def _places() -> Iterator[str]:
+    """Where the shared library may be: NHBM_LIBRARY, beside this package, in the build of this checkout, of the system."""
+    if "NHBM_LIBRARY" in os.environ:
+        yield os.environ["NHBM_LIBRARY"]
+        return
+    here = Path(__file__).resolve()
+    for path in (here.parent / "libnhbm.so", *(parent / "build/release/lib/libnhbm.so" for parent in here.parents)):
+        if path.is_file():
+            yield str(path)
+    found = ctypes.util.find_library("nhbm")
+    if found:
+        yield found
+
+
+def _load() -> ctypes.CDLL:
+    places = list(_places())
+    if not places:
+        raise ModelError("libnhbm.so was not found; NHBM_LIBRARY may hold its path")
+    library = ctypes.CDLL(places[0])
+    if library.nhbm_api() != API:
+        raise ModelError(f"{places[0]} has version {library.nhbm_api()} of the interface, this package needs {API}")
+    text, number, pointer = ctypes.c_char_p, ctypes.c_int, ctypes.c_void_p
+    error, handle = ctypes.POINTER(_Error), ctypes.POINTER(ctypes.c_void_p)
+    for name, arguments in {
+        "read": (pointer, text, text, error),
+        "set_text": (pointer, text, text, error),
+        "parameter": (pointer, text, ctypes.POINTER(number), error),
+        "set": (pointer, number, ctypes.c_double, error),
+        "solve": (pointer, number, error),
+        "begin_curve": (pointer, error),
+        "next": (pointer, ctypes.POINTER(number), error),
+        "column_of": (pointer, text, ctypes.POINTER(_Column), error),
+        "ask": (pointer, _ASK, pointer, error),
+    }.items():
+        getattr(library, f"nhbm_{name}").argtypes = arguments
+    for name, arguments in {"input": (pointer,), "column_names": (pointer,), "labels": (pointer, text), "message": (pointer,)}.items():
+        getattr(library, f"nhbm_{name}").argtypes = arguments
+        getattr(library, f"nhbm_{name}").restype = text
+    library.nhbm_version.restype = text
+    library.nhbm_give_law.argtypes = (text, ctypes.POINTER(laws.LawInfo), laws.EVALUATE)
+    library.nhbm_forget_law.argtypes = (text,)
+    library.nhbm_forget_law.restype = None
+    library.nhbm_new.restype = pointer
+    library.nhbm_structures.argtypes = (pointer, _FILL, pointer)
+    library.nhbm_structures.restype = None
+    integers, reals = np.ctypeslib.ndpointer(np.int32, flags="C"), np.ctypeslib.ndpointer(np.float64, flags="C")
+    for name, arguments in {
+        "dofs": (text, text, ctypes.c_double),
+        "matrix": (text, integers, integers, reals),
+        "vector": (text, number, integers, reals),
+        "nodes": (number, integers, text),
+        "set": (text, number, integers),
+        "refuse": (text,),
+    }.items():
+        getattr(library, f"nhbm_structure_{name}").argtypes = (pointer, *arguments)
+    library.nhbm_delete.argtypes = (handle,)
+    library.nhbm_delete.restype = None
+    return library
+
+
+_library: ctypes.CDLL | None = None
+
+
+def library() -> ctypes.CDLL:
+    """The shared library, loaded at the first call."""
+    global _library
+    if _library is None:
+        _library = _load()
+    return _library
+
+
+class Key(NamedTuple):
+    """A key of the input as the table of the program has it (docs/user/input.md)."""
+
+    section: str  # a group, or a group and its type: "law", "law jenkins"
+    name: str
+    type: str
+    unit: str
+    default: str
+    range: str
+    meaning: str
+
+
+def input_keys() -> list[Key]:
+    """The table of input keys, in the order of the documentation."""
+    row, keys = ctypes.create_string_buffer(1200), []
+    while library().nhbm_key(len(keys), row, len(row)):
+        keys.append(Key(*row.value.decode().split(" | ")))
+    return keys
+
+
+class _Interrupts:
+    """Takes note of Ctrl-C while the library is at work, so that it ends soon, and has Python's handler do what it does then."""
+
+    def __init__(self, session: Session):
+        self._session = session
+
+    def __enter__(self) -> None:
+        self._handler = None
+        if threading.current_thread() is threading.main_thread() and callable(signal.getsignal(signal.SIGINT)):
+            self._handler = signal.signal(signal.SIGINT, self._note)
+
+    def _note(self, number, frame) -> None:
+        self._session._is_interrupted = True
+        if laws.is_running():  # one that never ends
+            raise KeyboardInterrupt
+
+    def __exit__(self, *error) -> None:
+        if self._handler is None:
+            return
+        signal.signal(signal.SIGINT, self._handler)
+        if self._session._is_interrupted and error[0] is None:
+            self._session._is_interrupted = False
+            self._handler(signal.SIGINT, None)
+
+
+@dataclass
+class Column:
+    """A column of the motion found last: its values, None where they are not known, with unit and names of its axes."""
+
+    values: np.ndarray | None
+    unit: str
+    axes: tuple[str, ...]
+
+
+class Session:
+    """An input that is solved in process. Raises ModelError with group, key and the right value where something is wrong.
+
+    `structures(name)` gives the Structure that `&structure type = 'model', file = name` asks for. A session belongs to one thread at a
+    time; the interpreter's lock is released while it is solved.
+    """
+
+    def __init__(self, structures: Callable[[str], Structure] | None = None):
+        self._handle, self._error = ctypes.c_void_p(library().nhbm_new()), _Error()
+        self._is_interrupted, self._fault = False, None
+        this = weakref.ref(self)  # the library holds callbacks, which must not hold the session
+        self._ask = _ASK(lambda context: int(this()._is_interrupted))
+        self._call("ask", self._ask, None)
+        self._structures = structures or Structure.read
+        self._fill = _FILL(lambda context, name, structure: this()._describe(name.decode(), structure))
+        library().nhbm_structures(self._handle, self._fill, None)
+
+    def __del__(self):
+        if getattr(self, "_handle", None):
+            library().nhbm_delete(ctypes.byref(self._handle))
+
+    def read(self, text: str, name: str = "model") -> None:
+        """Takes the text of an input, in the place of the one before; `name` stands in messages."""
+        self._call("read", text.encode(), name.encode())
+
+    def set(self, path: str, value) -> None:
+        """Sets a key as the command's --set does: numbers, texts, lists."""
+        self._call("set_text", path.encode(), as_input(value).encode())
+
+    def parameter(self, path: str) -> int:
+        """A handle for a number that is to be set many times."""
+        handle = ctypes.c_int()
+        self._call("parameter", path.encode(), ctypes.byref(handle))
+        return handle.value
+
+    def set_parameter(self, handle: int, value: float) -> None:
+        """Sets that number, in the unit of the input."""
+        self._call("set", handle, value)
+
+    def solve(self, warm: bool = False) -> None:
+        """Finds the motion with the present values, from the last one where `warm`."""
+        with _Interrupts(self):
+            self._call("solve", int(warm))
+
+    def begin_curve(self) -> None:
+        """Begins the curve of the group &curve."""
+        self._call("begin_curve")
+
+    def next(self) -> bool:
+        """The next point of the curve becomes the motion found last; false behind its end."""
+        is_point = ctypes.c_int(1)
+        with _Interrupts(self):
+            self._call("next", ctypes.byref(is_point))
+        return bool(is_point.value)
+
+    def columns(self) -> list[str]:
+        """Names of all columns of its motions (docs/user/schema.md)."""
+        return library().nhbm_column_names(self._handle).decode().split()
+
+    def labels(self, axis: str) -> list[str]:
+        """Labels along the axes `dof`, `law_dof` and `law`."""
+        return library().nhbm_labels(self._handle, axis.encode()).decode().split()
+
+    @property
+    def message(self) -> str:
+        """Why the motion found last was not found, or what to know of it."""
+        return library().nhbm_message(self._handle).decode(errors="replace")
+
+    def input(self) -> str:
+        """The input with all keys that may be given and their values."""
+        return library().nhbm_input(self._handle).decode()
+
+    def column(self, name: str) -> Column:
+        """What is known of the motion found last, by a name of the result file. Raises KeyError for a name that there is not."""
+        if name == "message":
+            return Column(np.array(self.message), "", ())
+        column = _Column()
+        if library().nhbm_column_of(self._handle, name.encode(), ctypes.byref(column), ctypes.byref(self._error)):
+            raise KeyError(self._error.text.decode())
+        unit, axes = column.unit.decode(), tuple(column.axes.decode().split())
+        if column.kind not in _KINDS:
+            return Column(None, unit, axes)
+        kind, shape = np.dtype(_KINDS[column.kind]), tuple(column.shape[: column.n_axes])
+        size = int(np.prod(shape)) * kind.itemsize
+        values = np.frombuffer(ctypes.string_at(column.data, size), kind).reshape(shape) if size else np.zeros(shape, kind)
+        return Column(values, unit, axes)
+
+    def _describe(self, name: str, place) -> int:
+        """Hands a structure over to the library; what goes wrong in Python is raised again when the library has returned."""
+        try:
+            structure = self._structures(name)
+            give = {word: getattr(library(), f"nhbm_structure_{word}") for word in ("dofs", "matrix", "vector", "nodes", "set")}
+            code = give["dofs"](place, _words(structure.labels), _words(structure.units), structure.up_to or 0.0)
+            for kind, matrix in structure.matrices().items():
+                matrix.sort_indices()
+                parts = matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32), np.ascontiguousarray(matrix.data, float)
+                code = code or give["matrix"](place, kind.encode(), *parts)
+            for load, (dofs, values) in structure.loads.items():
+                dofs, values = np.ascontiguousarray(dofs, np.int32), np.ascontiguousarray(values, float)
+                code = code or give["vector"](place, load.encode(), len(dofs), dofs, values)
+            if structure.sets:
+                nodes, n_nodes = np.ascontiguousarray(structure.dof_node, np.int32), len(structure.node_numbers)
+                code = code or give["nodes"](place, n_nodes, nodes, _words([word or "-" for word in structure.dof_direction]))
+            for set_name, members in structure.sets.items():
+                members = np.ascontiguousarray(members, np.int32)
+                code = code or give["set"](place, set_name.encode(), len(members), members)
+            return code
+        except BaseException as fault:
+            if isinstance(fault, ModelError):
+                library().nhbm_structure_refuse(place, str(fault).encode())
+            else:
+                self._fault = fault
+            return 1
+
+    def _call(self, name: str, *arguments) -> None:
+        code = getattr(library(), f"nhbm_{name}")(self._handle, *arguments, ctypes.byref(self._error))
+        fault, self._fault = self._fault or laws.take_fault(), None
+        if fault is not None:
+            raise fault
+        if code:
+            raise ModelError(self._error.text.decode(errors="replace"))
+
+
+def _words(words: list[str]) -> bytes:
+    return " ".join(words).encode()
+
+

@@ -1,0 +1,307 @@
+"""A structure as sparse matrices with labels, nodes, sets and loads, and its file (HDF5, docs/user/model.md)."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import h5py
+import numpy as np
+import scipy.sparse as sp
+
+from nhbm.errors import ModelError
+from nhbm.guard import written
+
+FORMAT = "nhbm model"
+SCHEMA_VERSION = 1
+MATRICES = ("mass", "stiffness", "damping", "gyroscopic", "structural")
+MAX_LABEL = 16
+
+_NO_INTEGERS = np.zeros(0, dtype=np.int64)
+
+
+@dataclass
+class Recovery:
+    """Degrees of freedom of the full model that a reduced one stands for: full = matrix @ reduced."""
+
+    matrix: np.ndarray  # (n_full, n_dofs)
+    node: np.ndarray  # (n_full), index into the nodes, -1 for none
+    direction: list[str]  # (n_full)
+
+
+@dataclass
+class Structure:
+    """M x'' + (D + G) x' + (K + i H) x = forces."""
+
+    mass: sp.csr_matrix
+    stiffness: sp.csr_matrix
+    labels: list[str]
+    damping: sp.csr_matrix | None = None
+    gyroscopic: sp.csr_matrix | None = None
+    structural: sp.csr_matrix | None = None  # H
+    units: list[str] | None = None  # of the coordinates
+    node_numbers: np.ndarray = field(default_factory=lambda: _NO_INTEGERS)
+    coordinates: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    dof_node: np.ndarray | None = None  # index into the nodes, -1 for none
+    dof_direction: list[str] | None = None
+    cell_types: np.ndarray = field(default_factory=lambda: _NO_INTEGERS)  # of VTK
+    cell_starts: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
+    cell_nodes: np.ndarray = field(default_factory=lambda: _NO_INTEGERS)
+    sets: dict[str, np.ndarray] = field(default_factory=dict)  # indices of nodes
+    loads: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)  # degrees of freedom, values
+    unit_system: str = "m kg s"
+    source: str = ""
+    recovery: Recovery | None = None
+    up_to: float | None = None  # frequencies that a reduced model is for [rad/s]
+
+    def __post_init__(self):
+        for name in MATRICES:
+            matrix = getattr(self, name)
+            if matrix is None:
+                continue
+            matrix = sp.csr_matrix(matrix, dtype=float)
+            matrix.sum_duplicates()
+            setattr(self, name, matrix)
+        if self.units is None:
+            self.units = ["m"] * self.n_dofs
+        if self.dof_node is None:
+            self.dof_node = np.full(self.n_dofs, -1)
+        if self.dof_direction is None:
+            self.dof_direction = [""] * self.n_dofs
+        self.validate()
+
+    @property
+    def n_dofs(self) -> int:
+        return len(self.labels)
+
+    def matrices(self) -> dict[str, sp.csr_matrix]:
+        """The matrices that there are, by name."""
+        return {name: getattr(self, name) for name in MATRICES if getattr(self, name) is not None}
+
+    def validate(self) -> None:
+        """Refuses sizes that disagree, numbers that are not finite, labels that are no names or not unique."""
+        n = self.n_dofs
+        if n == 0:
+            raise ModelError("the model has no degrees of freedom")
+        for name, matrix in self.matrices().items():
+            if matrix.shape != (n, n):
+                raise ModelError(f"matrix '{name}' is {matrix.shape[0]} x {matrix.shape[1]}, there are {n} labels")
+            if not np.isfinite(matrix.data).all():
+                at = sp.coo_matrix(matrix)
+                e = int(np.argmin(np.isfinite(at.data)))
+                raise ModelError(
+                    f"matrix '{name}': the entry between {self.labels[at.row[e]]} and {self.labels[at.col[e]]} is not a "
+                    "finite number"
+                )
+        check_labels(self.labels)
+        for what, values in (("units", self.units), ("nodes", self.dof_node), ("directions", self.dof_direction)):
+            if len(values) != n:
+                raise ModelError(f"there are {len(values)} {what} for {n} degrees of freedom")
+        n_nodes = len(self.node_numbers)
+        if np.shape(self.coordinates) != (n_nodes, 3):
+            raise ModelError(f"coordinates are {np.shape(self.coordinates)}, expected ({n_nodes}, 3)")
+        for name, nodes in self.sets.items():
+            nodes = np.asarray(nodes)
+            if nodes.size and (nodes.min() < 0 or nodes.max() >= n_nodes):
+                raise ModelError(f"set '{name}' names a node that there is not; there are 0 to {n_nodes - 1}")
+            if len(np.unique(nodes)) != len(nodes):
+                raise ModelError(f"set '{name}' names a node twice")
+        for name, (dofs, values) in self.loads.items():
+            if len(dofs) != len(values):
+                raise ModelError(f"load '{name}' has {len(dofs)} degrees of freedom and {len(values)} values")
+            if len(dofs) and (np.min(dofs) < 0 or np.max(dofs) >= n):
+                raise ModelError(f"load '{name}' acts on a degree of freedom that there is not")
+            if not np.isfinite(values).all():
+                at = self.labels[int(dofs[np.argmin(np.isfinite(values))])]
+                raise ModelError(f"load '{name}': the value at {at} is not a finite number")
+
+    def dofs_of(self, name: str) -> list[int]:
+        """Numbers of a label, of a set with a direction (`contact.z`), or of all directions of a set (`contact`)."""
+        if name in self.labels:
+            return [self.labels.index(name)]
+        stem, _, direction = name.rpartition(".")
+        wanted = None
+        if name in self.sets:
+            stem = name
+        elif stem in self.sets:
+            wanted = direction
+        else:
+            known = ", ".join(self.sets) or "none"
+            directed = [f"{name}.{d}" for name in self.sets for d in set(self.dof_direction)]
+            hint = meant(name, [*self.sets, *directed, *self.labels])
+            raise ModelError(f"there is no degree of freedom and no set '{name}'; sets: {known}{hint}")
+        of_node: dict[int, list[int]] = {}
+        for dof, node in enumerate(self.dof_node):
+            if wanted is None or self.dof_direction[dof] == wanted:
+                of_node.setdefault(int(node), []).append(dof)
+        missing = [int(node) for node in self.sets[stem] if int(node) not in of_node]
+        if missing:
+            raise ModelError(f"node {self.node_numbers[missing[0]]} of set '{stem}' has no degree of freedom '{direction}'")
+        return [dof for node in self.sets[stem] for dof in of_node[int(node)]]
+
+    def write(self, path) -> None:
+        """Writes the model file: a new one beside it, which takes its name when it is complete and on the disk."""
+        image = self._image()
+        try:
+            with written(path) as name, open(name, "wb") as file:
+                file.write(image)
+        except OSError as error:
+            raise ModelError(f"file '{path}' cannot be written: {error.strerror or error}") from None
+
+    def _image(self) -> bytes:
+        """The bytes of the file. HDF5 makes them in memory: where a write of its own fails, it cannot be told to let go."""
+        texts = h5py.string_dtype()
+        with h5py.File("model", "w", driver="core", backing_store=False) as file:
+            file.attrs["format"] = FORMAT
+            file.attrs["schema_version"] = np.int32(SCHEMA_VERSION)
+            file.attrs["unit_system"] = self.unit_system
+            file.attrs["source"] = self.source
+            file.create_dataset("labels", data=self.labels, dtype=texts)
+            file.create_dataset("units", data=self.units, dtype=texts)
+            for name, matrix in self.matrices().items():
+                group = file.create_group(name)
+                group["indptr"] = matrix.indptr
+                group["indices"] = matrix.indices
+                group["data"] = matrix.data
+            file["nodes/number"] = np.asarray(self.node_numbers, dtype=np.int64)
+            file["nodes/coordinates"] = np.asarray(self.coordinates, dtype=float)
+            file["dofs/node"] = np.asarray(self.dof_node, dtype=np.int64)
+            file.create_dataset("dofs/direction", data=self.dof_direction, dtype=texts)
+            file["cells/type"] = np.asarray(self.cell_types, dtype=np.uint8)
+            file["cells/indptr"] = np.asarray(self.cell_starts, dtype=np.int64)
+            file["cells/nodes"] = np.asarray(self.cell_nodes, dtype=np.int64)
+            _write_lists(file, "sets", {name: (nodes,) for name, nodes in self.sets.items()}, ("nodes",), texts)
+            _write_lists(file, "loads", self.loads, ("dofs", "values"), texts)
+            if self.recovery is not None:
+                file["recovery/matrix"] = self.recovery.matrix
+                file["recovery/node"] = np.asarray(self.recovery.node, dtype=np.int64)
+                file.create_dataset("recovery/direction", data=self.recovery.direction, dtype=texts)
+            if self.up_to is not None:
+                file["up_to"] = np.array([self.up_to])
+            file.flush()
+            return file.id.get_file_image()
+
+    @classmethod
+    def read(cls, path) -> Structure:
+        """Reads a model file."""
+        if not Path(path).is_file():
+            raise ModelError(f"file '{path}' does not exist")
+        try:
+            with h5py.File(path, "r") as file:
+                return cls._from_file(file)
+        except ModelError as error:
+            raise ModelError(f"file '{path}': {error}") from None
+        except OSError as error:
+            raise ModelError(f"file '{path}' cannot be read as HDF5: {error}") from None
+        except (KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError, OverflowError, MemoryError) as error:
+            why = " ".join(str(error).strip("'\"").split())  # h5py raises any of these where a part is damaged
+            raise ModelError(f"file '{path}' is damaged: {why}") from None
+
+    @classmethod
+    def _from_file(cls, file: h5py.File) -> Structure:
+        if _text(file.attrs.get("format", "")) != FORMAT:
+            raise ModelError(f"is no model file: it has no attribute 'format' that says '{FORMAT}'")
+        if int(file.attrs.get("schema_version", 0)) != SCHEMA_VERSION:
+            raise ModelError(f"has schema version {file.attrs.get('schema_version')}, this package reads {SCHEMA_VERSION}")
+        labels = _texts(file, "labels")
+        n = len(labels)
+        matrices = {}
+        for name in MATRICES:
+            if name in file:
+                parts = [_values(file, f"{name}/{part}") for part in ("data", "indices", "indptr")]
+                if len(parts[2]) != n + 1:
+                    raise ModelError(f"matrix '{name}' has {len(parts[2]) - 1} rows, there are {n} labels")
+                try:
+                    matrices[name] = sp.csr_matrix(tuple(parts), shape=(n, n))
+                    matrices[name].check_format()
+                except ValueError as error:
+                    raise ModelError(f"matrix '{name}': {error}") from None
+        for name in ("mass", "stiffness"):
+            if name not in matrices:
+                raise ModelError(f"has no matrix '{name}'")
+        more = {}
+        if "dofs" in file:
+            more = {"dof_node": _values(file, "dofs/node"), "dof_direction": _texts(file, "dofs/direction")}
+        if "nodes" in file:
+            more |= {"node_numbers": _values(file, "nodes/number"), "coordinates": _values(file, "nodes/coordinates")}
+        if "cells" in file:
+            more |= {
+                "cell_types": _values(file, "cells/type"),
+                "cell_starts": _values(file, "cells/indptr"),
+                "cell_nodes": _values(file, "cells/nodes"),
+            }
+        if "recovery" in file:
+            parts = (_values(file, "recovery/matrix"), _values(file, "recovery/node"), _texts(file, "recovery/direction"))
+            more["recovery"] = Recovery(*parts)
+        if "up_to" in file:
+            more["up_to"] = float(_values(file, "up_to")[0])
+        return cls(
+            labels=labels,
+            units=_texts(file, "units"),
+            sets={name: nodes for name, (nodes,) in _read_lists(file, "sets", ("nodes",)).items()},
+            loads=_read_lists(file, "loads", ("dofs", "values")),
+            unit_system=_text(file.attrs.get("unit_system", "")),
+            source=_text(file.attrs.get("source", "")),
+            **matrices,
+            **more,
+        )
+
+
+def meant(name: str, known: list[str]) -> str:
+    """The end of a message on an unknown name: the known one that is like it, if there is one."""
+    lower = {other.lower(): other for other in reversed(known)}
+    close = difflib.get_close_matches(name.lower(), lower, 1, 0.7)
+    return f"; did you mean '{lower[close[0]]}'?" if close else ""
+
+
+def check_labels(labels: list[str]) -> None:
+    """Refuses labels that are no names or not unique."""
+    seen: dict[str, int] = {}
+    for i, label in enumerate(labels):
+        if not label or not label[0].isascii() or not label[0].isalpha():
+            raise ModelError(f"label {i + 1} is '{label}', it must begin with a letter")
+        if len(label) > MAX_LABEL:
+            raise ModelError(f"label '{label}' has more than {MAX_LABEL} characters")
+        if label in seen:
+            raise ModelError(f"degrees of freedom {seen[label] + 1} and {i + 1} both have the label '{label}'")
+        seen[label] = i
+
+
+def _write_lists(file, group, lists, parts, texts) -> None:
+    """Writes named lists one behind the other, with the place where each begins."""
+    if not lists:
+        return
+    file.create_dataset(f"{group}/names", data=list(lists), dtype=texts)
+    columns = list(zip(*lists.values()))
+    file[f"{group}/indptr"] = np.concatenate([[0], np.cumsum([len(c) for c in columns[0]])]).astype(np.int64)
+    for part, column in zip(parts, columns):
+        values = np.concatenate([np.asarray(c) for c in column])
+        file[f"{group}/{part}"] = values.astype(float if part == "values" else np.int64)
+
+
+def _read_lists(file, group, parts) -> dict[str, tuple]:
+    if group not in file:
+        return {}
+    starts = _values(file, f"{group}/indptr")
+    columns = [_values(file, f"{group}/{part}") for part in parts]
+    names = _texts(file, f"{group}/names")
+    if len(starts) != len(names) + 1:
+        raise ModelError(f"'{group}/indptr' has {len(starts)} entries, expected {len(names) + 1}")
+    return {
+        name: tuple(column[starts[i] : starts[i + 1]] for column in columns) for i, name in enumerate(names)
+    }
+
+
+def _values(file, name) -> np.ndarray:
+    if name not in file:
+        raise ModelError(f"has no '{name}'")
+    return file[name][()]
+
+
+def _texts(file, name) -> list[str]:
+    return [_text(value) for value in _values(file, name)]
+
+
+def _text(value) -> str:
+    return value.decode() if isinstance(value, bytes) else str(value)
