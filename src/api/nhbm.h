@@ -85,7 +85,7 @@ int nhbm_structure_set(nhbm_structure *structure, const char *name, int n, const
 void nhbm_structure_refuse(nhbm_structure *structure, const char *text);
 
 /* Gives a law to all models of this process, in the place of one of the same name: &law type = 'user', library = '', name = NAME
- * evaluates it as nhbm_user_law.h says. Returns 0, or something else where info->api_version is not NHBM_USER_LAW_API or memory is
+ * evaluates it as nhbm_user_law.h says. Returns 0, or something else where info->api_version is not NHBM_USER_LAW_API_2 or memory is
  * short. It must live as long as there are models with it. */
 int nhbm_give_law(const char *name, const nhbm_law_info_t *info, nhbm_law_evaluate_2_function evaluate);
 void nhbm_forget_law(const char *name);

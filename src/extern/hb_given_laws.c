@@ -35,7 +35,7 @@ int nhbm_give_law(const char *name, const nhbm_law_info_t *info, nhbm_law_evalua
 {
    given_law_t *law = calloc(1, sizeof *law);
    char *copy = strdup(name);
-   if (!law || !copy || info->api_version != NHBM_USER_LAW_API || !evaluate) {
+   if (!law || !copy || info->api_version != NHBM_USER_LAW_API_2 || !evaluate) {
       free(law);
       free(copy);
       return 1;

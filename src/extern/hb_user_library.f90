@@ -14,7 +14,7 @@ module hb_user_library
    private
    public :: any_number, load_user_library, user_library_t
 
-   integer, parameter :: api_version = 2                              ! NHBM_USER_LAW_API
+   integer, parameter :: api_version = 2                              ! NHBM_USER_LAW_API_2
    integer, parameter :: any_number = -1                              !! NHBM_ANY_NUMBER
 
    !> nhbm_law_info_t

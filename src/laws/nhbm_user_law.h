@@ -18,7 +18,6 @@
  *    int cubic_evaluate(const nhbm_law_samples_t *samples);
  *
  * A program that solves models in process (nhbm.h) hands over such a function by nhbm_give_law, and names it with library = ''.
- * Libraries of version 1, whose `evaluate` takes the members of the struct one by one, are still taken (below).
  *
  * `nhbm check input.nml` loads the library and compares the derivatives with differences of the forces.
  * Worked examples in C and in Fortran: inputs/user_law/.
@@ -30,8 +29,9 @@
 extern "C" {
 #endif
 
-/* Version of this interface. nhbm takes version 1, too, and refuses others. */
-#define NHBM_USER_LAW_API 2
+/* Versions of this interface, by what `evaluate` takes: its arguments one by one, or a struct of them with a context. */
+#define NHBM_USER_LAW_API 1
+#define NHBM_USER_LAW_API_2 2
 
 #define NHBM_ANY_NUMBER (-1)
 
@@ -40,13 +40,13 @@ extern "C" {
  * returns 0, or anything else to be refused. `api_version` stays the first member in every version.
  */
 typedef struct nhbm_law_info {
-   int api_version;     /* NHBM_USER_LAW_API as the library was compiled */
+   int api_version;     /* NHBM_USER_LAW_API_2, or NHBM_USER_LAW_API */
    int n_coordinates;   /* coordinates that the law needs, or NHBM_ANY_NUMBER */
    int n_parameters;    /* numbers in `parameters` of the input that it needs, or NHBM_ANY_NUMBER */
    int needs_velocity;  /* 0: the force depends on displacements alone, v and df_dv are NULL */
    int degree;          /* of a force that is a polynomial in z and v: sets the default number of samples; else 0 */
    double length_scale; /* a length typical of the law, such as a gap [m]; 0 when there is none */
-   void *context;       /* handed to each evaluation as it is; from version 2 on */
+   void *context;       /* handed to each evaluation as it is; of NHBM_USER_LAW_API_2 */
 } nhbm_law_info_t;
 
 typedef int (*nhbm_law_info_function)(nhbm_law_info_t *info);
@@ -85,7 +85,7 @@ typedef struct nhbm_law_samples {
  */
 typedef int (*nhbm_law_evaluate_2_function)(const nhbm_law_samples_t *samples);
 
-/* `evaluate` of libraries whose info says version 1. */
+/* `evaluate` of libraries whose info says NHBM_USER_LAW_API: what the struct has, one by one. */
 typedef int (*nhbm_law_evaluate_function)(int n_samples, int n_coordinates, int stride, const double *z, const double *v,
                                           int n_parameters, const double *parameters, double *f, double *df_dz,
                                           double *df_dv);

@@ -13,7 +13,7 @@ import numpy as np
 
 from nhbm.errors import ModelError
 
-API = 2  # NHBM_USER_LAW_API
+API = 2  # NHBM_USER_LAW_API_2
 _ANY_NUMBER = -1
 _FATAL = -1
 _STEP = 1e-30  # of the complex step
