@@ -24,8 +24,8 @@ module hb_state_map
    real(wp), parameter :: finer = 1.0e-4_wp                           ! that of marching relative to that of what is made of it
    integer, parameter :: steps_a_radian = 20                          ! of the fastest motion, likewise
    real(wp), parameter :: usual_looks = 1500.0_wp                     ! at the motion in a period, with variable steps
-   real(wp), parameter :: looks_a_radian = 5.0_wp                     ! of the fastest mode, whose stability limits these steps: 5.0 on
-                                                                      ! a beam of 8 degrees of freedom against a wall
+   real(wp), parameter :: looks_a_radian = 15.0_wp                    ! of the fastest mode, whose stability limits these steps: 15 on
+                                                                      ! a beam of 8 degrees of freedom (test_hb_marched_laps)
    real(wp), parameter :: smallest_scale = 0.1_wp                     ! of one unknown, relative to the largest of its kind: what
                                                                       ! is moved apart has to slip, not to creep
 

@@ -156,10 +156,30 @@ int undefined_slope_evaluate(int n, int n_coordinates, int stride, const double 
    return 0;
 }
 
+/* A cubic spring of version 2 of the interface: its stiffness is its context. */
+int with_context_info(nhbm_law_info_t *info)
+{
+   static double stiffness = 1.5;
+   info->api_version = NHBM_USER_LAW_API_2;
+   info->n_coordinates = 1;
+   info->context = &stiffness;
+   return 0;
+}
+
+int with_context_evaluate(const nhbm_law_samples_t *s)
+{
+   const double k = *(const double *)s->context;
+   for (int i = 0; i < s->n_samples; ++i) {
+      s->f[i] = k*s->z[i]*s->z[i]*s->z[i];
+      if (s->df_dz) s->df_dz[i] = 3.0*k*s->z[i]*s->z[i];
+   }
+   return s->v || s->df_dv ? -1 : 0;
+}
+
 /* Made for another version of the interface. */
 int other_version_info(nhbm_law_info_t *info)
 {
-   info->api_version = NHBM_USER_LAW_API + 1;
+   info->api_version = NHBM_USER_LAW_API_2 + 1;
    return 0;
 }
 
