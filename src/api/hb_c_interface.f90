@@ -5,7 +5,7 @@ module hb_c_interface
    use hb_c_text, only: c_text
    use hb_c_structures, only: c_structures_t
    use hb_column_view, only: column_kind
-   use hb_error, only: error_t, fail
+   use hb_error, only: error_t
    use hb_key_rows, only: key_row, n_key_rows
    use hb_kinds, only: wp
    use hb_session, only: session_t
@@ -128,11 +128,7 @@ contains
       type(error_t), allocatable :: failure
 
       call c_f_pointer(model, handle)
-      if (number < 1 .or. number > size(handle%session%parameters)) then
-         call fail(failure, "no parameter has this handle; nhbm_parameter gives them")
-      else
-         call handle%session%document%set(handle%session%parameters(number), real(value, wp))
-      end if
+      call handle%session%set_number(int(number), real(value, wp), failure)
       code = told(failure, wrong_use, error)
    end function nhbm_set
 

@@ -71,6 +71,7 @@ module hb_session
       procedure :: read => session_read
       procedure :: set => session_set
       procedure :: resolve => session_resolve
+      procedure :: set_number => session_set_number
       procedure :: update => session_update
       procedure :: complete_input => session_complete_input
       procedure :: solve => session_solve
@@ -128,6 +129,20 @@ contains
       self%parameters = [self%parameters, parameter]
       number = size(self%parameters)
    end subroutine session_resolve
+
+   !> Sets a number that has been looked up, in the unit of the input. What is wrong with it is told by the next solution.
+   subroutine session_set_number(self, number, value, error)
+      class(session_t), intent(inout) :: self
+      integer, intent(in) :: number                                   !! that `resolve` gave
+      real(wp), intent(in) :: value
+      type(error_t), allocatable, intent(out) :: error
+
+      if (number < 1 .or. number > size(self%parameters)) then
+         call fail(error, "no parameter has this handle, those that were looked up have")
+      else
+         call self%document%set(self%parameters(number), value)
+      end if
+   end subroutine session_set_number
 
    !> Brings the scene to the present values. Fails with all that is wrong with them.
    subroutine session_update(self, error)

@@ -177,7 +177,7 @@ def test_models_leave_nothing_behind():
     assert make(500) - before < 4000  # KiB
 
 
-def test_a_c_program_has_the_same_numbers(tmp_path):
+def test_programs_in_c_and_fortran_have_the_same_numbers(tmp_path):
     compiler = shutil.which("cc") or pytest.skip("no C compiler")
     source = ROOT / "drivers" / "examples" / "duffing.c"
     program = tmp_path / "duffing"
@@ -191,6 +191,8 @@ def test_a_c_program_has_the_same_numbers(tmp_path):
         session.solve(warm=k > 0)
         expected.append(session.column("coefficients").values[0, 1, 0])
     assert [float(line.split()[1]) for line in done.stdout.splitlines()] == expected
+    in_fortran = subprocess.run([LIBRARY.parents[1] / "drivers" / "duffing_in_fortran"], capture_output=True, text=True, check=True)
+    assert [float(line.split()[1]) for line in in_fortran.stdout.splitlines()] == expected
 
 
 def duffing(**spring):

@@ -1,0 +1,29 @@
+!> nhbm for programs in Fortran: the one module that they use.
+!>
+!>     type(model_t), target :: model
+!>     type(error_t), allocatable :: error
+!>     call model%read("my model", text, error)                   ! the text of an input (docs/user/input.md)
+!>     call model%resolve("tones%frequency", frequency, error)
+!>     do i = 1, n
+!>        call model%set_number(frequency, values(i), error)
+!>        call model%solve(is_warm=i > 1, error=error)
+!>        if (model%result%status == outcome%converged) print *, model%result%coefficients(:, 1, 1)
+!>     end do
+!>     call model%destroy()
+!>
+!> `model%result` is all that is known of the motion found last; `model%look_up` gives it by the names of the result file as well.
+!> Structures that a program has as matrices: extend `structure_source_t` and allocate `model%services%models` with it.
+module nhbm
+   use hb_error, only: error_t
+   use hb_kinds, only: wp
+   use hb_model, only: structure_data_t => model_t, structure_source_t => model_source_t
+   use hb_motion_result, only: motion_result_t
+   use hb_outcome, only: outcome, outcome_names
+   use hb_session, only: model_t => session_t
+   use hb_sparse, only: new_sparse, sparse_t
+   use hb_version, only: program_version
+   implicit none
+   private
+   public :: error_t, model_t, motion_result_t, new_sparse, outcome, outcome_names, program_version, sparse_t, structure_data_t, &
+      structure_source_t, wp
+end module nhbm
