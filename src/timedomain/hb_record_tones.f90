@@ -21,6 +21,18 @@ module hb_record_tones
    real(wp), parameter :: same_line = 0.3_wp                          ! in units of the resolution of the record
    real(wp), parameter :: smallest_line = 1.0e-3_wp                   ! relative to the motion
 
+   !> A record with what is looked for in it.
+   type :: search_t
+      real(wp), allocatable :: x(:, :)                                ! the degrees of freedom that move most, (n_samples, any)
+      real(wp), allocatable :: mean(:)                                ! of each of them
+      real(wp), allocatable :: power(:)                               ! of each of them
+      real(wp) :: start, step, resolution
+      integer, allocatable :: tuples(:, :)                            ! the lowest ones but zero, (n_tones, any)
+      logical, allocatable :: is_fundamental(:)                       ! of an unknown tone, as tuples
+      integer, allocatable :: tones(:)                                ! that are unknown
+      real(wp), allocatable :: omega(:)                               ! of all tones, where unknown a guess or 0
+   end type search_t
+
 contains
 
    !> Finds the unknown ones among the base frequencies. Of several that are equally good the one nearest to the guess is taken,
@@ -33,168 +45,180 @@ contains
       real(wp), intent(inout) :: omega(:)                             !! [rad/s], (n_tones), where unknown a guess or 0
       real(wp), intent(out) :: share                                  !! of the power that they explain, 0: nothing found
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable :: candidates(:, :), lines(:), fundamentals(:), power(:), shares(:), weights(:)
-      integer, allocatable :: dofs(:), lowest(:), tones(:)
-      logical, allocatable :: is_fundamental(:)                       ! of an unknown tone, as lowest
-      real(wp) :: best_distance, distance, resolution
-      integer :: c, best, m
+      type(search_t) :: search
+      real(wp), allocatable :: candidates(:, :), fundamentals(:), lines(:), shares(:)
+      integer :: best, c, m
 
       share = 0.0_wp
-      tones = pack([(m, m=1, size(omega))], is_unknown)
-      resolution = two_pi/(size(x, 1)*step)
-      weights = bump_weights(size(x, 1))
-      call choose_dofs()
-      if (size(dofs) == 0) return
-      call choose_tuples()
-      call collect_lines()
+      search%start = start
+      search%step = step
+      search%resolution = two_pi/(size(x, 1)*step)
+      search%tones = pack([(m, m=1, size(omega))], is_unknown)
+      search%omega = omega
+      call choose_dofs(search, x)
+      if (size(search%power) == 0) return
+      call choose_tuples(search, tuples)
+      call collect_lines(search, lines, error)
       if (allocated(error)) return
-      if (size(tones) == 1) then
-         call candidates_of_one()
+      if (size(search%tones) == 1) then
+         call candidates_of_one(search, is_unknown, lines, candidates)
       else
-         call candidates_of_several()
+         call candidates_of_several(size(search%tones), lines, candidates)
       end if
       if (size(candidates, 2) == 0) return
-      allocate (shares(size(candidates, 2)), fundamentals(size(candidates, 2)))
-      shares = 0.0_wp
-      fundamentals = 0.0_wp
+      allocate (shares(size(candidates, 2)), fundamentals(size(candidates, 2)), source=0.0_wp)
       do c = 1, size(shares)
          if (work_is_over()) exit
-         call explain(candidates(:, c), shares(c), fundamentals(c))
+         call explain(search, candidates(:, c), shares(c), fundamentals(c))
          if (shares(c) > 1.0_wp + 10*as_good) shares(c) = 0.0_wp       ! two tuples share a line
       end do
       best = maxloc(shares, dim=1)
-      if (size(tones) == 1) then
-         best_distance = huge(1.0_wp)
-         do c = 1, size(shares)
-            if (shares(c) < maxval(shares) - as_good) cycle
-            distance = -fundamentals(c)
-            if (omega(tones(1)) > 0.0_wp) distance = abs(candidates(1, c) - omega(tones(1)))
-            if (distance >= best_distance) cycle
-            best_distance = distance
-            best = c
-         end do
+      if (size(search%tones) == 1) then
+         associate (guess => omega(search%tones(1)), are_good => shares >= maxval(shares) - as_good)
+            best = maxloc(fundamentals, mask=are_good, dim=1)
+            if (guess > 0.0_wp) best = minloc(abs(candidates(1, :) - guess), mask=are_good, dim=1)
+         end associate
       end if
       share = shares(best)
-      if (share > 0.0_wp) omega(tones) = candidates(:, best)
-
-   contains
-
-      !> The degrees of freedom that move most, with the power of each.
-      subroutine choose_dofs()
-         real(wp) :: variance(size(x, 2))
-         integer :: k
-
-         do k = 1, size(x, 2)
-            variance(k) = sum(weights*(x(:, k) - sum(weights*x(:, k)))**2)
-         end do
-         allocate (dofs(0))
-         do k = 1, min(most_dofs, size(variance))
-            if (maxval(variance) <= 0.0_wp) exit
-            dofs = [dofs, maxloc(variance, dim=1)]
-            if (k == 1) allocate (power(0))
-            power = [power, maxval(variance)]
-            variance(dofs(k)) = -1.0_wp
-         end do
-      end subroutine choose_dofs
-
-      !> The lowest tuples but zero.
-      subroutine choose_tuples()
-         integer :: order(size(tuples, 2)), h
-
-         order = sum(abs(tuples), dim=1)
-         where (order == 0) order = huge(1)
-         allocate (lowest(0))
-         do h = 1, min(most_tuples, count(order < huge(1)))
-            lowest = [lowest, minloc(order, dim=1)]
-            order(lowest(h)) = huge(1)
-         end do
-         is_fundamental = [(sum(abs(tuples(:, lowest(h)))) == 1 .and. any(tuples(tones, lowest(h)) /= 0), &
-                            h=1, size(lowest))]
-      end subroutine choose_tuples
-
-      subroutine collect_lines()
-         real(wp) :: found(n_lines)
-         complex(wp) :: amplitudes(n_lines)
-         integer :: i, k
-
-         allocate (lines(0))
-         do k = 1, size(dofs)
-            call find_frequencies(x(:, dofs(k)), start, step, found, amplitudes, error)
-            if (allocated(error)) return
-            do i = 1, n_lines
-               if (.not. ieee_is_finite(found(i))) exit
-               if (found(i) <= resolution .or. abs(amplitudes(i)) < smallest_line*sqrt(power(k))) cycle
-               if (any(abs(lines - found(i)) < same_line*resolution)) cycle
-               lines = [lines, found(i)]
-            end do
-         end do
-      end subroutine collect_lines
-
-      subroutine candidates_of_one()
-         real(wp) :: known, value
-         integer :: h, i, n, sense, tone
-
-         tone = tones(1)
-         n = 0
-         allocate (candidates(1, most_candidates))
-         do i = 1, size(lines)
-            do h = 1, size(lowest)
-               associate (j => tuples(:, lowest(h)))
-                  if (j(tone) == 0 .or. abs(j(tone)) > highest_share) cycle
-                  known = sum(j*omega, mask=.not. is_unknown)
-                  do sense = -1, 1, 2
-                     value = (sense*lines(i) - known)/j(tone)
-                     if (value <= resolution .or. n == most_candidates) cycle
-                     if (any(abs(candidates(1, :n) - value) < 0.01_wp*same_line*resolution)) cycle
-                     n = n + 1
-                     candidates(1, n) = value
-                  end do
-               end associate
-            end do
-         end do
-         candidates = candidates(:, :n)
-      end subroutine candidates_of_one
-
-      !> All choices of as many lines as there are tones.
-      subroutine candidates_of_several()
-         integer :: chosen(size(tones)), k, m, n
-
-         n = min(most_of_several, size(lines))
-         allocate (candidates(size(tones), 0))
-         chosen = [(k, k=1, size(tones))]
-         do while (chosen(size(tones)) <= n)
-            candidates = reshape([reshape(candidates, [size(candidates)]), ascending(lines(chosen))], &
-                                 [size(tones), size(candidates, 2) + 1])
-            do m = size(tones), 1, -1
-               if (chosen(m) < n - size(tones) + m) exit
-            end do
-            if (m == 0) exit
-            chosen(m:) = [(chosen(m) + 1 + k, k=0, size(tones) - m)]
-         end do
-      end subroutine candidates_of_several
-
-      !> Shares of the power of the record that harmonics of these tones carry, and their fundamentals alone.
-      subroutine explain(values, all_harmonics, fundamental)
-         real(wp), intent(in) :: values(:)
-         real(wp), intent(out) :: all_harmonics, fundamental
-         complex(wp) :: coefficients(size(lowest))
-         real(wp) :: tried(size(omega))
-         integer :: k
-
-         tried = omega
-         tried(tones) = values
-         all_harmonics = 0.0_wp
-         fundamental = 0.0_wp
-         do k = 1, size(dofs)
-            call coefficients_at(x(:, dofs(k)) - sum(weights*x(:, dofs(k))), start, step, &
-                                 matmul(tried, real(tuples(:, lowest), wp)), coefficients)
-            all_harmonics = all_harmonics + 0.5_wp*sum(abs(coefficients)**2)
-            fundamental = fundamental + 0.5_wp*sum(abs(coefficients)**2, mask=is_fundamental)
-         end do
-         all_harmonics = all_harmonics/sum(power)
-         fundamental = fundamental/sum(power)
-      end subroutine explain
+      if (share > 0.0_wp) omega(search%tones) = candidates(:, best)
    end subroutine find_tones
+
+   !> The degrees of freedom that move most, with the power of each.
+   subroutine choose_dofs(self, x)
+      type(search_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:, :)
+      real(wp) :: mean(size(x, 2)), variance(size(x, 2)), weights(size(x, 1))
+      integer, allocatable :: dofs(:)
+      integer :: k
+
+      weights = bump_weights(size(x, 1))
+      mean = matmul(weights, x)
+      do k = 1, size(x, 2)
+         variance(k) = sum(weights*(x(:, k) - mean(k))**2)
+      end do
+      allocate (dofs(0), self%power(0))
+      do k = 1, min(most_dofs, size(variance))
+         if (maxval(variance) <= 0.0_wp) exit
+         dofs = [dofs, maxloc(variance, dim=1)]
+         self%power = [self%power, maxval(variance)]
+         variance(dofs(k)) = -1.0_wp
+      end do
+      self%x = x(:, dofs)
+      self%mean = mean(dofs)
+   end subroutine choose_dofs
+
+   !> The lowest tuples but zero.
+   subroutine choose_tuples(self, tuples)
+      type(search_t), intent(inout) :: self
+      integer, intent(in) :: tuples(:, :)
+      integer :: h, order(size(tuples, 2))
+      integer, allocatable :: lowest(:)
+
+      order = sum(abs(tuples), dim=1)
+      where (order == 0) order = huge(1)
+      allocate (lowest(0))
+      do h = 1, min(most_tuples, count(order < huge(1)))
+         lowest = [lowest, minloc(order, dim=1)]
+         order(lowest(h)) = huge(1)
+      end do
+      self%tuples = tuples(:, lowest)
+      self%is_fundamental = [(sum(abs(self%tuples(:, h))) == 1 .and. any(self%tuples(self%tones, h) /= 0), h=1, size(lowest))]
+   end subroutine choose_tuples
+
+   !> Lines of the spectra that are told apart [rad/s].
+   subroutine collect_lines(self, lines, error)
+      type(search_t), intent(in) :: self
+      real(wp), allocatable, intent(out) :: lines(:)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: found(n_lines)
+      complex(wp) :: amplitudes(n_lines)
+      integer :: i, k
+
+      allocate (lines(0))
+      do k = 1, size(self%power)
+         call find_frequencies(self%x(:, k), self%start, self%step, found, amplitudes, error)
+         if (allocated(error)) return
+         do i = 1, n_lines
+            if (.not. ieee_is_finite(found(i))) exit
+            if (found(i) <= self%resolution .or. abs(amplitudes(i)) < smallest_line*sqrt(self%power(k))) cycle
+            if (any(abs(lines - found(i)) < same_line*self%resolution)) cycle
+            lines = [lines, found(i)]
+         end do
+      end do
+   end subroutine collect_lines
+
+   !> Frequencies of one unknown tone: each line as each low tuple.
+   subroutine candidates_of_one(self, is_unknown, lines, candidates)
+      type(search_t), intent(in) :: self
+      logical, intent(in) :: is_unknown(:)
+      real(wp), intent(in) :: lines(:)
+      real(wp), allocatable, intent(out) :: candidates(:, :)
+      real(wp) :: known, value
+      integer :: h, i, n, sense
+
+      n = 0
+      allocate (candidates(1, most_candidates))
+      do i = 1, size(lines)
+         do h = 1, size(self%tuples, 2)
+            associate (j => self%tuples(:, h), tone => self%tones(1))
+               if (j(tone) == 0 .or. abs(j(tone)) > highest_share) cycle
+               known = sum(j*self%omega, mask=.not. is_unknown)
+               do sense = -1, 1, 2
+                  value = (sense*lines(i) - known)/j(tone)
+                  if (value <= self%resolution .or. n == most_candidates) cycle
+                  if (any(abs(candidates(1, :n) - value) < 0.01_wp*same_line*self%resolution)) cycle
+                  n = n + 1
+                  candidates(1, n) = value
+               end do
+            end associate
+         end do
+      end do
+      candidates = candidates(:, :n)
+   end subroutine candidates_of_one
+
+   !> All choices of as many lines as there are tones.
+   subroutine candidates_of_several(n_tones, lines, candidates)
+      integer, intent(in) :: n_tones
+      real(wp), intent(in) :: lines(:)
+      real(wp), allocatable, intent(out) :: candidates(:, :)
+      integer :: chosen(n_tones), k, m, n
+
+      n = min(most_of_several, size(lines))
+      allocate (candidates(n_tones, 0))
+      chosen = [(k, k=1, n_tones)]
+      do while (chosen(n_tones) <= n)
+         candidates = reshape([reshape(candidates, [size(candidates)]), ascending(lines(chosen))], &
+                              [n_tones, size(candidates, 2) + 1])
+         do m = n_tones, 1, -1
+            if (chosen(m) < n - n_tones + m) exit
+         end do
+         if (m == 0) exit
+         chosen(m:) = [(chosen(m) + 1 + k, k=0, n_tones - m)]
+      end do
+   end subroutine candidates_of_several
+
+   !> Shares of the power of the record that harmonics of these tones carry, and their fundamentals alone.
+   subroutine explain(self, values, all_harmonics, fundamental)
+      type(search_t), intent(in) :: self
+      real(wp), intent(in) :: values(:)                               ! of the unknown tones
+      real(wp), intent(out) :: all_harmonics, fundamental
+      complex(wp) :: coefficients(size(self%tuples, 2))
+      real(wp) :: tried(size(self%omega))
+      integer :: k
+
+      tried = self%omega
+      tried(self%tones) = values
+      all_harmonics = 0.0_wp
+      fundamental = 0.0_wp
+      do k = 1, size(self%power)
+         call coefficients_at(self%x(:, k) - self%mean(k), self%start, self%step, matmul(tried, real(self%tuples, wp)), &
+                              coefficients)
+         all_harmonics = all_harmonics + 0.5_wp*sum(abs(coefficients)**2)
+         fundamental = fundamental + 0.5_wp*sum(abs(coefficients)**2, mask=self%is_fundamental)
+      end do
+      all_harmonics = all_harmonics/sum(self%power)
+      fundamental = fundamental/sum(self%power)
+   end subroutine explain
 
    pure function ascending(values) result(sorted)
       real(wp), intent(in) :: values(:)

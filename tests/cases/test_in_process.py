@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import resource
 import shutil
 import signal
@@ -319,3 +320,17 @@ def test_the_table_of_keys():
     assert [" | ".join(key) for key in nhbm.input_keys()] == rows
     gap = next(key for key in nhbm.input_keys() if (key.section, key.name) == ("law rigid_wall", "gap"))
     assert (gap.type, gap.unit, gap.default) == ("real", "m", "required")
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/user/library.md"])
+def test_examples_of_the_pages_run(page, tmp_path, monkeypatch):
+    """The lines of a page one after the other, as a reader would type them."""
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("Agg")
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
+    names = {}
+    for block in blocks:
+        if "nhbm" in block and "open_dataset" not in block:
+            exec(block, names)
+    assert names["motion" if page.endswith("library.md") else "curve"].nhbm.is_converged.all()
