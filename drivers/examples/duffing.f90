@@ -5,9 +5,12 @@
 program duffing
    use nhbm, only: error_t, model_t, outcome, wp
    implicit none
+   character, parameter :: line = new_line("a")
    character(*), parameter :: text = &
       "&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0, "// &
-      "damping_mass = 0.1 / &tones frequency = 0.9 / &load dof = 'x1', tuple = 1, cos = 0.3 / "// &
+      "damping_mass = 0.1 /"//line// &
+      "&tones frequency = 0.9 /"//line// &
+      "&load dof = 'x1', tuple = 1, cos = 0.3 /"//line// &
       "&law type = 'cubic_spring', label = 'spring', dof = 'x1', stiffness = 0.5 /"
    type(model_t), target :: model
    type(error_t), allocatable :: error
