@@ -172,10 +172,10 @@ contains
       before = estimate_of_motion(result)
       outputs_before = estimates_of_outputs(result)
       n_failures = 0
-      estimates = [estimate_of_wanted(result)]
+      estimates = [missing_in(scene, result)]
       difference = 0.0_wp
       do rung = 1, most_rungs
-         estimate = estimate_of_wanted(result)
+         estimate = missing_in(scene, result)
          if (estimate <= scene%accuracy%tolerance*merge(margin, unchecked, is_checked)) exit
          if (account%work > scene%accuracy%max_work .or. gains_nothing(estimates)) exit
          goal = max(least_goal*estimate, margin*scene%accuracy%tolerance)
@@ -209,11 +209,11 @@ contains
             best_estimate = max(estimate, difference)
          end if
          n_failures = 0
-         estimates = [estimates, estimate_of_wanted(trial)]
+         estimates = [estimates, missing_in(scene, trial)]
          top = next
          result = trial
       end do
-      if (best_estimate < estimate_of_wanted(result)) then !  what came after it made it worse, as far as one knows
+      if (best_estimate < missing_in(scene, result)) then !  what came after it made it worse, as far as one knows
          result = best
          top = best_top
          result%level_estimate = max(result%level_estimate, best_estimate)
@@ -223,6 +223,15 @@ contains
          call march_from_balance(scene, result, top, watch, judge)
       if (scene%accuracy%grows_set .and. scene%chain%is_on .and. result%status == outcome%converged) call trim_set(scene, top)
    end subroutine climb
+
+   !> What a rung misses: the estimated error of what the tolerance is for, and a penetration of walls beyond what is allowed as an
+   !> error beyond what rungs are made for.
+   pure real(wp) function missing_in(scene, result)
+      type(scene_t), intent(in) :: scene
+      type(motion_result_t), intent(in) :: result
+
+      missing_in = max(estimate_of_wanted(result), margin*scene%accuracy%tolerance*result%penetration_share)
+   end function missing_in
 
    !> Marches to the tolerance what was marched on the lowest set, of whose harmonics beyond averages say nothing, and what was not
    !> found at all: lines that averages do not part, or only in hours, a fit may.

@@ -274,7 +274,8 @@ contains
       if (allocated(result%certificate%improved)) call keep_improved(basis, result, error)
       if (allocated(error)) return
       associate (found => result%certificate, limit => scene%certificate)
-         if (found%defects%penetration > limit%penetration*maxval(abs(u))) result%status = outcome%penetrating
+         result%penetration_share = found%defects%penetration/(limit%penetration*max(maxval(abs(u)), tiny(1.0_wp)))
+         if (result%penetration_share > 1.0_wp) result%status = outcome%penetrating
          if (is_missed(found%truncation, limit%truncation)) result%status = outcome%truncated
          if (any(is_missed(found%frequency_error/balance%omega, limit%truncation))) result%status = outcome%truncated
          if (is_missed(found%aliasing, limit%aliasing)) result%status = outcome%aliased

@@ -48,6 +48,7 @@ module hb_motion_result
       integer :: n_harmonics = 0                        !! in the set of this point
       integer :: n_rungs = 0                            !! sets solved until the tolerance was met, hb_accurate_motion; 0: one given
       real(wp) :: rung_difference = 0.0_wp              !! of the last two motions on the way there, relative
+      real(wp) :: penetration_share = 0.0_wp                          !! of the penetration that `&certificate` allows
       real(wp) :: level_estimate = 0.0_wp               !! estimated error as this difference shows it, where that is more than the
                                                         !! certificate estimates from the motion alone, relative; else 0
       type(harmonics_t) :: harmonics                    !! set of the coefficients, where the point has chosen it
