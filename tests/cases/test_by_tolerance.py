@@ -327,3 +327,45 @@ def test_disturbances_that_grow_beside_a_slow_tone_hide_the_verdict(ratio, tmp_p
     with h5py.File(path) as file:
         assert file["is_stable"][0] == 0 and file["level_estimate"][0] > 0.17
     assert "disturbances grow" in done.stdout and "1 truncated" in done.stdout
+
+
+# The beam of the paper against its wall, 1.5 mm away.
+WALL = """
+&structure type = 'beam', length = 1.0, bending_stiffness = 1750.0, mass_per_length = 7.8, n_elements = 4, damping_diagonal = 1.0 /
+&tones frequency = 2.718281828459045, 3.141592653589793 /
+&load dof = 'v3', tuple = 1, 0, cos = 100.0 /
+&load dof = 'v3', tuple = 0, 1, cos = 100.0 /
+&law type = 'rigid_wall', dof = 'v3', gap = 1.5e-3 /
+"""
+
+
+def _motion(path):
+    """Coefficients of the middle by tuple, and the estimate."""
+    with h5py.File(path) as file:
+        n, dof = file["n_harmonics"][0], list(file["dof"].asstr()[()]).index("v3")
+        tuples = file["tuples"][0] if "tuples" in file else file["tuple"][()]
+        return dict(zip(map(tuple, tuples[:n]), file["coefficients"][0, dof, :n])), float(file["truncation_estimate"][0])
+
+
+def _distance(motion, reference):
+    gaps = [reference.get(k, np.zeros(2)) - motion.get(k, np.zeros(2)) for k in {*motion, *reference}]
+    return np.linalg.norm(gaps) / np.linalg.norm(list(reference.values()))
+
+
+def test_a_wall_is_solved_and_kept_with_nothing_set(tmp_path):
+    """A tolerance holds for the penetration that the certificate allows as well."""
+    done, path = _solve(WALL, tmp_path)
+    assert done.status == 0, done.stdout
+    with h5py.File(path) as file:
+        largest = np.linalg.norm(file["coefficients"][0], axis=-1).max()
+        assert file["penetration"][0] <= 1e-2 * largest
+    reference, _ = _motion(_solve(WALL + "&harmonics order = 30 /\n", tmp_path, name="fine.h5")[1])
+    assert _distance(_motion(path)[0], reference) < 1e-2
+
+
+@pytest.mark.parametrize("order", [8, 12, 20])
+def test_estimates_of_a_wall_are_near_the_error(order, tmp_path):
+    """Also of large sets, whose walls answer a second step of Newton's method by chatter."""
+    reference, _ = _motion(_solve(WALL + "&harmonics order = 36 /\n", tmp_path, name="fine.h5")[1])
+    motion, estimate = _motion(_solve(WALL + f"&harmonics order = {order} /\n", tmp_path)[1])
+    assert 0.6 < estimate / _distance(motion, reference) < 2.5
