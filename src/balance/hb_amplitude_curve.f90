@@ -39,6 +39,7 @@ contains
       if (.not. is_on_curve) return
       damping = self%damping(point)
       self%is_neutral = abs(damping(1)) <= neutral
+      self%is_driven = damping(1) < -neutral
       self%reached = point%amplitude(1)
       call begin_curve(self, point, curve)
       do i = 1, most_steps
@@ -49,6 +50,7 @@ contains
          damping_before = damping
          damping = self%damping(point)
          self%is_neutral = self%is_neutral .and. abs(damping(1)) <= neutral
+         self%is_driven = self%is_driven .or. damping(1) < -neutral
          self%reached = max(self%reached, point%amplitude(1))
          if (damping(1)*damping_before(1) <= 0.0_wp .and. .not. self%is_neutral) then
             is_stable = damping(1) > damping_before(1)
@@ -79,9 +81,13 @@ contains
          if (is_found) return
       end if
       if (i <= most_steps .and. curve%status == outcome%pending) then
-         self%runs_away = damping(1) < -neutral .and. point%amplitude(1) > last_amplitude*self%length
-         if (self%runs_away) self%message = "driven up to an amplitude of "//to_text(point%amplitude(1))// &
-                                            ": the motion grows without bound"
+         if (.not. self%is_driven) return
+         self%message = "driven up to an amplitude of "//to_text(self%reached)
+         if (damping(1) < -neutral .and. point%amplitude(1) > last_amplitude*self%length) then
+            self%message = self%message//": the motion grows without bound"
+         else
+            self%message = self%message//", where no motion was found: it may grow without bound"
+         end if
          return
       end if
       self%report%status = outcome%stalled

@@ -44,7 +44,7 @@ module hb_limit_cycle_search
       real(wp) :: reached = 0.0_wp                                    !! largest amplitude of the search, 0: none [m]
       logical :: is_neutral = .true.                                  !! nothing drove or damped the motion
       logical :: is_left = .false.                                    !! motion near the one found leaves it, as it seems
-      logical :: runs_away = .false.                                  !! driven up to the largest amplitude tried
+      logical :: is_driven = .false.                                  !! at some amplitude on the way
       integer, allocatable :: tones(:)                                !! unknown ones
       integer, allocatable :: modes(:)                                !! of the base motion, where each of them starts
       integer, allocatable :: phase_dofs(:)                           !! sine that is zero, by unknown tone; size 0: integral

@@ -229,7 +229,7 @@ contains
             end if
             if (search%report%status == outcome%stalled) then
                trouble = search%message
-            else if (search%runs_away) then
+            else if (search%is_driven) then
                driven = search%message
             end if
             reached = min(reached, search%reached)
@@ -248,8 +248,11 @@ contains
             search%message = trouble
             return
          end if
-         if (allocated(driven)) search%message = driven
-         if (allocated(driven)) return
+         if (allocated(driven)) then
+            search%report%status = outcome%no_motion
+            search%message = driven
+            return
+         end if
          search%message = "damped from each of "//to_text(k - 1)//" modes, up to an amplitude of "//to_text(reached)//" or more"
       end subroutine search_all_modes
    end subroutine find_motion

@@ -13,6 +13,7 @@ from limit_parts.scenes import SCENES, build_laws
 from program import INCOMPLETE, command, environment, messages_of, program, read, solve
 
 ROOT = Path(__file__).resolve().parents[2]
+NO_MOTION = 11  # docs/user/schema.md
 IN_TIME = 1.0  # second of the processor, so that other work of the machine does not count
 
 
@@ -87,7 +88,11 @@ def test_what_lies_beyond_the_set_is_in_the_estimate(tmp_path):
     ],
 )
 def test_what_runs_away_is_not_called_damped(structure, law, tmp_path):
-    text = f"&structure type='matrices', {structure} /\n&tones unknown=.true. /\n&harmonics order=7 /\n&law {law} /\n"
-    result = solve(text, tmp_path, status=None)
-    message = bytes(read(result, "message")[0]).decode().strip("\0 ")
-    assert "damped" not in message and "driven" in message and "without bound" in message, message
+    """Alone, and beside a given tone, which does not make it a tone that died out."""
+    alone = "&tones unknown=.true. /\n&harmonics order=7 /\n"
+    beside = "&tones frequency=1.7, 1.0, unknown=.false., .true. /\n&harmonics order=3 /\n&load dof='x1', tuple=1, 0, cos=0.2 /\n"
+    for tones in (alone, beside):
+        result = solve(f"&structure type='matrices', {structure} /\n{tones}&law {law} /\n", tmp_path, status=None)
+        message = bytes(read(result, "message")[0]).decode().strip("\0 ")
+        assert "damped" not in message and "driven" in message and "without bound" in message, message
+        assert read(result, "status")[0] == NO_MOTION
