@@ -83,7 +83,8 @@ contains
       if (i <= most_steps .and. curve%status == outcome%pending) then
          if (.not. self%is_driven) return
          self%message = "driven up to an amplitude of "//to_text(self%reached)
-         if (damping(1) < -neutral .and. point%amplitude(1) > last_amplitude*self%length) then
+         self%runs_away = damping(1) < -neutral .and. point%amplitude(1) > last_amplitude*self%length
+         if (self%runs_away) then
             self%message = self%message//": the motion grows without bound"
          else
             self%message = self%message//", where no motion was found: it may grow without bound"

@@ -80,7 +80,7 @@ contains
          end if
          if (maxval(now%amplitude) > largest_amplitude*self%length) then
             self%message = "driven at all amplitudes tried: the motion grows without bound"
-            self%is_driven = .true.
+            self%runs_away = .true.
             return
          end if
          if (any(now%amplitude < 0.3_wp*smallest .and. self%damping(now) > 0.0_wp)) then

@@ -45,6 +45,7 @@ module hb_limit_cycle_search
       logical :: is_neutral = .true.                                  !! nothing drove or damped the motion
       logical :: is_left = .false.                                    !! motion near the one found leaves it, as it seems
       logical :: is_driven = .false.                                  !! at some amplitude on the way
+      logical :: runs_away = .false.                                  !! up to the largest amplitude tried
       integer, allocatable :: tones(:)                                !! unknown ones
       integer, allocatable :: modes(:)                                !! of the base motion, where each of them starts
       integer, allocatable :: phase_dofs(:)                           !! sine that is zero, by unknown tone; size 0: integral

@@ -24,6 +24,7 @@ contains
       self%is_neutral = .true.
       self%is_left = .false.
       self%is_driven = .false.
+      self%runs_away = .false.
       self%reached = 0.0_wp
       self%report%status = outcome%pending
       if (allocated(self%message)) deallocate (self%message)
@@ -40,7 +41,7 @@ contains
       self%report%residual = self%base%report%residual
       if (allocated(self%message) .and. self%report%status == outcome%stalled) return
       self%report%status = outcome%no_motion
-      if (.not. self%is_driven .and. (self%base%is_forced .or. size(self%tones) > 1)) self%report%status = outcome%collapsed
+      if (.not. self%runs_away .and. (self%base%is_forced .or. size(self%tones) > 1)) self%report%status = outcome%collapsed
       if (allocated(self%message)) return
       if (self%reached <= 0.0_wp) then
          self%report%status = outcome%stalled

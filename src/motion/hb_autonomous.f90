@@ -203,7 +203,7 @@ contains
          real(wp) :: merit(start%base%modes%n_modes), reached
          real(wp), allocatable :: spare_u(:, :), spare_omega(:)
          integer :: best, k
-         logical :: is_neutral
+         logical :: is_neutral, runs_away
          character(:), allocatable :: driven, spare_message, trouble
          type(error_t), allocatable :: error
 
@@ -213,6 +213,7 @@ contains
          end associate
          reached = huge(1.0_wp)
          is_neutral = .true.
+         runs_away = .false.
          best = 1
          where (.not. start%base%is_at_laws) merit = -huge(1.0_wp)
          do k = 1, min(most_modes, count(start%base%is_at_laws))
@@ -231,6 +232,7 @@ contains
                trouble = search%message
             else if (search%is_driven) then
                driven = search%message
+               runs_away = search%runs_away
             end if
             reached = min(reached, search%reached)
             is_neutral = is_neutral .and. search%is_neutral
@@ -249,7 +251,7 @@ contains
             return
          end if
          if (allocated(driven)) then
-            search%report%status = outcome%no_motion
+            if (runs_away) search%report%status = outcome%no_motion
             search%message = driven
             return
          end if
