@@ -155,8 +155,7 @@ contains
       integer(int8), intent(in) :: values(:)
       integer, intent(in) :: extents(:)
       type(error_t), allocatable, intent(out) :: error
-      integer(int8), allocatable :: blocks(:, :)
-      integer :: n_used
+      integer :: block_size, i, n_blocks, n_used
 
       call check_extents(self, extents, error)
       if (allocated(error) .or. size(self%bytes) == 0) return
@@ -165,9 +164,12 @@ contains
       else
          self%n_used(k) = extents(self%part)
          n_used = bytes_of_kind(self%kind)*product(extents(:self%part))
-         allocate (blocks(size(self%bytes, 1)/product(extents(self%part + 1:)), product(extents(self%part + 1:))), source=0_int8)
-         blocks(:n_used, :) = reshape(values, [n_used, size(blocks, 2)])
-         self%bytes(:, k) = reshape(blocks, [size(blocks)])
+         n_blocks = product(extents(self%part + 1:))
+         block_size = size(self%bytes, 1)/n_blocks
+         self%bytes(:, k) = 0_int8
+         do i = 0, n_blocks - 1
+            self%bytes(i*block_size + 1:i*block_size + n_used, k) = values(i*n_used + 1:(i + 1)*n_used)
+         end do
       end if
       if (.not. self%is_used) self%is_used = self%part > 0 .or. self%kind /= is_integer .or. any(self%bytes(:, k) /= 0_int8)
    end subroutine put_bytes
