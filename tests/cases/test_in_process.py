@@ -238,7 +238,7 @@ def test_structures_come_from_memory_and_from_files(tmp_path):
         if is_builder:
             model.load("x1", 1, cos=0.6)
         else:
-            model._add("load", {"vector": "push", "tuple": 1, "cos": 0.3})
+            model.load(vector="push", cos=0.3)
         model.law("cubic_spring", "x3" if is_builder else "tip.x", stiffness=0.5)
         found.append(model.solve(order=7)["coefficients"].values)
     same(found[0], found[1], "coefficients")

@@ -100,8 +100,8 @@ class Model:
         self._groups.setdefault(group, {}).update(keys)
         self._session = None
 
-    def load(self, dof: str, tuple_: int | Iterable[int] = 1, cos: float = 0.0, sin: float = 0.0, **keys) -> None:
-        """Adds the force cos cos(j.omega t) + sin sin(j.omega t) [N] at a degree of freedom; `tuple_` is j."""
+    def load(self, dof: str | None = None, tuple_: int | Iterable[int] = 1, cos: float = 0.0, sin: float = 0.0, **keys) -> None:
+        """Adds the force cos cos(j.omega t) + sin sin(j.omega t) [N] at a degree of freedom, or vector="name" of a structure; `tuple_` is j."""
         entries = [int(k) for k in np.atleast_1d(tuple_)]
         self._add("load", {"dof": dof, "tuple": entries, "cos": cos, "sin": sin, **keys})
 
@@ -170,6 +170,7 @@ class Model:
         if not points:
             raise ModelError(session.message or "the curve has no points")
         found = dataset.joined(points, {})
+        found[identifier(path)].attrs["parameter"] = path
         return found.set_coords(identifier(path)).assign_attrs(varies=[identifier(path)])
 
     def sweep(self, values: Mapping[str, Iterable], *, tolerance: float | None = None, order: int | None = None, warm: bool = False,
@@ -194,6 +195,8 @@ class Model:
             motions = list(itertools.chain.from_iterable(_spread(work, lines, workers, executor, comm, bar)))
         names = [identifier(path_of(path, GROUPS)) for path in grid]
         found = dataset.joined(motions, {name: [point[k] for point in points] for k, name in enumerate(names)}).assign_attrs(varies=names)
+        for name, path in zip(names, grid):
+            found[name].attrs["parameter"] = path_of(path, GROUPS)
         bad = int((found["status"] != dataset.CONVERGED).sum())
         if bad:
             warnings.warn(f"{bad} of {len(points)} points have not converged: {found.nhbm.message}", NotConverged, stacklevel=2)

@@ -53,5 +53,6 @@ def _over_points(ax, data, dof) -> None:
         for kind, (word, mark) in _MARKS.items():
             if (kinds == kind).any():
                 ax.plot(x[kinds == kind], y[kinds == kind], mark, color="C3", ms=6, mfc="none", label=word, ls="none")
-    ax.set(xlabel=name.replace("_", " "), ylabel=f"Largest |{dof}| [{_unit(data)}]")
+    unit = data[name].attrs.get("units", "")
+    ax.set(xlabel=data[name].attrs.get("parameter", name) + (f" [{unit}]" if unit else ""), ylabel=f"Largest |{dof}| [{_unit(data)}]")
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
