@@ -1,21 +1,19 @@
 !> A step of a curve of motions: as long as the curve is followed on it and the events on it can be located: folds, peaks, grazes,
-!> bifurcations, wanted values and ends. Folds and peaks that are smaller than the errors of the motions around them are dropped.
+!> bifurcations, wanted values and ends.
 module hb_curve_step
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use hb_bifurcation, only: bifurcation, bifurcation_value, is_torus
-   use hb_curve, only: curve_t, event_t
+   use hb_curve, only: event_t
    use hb_curve_events, only: bifurcation_event_t, branch_event_t, count_event_t, find_stability, fold_event_t, graze_event_t, &
       n_outside, on_circle, peak_event_t, sharp, square_at, value_event_t
    use hb_curve_request, only: curve_kind
-   use hb_error, only: error_t
    use hb_followed_motion, only: at_end, followed_motion_t, known_t, most_slack, waiting_t
    use hb_kinds, only: wp
-   use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
    use hb_stability, only: stability_method, stability_t
    implicit none
    private
-   public :: drop_doubtful, step
+   public :: step
 
    real(wp), parameter :: largest_turn = 0.6_wp                       ! [rad] on a step, unless it is short
    real(wp), parameter :: longest_chord = 2.0_wp                      ! of a step, unless it is short: 1.05 with the largest turn
@@ -32,10 +30,6 @@ module hb_curve_step
    real(wp), parameter :: at_start = 1.0e-4_wp                        ! of a step: where a branch begins rounding decides on zeros
    real(wp), parameter :: uncertain = 100.0_wp                        ! times the tolerance of multipliers: to the unit circle
    real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start, when the curve is back there
-   integer, parameter :: most_fall_steps = 40                         ! on which it is decided whether a fold or peak is reported
-   real(wp), parameter :: certain = 3.0_wp                            ! times the error: both ends may be off by it, and points that
-                                                                      ! happen to lie where it is small understate it
-   real(wp), parameter :: finer = 0.25_wp                             ! such a step, relative to that of the curve
    integer, parameter :: kind_of(3) = [curve_kind%split, curve_kind%flip, curve_kind%torus]   ! of each kind of bifurcation
 
    !> The step, and how far the search has come.
@@ -52,15 +46,6 @@ module hb_curve_step
       real(wp) :: ends(2) = 0.0_wp                                    ! places on the step
       type(stability_t) :: stability(2)                               ! at these
    end type piece_t
-
-   !> An extreme of a function along the curve.
-   type :: extreme_t
-      real(wp) :: sense = 1.0_wp                                      ! -1: a minimum
-      integer :: response = 0                                         ! of the request, whose square it is; 0: the value that moves
-      real(wp) :: value = 0.0_wp                                      ! of the function
-      real(wp) :: error = 0.0_wp                                      ! of the value, estimated: the largest nearby, since errors
-                                                                      ! of kinks change their sign from sample to sample
-   end type extreme_t
 
 contains
 
@@ -647,111 +632,4 @@ contains
       up_to_end = points(:i)
       call move_alloc(up_to_end, points)
    end subroutine put_in_order
-
-   !> Drops the folds and peaks of the step that are smaller than the estimated error of the motion there.
-   !>
-   !> A truncated motion depends on where its samples lie relative to the kinks of laws, so that its curve is slightly wavy and
-   !> turns back where the exact one does not. A maximum belongs to the motion where the curve falls on either side by more than
-   !> both ends of the fall may be off, before it has risen as far: the curve turns as a whole. Of several on such a top the first
-   !> is reported. A minimum is the maximum of the negative function.
-   subroutine drop_doubtful(self, error)
-      class(followed_motion_t), intent(inout), target :: self
-      type(error_t), allocatable, intent(out) :: error
-      type(extreme_t) :: extreme
-      logical :: is_kept(size(self%waiting))
-      integer :: i
-
-      is_kept = .true.
-      do i = self%first_waiting, size(self%waiting)
-         associate (point => self%waiting(i), curve => self%curve)
-            if (.not. any(point%kind == [curve_kind%fold, curve_kind%peak])) cycle
-            extreme = extreme_t(response=point%response, value=function_at(self, point%response, point%x))
-            if (point%kind == curve_kind%fold) extreme%sense = sign(1.0_wp, curve%last_direction(size(point%x)))
-            call raise_error(self, extreme, point%x, error)
-            if (.not. allocated(error)) call raise_error(self, extreme, curve%last_x, error)
-            if (.not. allocated(error)) call raise_error(self, extreme, curve%x, error)
-            if (.not. allocated(error)) call find_fall(self, extreme, 1, is_kept(i), error)
-            if (is_kept(i) .and. .not. allocated(error)) call find_fall(self, extreme, -1, is_kept(i), error)
-            if (allocated(error)) return
-         end associate
-      end do
-      call self%renew()
-      if (.not. all(is_kept)) self%waiting = pack(self%waiting, is_kept)
-   end subroutine drop_doubtful
-
-   !> The function at a point of the curve: the value that moves, or the square of a response.
-   real(wp) function function_at(self, response, x) result(value)
-      class(followed_motion_t), intent(inout), target :: self
-      integer, intent(in) :: response
-      real(wp), intent(in) :: x(:)
-
-      value = x(size(x))
-      if (response > 0) value = square_at(self%problem, self%request%peaks(response), x)
-   end function function_at
-
-   !> Takes the error of the function at a point near the extreme into account.
-   subroutine raise_error(self, extreme, x, error)
-      class(followed_motion_t), intent(inout), target :: self
-      type(extreme_t), intent(inout) :: extreme
-      real(wp), intent(in) :: x(:)
-      type(error_t), allocatable, intent(out) :: error
-      type(motion_result_t) :: result
-      type(waiting_t) :: point
-
-      if (.not. self%problem%scene%certificate%is_on) return
-      point%kind = curve_kind%regular
-      point%x = x
-      point%stability = stability_t(method=stability_method%auto)     ! without a verdict: none is looked for
-      call self%describe(point, result, error)
-      if (allocated(error)) return
-      associate (found => result%certificate)
-         if (extreme%response == 0) then
-            extreme%error = max(extreme%error, found%parameter_error)
-         else if (allocated(found%refined)) then
-            associate (response => self%request%peaks(extreme%response))
-               extreme%error = max(extreme%error, abs(response%of(found%around, found%refined(response%dof, :)) &
-                                                      - function_at(self, extreme%response, x)))
-            end associate
-         end if
-      end associate
-   end subroutine raise_error
-
-   !> Whether the function falls on one side of the extreme by more than its values may be off, before it rises as far and, behind,
-   !> before another extreme that was reported.
-   subroutine find_fall(self, extreme, side, is_clear, error)
-      class(followed_motion_t), intent(inout), target :: self
-      type(extreme_t), intent(inout) :: extreme
-      integer, intent(in) :: side                                     ! 1: ahead, -1: behind
-      logical, intent(out) :: is_clear
-      type(error_t), allocatable, intent(out) :: error
-      type(curve_t) :: curve
-      real(wp) :: fall, length
-      integer :: i
-
-      curve = self%curve
-      if (side < 0) then
-         curve%x = curve%last_x
-         curve%direction = -curve%last_direction
-         curve%orientation = 0.0_wp
-      end if
-      curve%step = finer*curve%last_step
-      curve%config%longest_step = curve%step
-      length = self%length
-      is_clear = .true.
-      do i = 0, most_fall_steps
-         fall = extreme%sense*(extreme%value - function_at(self, extreme%response, curve%x))
-         if (fall >= certain*extreme%error) exit
-         is_clear = fall >= -certain*extreme%error
-         if (side < 0 .and. is_clear) is_clear = .not. any(self%reported%response == extreme%response .and. &
-                                                           self%reported%length >= length)
-         if (.not. is_clear) exit
-         call curve%advance()
-         if (curve%status /= outcome%pending) exit
-         length = length - curve%last_step
-         call curve%turn()
-         call raise_error(self, extreme, curve%x, error)
-         if (allocated(error)) return
-      end do
-      self%curve%report = curve%report
-   end subroutine find_fall
 end module hb_curve_step

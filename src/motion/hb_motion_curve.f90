@@ -12,8 +12,9 @@ module hb_motion_curve
    use hb_curve_origin, only: find_direction, find_null_vector
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_curve_sets, only: settle, step_to_tolerance
-   use hb_curve_step, only: drop_doubtful, step
+   use hb_curve_step, only: step
    use hb_document, only: document_t
+   use hb_doubtful_extremes, only: drop_doubtful
    use hb_error, only: error_t
    use hb_followed_motion, only: at_end, followed_motion_t, least_motion, n_further, origin_t, reported_extreme_t, waiting_t
    use hb_judge, only: judge_t

@@ -11,11 +11,13 @@ import signal
 import subprocess
 import threading
 import time
+import types
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from scipy import LowLevelCallable
 
 from program import ALL_CONVERGED, run
 
@@ -265,9 +267,12 @@ def test_laws_are_functions_of_python(tmp_path):
         "if (s->df_dz) s->df_dz[i] = 1.5*s->z[i]*s->z[i]; } return 0; }\n")  # fmt: skip
     subprocess.run([shutil.which("cc"), *INCLUDES, "-shared", "-fPIC", tmp_path / "law.c", "-o", tmp_path / "law.so"], check=True)
     compiled = ctypes.CDLL(str(tmp_path / "law.so")).cubic
+    compiled.restype, compiled.argtypes = ctypes.c_int, [ctypes.c_void_p]
+    with_address = types.SimpleNamespace(address=ctypes.cast(compiled, ctypes.c_void_p).value)  # as Numba's cfunc has it
     expected = duffing().solve(order=9)["coefficients"].values
     laws = {"complex": (cubic, {}), "given": (with_derivatives, {"parameters": [0.5]}), "differences": (by_differences, {}),
-            "compiled": (nhbm.Law(compiled, odd=True), {})}  # fmt: skip
+            "compiled": (nhbm.Law(compiled, odd=True), {}), "scipy": (nhbm.Law(LowLevelCallable(compiled), odd=True), {}),
+            "address": (nhbm.Law(with_address, odd=True), {})}  # fmt: skip
     for name, (law, keys) in laws.items():
         model = duffing(spring=law)
         model.law(law, "x1", **keys)

@@ -1,4 +1,4 @@
-"""Laws of one's own: functions of Python for all samples at once, or compiled ones (Numba, cffi, ctypes, scipy.LowLevelCallable)."""
+"""Laws of one's own: functions of Python for all samples at once, or compiled ones (Numba, ctypes, scipy.LowLevelCallable)."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Law:
     coordinate differentiated by where there are several. Without derivatives these come from complex steps where the function takes
     complex samples, else from central differences.
 
-    A compiled function instead takes a pointer to LawSamples (nhbm_user_law.h): a ctypes or cffi pointer, a Numba cfunc, a
+    A compiled function instead takes a pointer to LawSamples (nhbm_user_law.h): a ctypes pointer, a Numba cfunc, a
     scipy.LowLevelCallable; `velocity` says then whether it needs velocities.
     """
 
@@ -136,10 +136,6 @@ def _address(function) -> int | None:
         return function.address
     if isinstance(function, ctypes._CFuncPtr):
         return ctypes.cast(function, ctypes.c_void_p).value
-    if type(function).__module__ == "_cffi_backend":
-        import cffi
-
-        return int(cffi.FFI().cast("intptr_t", function))
     return None
 
 
