@@ -99,6 +99,8 @@ def judge(count: int, seed: int, jobs: int, note) -> list[Verdict]:
                 for draw in in_tree:
                     verdicts.append(verdict_in_tree(draw, suites, reach))
                     note(verdicts[-1])
+                if in_tree:
+                    build(jobs)
         except KeyboardInterrupt:  # what was found so far
             is_over.set()
             for group in list(RUNNING):
@@ -111,14 +113,13 @@ def prepare(jobs: int) -> dict[str, Suite]:
     """Builds the unit suites of the tree as it is."""
     copy_tree()
     run(["cmake", "-S", str(SOURCE), "-B", str(BUILD), *CONFIGURE, *shlex.split(os.environ.get("CMAKE_ARGUMENTS", ""))])
-    run(["cmake", "--build", str(BUILD), "--parallel", str(jobs), "--target", "unit_suites"])
+    build(jobs)
     shutil.rmtree(ALONE, ignore_errors=True)
     return unit_suites()
 
 
-def fails(suite: Suite, seconds: float, libraries: str = "") -> bool:
-    """Within so much processor time, with the libraries of a folder before those of the build."""
-    return outcome_of(suite, seconds, NO_COUNTERS, libraries)[0] != "passed"
+def build(jobs: int) -> None:
+    run(["cmake", "--build", str(BUILD), "--parallel", str(jobs), "--target", "unit_suites"])
 
 
 def end_group(group: int) -> None:
@@ -137,7 +138,7 @@ def run(words: list[str]) -> str:
 
 def unit_suites() -> dict[str, Suite]:
     found = {}
-    for test in json.loads(run(["ctest", "--test-dir", str(BUILD), "-L", "unit", "--show-only=json-v1"]))["tests"]:
+    for test in json.loads(run(["ctest", "--test-dir", str(BUILD), "-L", "unit", "-LE", "long", "--show-only=json-v1"]))["tests"]:
         values = {item["name"]: item["value"] for item in test["properties"]}
         environment = dict(word.split("=", 1) for word in values.get("ENVIRONMENT", []))
         if "command" in test and test["name"].startswith("test_"):  # not what configures or tests the runner
@@ -296,18 +297,15 @@ def verdict_in_tree(draw: Draw, suites: dict[str, Suite], reach: dict) -> Verdic
 
 @contextmanager
 def built_in_tree(file: str, text: str, names: list[str]):
-    """Whether suites can be built with another text of a source; the next mutants stand in a build without it."""
-    words = ["cmake", "--build", str(BUILD), "--parallel", "2", "--target", "hb", *names]
+    """Whether suites can be built with another text of a source; the source is then as it was, not yet what is built of it."""
     target = SOURCE / file
     whole = target.read_text(encoding="utf-8")
     target.write_text(text, encoding="utf-8")
+    words = ["cmake", "--build", str(BUILD), "--parallel", "2", "--target", "hb", *names]
     try:
         yield subprocess.run(words, capture_output=True, check=False).returncode == 0
-    except KeyboardInterrupt:  # the next start builds what has changed
+    finally:
         target.write_text(whole, encoding="utf-8")
-        raise
-    target.write_text(whole, encoding="utf-8")
-    run(words)
 
 
 def judged(draw: Draw, suites: dict[str, Suite], reach: dict, libraries: str, started: float) -> Verdict:
