@@ -243,8 +243,8 @@ def has_counted(data: bytes) -> bool:
 
 
 def reaching(draw: Draw, reach: dict) -> list[str]:
-    """Suites that execute a line of the statement, or the one before it that has a counter; those of its module first, then the
-    fastest.
+    """Suites that execute a line of the statement, or the one before it that has a counter; that of its module first, then
+    those of whose work the source is the largest part for their time.
 
     Values of declarations have none: all suites that execute anything of the source."""
     text = (SOURCE / draw.file).read_text(encoding="utf-8").split("\n")
@@ -260,7 +260,12 @@ def reaching(draw: Draw, reach: dict) -> list[str]:
         if lines["executed"] if declares or not before else here & set(lines["executed"]):
             found.append(name)
     module = Path(draw.file).stem
-    return sorted(found, key=lambda name: (name != f"test_{module}", reach[name]["seconds"]))
+
+    def order(name: str) -> tuple[bool, float]:
+        lines = {source: len(known["executed"]) for source, known in reach[name]["lines"].items()}
+        return name != f"test_{module}", -lines[draw.file] / sum(lines.values()) / (reach[name]["seconds"] + 0.5)
+
+    return sorted(found, key=order)
 
 
 def lines_of_statement(text: list[str], line: int) -> set[int]:
