@@ -12,21 +12,28 @@ if TYPE_CHECKING:
 
 CONVERGED = 1
 SOLVED = (1, 7, 8, 9, 16, 18)  # a motion of the tones is stored, if not always within what was asked for
+_NAMES = {"tuples": "tuple"}
 AMPLITUDES = "x(t) = sum over h of cos_h cos(j_h.omega t) + sin_h sin(j_h.omega t), j_h = tuple[h, :]"
 
 
 def motion_of(session: Session) -> xr.Dataset:
     """The motion found last."""
+    columns = {name: session.column(name) for name in session.columns()}
+    columns = {name: column for name, column in columns.items() if column.values is not None}
+    layout = (columns["tuples"].values.tobytes(), tuple((name, column.values.shape) for name, column in columns.items()))
+    if session.empty is None or session.empty[0] != layout:  # what motions of one layout share takes most of the time
+        session.empty = layout, _dataset_of(session, columns)
+    return session.empty[1].copy(data={_NAMES.get(name, name): column.values for name, column in columns.items()})
+
+
+def _dataset_of(session, columns) -> xr.Dataset:
     variables, lengths = {}, {}
-    for name in session.columns():
-        column = session.column(name)
-        if column.values is None:
-            continue
+    for name, column in columns.items():
         lengths.update(zip(column.axes, column.values.shape))
-        name = "tuple" if name == "tuples" else name
-        variables[name] = (column.axes if column.values.ndim else (), column.values, {"units": column.unit} if column.unit else {})
-    dataset = xr.Dataset(variables, _labels(session, lengths), {"amplitude_convention": AMPLITUDES})
-    return dataset.assign_coords({f"tuple_{m + 1}": ("harmonic", line) for m, line in enumerate(dataset["tuple"].values.T)})
+        units = {"units": column.unit} if column.unit else {}
+        variables[_NAMES.get(name, name)] = (column.axes if column.values.ndim else (), column.values, units)
+    tuples = {f"tuple_{m + 1}": ("harmonic", line) for m, line in enumerate(columns["tuples"].values.T)}
+    return xr.Dataset(variables, {**_labels(session, lengths), **tuples}, {"amplitude_convention": AMPLITUDES})
 
 
 def _labels(session, lengths) -> dict:

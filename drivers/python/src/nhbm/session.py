@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import ctypes.util
+import math
 import os
 import signal
 import threading
@@ -21,7 +22,7 @@ from nhbm.groups import as_input
 from nhbm.structure import Structure
 
 API = 1
-_KINDS = {0: np.float64, 1: np.int32}
+_KINDS = {0: np.dtype(np.float64), 1: np.dtype(np.int32)}
 _ASK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
 _FILL = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
 
@@ -176,6 +177,7 @@ class Session:
     def __init__(self, structures: Callable[[str], Structure] | None = None):
         self._handle, self._error = ctypes.c_void_p(library().nhbm_new()), _Error()
         self._is_interrupted, self._fault = False, None
+        self.empty = None  # layout of a motion and a dataset without its values, for nhbm.dataset
         this = weakref.ref(self)  # the library holds callbacks, which must not hold the session
         self._ask = _ASK(lambda context: int(this()._is_interrupted))
         self._call("ask", self._ask, None)
@@ -248,8 +250,8 @@ class Session:
         unit, axes = column.unit.decode(), tuple(column.axes.decode().split())
         if column.kind not in _KINDS:
             return Column(None, unit, axes)
-        kind, shape = np.dtype(_KINDS[column.kind]), tuple(column.shape[: column.n_axes])
-        size = int(np.prod(shape)) * kind.itemsize
+        kind, shape = _KINDS[column.kind], tuple(column.shape[: column.n_axes])
+        size = math.prod(shape) * kind.itemsize
         values = np.frombuffer(ctypes.string_at(column.data, size), kind).reshape(shape) if size else np.zeros(shape, kind)
         return Column(values, unit, axes)
 
