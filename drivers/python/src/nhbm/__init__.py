@@ -6,8 +6,8 @@ from nhbm.structure import Structure
 
 __version__ = "0.1.0"
 _LATER = {  # what needs more than sparse matrices is imported when it is asked for
-    "Model": "model", "NotConverged": "model", "Law": "laws", "law": "laws", "Beam": "groups", "Chain": "groups", "Jeffcott": "groups",
-    "Matrices": "groups", "ModalBeam": "groups", "RotorStator": "groups", "Session": "session", "input_keys": "session",
+    "Model": "model", "NotConverged": "model", "Peak": "model", "Law": "laws", "law": "laws", "Beam": "groups", "Chain": "groups",
+    "Jeffcott": "groups", "Matrices": "groups", "ModalBeam": "groups", "RotorStator": "groups", "Session": "session", "input_keys": "session",
 }  # fmt: skip
 __all__ = ["ModelError", "Structure", "__version__", *_LATER]
 

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
+from nhbm.errors import ModelError
+
 if TYPE_CHECKING:
     from nhbm.session import Session
 
 CONVERGED = 1
+STATUSES = (
+    "pending converged stalled out_of_budget singular not_finite failed truncated aliased penetrating collapsed no_motion crashed "
+    "diverged locked timed_out impact unused marched subharmonic broadband several"
+).split()
 SOLVED = (1, 7, 8, 9, 16, 18)  # a motion of the tones is stored, if not always within what was asked for
 _NAMES = {"tuples": "tuple"}
 AMPLITUDES = "x(t) = sum over h of cos_h cos(j_h.omega t) + sin_h sin(j_h.omega t), j_h = tuple[h, :]"
@@ -48,6 +56,42 @@ def _labels(session, lengths) -> dict:
         else:
             labels[axis] = np.arange(1 if axis == "tone" else 0, n + (axis == "tone"))
     return labels
+
+
+def number(session: Session, name: str) -> float:
+    """A column that is one number."""
+    values = session.column(name).values
+    return float("nan") if values is None else values.item()
+
+
+def response_of(session: Session, of: str) -> float:
+    """A response of the motion found last: "x1", the root mean square of what oscillates, or "x1 (1)", the amplitude of a harmonic."""
+    dof, wanted = parts_of(of)
+    labels = session.labels("dof")
+    if dof not in labels:
+        raise ModelError(f"'{of}' is no response: there is no degree of freedom '{dof}'; known: {', '.join(labels)}")
+    motion, tuples = session.column("coefficients").values[labels.index(dof)], session.column("tuples").values
+    if wanted is None:
+        return float(np.sqrt((motion[tuples.any(axis=1)] ** 2).sum() / 2))
+    if len(wanted) != tuples.shape[1]:
+        raise ModelError(f"'{of}' has a tuple of {len(wanted)} entries, there are {tuples.shape[1]} tones")
+    found = (tuples == wanted).all(axis=1) | (tuples == -np.array(wanted)).all(axis=1)
+    return float(np.sqrt((motion[found] ** 2).sum()))
+
+
+def parts_of(of: str) -> tuple[str, tuple[int, ...] | None]:
+    """Degree of freedom and tuple of a response: "x1", "x1 (1)", "v3 (1,0)"."""
+    parts = re.fullmatch(r"\s*([^()]*[^()\s])\s*(?:\(\s*([-+]?\d+(?:\s*,\s*[-+]?\d+)*)\s*\))?\s*", of)
+    if parts is None:
+        raise ModelError(f"'{of}' is no response; 'x1', 'x1 (1)' and 'x1 (1,0)' are")
+    return parts[1], tuple(map(int, parts[2].split(","))) if parts[2] else None
+
+
+def table(found: list, coordinates: dict[str, list]) -> xr.Dataset:
+    """Numbers, or mappings or named tuples of numbers, as the points of one dataset."""
+    rows = [row._asdict() if hasattr(row, "_asdict") else row if isinstance(row, Mapping) else {"response": row} for row in found]
+    variables = {name: ("point", np.array([row[name] for row in rows])) for name in rows[0]}
+    return xr.Dataset(variables, {name: ("point", np.asarray(values)) for name, values in coordinates.items()})
 
 
 def joined(motions: list[xr.Dataset], coordinates: dict[str, np.ndarray]) -> xr.Dataset:
@@ -89,6 +133,11 @@ class Accessor:
     def is_converged(self):
         """Whether each motion solves the equations within what was asked for."""
         return self._dataset["status"] == CONVERGED
+
+    @property
+    def status(self) -> xr.DataArray:
+        """Outcome of each motion in a word: converged, truncated, ... (docs/user/schema.md)."""
+        return xr.apply_ufunc(np.array(STATUSES).__getitem__, self._dataset["status"])
 
     @property
     def message(self) -> str:
@@ -138,11 +187,21 @@ class Accessor:
         points = (self._dataset.isel(point=[k]).nhbm.time(dof, times) for k in range(self._dataset.sizes["point"]))
         return xr.concat([np.abs(values).max("time") for values in points], "point")
 
-    def plot(self, dof: str | None = None, ax=None):
-        """The motion over time, or over points the largest displacement along what varies; returns the axes."""
+    def response(self, of: str) -> tuple[xr.DataArray, str]:
+        """A response of each point and its name with unit: "x1" the largest |x1|, "x1 (1)" the amplitude of a harmonic."""
+        dof, tuple_ = parts_of(of)
+        unit = self._dataset["coefficients"].attrs.get("units", "m")
+        if tuple_ is None:
+            return self.largest(dof), f"Largest displacement |{dof}| [{unit}]"
+        number = f"harmonic {tuple_[0]}" if len(tuple_) == 1 else f"tuple ({', '.join(map(str, tuple_))})"
+        return self.amplitude(dof, tuple_), f"Amplitude of {dof}, {number} [{unit}]"
+
+    def plot(self, of: str | None = None, ax=None):
+        """The motion of a degree of freedom over time; of curves and sweeps a response over what varies: "x1" the largest |x1|,
+        "x1 (1)" the amplitude of a harmonic. Returns the axes."""
         from nhbm.pictures import plot
 
-        return plot(self._dataset, dof, ax)
+        return plot(self._dataset, of, ax)
 
     def _in_use(self) -> xr.DataArray:
         return self._dataset["harmonic"] < self._dataset["n_harmonics"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -59,6 +59,25 @@ def identifier(path: str) -> str:
     return re.sub("[^a-z0-9]+", "_", path.lower()).strip("_")
 
 
+def described(path: str, text: str, keys: Iterable) -> dict[str, str]:
+    """Name and unit of a value by its path, for axes of pictures; `text` is the complete input and `keys` the table of keys."""
+    place = re.fullmatch(r"(\w+)(?:\(([^()]*)\))?%(\w+)(?:\((\d+)\))?", path)
+    if place is None:
+        return {}
+    group, which, key, element = place.groups()
+    bodies = [body for name, body in re.findall(r"^&(\w+)\n(.*?)^/", text, re.DOTALL | re.MULTILINE) if name == group]
+    named = [body for body in bodies if f"label = '{which}'" in body]
+    if (group, key) == ("tones", "frequency"):
+        several = re.search(r"frequency = .*,", bodies[0])
+        return {"long_name": f"Excitation frequency ω{chr(0x2080 + int(element)) if element and several else ''}", "units": "rad/s"}
+    body = (named or bodies[int(which) - 1 if (which or "").isdigit() else 0 :] or [""])[0]
+    kind = re.search(r"type = '(\w+)'", body)
+    sections = (f"{group} {kind[1]}" if kind else group, group)
+    unit = next((row.unit for row in keys if row.section in sections and row.name == key), "")
+    name = key.replace("_", " ").capitalize() + (f" of {which if named else f'{group} {which}'}" if which else "")
+    return {"long_name": name, "units": unit} if unit else {"long_name": name}
+
+
 class Builder:
     """A structure that the solver builds: `&structure` with its keys, which docs/user/input.md names with their units."""
 
@@ -108,5 +127,9 @@ class Matrices(Builder):
 
     def __init__(self, mass, stiffness, damping=None, **keys):
         mass = np.atleast_2d(np.asarray(mass, dtype=float))
-        more = {name: np.asarray(m, dtype=float).ravel() for name, m in (("stiffness", stiffness), ("damping", damping)) if m is not None}
+        more = {
+            name: np.asarray(m, dtype=float).ravel()
+            for name, m in (("stiffness", stiffness), ("damping", damping))
+            if m is not None
+        }
         super().__init__(n_dofs=len(mass), mass=mass.ravel(), **more, **keys)

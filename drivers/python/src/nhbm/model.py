@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 import re
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from nhbm import dataset
 from nhbm.errors import ModelError
-from nhbm.groups import Builder, group_text, identifier, path_of
+from nhbm.groups import Builder, described, group_text, identifier, path_of
 from nhbm.laws import Law
-from nhbm.session import Session
+from nhbm.session import Session, input_keys
 from nhbm.structure import Structure
 
 GROUPS = (
@@ -27,6 +29,13 @@ _IN_MEMORY = "structure in memory"
 
 class NotConverged(UserWarning):
     """A motion was not found, or misses what was asked for."""
+
+
+class Peak(NamedTuple):
+    """The largest response of a curve, and the value of the parameter at which it is."""
+
+    value: float
+    at: float
 
 
 class Model:
@@ -50,7 +59,9 @@ class Model:
         elif isinstance(structure, (str, Path)):
             self._groups["structure"] = {"type": "model", "file": str(structure)}
         else:
-            raise ModelError(f"{structure!r} is no structure; nhbm.Beam(...), nhbm.Structure(...) or the path of a model file is one")
+            raise ModelError(
+                f"{structure!r} is no structure; nhbm.Beam(...), nhbm.Structure(...) or the path of a model file is one"
+            )
         if isinstance(tones, Mapping):
             self._groups["tones"] = dict(tones)
         elif len(list(np.atleast_1d(tones))) > 0:
@@ -64,10 +75,10 @@ class Model:
         self._lists: list[tuple[str, dict]] = []
         self._laws: list[Law] = []
         self._structure: Structure | None = None
-        self._values: dict[str, object] = {}
-        self._handles: dict[str, int] = {}
-        self._session: Session | None = None
-        self._wanted: tuple[float | None, int | None] = (None, None)  # tolerance and order
+        self._values: dict[str, tuple[int, object]] = {}  # by path, with the number of the assignment
+        self._n_assignments = 0
+        self._sessions: dict[tuple, _Live] = {}  # by tolerance, order and keys of further groups
+        self._used: tuple = (None, None, repr(""))  # which of them was used last
 
     @classmethod
     def from_namelist(cls, text: str, folder: str | Path = ".") -> Model:
@@ -87,7 +98,7 @@ class Model:
 
     def to_namelist(self) -> str:
         """The input with all keys that may be given and their values; laws of Python and structures in memory stand by name alone."""
-        return self._live().input()
+        return self._live(*self._used[:2]).session.input()
 
     # What it is made of
 
@@ -98,7 +109,7 @@ class Model:
         if group not in GROUPS:
             raise ModelError(f"unknown group '{group}'; known: {', '.join(GROUPS)}")
         self._groups.setdefault(group, {}).update(keys)
-        self._session = None
+        self._sessions = {}
 
     def load(self, dof: str | None = None, tuple_: int | Iterable[int] = 1, cos: float = 0.0, sin: float = 0.0, **keys) -> None:
         """Adds the force cos cos(j.omega t) + sin sin(j.omega t) [N] at a degree of freedom, or vector="name" of a structure; `tuple_` is j."""
@@ -121,14 +132,12 @@ class Model:
 
     def __setitem__(self, path: str, value) -> None:
         """Sets a value by its path: model["wall.gap"] = 1e-3, model["tones[0]"] = 2.0, or a path of the input, "law(wall)%gap"."""
-        path, session = path_of(path, GROUPS), self._live()
-        if isinstance(value, (float, np.floating)):
-            if path not in self._handles:
-                self._handles[path] = session.parameter(path)
-            session.set_parameter(self._handles[path], float(value))
-        else:
-            session.set(path, value)
-        self._values[path] = value
+        path, live = path_of(path, GROUPS), self._live(*self._used[:2])
+        live.set(path, value)
+        self._n_assignments += 1
+        self._values.pop(path, None)
+        self._values[path] = (self._n_assignments, value)
+        live.n_assignments = self._n_assignments
 
     # What it does
 
@@ -138,12 +147,50 @@ class Model:
         `warm` starts from the motion found last. The dataset has the names of the result file; its status is 1 where the motion has
         converged, else NotConverged is warned of with the reason.
         """
-        session = self._asked(tolerance, order)
+        session = self._live(tolerance, order).session
         session.solve(warm)
         motion = dataset.motion_of(session)
         if int(motion["status"]) != dataset.CONVERGED:
-            warnings.warn(session.message or f"status {int(motion['status'])}", NotConverged, stacklevel=2)
+            warnings.warn(session.message or f"the motion is {motion.nhbm.status.item()}", NotConverged, stacklevel=2)
         return motion
+
+    def response(self, of: str, *, tolerance: float | None = None, order: int | None = None, warm: bool = True) -> float:
+        """Finds the motion and returns one number of it, without a dataset: for optimisers and other loops.
+
+        `of` is a degree of freedom, "x1", for the root mean square of what oscillates there, or the amplitude of a harmonic of it,
+        "x1 (1)" or "v3 (1,0)", in the unit of the degree of freedom. NaN, with a warning, where no motion was found.
+        """
+        session = self._live(tolerance, order).session
+        session.solve(warm)
+        if dataset.number(session, "status") in dataset.SOLVED:
+            return dataset.response_of(session, of)
+        warnings.warn(session.message, NotConverged, stacklevel=2)
+        return float("nan")
+
+    def peak(self, of: str, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
+             **keys) -> Peak:  # fmt: skip
+        """Follows motions as `curve` does and returns the largest response on the way, and where it is.
+
+        `of` is a response as for `response`; folds on the way do not matter. keys: of the group &curve. Neither stability
+        nor, of a given order, errors are looked for.
+        """
+        path = path_of(path, GROUPS)
+        groups = {
+            "curve": {"parameter": path, "from": float(start), "to": float(stop), "peak_of": of, **keys},
+            "stability": {"method": "off"},
+        }
+        if order is not None:
+            groups["certificate"] = {"is_on": False}  # what is not returned is not made
+        session = self._live(tolerance, order, groups).session
+        name, best = identifier(path), Peak(float("nan"), float("nan"))
+        session.begin_curve()
+        while session.next():
+            if dataset.number(session, "status") in dataset.SOLVED:
+                value = dataset.response_of(session, of)
+                best = best if best.value >= value else Peak(value, float(session.column(name).values))
+        if best.value != best.value:
+            warnings.warn(session.message, NotConverged, stacklevel=2)
+        return best
 
     def curve(self, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
               on_point: Callable[[xr.Dataset], bool] | None = None, progress=False, **keys) -> xr.Dataset:  # fmt: skip
@@ -153,63 +200,76 @@ class Model:
         curve by returning True. The points are those of the dimension `point`; `curve_kind` tells folds, peaks and bifurcations.
         """
         path = path_of(path, GROUPS)
-        self._groups["curve"] = {"parameter": path, "from": float(start), "to": float(stop), **keys}
-        self._session = None
-        try:
-            session, points = self._asked(tolerance, order), []
-            session.begin_curve()
-            with _Progress(progress, "curve") as bar:
-                while session.next():
-                    points.append(dataset.motion_of(session))
-                    bar.update()
-                    if on_point is not None and on_point(points[-1]):
-                        break
-        finally:
-            del self._groups["curve"]
-            self._session = None
+        if "over" in keys:
+            keys["over"] = path_of(keys["over"], GROUPS)
+        session = self._live(
+            tolerance, order, {"curve": {"parameter": path, "from": float(start), "to": float(stop), **keys}}
+        ).session
+        points = []
+        session.begin_curve()
+        with _Progress(progress, "curve") as bar:
+            while session.next():
+                points.append(dataset.motion_of(session))
+                bar.update()
+                if on_point is not None and on_point(points[-1]):
+                    break
         if not points:
             raise ModelError(session.message or "the curve has no points")
         found = dataset.joined(points, {})
-        found[identifier(path)].attrs["parameter"] = path
+        found[identifier(path)].attrs.update(self._described(path))
         return found.set_coords(identifier(path)).assign_attrs(varies=[identifier(path)])
 
-    def sweep(self, values: Mapping[str, Iterable], *, tolerance: float | None = None, order: int | None = None, warm: bool = False,
+    def sweep(self, values: Mapping[str, Iterable], *, paired: bool = False, of: str | Callable[[Model], object] | None = None,
+              tolerance: float | None = None, order: int | None = None, warm: bool = False,
               workers: int = 1, executor=None, comm=None, progress=False) -> xr.Dataset:  # fmt: skip
         """Solves the points of a grid of values by path, {"wall.gap": [...], "tones[0]": [...]}; the last one changes fastest.
 
+        `paired`: the first values of all paths are a point, the second ones the next, as samples of random parameters are.
+        `of` keeps numbers in place of motions: a response ("x1 (1)", see `response`), or a function that gets the model with the values
+        of the point and returns a number or a mapping of numbers, such as functools.partial(nhbm.Model.peak, of="x1", ...).
         `warm` starts each point from its neighbour along the last path. The work is spread over lines of the grid (points, where nothing
         is warm): over `workers` processes, an executor with `map` (concurrent.futures, mpi4py.futures, Dask), or the ranks of an MPI
         communicator, each of which gets the whole dataset. Points that have no motion are told by `status` and `message`.
         """
-        grid = {path: list(np.atleast_1d(list(line))) for path, line in values.items()}
+        grid = {path_of(path, GROUPS): list(np.atleast_1d(list(np.atleast_1d(line)))) for path, line in values.items()}
         if not grid or not all(grid.values()):
             raise ModelError("a sweep needs at least one path, and values for each")
-        points = list(itertools.product(*grid.values()))
-        length = len(list(grid.values())[-1]) if warm else 1
+        if paired and len(set(map(len, grid.values()))) > 1:
+            raise ModelError("paired values must be as many for each path: " + ", ".join(f"{p}: {len(v)}" for p, v in grid.items()))
+        points = list(zip(*grid.values()) if paired else itertools.product(*grid.values()))
+        model = copy.copy(self)  # keeps its values
+        model._live(tolerance, order)
+        for path, value in zip(grid, points[0]):
+            model[path] = value  # what is wrong is raised here, not by a worker
+        length = len(points) if paired else len(list(grid.values())[-1])
+        if not warm and comm is None:  # fewer, larger pieces of work
+            length = max(1, len(points) // (8 * workers)) if workers > 1 or executor else 1
+        elif not warm:
+            length = 1
         lines = [points[k : k + length] for k in range(0, len(points), length)]
-        if length == 1 and comm is None:  # fewer, larger pieces of work
-            n = max(1, len(points) // (8 * workers)) if workers > 1 or executor else 1
-            lines = [points[k : k + n] for k in range(0, len(points), n)]
-        work = _Line(self, list(grid), tolerance, order, warm)
+        work = _Line(model, list(grid), of, tolerance, order, warm)
         with _Progress(progress, "sweep", len(points)) as bar:
-            motions = list(itertools.chain.from_iterable(_spread(work, lines, workers, executor, comm, bar)))
-        names = [identifier(path_of(path, GROUPS)) for path in grid]
-        found = dataset.joined(motions, {name: [point[k] for point in points] for k, name in enumerate(names)}).assign_attrs(varies=names)
+            found = list(itertools.chain.from_iterable(_spread(work, lines, workers, executor, comm, bar)))
+        names = [identifier(path) for path in grid]
+        coordinates = {name: [point[k] for point in points] for k, name in enumerate(names)}
+        found = dataset.joined(found, coordinates) if of is None else dataset.table(found, coordinates)
+        found = found.assign_attrs(varies=names)
         for name, path in zip(names, grid):
-            found[name].attrs["parameter"] = path_of(path, GROUPS)
-        bad = int((found["status"] != dataset.CONVERGED).sum())
-        if bad:
-            warnings.warn(f"{bad} of {len(points)} points have not converged: {found.nhbm.message}", NotConverged, stacklevel=2)
+            found[name].attrs.update(model._described(path))
+        if of is None and not bool(found.nhbm.is_converged.all()):
+            words, counts = np.unique(found.nhbm.status[~found.nhbm.is_converged], return_counts=True)
+            what = ", ".join(f"{count} {word}" for word, count in zip(words, counts))
+            warnings.warn(f"of {len(points)} points {what}. {found.nhbm.message}".rstrip(), NotConverged, stacklevel=2)
         return found
 
     # How it is kept
 
     def _add(self, name: str, keys: dict) -> None:
         self._lists.append((name, keys))
-        self._session = None
+        self._sessions = {}
 
-    def _text(self) -> str:
-        groups, (tolerance, order) = dict(self._groups), self._wanted
+    def _text(self, tolerance, order, more) -> str:
+        groups = {**self._groups, **{name: {**self._groups.get(name, {}), **keys} for name, keys in (more or {}).items()}}
         if order is not None:
             groups.pop("accuracy", None)
         for name, key, value in (("accuracy", "tolerance", tolerance), ("harmonics", "order", order)):
@@ -218,21 +278,27 @@ class Model:
         groups = [group_text(name, keys) for name, keys in groups.items()]
         return self._base + "".join(groups + [group_text(name, keys) for name, keys in self._lists])
 
+    def _described(self, path: str) -> dict[str, str]:
+        return {"parameter": path, **described(path, self._live(*self._used[:2]).session.input(), input_keys())}
+
     def _is_in_base(self, group: str) -> bool:
         return re.search(rf"^\s*&{group}\b", self._base, re.IGNORECASE | re.MULTILINE) is not None
 
-    def _live(self) -> Session:
-        """The session, made anew where groups have changed."""
-        if self._session is None:
+    def _live(self, tolerance=None, order=None, more: dict[str, dict] | None = None) -> _Live:
+        """The session with that tolerance or order and keys of further groups, made once, with the present values."""
+        self._used = tolerance, order, repr(more or "")
+        if self._used not in self._sessions:
             session = Session(self._find_structure)
-            session.read(self._text(), self._name)
-            for name, path, value in zip(("accuracy", "harmonics"), ("accuracy%tolerance", "harmonics%order"), self._wanted):
+            session.read(self._text(tolerance, order, more), self._name)
+            for name, path, value in (("accuracy", "accuracy%tolerance", tolerance), ("harmonics", "harmonics%order", order)):
                 if value is not None and self._is_in_base(name):
                     session.set(path, value)
-            for path, value in self._values.items():
-                session.set(path, value)
-            self._session, self._handles = session, {}
-        return self._session
+            if more is not None:  # one of them is kept
+                self._sessions = {key: live for key, live in self._sessions.items() if key[2] == repr("")}
+            self._sessions[self._used] = _Live(session)
+        live = self._sessions[self._used]
+        live.update(self._values)
+        return live
 
     def _find_structure(self, name: str) -> Structure:
         if name == _IN_MEMORY and self._structure is not None:
@@ -240,37 +306,65 @@ class Model:
         path = self._folder / name
         return Structure.read(path if path.is_file() else name)
 
-    def _asked(self, tolerance, order) -> Session:
-        """The session with that tolerance or order. Which of both it is decides how an input is read, so it is read again where that changes."""
-        if (tolerance, order) != self._wanted:
-            self._wanted, self._session = (tolerance, order), None
-        return self._live()
-
     def __getstate__(self):
-        return {**self.__dict__, "_session": None, "_handles": {}, "_lists": [*self._lists], "_law_names": [law.name for law in self._laws]}
+        return {
+            **self.__dict__,
+            "_sessions": {},
+            "_values": {**self._values},
+            "_lists": [*self._lists],
+            "_law_names": [law.name for law in self._laws],
+        }
 
     def __setstate__(self, state):
         names = state.pop("_law_names")
         self.__dict__.update(state)
         new = {old: law.name for old, law in zip(names, self._laws)}  # laws have names of their own in each process
-        self._lists = [(g, {**keys, "name": new.get(keys["name"], keys["name"])} if "name" in keys else keys) for g, keys in self._lists]
+        self._lists = [
+            (g, {**keys, "name": new.get(keys["name"], keys["name"])} if "name" in keys else keys) for g, keys in self._lists
+        ]
+
+
+class _Live:
+    """A session with handles of numbers, and how many of the assignments to its model it has followed."""
+
+    def __init__(self, session: Session):
+        self.session, self.n_assignments, self._handles = session, 0, {}
+
+    def set(self, path: str, value) -> None:
+        if isinstance(value, (float, np.floating)):
+            if path not in self._handles:
+                self._handles[path] = self.session.parameter(path)
+            self.session.set_parameter(self._handles[path], float(value))
+        else:
+            self.session.set(path, value)
+
+    def update(self, values: Mapping[str, tuple[int, object]]) -> None:
+        for path, (number, value) in values.items():
+            if number > self.n_assignments:
+                self.set(path, value)
+        self.n_assignments = max([self.n_assignments, *(number for number, _ in values.values())])
 
 
 class _Line:
     """Solves a line of points; a value that processes can be sent."""
 
-    def __init__(self, model, paths, tolerance, order, warm):
-        self.model, self.paths, self.tolerance, self.order, self.warm = model, paths, tolerance, order, warm
+    def __init__(self, model, paths, of, tolerance, order, warm):
+        self.model, self.paths, self.of, self.tolerance, self.order, self.warm = model, paths, of, tolerance, order, warm
 
-    def __call__(self, points) -> list[xr.Dataset]:
-        motions = []
-        for k, point in enumerate(points):
-            for path, value in zip(self.paths, point):
-                self.model[path] = value
-            session = self.model._asked(self.tolerance, self.order)
-            session.solve(self.warm and k > 0)
-            motions.append(dataset.motion_of(session))
-        return motions
+    def __call__(self, points) -> list:
+        return [self._point(point, k) for k, point in enumerate(points)]
+
+    def _point(self, point, k: int):
+        model, wanted = self.model, {"tolerance": self.tolerance, "order": self.order}
+        for path, value in zip(self.paths, point):
+            model[path] = value
+        if callable(self.of):
+            return self.of(model)
+        if self.of is not None:
+            return model.response(self.of, warm=self.warm and k > 0, **wanted)
+        session = model._live(**wanted).session
+        session.solve(self.warm and k > 0)
+        return dataset.motion_of(session)
 
 
 def _spread(work, lines, workers, executor, comm, bar) -> Iterable[list[xr.Dataset]]:

@@ -5,29 +5,41 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-_MARKS = {3: ("fold", "s"), 4: ("peak", "^"), 7: ("branch", "x"), 8: ("flip", "D"), 9: ("torus", "P"), 10: ("split", "v"), 11: ("graze", "|")}
+_MARKS = {3: ("fold", "s"), 4: ("peak", "^"), 7: ("branch point", "x"), 8: ("period doubling", "D"), 9: ("Neimark-Sacker", "P"),
+          10: ("symmetry lost", "v"), 11: ("grazing", "|")}  # fmt: skip
+_VERDICTS = (1, "-", "stable"), (-1, "--", "unstable"), (0, ":", "stability not known")
+_MOST_LINES = 10  # of one picture with a legend
 
 
-def plot(data: xr.Dataset, dof: str | None = None, ax=None):
-    """The motion of a degree of freedom (that which moves most) over time, or its largest value over the points; returns the axes."""
+def plot(data: xr.Dataset, of: str | None = None, ax=None):
+    """The motion of a degree of freedom over time, or a response over the points: "x1" the largest |x1|, "x1 (1)" the amplitude of
+    a harmonic. Without `of` that which moves most. Returns the axes."""
     import matplotlib.pyplot as plt
 
-    size = np.abs(data["coefficients"]).sum(["harmonic", "component"])
-    if "point" in data.dims:
-        size = size.sum("point")
-    dof = dof or str(data["dof"].values[int(size.argmax("dof"))])
     if ax is None:
-        _, ax = plt.subplots(figsize=(7.0, 4.0), layout="constrained")
-    if "point" in data.dims:
-        _over_points(ax, data, dof)
+        _, ax = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
+    if "coefficients" not in data:
+        _numbers(ax, data, of)
+    elif "point" in data.dims:
+        _over_points(ax, data, of or _most(data))
     else:
-        _over_time(ax, data, dof)
+        _over_time(ax, data, of or _most(data))
     ax.grid(color="0.9")
+    ax.set_axisbelow(True)
     return ax
 
 
-def _unit(data) -> str:
-    return data["coefficients"].attrs.get("units", "m")
+def _most(data) -> str:
+    size = np.abs(data["coefficients"].fillna(0.0)).sum(["harmonic", "component"])
+    return str(data["dof"].values[int((size.sum("point") if "point" in data.dims else size).argmax("dof"))])
+
+
+def _labelled(name: str, values: xr.DataArray, value: float | None = None) -> str:
+    """Name and unit of an axis, or name, value and unit."""
+    unit = values.attrs.get("units", "1").replace("m3", "m³").replace("m2", "m²")
+    unit = "" if unit == "1" else unit
+    words = values.attrs.get("long_name", values.attrs.get("parameter", name))
+    return f"{words} = {value:.4g} {unit}".rstrip() if value is not None else words + (f" [{unit}]" if unit else "")
 
 
 def _over_time(ax, data, dof) -> None:
@@ -35,24 +47,56 @@ def _over_time(ax, data, dof) -> None:
     length = 2 * np.pi / frequency.min() * (2 if len(frequency) == 1 else 8)
     times = np.linspace(0.0, length, 2000)
     ax.plot(times, data.nhbm.time(dof, times), color="C0", lw=1.2)
-    ax.set(xlabel="Time t [s]", ylabel=f"Displacement {dof} [{_unit(data)}]", xlim=(0.0, length))
+    ax.set(xlabel="Time $t$ [s]", ylabel=f"Displacement {dof} [{data['coefficients'].attrs.get('units', 'm')}]", xlim=(0.0, length))
 
 
-def _over_points(ax, data, dof) -> None:
-    name = (data.attrs.get("varies") or ["point"])[-1]
-    x, y, stable = data[name].values, data.nhbm.largest(dof).values, data["is_stable"].values
-    order = np.argsort(data["curve_length"].values) if "curve_length" in data else np.arange(len(x))
-    x, y, stable = x[order], y[order], stable[order]
-    for verdict, style, label in ((1, "-", "stable"), (-1, "--", "unstable"), (0, ":", "stability not known")):
-        held = stable == verdict
-        held[:-1] |= held[1:] & (stable[:-1] != 1)  # up to the point where it changes
-        if (stable == verdict).any():
-            ax.plot(x, np.where(held, y, np.nan), style, color="C0", lw=1.4, label=label)
-    if "curve_kind" in data:
-        kinds = data["curve_kind"].values[order]
-        for kind, (word, mark) in _MARKS.items():
-            if (kinds == kind).any():
-                ax.plot(x[kinds == kind], y[kinds == kind], mark, color="C3", ms=6, mfc="none", label=word, ls="none")
-    unit = data[name].attrs.get("units", "")
-    ax.set(xlabel=data[name].attrs.get("parameter", name) + (f" [{unit}]" if unit else ""), ylabel=f"Largest |{dof}| [{_unit(data)}]")
-    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+def _over_points(ax, data, of) -> None:
+    """Lines over what varies last: one for each branch of a curve, or for each of the other values of a sweep."""
+    *others, name = data.attrs.get("varies") or ["point"]
+    y, label = data.nhbm.response(of)
+    if "curve_branch" in data:
+        others = ["curve_branch"]
+    groups = [("", np.arange(data.sizes["point"]))]
+    if others:
+        rows, group = np.unique(np.stack([data[other].values for other in others], axis=1), axis=0, return_inverse=True)
+        names = [", ".join(_labelled(other, data[other], value) for other, value in zip(others, row)) for row in rows]
+        groups = [(names[k], np.flatnonzero(group.ravel() == k)) for k in range(len(rows))]
+    is_curve = "curve_branch" in data
+    drawn = set()
+    for k, (title, points) in enumerate(groups):
+        if is_curve:
+            points = points[np.argsort(data["curve_length"].values[points], kind="stable")]
+        color = "C0" if is_curve else f"C{k % 10}"
+        stable = data["is_stable"].values[points]
+        if is_curve:  # at a bifurcation itself a multiplier is on the unit circle
+            located = (stable == 0) & (data["curve_kind"].values[points] >= min(_MARKS))
+            stable = np.where(located, np.roll(stable, 1), stable)
+        for verdict, style, word in _VERDICTS:
+            held = stable == verdict
+            if not held.any():
+                continue
+            held[:-1] |= held[1:] & (stable[:-1] != 1)  # from the point where it changes
+            text = word if word not in drawn and (is_curve or len(groups) == 1) else None
+            if title and not is_curve and len(groups) <= _MOST_LINES and title not in drawn:
+                text = title
+            drawn |= {word, title}
+            ax.plot(data[name].values[points], np.where(held, y.values[points], np.nan), style, color=color, lw=1.4, label=text)
+    kinds = data["curve_kind"].values if "curve_kind" in data else np.zeros(0)
+    for kind, (word, mark) in _MARKS.items():
+        here = np.flatnonzero(kinds == kind)
+        if len(here):
+            ax.plot(data[name].values[here], y.values[here], mark, color="C3", ms=6, mfc="none", label=word, ls="none")
+    ax.set(xlabel=_labelled(name, data[name]), ylabel=label)
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(frameon=False)
+
+
+def _numbers(ax, data, name) -> None:
+    """Numbers of a sweep, over its one value as a line; over several as the distribution."""
+    name, varies = name or next(iter(data.data_vars)), data.attrs["varies"]
+    if len(varies) == 1:
+        ax.plot(data[varies[0]], data[name], ".-", lw=1.2)
+        ax.set(xlabel=_labelled(varies[0], data[varies[0]]), ylabel=_labelled(name, data[name]))
+    else:
+        ax.hist(data[name].values, bins="auto", color="C0", edgecolor="white")
+        ax.set(xlabel=_labelled(name, data[name]), ylabel="Number of samples")

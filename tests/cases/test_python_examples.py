@@ -1,0 +1,58 @@
+"""The examples of drivers/examples in Python: what they find is checked by other ways to the same numbers."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+LIBRARY = Path(os.environ["NHBM"]).resolve().parents[1] / "lib" / "libnhbm.so"
+if not LIBRARY.is_file():
+    pytest.skip("the shared library was not built", allow_module_level=True)
+os.environ["NHBM_LIBRARY"] = str(LIBRARY)
+FOLDER = Path(__file__).resolve().parents[2] / "drivers" / "examples"
+sys.path.insert(0, str(FOLDER))
+
+import damper_optimum  # noqa: E402
+import monte_carlo  # noqa: E402
+import stop_fit  # noqa: E402
+
+PROCESSES = {"PYTHONPATH": os.pathsep.join([str(FOLDER), str(FOLDER.parent / "python" / "src"), os.environ.get("PYTHONPATH", "")])}
+
+
+def test_damper_optimum_is_that_of_the_ridge():
+    """The ridge of peaks over the friction limit has its minimum where SciPy finds it."""
+    limit, peak = damper_optimum.main(order=5)
+    first = damper_optimum.FREQUENCY
+    ridge = damper_optimum.blade().curve(
+        "damper.limit", 1.75, 1.3, follow="peak", over="tones[0]", over_from=0.9 * first, over_to=1.3 * first, peak_of="x1 (1)",
+        max_step=0.04, order=5,
+    )  # fmt: skip
+    peaks, limits = ridge.nhbm.amplitude("x1").values, ridge["law_damper_limit"].values
+    lowest = np.polynomial.Polynomial.fit(*(v[np.abs(limits - limits[peaks.argmin()]) < 0.2] for v in (limits, peaks)), 4)
+    at = np.linspace(limits[peaks.argmin()] - 0.1, limits[peaks.argmin()] + 0.1, 2001)
+    assert abs(lowest(at).min() / peak - 1) < 1e-3
+    assert abs(at[lowest(at).argmin()] / limit - 1) < 0.02
+
+
+def test_samples_are_those_of_models_of_their_own(monkeypatch):
+    """Peaks of samples on two processes are those of curves by tolerance of models made anew."""
+    for name, value in PROCESSES.items():
+        monkeypatch.setenv(name, value)
+    found = monte_carlo.main(n_samples=6, n_processes=2)
+    for k in (0, 5):
+        model = monte_carlo.oscillator()
+        model["stop.gap"], model["slider.limit"] = float(found["law_stop_gap"][k]), float(found["law_slider_limit"][k])
+        curve = model.curve("tones[0]", 0.8, 1.4, peak_of="x1 (1)", tolerance=1e-3)
+        assert float(curve.nhbm.amplitude("x1").max()) == pytest.approx(float(found["value"][k]), rel=5e-3)
+        assert float(found["at"][k]) == pytest.approx(float(curve["tones_frequency_1"][curve.nhbm.amplitude("x1").argmax("point")]), rel=5e-3)
+
+
+def test_fit_finds_the_stop_of_the_measurement():
+    values, errors = stop_fit.main()
+    truth = np.array([stop_fit.STIFFNESS, stop_fit.GAP])
+    assert np.all(np.abs(values - truth) < 3 * errors)
+    assert np.all(errors < 0.06 * truth)
