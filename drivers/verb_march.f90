@@ -20,7 +20,7 @@ module verb_march
    use hb_outcome, only: outcome
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_record_tones, only: find_tones
-   use hb_run_services, only: run_services
+   use hb_run_callbacks, only: run_callbacks
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
    use hb_structure, only: max_dofs, most_dense
@@ -88,7 +88,7 @@ contains
       end if
       document = study%document
       call study%plan%apply(options%point + 1, document)
-      call read_scene(study%scene, document, error, services=run_services())
+      call read_scene(study%scene, document, error, callbacks=run_callbacks())
       call annotate(error, "point "//to_text(options%point))
    end subroutine choose_point
 
@@ -100,7 +100,7 @@ contains
       type(march_system_t), target :: system
       type(march_content_t) :: content
       type(march_origin_t) :: origin
-      type(shown_progress_t) :: progress
+      type(shown_progress_t), target :: progress
       real(wp) :: seconds, share, step
       real(wp), allocatable :: frequencies(:), omega(:)
       character(:), allocatable :: methods(:)
@@ -122,7 +122,9 @@ contains
          step = step_of(scene%march, omega)
          progress%level = options%level
          seconds = wall_clock()
-         call march_from(system, scene%march, step, scene%output%dofs, content%state, content%record, error, progress)
+         call progress%enter(huge(1.0_wp))
+         call march_from(system, scene%march, step, scene%output%dofs, content%state, content%record, error)
+         call progress%leave()
          if (allocated(error)) return
          seconds = wall_clock() - seconds
          if (progress%is_begun) call progress%line%finish(progress%n_steps, 0)

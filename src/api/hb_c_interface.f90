@@ -2,8 +2,8 @@
 module hb_c_interface
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_funptr, c_int, c_int64_t, &
       c_loc, c_null_char, c_null_ptr, c_ptr
-   use hb_c_text, only: c_text
    use hb_c_structures, only: c_structures_t
+   use hb_c_text, only: c_text
    use hb_column_view, only: column_kind
    use hb_error, only: error_t
    use hb_key_rows, only: key_row, n_key_rows
@@ -61,7 +61,7 @@ contains
       type(handle_t), pointer :: handle
 
       call c_f_pointer(model, handle)
-      handle%session%services%models = c_structures_t(fill, context)
+      handle%session%callbacks%models = c_structures_t(fill, context)
    end subroutine nhbm_structures
 
    integer(c_int) function nhbm_read(model, text, name, error) bind(c, name="nhbm_read") result(code)

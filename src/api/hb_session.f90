@@ -16,7 +16,6 @@ module hb_session
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
    use hb_marched_floquet, only: marched_floquet_t
-   use hb_marching_judge, only: marching_judge_t
    use hb_motion, only: solve_motion
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: motion_result_t
@@ -26,9 +25,10 @@ module hb_session
    use hb_outcome, only: outcome
    use hb_parameter_path, only: identifier
    use hb_rung, only: rung_t
-   use hb_scene, only: scene_t, services_t
+   use hb_scene, only: scene_t, callbacks_t
    use hb_scene_reader, only: group_names, update_scene
    use hb_scene_tones, only: read_tones
+   use hb_time_integration, only: time_integration_t
    use hb_tones, only: tones_t
    use hb_watch, only: verdict, watch_t
    implicit none
@@ -60,7 +60,7 @@ module hb_session
       type(session_watch_t) :: watch
       type(column_view_t) :: column                                   !! looked up last
       type(parameter_t), allocatable :: parameters(:)                 !! that have been resolved
-      type(services_t) :: services                                    !! `models` is where structures come from
+      type(callbacks_t) :: callbacks                                   !! `models` is where structures come from
       type(neighbour_t), private :: neighbour
       type(kept_linear_parts_t), private :: kept
       type(curve_plan_t), private :: plan
@@ -99,7 +99,9 @@ contains
       call read_namelist(self%document, name, text, error)
       if (.not. allocated(error)) call self%document%expect_groups([character(11) :: group_names, "curve"], error)
       if (allocated(error)) return
-      if (.not. allocated(self%services%finder)) allocate (self%services%finder, source=finder)
+      if (.not. allocated(self%callbacks%stability_finder)) allocate (self%callbacks%stability_finder, source=finder)
+      if (.not. allocated(self%callbacks%time_domain_solver)) &
+         allocate (self%callbacks%time_domain_solver, source=time_integration_t())
       call self%update(error)
    end subroutine session_read
 
@@ -150,7 +152,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       logical :: is_new
 
-      call update_scene(self%scene, self%document, is_new, error, services=self%services)
+      call update_scene(self%scene, self%document, is_new, error, callbacks=self%callbacks)
    end subroutine session_update
 
    !> The input with all keys that may be given, and their values.
@@ -181,11 +183,11 @@ contains
       call self%watch%enter(self%scene%solver%time_limit)
       if (self%scene%accuracy%is_on) then
          call self%neighbour%predict_rung(here, self%scene, before)
-         call solve_to_tolerance(self%scene, self%result, failure, rung, before, self%watch, marching_judge_t())
+         call solve_to_tolerance(self%scene, self%result, failure, rung, before)
          if (allocated(rung%unknowns)) unknowns = rung%unknowns
       else
          if (is_warm) call self%neighbour%predict(here, self%scene%harmonics%tuples, .false., start)
-         call solve_motion(self%scene, self%result, failure, start, unknowns, self%watch, marching_judge_t(), self%kept)
+         call solve_motion(self%scene, self%result, failure, start, unknowns, self%kept)
          rung%set = self%scene%harmonics
       end if
       call self%watch%leave()
@@ -225,16 +227,19 @@ contains
    subroutine session_next(self, error)
       class(session_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
+      real(wp) :: limit
 
       if (.not. self%has_curve) then
          call fail(error, "the curve has no further point")
          return
       end if
-      call self%watch%enter(self%scene%solver%time_limit)
+      limit = self%scene%solver%time_limit
+      if (allocated(self%request%over)) limit = huge(1.0_wp)          ! begins with a whole curve, each point with the limit
+      call self%watch%enter(limit)
       if (self%has_begun) then
          call self%curve%next(self%result, error)
       else
-         call self%curve%begin(self%scene, self%document, self%request, self%result, error, self%watch, marching_judge_t())
+         call self%curve%begin(self%scene, self%document, self%request, self%result, error)
       end if
       call self%watch%leave()
       self%has_begun = .true.

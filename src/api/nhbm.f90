@@ -12,7 +12,7 @@
 !>     call model%destroy()
 !>
 !> `model%result` is all that is known of the motion found last; `model%look_up` gives it by the names of the result file as well.
-!> Structures that a program has as matrices: extend `structure_source_t` and allocate `model%services%models` with it.
+!> Structures that a program has as matrices: extend `structure_source_t` and allocate `model%callbacks%models` with it.
 module nhbm
    use hb_error, only: error_t
    use hb_kinds, only: wp

@@ -12,7 +12,7 @@ module hb_watch
    use hb_kinds, only: wp
    implicit none
    private
-   public :: verdict, verdict_on_work, watch_t, work_is_over
+   public :: note_progress, verdict, verdict_on_work, watch_t, work_is_over
 
    type :: verdict_t
       integer :: go_on = 0
@@ -128,6 +128,18 @@ contains
    logical function work_is_over()
       work_is_over = verdict_on_work() /= verdict%go_on
    end function work_is_over
+
+   !> Reports how far the work of this thread is, to the watch that it has entered.
+   subroutine note_progress(n_done, n_steps)
+      integer, intent(in) :: n_done, n_steps
+      type(c_ptr) :: current
+      type(place_t), pointer :: place
+
+      current = hb_current_watch()
+      if (.not. c_associated(current)) return
+      call c_f_pointer(current, place)
+      call place%watch%note_progress(n_done, n_steps)
+   end subroutine note_progress
 
    !> Why the work of this thread shall end; `go_on` where it shall not, or where nothing watches over it.
    integer function verdict_on_work() result(found)

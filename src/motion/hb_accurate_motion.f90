@@ -11,7 +11,6 @@ module hb_accurate_motion
    use hb_error, only: error_t
    use hb_first_way, only: first_way
    use hb_harmonics, only: harmonics_t
-   use hb_judge, only: judge_t
    use hb_kinds, only: wp
    use hb_march_to_tolerance, only: loaded_tuples, march_from_balance, march_to_tolerance, marches_first
    use hb_marched_result, only: is_lost
@@ -57,22 +56,21 @@ contains
    !> Solves a scene to the tolerance that it asks for. The result has the set of its own, and status `converged` where the
    !> estimated error is below the tolerance, `truncated` where the budget came first; a motion that was not found at all has the
    !> status of the attempt on the lowest rung.
-   subroutine solve_to_tolerance(scene, result, error, top, start, watch, judge)
+   subroutine solve_to_tolerance(scene, result, error, top, start)
       type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       type(rung_t), intent(out) :: top                                !! the last rung; without unknowns where none is solved
       type(rung_t), intent(in), optional :: start                     !! of a neighbour
-      class(watch_t), intent(inout), target :: watch
-      class(judge_t), intent(in), optional :: judge
+      type(watch_t), target :: watch
       type(account_t) :: account
       integer :: i
 
       call watch%enter(scene%solver%time_limit)
-      call climb(scene, account, result, error, top, start, watch, judge)
+      call climb(scene, account, result, error, top, start)
       do i = 1, merge(most_refinements, 0, scene%accuracy%grows_set .and. .not. allocated(error))
          if (work_is_over() .or. .not. is_denied(scene, result)) exit
-         call refine_for_verdict(scene, 10.0_wp**(-i), account, result, top, watch)
+         call refine_for_verdict(scene, 10.0_wp**(-i), account, result, top)
       end do
       call watch%leave()
    end subroutine solve_to_tolerance
@@ -103,22 +101,22 @@ contains
 
    !> Climbs on to a part of the tolerance for the sake of a verdict on stability, as far as `work_of_verdict` goes; without one the
    !> motion stays as it is.
-   subroutine refine_for_verdict(scene, part, account, result, top, watch)
+   subroutine refine_for_verdict(scene, part, account, result, top)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: part                                    !! of the tolerance
       type(account_t), intent(inout) :: account
       type(motion_result_t), intent(inout) :: result
       type(rung_t), intent(inout) :: top
-      class(watch_t), intent(inout), target :: watch
       type(scene_t) :: sharper
       type(motion_result_t) :: finer
       type(rung_t) :: finer_top
       type(error_t), allocatable :: trouble
 
       sharper = scene
+      sharper%may_integrate = .false.
       sharper%accuracy%tolerance = part*scene%accuracy%tolerance
       sharper%accuracy%max_work = min(scene%accuracy%max_work, max(least_work_of_verdict, work_of_verdict*account%work))
-      call climb(sharper, account, finer, trouble, finer_top, top, watch)
+      call climb(sharper, account, finer, trouble, finer_top, top)
       result%work = account%work
       if (allocated(trouble) .or. finer%status /= outcome%converged) return
       if (finer%stability%verdict == stability_verdict%unknown) return
@@ -127,15 +125,13 @@ contains
    end subroutine refine_for_verdict
 
    !> One ladder, from the first rung to that of the tolerance.
-   subroutine climb(scene, account, result, error, top, start, watch, judge)
+   subroutine climb(scene, account, result, error, top, start)
       type(scene_t), intent(in) :: scene
       type(account_t), intent(inout) :: account                       !! of all ladders of the point
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       type(rung_t), intent(out) :: top                                !! as of `solve_to_tolerance`
       type(rung_t), intent(in), optional :: start
-      class(watch_t), intent(inout), target :: watch
-      class(judge_t), intent(in), optional :: judge
       type(scene_t) :: here                                           ! the scene on the set of a rung
       type(rung_t) :: best_top, next
       type(motion_result_t) :: best, trial
@@ -148,9 +144,9 @@ contains
 
       has_start = .false.
       if (present(start)) has_start = allocated(start%unknowns)
-      if (present(judge) .and. .not. has_start) then
+      if (scene%has_time_domain() .and. .not. has_start) then
          if (marches_first(scene)) then
-            call march_to_tolerance(scene, result, watch, judge, is_done)
+            call march_to_tolerance(scene, result, is_done)
             top%set = scene%harmonics
             top%n_samples = scene%torus%n_samples
             if (is_done .and. (result%status /= outcome%truncated .or. scene%first_way == first_way%march)) return
@@ -158,13 +154,15 @@ contains
       end if
       here = scene
       here%first_way = first_way%balance
+      here%may_integrate = .false.
       here%certificate%is_on = .true.
       here%stability%method = stability_method%off
       here%solver%tolerance = solver_tolerance(scene)
       here%certificate%improvement_steps = 0
       if (allocated(here%output%samples)) here%output%samples = here%output%samples(:0)
-      call find_first(here, scene, result, error, top, start, account, watch, judge)
-      if (.not. allocated(error) .and. present(judge)) call march_lost(scene, result, watch, judge)
+      call find_first(here, scene, result, error, top, start, account)
+      here%may_integrate = .false.
+      if (.not. allocated(error) .and. scene%has_time_domain()) call march_lost(scene, result)
       if (allocated(error) .or. .not. allocated(top%unknowns)) return
       is_checked = .false.
       if (present(start)) is_checked = allocated(start%unknowns) .and. account%n_rungs == 1 ! as the neighbour was
@@ -183,7 +181,7 @@ contains
          goal = goal*3.0_wp**n_failures*estimate_of(result)/max(estimate, tiny(1.0_wp))   ! of the motion
          call choose_next(scene, result, top, goal, n_failures, next, is_there)
          if (.not. is_there) exit
-         call take(here, scene, next, next%unknowns, n_failures == most_failures - 1, account, trial, trouble, watch)
+         call take(here, scene, next, next%unknowns, n_failures == most_failures - 1, account, trial, trouble)
          if (trial%status == outcome%interrupted) then
             result%status = outcome%interrupted
             return
@@ -218,9 +216,9 @@ contains
          top = best_top
          result%level_estimate = max(result%level_estimate, best_estimate)
       end if
-      call finish(scene, result, top, account, difference, watch)
-      if (result%status == outcome%truncated .and. present(judge) .and. result%stability%growth <= 1.0_wp) &
-         call march_from_balance(scene, result, top, watch, judge)
+      call finish(scene, result, top, account, difference)
+      if (result%status == outcome%truncated .and. scene%has_time_domain() .and. result%stability%growth <= 1.0_wp) &
+         call march_from_balance(scene, result, top)
       if (scene%accuracy%grows_set .and. scene%chain%is_on .and. result%status == outcome%converged) call trim_set(scene, top)
    end subroutine climb
 
@@ -235,18 +233,16 @@ contains
 
    !> Marches to the tolerance what was marched on the lowest set, of whose harmonics beyond averages say nothing, and what was not
    !> found at all: lines that averages do not part, or only in hours, a fit may.
-   subroutine march_lost(scene, result, watch, judge)
+   subroutine march_lost(scene, result)
       type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(inout) :: result
-      class(watch_t), intent(inout), target :: watch
-      class(judge_t), intent(in) :: judge
       logical :: is_done, is_marched
 
       is_marched = any(result%status == [outcome%marched, outcome%several])
       if (.not. is_marched) then
          if (.not. (is_lost(result%status) .and. scene%solver%rescue .and. scene%solver%rescue_by_march)) return
       end if
-      call march_to_tolerance(scene, result, watch, judge, is_done)
+      call march_to_tolerance(scene, result, is_done)
       if (is_done .or. .not. (is_marched .and. scene%accuracy%grows_set)) return
       result%status = outcome%truncated
       result%certificate%truncation = 1.0_wp
@@ -324,7 +320,7 @@ contains
    end function left_after
 
    !> Finds the motion on a small set: on that of a neighbour from its motion, or on the first box, or on others.
-   subroutine find_first(here, scene, result, error, top, start, account, watch, judge)
+   subroutine find_first(here, scene, result, error, top, start, account)
       type(scene_t), intent(inout) :: here
       type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(out) :: result
@@ -332,8 +328,6 @@ contains
       type(rung_t), intent(inout) :: top
       type(rung_t), intent(in), optional :: start
       type(account_t), intent(inout) :: account
-      class(watch_t), intent(inout), target :: watch
-      class(judge_t), intent(in), optional :: judge
       integer, parameter :: n_tries = 3
       real(wp), allocatable :: none(:)
       type(error_t), allocatable :: trouble
@@ -342,7 +336,7 @@ contains
       if (present(start)) then
          if (allocated(start%unknowns)) then
             top = start
-            call take(here, scene, top, start%unknowns, .true., account, result, trouble, watch)
+            call take(here, scene, top, start%unknowns, .true., account, result, trouble)
             if (is_over(result) .or. allocated(top%unknowns)) return
          end if
       end if
@@ -355,11 +349,9 @@ contains
             call other_first(scene, i, top, error)
             if (allocated(error)) return
          end if
-         if (scene%start_from_march .or. any(scene%tones%is_unknown) .or. .not. scene%accuracy%grows_set) then
-            call take(here, scene, top, none, .true., account, result, error, watch, judge)
-         else
-            call take(here, scene, top, none, .true., account, result, error, watch)
-         end if
+         here%may_integrate = scene%may_integrate .and. (scene%start_from_march .or. any(scene%tones%is_unknown) .or. &
+                                                         .not. scene%accuracy%grows_set)
+         call take(here, scene, top, none, .true., account, result, error)
          if (allocated(error) .or. is_over(result) .or. allocated(top%unknowns)) return
          if (any(result%status == [outcome%collapsed, outcome%no_motion, outcome%locked, outcome%failed])) exit
          if (size(scene%laws) == 0) exit
@@ -400,7 +392,7 @@ contains
    end subroutine other_first
 
    !> Solves the scene on a rung, from a first guess if there is one. Its unknowns are allocated afterwards where that has worked.
-   subroutine take(here, scene, rung, guess, with_rescue, account, result, error, watch, judge)
+   subroutine take(here, scene, rung, guess, with_rescue, account, result, error)
       type(scene_t), intent(inout) :: here                            !! on any set
       type(scene_t), intent(in) :: scene
       type(rung_t), intent(inout) :: rung
@@ -409,8 +401,6 @@ contains
       type(account_t), intent(inout) :: account
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
-      class(watch_t), intent(inout), target :: watch
-      class(judge_t), intent(in), optional :: judge
       real(wp), allocatable :: first_guess(:), found(:)
 
       if (allocated(guess)) first_guess = guess
@@ -423,7 +413,7 @@ contains
       here%solver%rescue_work = min(scene%solver%rescue_work, max(0.0_wp, scene%accuracy%max_work - account%work))
       if (account%n_rungs > 0) here%solver%rescue_work = share_of_rescue*here%solver%rescue_work
       here%solver%rescue_share = 0.0_wp                               ! other sets are left
-      call solve_motion(here, result, error, first_guess, found, watch, judge)
+      call solve_motion(here, result, error, first_guess, found)
       account%n_rungs = account%n_rungs + 1
       account%iterations = account%iterations + result%iterations
       account%evaluations = account%evaluations + result%evaluations
@@ -441,13 +431,12 @@ contains
    end subroutine take
 
    !> Settles status and estimates of the last rung, and adds what the other rungs went without.
-   subroutine finish(scene, result, top, account, difference, watch)
+   subroutine finish(scene, result, top, account, difference)
       type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(inout) :: result
       type(rung_t), intent(in) :: top
       type(account_t), intent(in) :: account
       real(wp), intent(in) :: difference
-      class(watch_t), intent(inout), target :: watch
       type(scene_t) :: here
       type(motion_result_t) :: whole
       type(error_t), allocatable :: error
@@ -456,12 +445,13 @@ contains
          result%status = merge(outcome%converged, outcome%truncated, estimate_of_wanted(result) <= scene%accuracy%tolerance)
       if (scene%stability%method /= stability_method%off .or. size(scene%output%samples) > 0) then
          here = scene
+         here%may_integrate = .false.
          here%certificate%is_on = .false.
          here%solver%tolerance = solver_tolerance(scene)
          here%stability%work_spent = work_of_stability*(account%work + account%work_beside)
          if (here%stability%method == stability_method%auto) here%stability%fewest_laps = laps_of_verdict
          call put_on_rung(here, scene, top, error)
-         if (.not. allocated(error)) call solve_motion(here, whole, error, top%unknowns, watch=watch)
+         if (.not. allocated(error)) call solve_motion(here, whole, error, top%unknowns)
          if (.not. allocated(error) .and. whole%status == outcome%converged) then
             if (result%status == outcome%converged) then
                result%stability = whole%stability

@@ -18,7 +18,7 @@ module hb_curve_sets
    use hb_rung, only: carry, choose_next, choose_smaller, estimate_of, idle, join, least_goal, margin, rung_t
    use hb_scene, only: scene_t
    use hb_solver_types, only: report_t
-   use hb_watch, only: verdict
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: settle, step_to_tolerance
@@ -71,7 +71,7 @@ contains
          end if
          if (self%curve%status /= outcome%pending) return
          call describe_all(self, worst, estimate, error)
-         if (allocated(error) .or. self%watch%verdict /= verdict%go_on .or. self%n_rungs == most_rungs) return
+         if (allocated(error) .or. work_is_over() .or. self%n_rungs == most_rungs) return
          is_accurate = estimate <= margin*self%scene%accuracy%tolerance
          associate (kinds => self%waiting(self%first_waiting:)%kind)
             if (is_accurate .and. .not. any(kinds == curve_kind%branch .or. kinds == curve_kind%split)) return
@@ -127,7 +127,7 @@ contains
       call self%describe(waiting_t(curve_kind%regular, 0.0_wp, self%curve%x), result, error)
       if (allocated(error)) return
       call choose_next(scene, result, top_at(self, self%curve%x), least_goal*estimate_of(result), 0, next, is_found)
-      if (is_found .and. self%watch%verdict == verdict%go_on) call change_set(self, next, is_found, error)
+      if (is_found .and. .not. work_is_over()) call change_set(self, next, is_found, error)
       if (allocated(error)) return
       if (is_found) then
          self%curve%step = self%curve%config%first_step
@@ -194,7 +194,7 @@ contains
          estimate = estimate_of(result)
          if (estimate <= margin*scene%accuracy%tolerance .or. self%n_rungs == most_rungs) return
          n_idle = merge(n_idle + 1, 0, estimate > idle*best)
-         if (n_idle == most_idle .or. self%watch%verdict /= verdict%go_on) return
+         if (n_idle == most_idle .or. work_is_over()) return
          best = min(best, estimate)
          call choose_next(scene, result, top_at(self, x), max(least_goal*estimate, goal_ahead*scene%accuracy%tolerance), 0, next, &
                           is_found)

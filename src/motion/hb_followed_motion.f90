@@ -25,7 +25,6 @@ module hb_followed_motion
    use hb_scene_symmetry, only: half_of_odd, is_solved_odd
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
-   use hb_watch, only: watch_t
    implicit none
    private
    public :: at_end, followed_motion_t, known_t, least_motion, most_slack, n_further, origin_t, reported_extreme_t, waiting_t
@@ -95,7 +94,6 @@ module hb_followed_motion
       logical :: is_closed = .false.                                  !! this way has come back to its start
       integer :: first_waiting = 1
       type(waiting_t), allocatable :: waiting(:)
-      class(watch_t), pointer :: watch => null()
    contains
       procedure :: put_on => followed_motion_put_on
       procedure :: make_curve => followed_motion_make_curve

@@ -11,7 +11,6 @@ module hb_march_to_tolerance
    use hb_error, only: error_t
    use hb_first_way, only: first_way, march_counts_t, march_is_cheaper
    use hb_harmonics, only: harmonics_t, new_harmonics
-   use hb_judge, only: judge_t, settled_t
    use hb_kinds, only: wp
    use hb_law, only: hold_t
    use hb_marched_result, only: guess_from, keep_marched
@@ -25,9 +24,10 @@ module hb_march_to_tolerance
    use hb_stability, only: stability_method
    use hb_structure, only: most_dense, structure_t
    use hb_text, only: to_text
+   use hb_time_domain, only: settled_t
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: largest_places, lowest_order, new_lowest_set
-   use hb_watch, only: verdict, watch_t
+   use hb_watch, only: verdict, verdict_on_work, work_is_over
    implicit none
    private
    public :: loaded_tuples, march_from_balance, march_to_tolerance, marches_first
@@ -74,11 +74,9 @@ contains
    end function marches_first
 
    !> Marches from rest or the `&start` amplitudes. Not done where that finds no motion.
-   subroutine march_to_tolerance(scene, result, watch, judge, is_done)
+   subroutine march_to_tolerance(scene, result, is_done)
       type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(inout) :: result
-      class(watch_t), intent(inout), target :: watch
-      class(judge_t), intent(in) :: judge
       logical, intent(out) :: is_done
       type(motion_result_t) :: marched
       type(rung_t) :: found
@@ -87,8 +85,8 @@ contains
       is_done = .false.
       if (.not. can_march(scene)) return
       marched%march_work = result%march_work
-      call march(scene, watch, judge, settled, marched, found)
-      is_done = watch%verdict /= verdict%go_on .or. settled%status /= outcome%pending
+      call march(scene, settled, marched, found)
+      is_done = work_is_over() .or. settled%status /= outcome%pending
       if (.not. is_done) then
          if (allocated(settled%message) .and. allocated(result%message)) result%message = settled%message//"; "//result%message
          return
@@ -97,18 +95,16 @@ contains
       marched%work = marched%work + result%work
       marched%status = settled%status
       if (allocated(marched%coefficients)) marched%status = status_within(scene, settled, marched)
-      if (watch%verdict /= verdict%go_on) marched%status = status_of_ended()
+      if (work_is_over()) marched%status = status_of_ended()
       result = marched
    end subroutine march_to_tolerance
 
    !> Marches from the motion in which the ladder has ended above the tolerance, and takes what that gives where it is the same
    !> motion to the tolerance, or at least nearer to it. The result is else what it was, and says what marching has found.
-   subroutine march_from_balance(scene, result, top, watch, judge)
+   subroutine march_from_balance(scene, result, top)
       type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(inout) :: result                  !! of the ladder, `truncated`
       type(rung_t), intent(in) :: top                                 !! its last rung
-      class(watch_t), intent(inout), target :: watch
-      class(judge_t), intent(in) :: judge
       type(motion_result_t) :: marched
       type(rung_t) :: found
       type(scene_t) :: from
@@ -118,12 +114,12 @@ contains
 
       if (.not. (scene%solver%rescue .and. scene%solver%rescue_by_march .and. can_march(scene))) return
       if (allocated(result%output_estimate)) return                   ! of outputs marching knows nothing
-      call start_on(scene, top, watch, from, is_there)
+      call start_on(scene, top, from, is_there)
       if (.not. is_there) return
-      call march(from, watch, judge, settled, marched, found)
+      call march(from, settled, marched, found)
       result%work = result%work + settled%work
-      if (watch%verdict == verdict%interrupted) result%status = outcome%interrupted
-      if (watch%verdict /= verdict%go_on) return                      ! there is a motion, however late it is
+      if (verdict_on_work() == verdict%interrupted) result%status = outcome%interrupted
+      if (work_is_over()) return                      ! there is a motion, however late it is
       if (settled%status /= outcome%marched .and. settled%status /= outcome%several) then
          if (allocated(settled%message)) result%message = settled%message
          return
@@ -169,10 +165,9 @@ contains
    end function can_march
 
    !> Gives the scene with the motion of a rung as its start, in all degrees of freedom.
-   subroutine start_on(scene, rung, watch, from, is_there)
+   subroutine start_on(scene, rung, from, is_there)
       type(scene_t), intent(in) :: scene
       type(rung_t), intent(in) :: rung
-      class(watch_t), intent(inout), target :: watch
       type(scene_t), intent(out) :: from
       logical, intent(out) :: is_there
       type(error_t), allocatable :: error
@@ -182,11 +177,12 @@ contains
       is_there = scene%structure%n_dofs <= most_dense
       if (.not. is_there) return
       from = scene
+      from%may_integrate = .false.
       from%certificate%is_on = .false.
       from%stability%method = stability_method%off
       from%output%dofs = [(i, i=1, scene%structure%n_dofs)]
       call put_on_rung(from, scene, rung, error)
-      if (.not. allocated(error)) call solve_motion(from, whole, error, rung%unknowns, watch=watch)
+      if (.not. allocated(error)) call solve_motion(from, whole, error, rung%unknowns)
       is_there = .not. allocated(error) .and. whole%status == outcome%converged
       if (.not. is_there) return
       from%certificate = scene%certificate
@@ -198,10 +194,8 @@ contains
    !> Marches with candidates in a box, then in the next one of twice the order where they leave too much, and keeps what matters of
    !> the best of them. Lines beyond a small box look as if the motion did not repeat, so a larger box has the last word. Without a
    !> motion there is only what is said of it.
-   subroutine march(scene, watch, judge, settled, result, found)
+   subroutine march(scene, settled, result, found)
       type(scene_t), intent(in) :: scene
-      class(watch_t), intent(inout), target :: watch
-      class(judge_t), intent(in) :: judge
       type(settled_t), intent(out) :: settled
       type(motion_result_t), intent(inout) :: result
       type(rung_t), intent(out) :: found                              !! its set and motion
@@ -235,7 +229,7 @@ contains
             exit
          end if
          call put_on_set(here, scene, candidates)
-         call judge%settle(here, coordinates%dofs, watch, trial, error)
+         call scene%callbacks%time_domain_solver%settle(here, coordinates%dofs, trial, error)
          work = work + trial%work
          trial%work = work
          if (allocated(error)) then
@@ -243,7 +237,7 @@ contains
             exit
          end if
          if (n_found == 0) settled = trial
-         if (watch%verdict /= verdict%go_on) exit
+         if (work_is_over()) exit
          if (any(trial%status == [outcome%marched, outcome%several])) then
             candidate = result
             call keep_lines(here, coordinates, room, trial, candidate, found_here)

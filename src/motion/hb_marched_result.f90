@@ -3,13 +3,13 @@ module hb_marched_result
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_certificate, only: near_commensurate
    use hb_coordinates, only: coordinates_t
-   use hb_judge, only: settled_t
    use hb_kinds, only: wp
    use hb_mean_energy, only: new_mean_energy
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
    use hb_scene, only: scene_t
    use hb_stability, only: stability_method, verdict
+   use hb_time_domain, only: settled_t
    implicit none
    private
    public :: guess_from, is_lost, keep_marched

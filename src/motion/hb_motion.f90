@@ -15,8 +15,8 @@ module hb_motion
    use hb_kept_linear_part, only: kept_linear_parts_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
+   use hb_limit_cycle_search, only: search_t
    use hb_linear_part, only: linear_part_t, new_linear_part
-   use hb_judge, only: judge_t, locking_t, may_be_locked, settled_t
    use hb_marched_result, only: guess_from, is_lost, keep_marched
    use hb_motion_description, only: describe_motion, keep_motion
    use hb_motion_result, only: motion_result_t
@@ -24,9 +24,9 @@ module hb_motion
    use hb_scene, only: scene_t
    use hb_scene_basis, only: find_basis
    use hb_scene_coordinates, only: coordinates_of
-   use hb_limit_cycle_search, only: search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, rescue
+   use hb_time_domain, only: locking_t, may_be_locked, settled_t
    use hb_watch, only: verdict, verdict_on_work, watch_t, work_is_over
    implicit none
    private
@@ -39,26 +39,21 @@ contains
 
    !> Solves the scene. An `error` is trouble that belongs to this point alone, such as a singular interior; a solver that
    !> does not converge is told by the status of the result.
-   subroutine solve_motion(scene, result, error, guess, unknowns, watch, judge, kept)
+   subroutine solve_motion(scene, result, error, guess, unknowns, kept)
       type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: guess(:)                      !! in place of that of the scene: coefficients of what the
                                                                       !! laws feel, then all base frequencies
       real(wp), allocatable, intent(out), optional :: unknowns(:)     !! of a converged solution, as `guess`; none without laws
-      class(watch_t), intent(inout), optional, target :: watch        !! may end the point, which then is `interrupted`
-      class(judge_t), intent(in), optional :: judge                   !! for first guesses from marching, and for tones that lock
       type(kept_linear_parts_t), intent(inout), optional, target :: kept  !! of the motion before, for what it can be used
-      type(watch_t), target :: own_watch
-      class(watch_t), pointer :: its_watch
+      type(watch_t), target :: watch
       real(wp), allocatable :: found(:)
 
-      its_watch => own_watch
-      if (present(watch)) its_watch => watch
-      call its_watch%enter(scene%solver%time_limit)
+      call watch%enter(scene%solver%time_limit)
       if (present(guess)) found = guess
-      call solve_watched(scene, its_watch, result, error, found, judge, kept)
-      call its_watch%leave()
+      call solve_watched(scene, result, error, found, kept)
+      call watch%leave()
       if (allocated(error)) then
          call forget_motion(result)
       else if (present(unknowns)) then
@@ -67,14 +62,12 @@ contains
    end subroutine solve_motion
 
    !> Solves the scene under a watch that was entered.
-   subroutine solve_watched(scene, watch, result, error, unknowns, judge, kept)
+   subroutine solve_watched(scene, result, error, unknowns, kept)
       type(scene_t), intent(in) :: scene
-      class(watch_t), intent(inout), target :: watch
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(inout) :: unknowns(:)             !! a first guess as that of `solve_motion`, then the solution;
                                                                       !! not allocated: there is none
-      class(judge_t), intent(in), optional :: judge
       type(kept_linear_parts_t), intent(inout), optional, target :: kept
       type(kept_linear_parts_t), pointer :: parts
       type(basis_t) :: basis
@@ -84,29 +77,27 @@ contains
       nullify (parts)
       if (present(kept) .and. .not. any(scene%tones%is_unknown)) parts => kept   ! no slopes, no drives
       call move_alloc(unknowns, first_guess)
-      if (scene%first_way == first_way%march .and. present(judge) .and. .not. allocated(first_guess)) then
-         call march_first(scene, watch, judge, result, is_done)
+      if (scene%first_way == first_way%march .and. scene%has_time_domain() .and. .not. allocated(first_guess)) then
+         call march_first(scene, result, is_done)
          if (is_done) return
       end if
       call find_basis(basis, is_odd, scene, error, first_guess)
       if (allocated(error)) return
       if (allocated(first_guess)) unknowns = first_guess
-      call solve_scene(scene, basis, watch, result, error, unknowns, judge, parts)
+      call solve_scene(scene, basis, result, error, unknowns, parts)
       if (is_odd .and. .not. allocated(error)) then
          result%is_odd = is_proven_odd(result) .or. any(result%status == [outcome%timed_out, outcome%interrupted])
          if (.not. result%is_odd) then
             if (.not. allocated(unknowns) .and. allocated(first_guess)) unknowns = first_guess   ! found ones balance odd harmonics
-            call solve_scene(scene, whole_basis(scene%harmonics, scene%torus), watch, result, error, unknowns, judge, parts)
+            call solve_scene(scene, whole_basis(scene%harmonics, scene%torus), result, error, unknowns, parts)
          end if
       end if
-      if (present(judge) .and. .not. allocated(error)) call rescue_by_march(scene, watch, judge, result, unknowns)
+      if (scene%has_time_domain() .and. .not. allocated(error)) call rescue_by_march(scene, result, unknowns)
    end subroutine solve_watched
 
    !> Marches before any balance is tried. Not done where it leads to nothing that is known, or cannot be: the balance follows.
-   subroutine march_first(scene, watch, judge, result, is_done)
+   subroutine march_first(scene, result, is_done)
       type(scene_t), intent(in) :: scene
-      class(watch_t), intent(inout), target :: watch
-      class(judge_t), intent(in) :: judge
       type(motion_result_t), intent(out) :: result
       logical, intent(out) :: is_done
       type(coordinates_t) :: coordinates
@@ -117,25 +108,23 @@ contains
       if (any(scene%tones%is_unknown) .or. scene%normal_mode%is_asked) return
       coordinates = coordinates_of(scene)
       if (coordinates%n == 0) return
-      call judge%settle(scene, coordinates%dofs, watch, settled, error)
-      is_done = watch%verdict /= verdict%go_on .or. settled%status /= outcome%pending .and. .not. allocated(error)
+      call scene%callbacks%time_domain_solver%settle(scene, coordinates%dofs, settled, error)
+      is_done = work_is_over() .or. settled%status /= outcome%pending .and. .not. allocated(error)
       if (.not. is_done) return
       result%is_marched_first = .true.
       result%work = settled%work
       result%march_work = settled%work
       result%n_motions = settled%n_motions
       result%status = settled%status
-      if (watch%verdict /= verdict%go_on) result%status = status_of_ended()
+      if (work_is_over()) result%status = status_of_ended()
       if (allocated(settled%message)) result%message = settled%message
       if (is_solved(result%status)) call keep_marched(scene, coordinates, settled, result)
    end subroutine march_first
 
    !> The last way: where the balance has found no motion the scene is marched, and what that ends in is the answer: the balance
    !> solved from there, the motion marched, or what there is instead.
-   subroutine rescue_by_march(scene, watch, judge, result, unknowns)
+   subroutine rescue_by_march(scene, result, unknowns)
       type(scene_t), intent(in) :: scene
-      class(watch_t), intent(inout), target :: watch
-      class(judge_t), intent(in) :: judge
       type(motion_result_t), intent(inout) :: result
       real(wp), allocatable, intent(inout) :: unknowns(:)
       type(coordinates_t) :: coordinates
@@ -146,14 +135,14 @@ contains
       if (any(scene%tones%is_unknown) .or. scene%normal_mode%is_asked) return
       coordinates = coordinates_of(scene)
       if (coordinates%n == 0) return
-      call judge%settle(scene, coordinates%dofs, watch, settled, error)
+      call scene%callbacks%time_domain_solver%settle(scene, coordinates%dofs, settled, error)
       result%work = result%work + settled%work
       result%march_work = settled%work
       if (allocated(error)) settled%message = "marching: "//error%message
-      if (watch%verdict == verdict%go_on .and. settled%status == outcome%marched) &
-         call balance_from(scene, guess_from(scene, coordinates, settled), watch, result, unknowns)
+      if (.not. work_is_over() .and. settled%status == outcome%marched) &
+         call balance_from(scene, guess_from(scene, coordinates, settled), result, unknowns)
       result%n_motions = settled%n_motions
-      if (watch%verdict /= verdict%go_on) then
+      if (work_is_over()) then
          result%status = status_of_ended()
       else if (result%rescue == rescue%march) then
          return                                                       ! the balance has its motion after all
@@ -169,10 +158,9 @@ contains
    end subroutine rescue_by_march
 
    !> Solves the balance in a few steps from the motion marched; the result is that of the balance where it converges.
-   subroutine balance_from(scene, guess, watch, result, unknowns)
+   subroutine balance_from(scene, guess, result, unknowns)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: guess(:)                                !! as that of `solve_motion`
-      class(watch_t), intent(inout), target :: watch
       type(motion_result_t), intent(inout) :: result
       real(wp), allocatable, intent(inout) :: unknowns(:)
       type(error_t), allocatable :: error
@@ -184,7 +172,7 @@ contains
       near%solver%rescue = .false.
       near%solver%max_iterations = min(scene%solver%max_iterations, steps_from_march)
       solution = guess
-      call solve_scene(near, whole_basis(scene%harmonics, scene%torus), watch, found, error, solution)
+      call solve_scene(near, whole_basis(scene%harmonics, scene%torus), found, error, solution)
       if (allocated(error)) return
       found%iterations = found%iterations + result%iterations
       found%evaluations = found%evaluations + result%evaluations
@@ -219,15 +207,13 @@ contains
    end subroutine forget_motion
 
    !> Solves the scene in a basis.
-   subroutine solve_scene(scene, basis, watch, result, error, unknowns, judge, kept)
+   subroutine solve_scene(scene, basis, result, error, unknowns, kept)
       type(scene_t), intent(in) :: scene
       type(basis_t), intent(in) :: basis
-      class(watch_t), intent(inout), target :: watch
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(inout) :: unknowns(:)             !! a first guess in the whole set, as that of `solve_motion`,
                                                                       !! then the solution; not allocated: there is none
-      class(judge_t), intent(in), optional :: judge
       type(kept_linear_parts_t), pointer, intent(in), optional :: kept
       type(dynamic_stiffness_t) :: stiffness
       type(linear_part_t), allocatable :: linear
@@ -248,12 +234,12 @@ contains
       if (allocated(guess)) then
          call restrict_guess(basis, coordinates%n, guess, first_guess)
       else if (scene%start_from_march .and. coordinates%n > 0) then
-         if (.not. present(judge)) then
-            call fail(error, "first_guess = 'march' needs a judge that marches")
+         if (.not. scene%has_time_domain()) then
+            call fail(error, "first_guess = 'march' needs a time-domain solver")
             return
          end if
-         call judge%first_guess(scene, start%omega, coordinates%dofs, watch, marched, error)
-         if (allocated(error) .and. watch%verdict /= verdict%go_on) deallocate (error)   ! nothing that follows takes long
+         call scene%callbacks%time_domain_solver%first_guess(scene, start%omega, coordinates%dofs, marched, error)
+         if (allocated(error) .and. work_is_over()) deallocate (error)   ! nothing that follows takes long
          call annotate(error, "first guess from marching")
          if (allocated(error)) return
          if (allocated(marched)) then
@@ -295,9 +281,9 @@ contains
       if (keeps) balance%kept_wide => kept%wide
       result%setup_seconds = wall_clock() - started
       if (.not. allocated(error)) call solve_balance(scene, basis, start, balance, result, error, first_guess, unknowns)
-      if (present(judge) .and. is_autonomous .and. scene%tones%n_tones > 1 .and. .not. allocated(error) &
+      if (scene%has_time_domain() .and. is_autonomous .and. scene%tones%n_tones > 1 .and. .not. allocated(error) &
           .and. result%status /= outcome%interrupted) &
-         call look_for_locking(judge, scene, start, coordinates%dofs, watch, result)
+         call look_for_locking(scene, start, coordinates%dofs, result)
       if (keeps) call kept%narrow%give_back(balance%stiffness)
       call balance%destroy()
    end subroutine solve_scene
@@ -342,7 +328,7 @@ contains
       type(scene_t), intent(in) :: scene
       type(basis_t), intent(in) :: basis
       type(autonomous_start_t), intent(in) :: start
-      type(balance_t), intent(inout), target :: balance               !! with its watch
+      type(balance_t), intent(inout), target :: balance
       type(motion_result_t), intent(inout) :: result                  !! with the time that the set-up has taken so far
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(in) :: guess(:)                   !! in the basis; not allocated: that of the scene
@@ -427,29 +413,27 @@ contains
 
    !> Where the search for a torus was lost, or its motion is no better than a guess and its tones are nearly commensurate, the
    !> tones may have locked: there is no torus then.
-   subroutine look_for_locking(judge, scene, start, law_dofs, watch, result)
-      class(judge_t), intent(in) :: judge
+   subroutine look_for_locking(scene, start, law_dofs, result)
       type(scene_t), intent(in) :: scene
       type(autonomous_start_t), intent(in) :: start
       integer, intent(in) :: law_dofs(:)
-      class(watch_t), intent(inout) :: watch
       type(motion_result_t), intent(inout) :: result
       type(locking_t) :: locking
       type(certificate_t) :: none
 
       select case (result%status)
       case (outcome%stalled)
-         call judge%find_locking(locking, scene, start%omega, law_dofs, watch)
+         call scene%callbacks%time_domain_solver%find_locking(locking, scene, start%omega, law_dofs)
       case (outcome%truncated)
          if (may_be_locked(result%frequency, scene%tones%is_unknown)) &
-            call judge%find_locking(locking, scene, result%frequency, law_dofs, watch)
+            call scene%callbacks%time_domain_solver%find_locking(locking, scene, result%frequency, law_dofs)
       case (outcome%collapsed)                                        ! to a part of a given tone? else the motion has no other
          if (all(scene%tones%is_unknown) .or. .not. may_be_locked(start%omega, scene%tones%is_unknown)) return
-         call judge%find_locking(locking, scene, start%omega, law_dofs, watch)
+         call scene%callbacks%time_domain_solver%find_locking(locking, scene, start%omega, law_dofs)
          if (.not. locking%is_locked) return
          locking%is_locked = any(locking%multiples > 1 .and. .not. scene%tones%is_unknown)
       end select
-      if (watch%verdict == verdict%interrupted) result%status = outcome%interrupted
+      if (verdict_on_work() == verdict%interrupted) result%status = outcome%interrupted
       if (.not. locking%is_locked) return
       result%status = outcome%locked
       result%message = locking%message()

@@ -17,7 +17,6 @@ module hb_motion_curve
    use hb_doubtful_extremes, only: drop_doubtful
    use hb_error, only: error_t
    use hb_followed_motion, only: at_end, followed_motion_t, least_motion, n_further, origin_t, reported_extreme_t, waiting_t
-   use hb_judge, only: judge_t
    use hb_kinds, only: wp
    use hb_motion, only: solve_motion
    use hb_motion_result, only: curve_place_t, motion_result_t
@@ -27,7 +26,7 @@ module hb_motion_curve
    use hb_scene, only: scene_t
    use hb_solver_types, only: report_t
    use hb_text, only: to_text
-   use hb_watch, only: verdict, watch_t
+   use hb_watch, only: verdict, verdict_on_work, watch_t, work_is_over
    implicit none
    private
    public :: motion_curve_t
@@ -57,36 +56,33 @@ contains
    ! Where a curve begins
 
    !> Solves the first motion, by all the ways that a point has; the curve is done with it where that does not lead to one.
-   subroutine motion_curve_begin(self, scene, document, request, result, error, watch, judge)
+   subroutine motion_curve_begin(self, scene, document, request, result, error)
       class(motion_curve_t), intent(inout), target :: self
       type(scene_t), intent(inout) :: scene                           !! at the start
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
-      class(watch_t), intent(inout), target :: watch
-      class(judge_t), intent(in), optional :: judge
       real(wp), allocatable :: further(:), unknowns(:)
       type(rung_t) :: lowest, rung
       logical :: is_new
 
       self%request = request
-      self%watch => watch
       if (allocated(request%origin)) then
          call begin_at_origin(self, scene, document, result, error)
          return
       end if
       if (scene%accuracy%is_on) then
          scene%chain%is_on = .false.                                  ! the point has no neighbour, and is none
-         call solve_to_tolerance(scene, result, error, rung, watch=watch, judge=judge)
+         call solve_to_tolerance(scene, result, error, rung)
          if (allocated(rung%unknowns) .and. scene%accuracy%grows_set) then
             lowest = rung
             call join(lowest, scene%harmonics, is_new)                ! without even tuples no symmetry is seen to break
-            if (is_new) call solve_to_tolerance(scene, result, error, rung, lowest, watch, judge)
+            if (is_new) call solve_to_tolerance(scene, result, error, rung, lowest)
          end if
          if (allocated(rung%unknowns)) unknowns = rung%unknowns
       else
-         call solve_motion(scene, result, error, unknowns=unknowns, watch=watch, judge=judge)
+         call solve_motion(scene, result, error, unknowns=unknowns)
          rung = rung_of(scene)
       end if
       self%is_done = allocated(error) .or. .not. allocated(unknowns)
@@ -173,7 +169,7 @@ contains
 
    !> Takes the place of `begin`: next to a motion and tangent of another curve, in the plane across this a bit before it, so
    !> that what is there lies ahead. `is_found` is false where there is no motion.
-   subroutine motion_curve_begin_next_to(self, scene, document, request, place, is_found, error, watch)
+   subroutine motion_curve_begin_next_to(self, scene, document, request, place, is_found, error)
       class(motion_curve_t), intent(inout), target :: self
       type(scene_t), intent(in) :: scene
       type(document_t), intent(in) :: document                        !! from which it was read
@@ -181,10 +177,8 @@ contains
       type(curve_place_t), intent(in) :: place                        !! a fold or peak of the other curve, and the way there
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
-      class(watch_t), intent(inout), target :: watch
 
       self%request = request
-      self%watch => watch
       self%way = 1
       is_found = .false.
       call prepare(self, scene, document, further_of(place, scene), rung_of(scene, place), error)
@@ -199,20 +193,18 @@ contains
    end subroutine motion_curve_begin_next_to
 
    !> Takes the place of `begin`: the curve stands where a stored one has been at its last point, a step or the start of a way.
-   subroutine motion_curve_go_on_from(self, scene, document, request, stored, error, watch)
+   subroutine motion_curve_go_on_from(self, scene, document, request, stored, error)
       class(motion_curve_t), intent(inout), target :: self
       type(scene_t), intent(in) :: scene                              !! at the start
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request
       type(curve_place_t), intent(in) :: stored(:)                    !! all points up to the one to go on from
       type(error_t), allocatable, intent(out) :: error
-      class(watch_t), intent(inout), target :: watch
       type(motion_result_t) :: result
       type(rung_t) :: rung
       integer :: i
 
       self%request = request
-      self%watch => watch
       call prepare(self, scene, document, further_of(stored(1), scene), rung_of(scene, stored(1)), error)
       self%is_done = allocated(error)
       if (self%is_done) return
@@ -419,12 +411,11 @@ contains
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
 
-      associate (limit => self%problem%scene%solver%time_limit)
-         call self%watch%enter(limit)
-         call self%watch%begin(limit)
-      end associate
+      type(watch_t), target :: watch
+
+      call watch%enter(self%problem%scene%solver%time_limit)
       call find_next(self, result, error)
-      call self%watch%leave()
+      call watch%leave()
    end subroutine motion_curve_next
 
    !> The next point, under a watch that was entered.
@@ -442,7 +433,7 @@ contains
          call go(self, error)
          if (allocated(error)) return
       end if
-      if (self%watch%verdict == verdict%interrupted) then             ! what was found on the step may not be all
+      if (verdict_on_work() == verdict%interrupted) then             ! what was found on the step may not be all
          result%status = outcome%interrupted
          return
       else if (self%curve%status /= outcome%pending) then
@@ -453,7 +444,7 @@ contains
          call leave(self, error)
       else
          call tell_waiting(self, self%first_waiting, result, error)
-         if (self%watch%verdict == verdict%interrupted) then          ! what is known of the point is not all
+         if (verdict_on_work() == verdict%interrupted) then          ! what is known of the point is not all
             result%status = outcome%interrupted
             return
          end if
@@ -501,7 +492,7 @@ contains
       else
          call step(self)
       end if
-      if (allocated(error) .or. self%curve%status /= outcome%pending .or. self%watch%verdict /= verdict%go_on) return
+      if (allocated(error) .or. self%curve%status /= outcome%pending .or. work_is_over()) return
       call drop_doubtful(self, error)
    end subroutine go
 

@@ -12,12 +12,12 @@ module hb_motion_description
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
+   use hb_limit_cycle_search, only: search_t
    use hb_linear_part, only: linear_part_t
    use hb_motion_result, only: motion_result_t
    use hb_odd_symmetry, only: asymmetry
    use hb_outcome, only: is_solved, outcome
    use hb_scene, only: scene_t
-   use hb_limit_cycle_search, only: search_t
    use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, &
       stability_method, stability_t, stability_verdict => verdict
    use hb_structure, only: most_dense
@@ -131,10 +131,11 @@ contains
       real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
       type(stability_t), intent(out) :: stability
 
-      if (scene%normal_mode%is_asked .or. config%method == stability_method%off .or. .not. allocated(scene%services%finder)) return
-      call scene%services%finder%find(stability, config, motion, scene%structure, scene%laws, &
-                                      excitation_t(scene%loads, scene%harmonics%frequencies(motion%tones%omega), &
-                                                   scene%march%restitution), work_allowed)
+      if (scene%normal_mode%is_asked .or. config%method == stability_method%off) return
+      if (.not. allocated(scene%callbacks%stability_finder)) return
+      call scene%callbacks%stability_finder%find(stability, config, motion, scene%structure, scene%laws, &
+                                                 excitation_t(scene%loads, scene%harmonics%frequencies(motion%tones%omega), &
+                                                              scene%march%restitution), work_allowed)
    end subroutine ask_for_stability
 
    !> The tones of a scene at the frequencies of a solution.

@@ -7,7 +7,6 @@ module hb_motion_ridge
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_document, only: document_t
    use hb_error, only: error_t
-   use hb_judge, only: judge_t
    use hb_kinds, only: wp
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_place_t, motion_result_t
@@ -16,7 +15,7 @@ module hb_motion_ridge
    use hb_scene, only: scene_t
    use hb_scene_reader, only: update_scene
    use hb_text, only: to_text
-   use hb_watch, only: verdict, watch_t
+   use hb_watch, only: verdict, verdict_on_work, watch_t, work_is_over
    implicit none
    private
    public :: motion_ridge_t, new_motion_curve
@@ -55,24 +54,22 @@ contains
    end subroutine new_motion_curve
 
    !> Follows a whole curve along the first value at the start of the second: its highest peak or first fold is where to begin.
-   subroutine motion_ridge_begin(self, scene, document, request, result, error, watch, judge)
+   subroutine motion_ridge_begin(self, scene, document, request, result, error)
       class(motion_ridge_t), intent(inout), target :: self
       type(scene_t), intent(inout) :: scene                           !! at the start
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request                    !! with `over`
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
-      class(watch_t), intent(inout), target :: watch
-      class(judge_t), intent(in), optional :: judge
       type(motion_result_t) :: point
       real(wp) :: highest, measure
       logical :: is_new
 
-      call prepare(self, scene, document, request, watch)
+      call prepare(self, scene, document, request)
       call set_values(self, request%start, self%inner%start)
       call update_scene(self%scene, self%document, is_new, error, request%available_memory)
       if (.not. allocated(error)) &
-         call self%short%begin(self%scene, self%document, self%inner, point, error, watch, judge)
+         call self%short%begin(self%scene, self%document, self%inner, point, error)
       self%is_done = allocated(error)
       if (self%is_done) return
       highest = -huge(1.0_wp)
@@ -102,16 +99,15 @@ contains
    end subroutine motion_ridge_begin
 
    !> Takes the place of `begin`: the ridge stands where a stored one has been.
-   subroutine motion_ridge_go_on_from(self, scene, document, request, stored, error, watch)
+   subroutine motion_ridge_go_on_from(self, scene, document, request, stored, error)
       class(motion_ridge_t), intent(inout), target :: self
       type(scene_t), intent(in) :: scene
       type(document_t), intent(in) :: document
       type(curve_request_t), intent(in) :: request
       type(curve_place_t), intent(in) :: stored(:)                    !! all points up to the one to go on from
       type(error_t), allocatable, intent(out) :: error                !! there is none
-      class(watch_t), intent(inout), target :: watch
 
-      call prepare(self, scene, document, request, watch)
+      call prepare(self, scene, document, request)
       self%last = stored(size(stored))
       self%step = self%last%step
       self%value = self%last%parameter
@@ -120,17 +116,15 @@ contains
       self%is_done = self%n_told >= request%n_points
    end subroutine motion_ridge_go_on_from
 
-   subroutine prepare(self, scene, document, request, watch)
+   subroutine prepare(self, scene, document, request)
       class(motion_ridge_t), intent(inout), target :: self
       type(scene_t), intent(in) :: scene
       type(document_t), intent(in) :: document
       type(curve_request_t), intent(in) :: request
-      class(watch_t), intent(inout), target :: watch
 
       self%request = request
       self%scene = scene
       self%document = document
-      self%watch => watch
       if (.not. allocated(self%short)) allocate (self%short)
       self%step = 0.25_wp*request%longest_step
       self%inner%moving = request%over%moving
@@ -180,12 +174,13 @@ contains
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       type(motion_result_t) :: nothing
+      type(watch_t), target :: watch
       real(wp) :: far, started, value
       integer :: i, kind, n_steps
       logical :: is_found
 
       started = wall_clock()
-      call self%watch%begin(self%scene%solver%time_limit)
+      call watch%enter(self%scene%solver%time_limit)
       associate (request => self%request, way => sign(1.0_wp, self%request%to - self%request%from))
          do
             value = self%value + way*self%step*request%moving%typical
@@ -201,7 +196,7 @@ contains
             end if
             call try(self, value, result, n_steps, is_found, error)
             if (allocated(error) .or. is_found) exit
-            if (self%watch%verdict /= verdict%go_on) exit
+            if (work_is_over()) exit
             self%step = 0.5_wp*min(self%step, abs(value - self%value)/request%moving%typical)
             if (self%step < shortest*request%longest_step) exit
          end do
@@ -211,8 +206,8 @@ contains
          else if (.not. allocated(error)) then
             result = nothing
             result%status = outcome%stalled
-            if (self%watch%verdict == verdict%timed_out) result%status = outcome%timed_out
-            if (self%watch%verdict == verdict%interrupted) result%status = outcome%interrupted
+            if (verdict_on_work() == verdict%timed_out) result%status = outcome%timed_out
+            if (verdict_on_work() == verdict%interrupted) result%status = outcome%interrupted
             result%message = "no such point is found next to the last one beyond the value "//to_text(self%value)// &
                ", as where it meets another one and both end"
             self%is_done = .true.
@@ -220,6 +215,7 @@ contains
             self%is_done = .true.
          end if
       end associate
+      call watch%leave()
       result%solver_seconds = wall_clock() - started - result%certificate_seconds
    end subroutine motion_ridge_next
 
@@ -243,7 +239,7 @@ contains
       place = self%last
       do attempt = 1, 2                                               ! along the curve, then the other way round
          call self%short%destroy()
-         call self%short%begin_next_to(self%scene, self%document, self%inner, place, is_found, error, self%watch)
+         call self%short%begin_next_to(self%scene, self%document, self%inner, place, is_found, error)
          if (allocated(error) .or. .not. is_found) return
          call self%short%look_for(self%request%over%kind, most_steps, result, n_steps, is_found, error)
          if (allocated(error) .or. is_found) exit

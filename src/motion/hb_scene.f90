@@ -4,6 +4,7 @@
 !> hb_scene_reader fills scenes from an input.
 module hb_scene
    use hb_amplitudes, only: amplitudes_t
+   use hb_error, only: error_t
    use hb_fftw, only: planning
    use hb_first_way, only: first_way
    use hb_harmonics, only: harmonics_t
@@ -16,11 +17,12 @@ module hb_scene
    use hb_solver_types, only: solver_config_t
    use hb_stability, only: stability_config_t, stability_finder_t
    use hb_structure, only: structure_t
+   use hb_time_domain, only: locking_t, settled_t
    use hb_tones, only: tones_t
    use hb_torus, only: torus_t
    implicit none
    private
-   public :: accuracy_t, certificate_config_t, scene_t, services_t, share_of_marched, symmetry
+   public :: accuracy_t, callbacks_t, certificate_config_t, scene_t, share_of_marched, symmetry, time_domain_solver_t
 
    integer, parameter :: share_of_marched = 4                         !! sets of marched motions are as many times larger: no tuple
                                                                       !! of theirs is an unknown
@@ -72,16 +74,27 @@ module hb_scene
       logical :: secant = .true.                                      !! extrapolate through the last two solutions
    end type chain_config_t
 
-   !> Whom a scene asks for what it does not do itself.
-   type :: services_t
+   !> Follows motions through time. Where the watch of the thread (hb_watch) ends that, the result is an error, or nothing.
+   type, abstract :: time_domain_solver_t
+   contains
+      procedure(settle), deferred, nopass :: settle
+      procedure(first_guess), deferred, nopass :: first_guess
+      procedure(find_locking), deferred, nopass :: find_locking
+   end type time_domain_solver_t
+
+   !> What the solution of a scene calls but does not contain: later layers and callers provide it. Progress and cancellation
+   !> belong to the thread, hb_watch.
+   type :: callbacks_t
       class(model_source_t), allocatable :: models                    !! from where a structure of type `model` comes
-      class(stability_finder_t), allocatable :: finder                !! of stability; none: it is not known
+      class(stability_finder_t), allocatable :: stability_finder      !! not allocated: stability is not known
+      class(time_domain_solver_t), allocatable :: time_domain_solver  !! not allocated: there is no time integration
       real(wp) :: share_of_march = 1.0_wp                             !! of a point, of the work of time integration
-   end type services_t
+   end type callbacks_t
 
    type :: scene_t
       logical :: is_read = .false.                                    !! from an input, without an error
-      type(services_t) :: services
+      type(callbacks_t) :: callbacks
+      logical :: may_integrate = .true.                               !! by the time-domain solver, where there is one
       type(structure_t) :: structure
       type(tones_t) :: tones
       integer, allocatable :: phase_dofs(:)                           !! of the sines that vanish, by unknown tone; size 0:
@@ -109,5 +122,48 @@ module hb_scene
       real(wp) :: memory_limit = huge(1.0_wp)                         !! bytes that this process may take
       type(march_config_t) :: march
       integer :: first_way = first_way%auto                           !! to its motion, one of hb_first_way
+   contains
+      procedure :: has_time_domain => scene_has_time_domain
    end type scene_t
+
+   abstract interface
+      !> Follows the scene until it is steady or the budget of work ends. An error is one of the integration, such as a law that it
+      !> cannot follow.
+      subroutine settle(scene, law_dofs, settled, error)
+         import :: error_t, scene_t, settled_t
+         type(scene_t), intent(in) :: scene                           !! all of its tones given
+         integer, intent(in) :: law_dofs(:)
+         type(settled_t), intent(out) :: settled
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine settle
+
+      !> Gives a first guess as hb_motion takes it: coefficients at the laws, then all base frequencies. Not
+      !> allocated where nothing is left to move, or where the motion has no tone of its own.
+      subroutine first_guess(scene, omega, law_dofs, guess, error)
+         import :: error_t, scene_t, wp
+         type(scene_t), intent(in) :: scene
+         real(wp), intent(in) :: omega(:)                             !! [rad/s], (n_tones), guesses where unknown, all > 0
+         integer, intent(in) :: law_dofs(:)
+         real(wp), allocatable, intent(out) :: guess(:)
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine first_guess
+
+      !> Looks for a common frequency of all that moves.
+      subroutine find_locking(locking, scene, omega, law_dofs)
+         import :: locking_t, scene_t, wp
+         type(locking_t), intent(out) :: locking
+         type(scene_t), intent(in) :: scene
+         real(wp), intent(in) :: omega(:)                             !! [rad/s], (n_tones), as far as known, > 0
+         integer, intent(in) :: law_dofs(:)
+      end subroutine find_locking
+   end interface
+
+contains
+
+   !> Whether time integration may be used.
+   pure logical function scene_has_time_domain(self) result(has)
+      class(scene_t), intent(in) :: self
+
+      has = self%may_integrate .and. allocated(self%callbacks%time_domain_solver)
+   end function scene_has_time_domain
 end module hb_scene

@@ -3,16 +3,15 @@
 module hb_scene_reader
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t
+   use hb_floquet, only: floquet_t
    use hb_kinds, only: wp
    use hb_march_config, only: read_march
    use hb_memory_estimate, only: check_memory
    use hb_memory_sizes, only: sizes_of
    use hb_properties, only: properties_t
-   use hb_scene, only: scene_t, services_t, symmetry
+   use hb_scene, only: scene_t, callbacks_t, symmetry
    use hb_scene_laws, only: read_laws, update_laws
-   use hb_floquet, only: floquet_t
    use hb_scene_loads, only: loaded_tuples, read_loads, read_starts
-   use hb_text, only: to_text
    use hb_scene_settings, only: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
    use hb_scene_symmetry, only: check_symmetry
    use hb_scene_tones, only: read_tones
@@ -20,6 +19,7 @@ module hb_scene_reader
    use hb_solver_types, only: share_of_solver
    use hb_structure, only: structure_t
    use hb_structure_catalogue, only: read_structure
+   use hb_text, only: to_text
    use hb_tones, only: tones_t
    use hb_truncation, only: read_harmonics, read_lowest_set
    implicit none
@@ -41,15 +41,15 @@ contains
 
    !> Reads a scene. All problems of the input are collected in one message, a line each. Fails as well where the scene would
    !> need more memory than its key `memory_limit` or, where that is zero, `available` says.
-   subroutine read_scene(self, document, error, available, services)
+   subroutine read_scene(self, document, error, available, callbacks)
       type(scene_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available                     !! bytes for this process
-      type(services_t), intent(in), optional :: services
+      type(callbacks_t), intent(in), optional :: callbacks
 
       if (present(available)) self%memory_limit = available
-      if (present(services)) self%services = services
+      if (present(callbacks)) self%callbacks = callbacks
       call document%begin()
       call read_parts(self, document, error)
       if (.not. allocated(error)) call document%finish(error)
@@ -60,14 +60,14 @@ contains
    !> Brings a scene, read from a document before, to the values that this has now: reads what has changed, or everything where
    !> more than numbers did. Whatever is unusual, a mistake in the input included, ends in a complete reading, which has the last
    !> word. `is_new` tells of that.
-   subroutine update_scene(self, document, is_new, error, available, services)
+   subroutine update_scene(self, document, is_new, error, available, callbacks)
       type(scene_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
       logical, intent(out) :: is_new
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available                     !! bytes for this process
-      type(services_t), intent(in), optional :: services              !! else those of before
-      type(services_t) :: same
+      type(callbacks_t), intent(in), optional :: callbacks             !! else those of before
+      type(callbacks_t) :: same
       logical :: is_read
 
       is_read = self%is_read
@@ -79,8 +79,8 @@ contains
       end if
       is_new = .not. is_read
       if (.not. is_new) return
-      same = self%services
-      if (present(services)) same = services
+      same = self%callbacks
+      if (present(callbacks)) same = callbacks
       call read_scene(self, document, error, available, same)
    end subroutine update_scene
 
@@ -111,7 +111,7 @@ contains
       call read_solver(self, document%optional_group("solver"))
       call document%required_group("structure", group, error)
       if (allocated(error)) return
-      call read_structure(group, self%structure, error, self%memory_limit, self%services%models)
+      call read_structure(group, self%structure, error, self%memory_limit, self%callbacks%models)
       if (allocated(error)) return
       call read_tones(self%tones, document, error)
       if (allocated(error)) return
@@ -130,7 +130,7 @@ contains
       call read_laws(self, document, error)
       if (allocated(error)) return
       call read_certificate(self%certificate, document%optional_group("certificate"))
-      if (.not. allocated(self%services%finder)) allocate (self%services%finder, source=floquet_t())
+      if (.not. allocated(self%callbacks%stability_finder)) allocate (self%callbacks%stability_finder, source=floquet_t())
       call read_stability(self%stability, document%optional_group("stability"), &
                           is_patient=(document%count("curve") > 0 .or. self%accuracy%is_on) .and. self%tones%n_tones == 1)
       call read_output(self, document%optional_group("output"))
@@ -164,7 +164,7 @@ contains
       if (document%count("normal_mode") > 0) call read_normal_mode(self, document%optional_group("normal_mode"))
       call read_march(self%march, document%optional_group("march"))
       self%march%work_limit = work_of_method*self%solver%rescue_work
-      if (.not. self%solver%has_rescue_work) self%march%work_limit = self%services%share_of_march*self%march%work_limit
+      if (.not. self%solver%has_rescue_work) self%march%work_limit = self%callbacks%share_of_march*self%march%work_limit
    end subroutine read_parts
 
    !> Reads those groups anew that have changed; `is_read` is false, and the scene of no use, where something is wrong with them,
@@ -213,7 +213,7 @@ contains
       is_read = .false.
       call document%required_group("structure", group, error)
       if (allocated(error)) return
-      call read_structure(group, other, error, self%memory_limit, self%services%models)
+      call read_structure(group, other, error, self%memory_limit, self%callbacks%models)
       if (allocated(error)) return
       associate (structure => self%structure)
          if (other%n_dofs /= structure%n_dofs) return

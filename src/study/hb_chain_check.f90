@@ -16,7 +16,7 @@ module hb_chain_check
    use hb_scene, only: scene_t
    use hb_scene_reader, only: update_scene
    use hb_stability, only: stability_method
-   use hb_watch, only: verdict, watch_t
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: chain_check_t
@@ -43,7 +43,6 @@ module hb_chain_check
    !> Between two points of a sweep.
    type, extends(stretch_t) :: swept_stretch_t
       type(point_source_t), pointer :: source => null()
-      class(watch_t), pointer :: watch => null()
       integer :: first = 0, last = 0                                  ! points
       integer :: n_left = most_motions
       real(wp) :: work_left = 0.0_wp
@@ -57,13 +56,12 @@ contains
 
    !> Looks at a solved point, which follows the last one that was looked at. The document and the scene may have values between
    !> the two afterwards.
-   subroutine chain_check_look(self, source, point, here, result, watch)
+   subroutine chain_check_look(self, source, point, here, result)
       class(chain_check_t), intent(inout) :: self
       type(point_source_t), intent(inout), target :: source
       integer, intent(in) :: point
       type(rung_t), intent(in) :: here                                !! set, grid and unknowns of the point
       type(motion_result_t), intent(inout) :: result                  !! of the point; gets the message
-      class(watch_t), intent(inout), target :: watch
       type(rung_t) :: both
       type(swept_stretch_t) :: stretch
       type(tracking_t) :: tracking
@@ -89,7 +87,6 @@ contains
          length = source%plan%fastest_value(point) - self%last_value
          if (is_doubtful(last, motion, length, slope) .and. self%work_left > 0.0_wp) then
             stretch%source => source
-            stretch%watch => watch
             stretch%first = self%last_point
             stretch%last = point
             stretch%frequencies = both%unknowns(size(motion) + 1:)
@@ -204,16 +201,17 @@ contains
       bare = self%source%scene
       if (self%source%layout%has_own_tuples) call put_on_rung(bare, self%source%scene, self%rung, error)
       if (allocated(error)) return
+      bare%may_integrate = .false.
       bare%solver%rescue = .false.
       bare%solver%max_iterations = min(most_iterations, bare%solver%max_iterations)
       bare%certificate%is_on = .false.
       bare%stability%method = stability_method%off
       bare%output%samples = [integer ::]
       guess = [motion, self%frequencies]
-      call solve_motion(bare, result, error, guess, unknowns, self%watch)
+      call solve_motion(bare, result, error, guess, unknowns)
       self%n_left = self%n_left - 1
       self%work_left = self%work_left - result%work
-      self%is_spent = self%n_left == 0 .or. self%work_left <= 0.0_wp .or. self%watch%verdict /= verdict%go_on
+      self%is_spent = self%n_left == 0 .or. self%work_left <= 0.0_wp .or. work_is_over()
       if (allocated(error) .or. .not. allocated(unknowns)) return
       motion = unknowns(:size(motion))
       is_solved = .true.

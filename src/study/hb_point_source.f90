@@ -4,7 +4,7 @@ module hb_point_source
    use hb_kept_linear_part, only: kept_linear_parts_t
    use hb_kinds, only: wp
    use hb_results, only: results_layout_t
-   use hb_scene, only: scene_t, services_t
+   use hb_scene, only: scene_t, callbacks_t
    use hb_sweep_plan, only: sweep_plan_t
    implicit none
    private
@@ -14,7 +14,7 @@ module hb_point_source
    type :: point_source_t
       type(document_t) :: document                                    !! with the values of the point read last
       type(scene_t) :: scene                                          !! of that point
-      type(services_t) :: services                                    !! for scenes that are read anew
+      type(callbacks_t) :: callbacks                                   !! for scenes that are read anew
       type(sweep_plan_t) :: plan                                      !! values of all points
       type(results_layout_t) :: layout                                !! of the file
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes

@@ -12,13 +12,13 @@ module hb_study
    use hb_result_columns, only: new_plan, plan_t
    use hb_results_layout, only: results_layout_t
    use hb_results_plan, only: measure_row
-   use hb_run_services, only: run_services
-   use hb_scene, only: scene_t, share_of_marched, services_t
+   use hb_run_callbacks, only: run_callbacks
+   use hb_scene, only: scene_t, share_of_marched, callbacks_t
    use hb_scene_coordinates, only: coordinates_of
    use hb_scene_reader, only: group_names, read_scene
    use hb_scene_tones, only: read_tones
-   use hb_stored_origin, only: request_curve
    use hb_stability, only: n_multipliers_of, stability_method
+   use hb_stored_origin, only: request_curve
    use hb_sweep_harmonics, only: tuples_of_sweep
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
    use hb_system, only: folder_of
@@ -39,7 +39,7 @@ module hb_study
       character(:), allocatable :: input_overrides                    !! path=value, a line each
       character(:), allocatable :: input_complete                     !! the input after defaults
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes for this process
-      type(services_t) :: services                                    !! for the scenes of its points
+      type(callbacks_t) :: callbacks                                   !! for the scenes of its points
    contains
       procedure :: libraries => study_libraries
       procedure :: n_chains => study_n_chains
@@ -78,8 +78,8 @@ contains
       call refuse_hidden(self%plan, self%document, overrides, error)
       if (allocated(error)) return
       call self%plan%apply(1, first)
-      self%services = run_services(self%plan%n_points)
-      call read_scene(self%scene, first, error, self%available_memory, self%services)
+      self%callbacks = run_callbacks(self%plan%n_points)
+      call read_scene(self%scene, first, error, self%available_memory, self%callbacks)
       if (allocated(error)) return
       call self%plan%note_units(first)
       if (allocated(self%plan%curve)) then
@@ -90,7 +90,7 @@ contains
          call set_text(self%document, "solver%first_guess", "'neighbour'", error)
          first = self%document
          call self%plan%apply(1, first)
-         if (.not. allocated(error)) call read_scene(self%scene, first, error, self%available_memory, self%services)
+         if (.not. allocated(error)) call read_scene(self%scene, first, error, self%available_memory, self%callbacks)
          if (allocated(error)) return
       end if
       self%input_complete = complete_text(first)
@@ -111,7 +111,7 @@ contains
 
       document = self%document
       call self%plan%apply(point, document)
-      call read_scene(scene, document, error, self%available_memory, self%services)
+      call read_scene(scene, document, error, self%available_memory, self%callbacks)
       call annotate(error, "point "//to_text(point)//" ("//self%plan%describe(point)//")")
    end subroutine study_read_point
 

@@ -13,7 +13,6 @@ module hb_sweep
    use hb_fftw, only: export_wisdom, import_wisdom
    use hb_interruption, only: interruption, interruption_t, new_interruption
    use hb_kinds, only: wp
-   use hb_marching_judge, only: marching_judge_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_mpi, only: barrier, comm_t, gather_rows, max_over, new_work_counter, rank_of, share_error, size_of, sum_over, &
@@ -96,7 +95,7 @@ contains
       run%source%document = self%document
       run%source%plan = self%plan
       run%source%available_memory = self%available_memory
-      run%source%services = self%services
+      run%source%callbacks = self%callbacks
       call prepare_wisdom(self, comm, error)
       if (allocated(error)) return
       call describe_layout(self, size_of(comm), run%source%layout)
@@ -126,7 +125,9 @@ contains
          place%exit_status = options%status_of_exit
          call watch_crashes(options%path, place)
          call wait_for_points()
+         call run%ending%enter(huge(1.0_wp))
          call run_points(self, run, options%level, comm, summary, error)
+         call run%ending%leave()
          call end_watch()
          call share_error(comm, error)
          if (summary%n_left == 0 .and. .not. allocated(error)) &
@@ -201,7 +202,7 @@ contains
             call fail(error, "&sampling: wisdom: '"//self%scene%wisdom//"' is a pipe or a device; give the path of a file")
          else if (kind_of_file(self%scene%wisdom) == file_kind%none) then
             scene = self%scene
-            call solve_motion(scene, trial, error, judge=marching_judge_t())  ! plans every transform of the first point
+            call solve_motion(scene, trial, error)  ! plans every transform of the first point
             if (allocated(error)) deallocate (error)                  ! told again when the point is solved
             if (.not. export_wisdom(self%scene%wisdom)) then
                call fail(error, "&sampling: wisdom: cannot write '"//self%scene%wisdom//"'; give a path in a writable folder")
@@ -301,7 +302,7 @@ contains
             cycle
          end if
          call begin_point(point)
-         call run_point(run%source, point, neighbour, check, run%times, result, run%ending)
+         call run_point(run%source, point, neighbour, check, run%times, result)
          call end_point()
          if (result%status == outcome%interrupted) return             ! pending in the file, for another run
          call keep_point(self, run, point, result, group, summary, error)
@@ -326,7 +327,7 @@ contains
       logical :: is_report_due
 
       if (run%ending%is_due()) return
-      call new_swept_curve(curve, run%source, run%results, first, run%before%is_there, failure, error, run%ending)
+      call new_swept_curve(curve, run%source, run%results, first, run%before%is_there, failure, error)
       if (allocated(error) .or. run%ending%verdict == verdict%interrupted) then
          call curve%destroy()
          return
@@ -342,7 +343,7 @@ contains
             call pass_by(run, point, neighbour, summary)
          else
             call begin_point(point)
-            call curve%next(run%source%layout, run%source%rank, result, run%ending)
+            call curve%next(run%source%layout, run%source%rank, result)
             call end_point()
             if (result%status == outcome%interrupted) exit            ! pending in the file, for another run
             call keep_point(self, run, point, result, group, summary, error)

@@ -8,7 +8,6 @@ module hb_swept_curve
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_marching_judge, only: marching_judge_t
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_place_t, motion_result_t
    use hb_motion_ridge, only: new_motion_curve
@@ -21,7 +20,7 @@ module hb_swept_curve
    use hb_stored_origin, only: request_curve
    use hb_swept_point, only: check_layout, spread_result
    use hb_text, only: to_text
-   use hb_watch, only: verdict, watch_t
+   use hb_watch, only: verdict, watch_t, work_is_over
    implicit none
    private
    public :: new_swept_curve, swept_curve_t
@@ -47,7 +46,7 @@ contains
 
    !> Reads the scene at the start of the curve whose first point is given. An `error` is one of the file; what is wrong with the
    !> curve becomes the status of its first point.
-   subroutine new_swept_curve(self, source, results, first, is_resumed, failure, error, watch)
+   subroutine new_swept_curve(self, source, results, first, is_resumed, failure, error)
       type(swept_curve_t), intent(inout), target :: self
       type(point_source_t), intent(in) :: source
       type(results_t), intent(inout) :: results
@@ -55,16 +54,14 @@ contains
       logical, intent(in) :: is_resumed                               !! the file may hold points of the curve
       type(error_t), allocatable, intent(out) :: failure              !! of the curve
       type(error_t), allocatable, intent(out) :: error
-      class(watch_t), intent(inout), target :: watch
       type(curve_place_t), allocatable :: places(:)
       integer, allocatable :: status(:)
       integer :: last
       logical :: is_new
 
-      call watch%begin(huge(1.0_wp))                                  ! what is known of a stored point is found to its end
       self%document = source%document
       call source%plan%apply(first, self%document)
-      call update_scene(self%scene, self%document, is_new, failure, source%available_memory, source%services)
+      call update_scene(self%scene, self%document, is_new, failure, source%available_memory, source%callbacks)
       if (.not. allocated(failure)) call check_layout(self%scene, source%layout, failure)
       if (.not. allocated(failure)) call request_curve(source%plan%curve, self%scene, self%document, self%request, failure)
       self%request%available_memory = source%available_memory
@@ -81,7 +78,7 @@ contains
       if (last == 0) return
       if (.not. (allocated(self%request%origin) .or. allocated(self%request%over))) call go_to(self, places(1)%parameter, failure)
       if (.not. allocated(failure)) &
-         call self%curve%go_on_from(self%scene, self%document, self%request, places(:last), failure, watch)
+         call self%curve%go_on_from(self%scene, self%document, self%request, places(:last), failure)
       self%is_done = self%curve%is_done .or. allocated(failure)
       self%has_begun = .true.
       self%stored = status(:last)
@@ -103,21 +100,23 @@ contains
    end function last_step
 
    !> The next point; `interrupted` where the run ends first.
-   subroutine swept_curve_next(self, layout, rank, result, watch)
+   subroutine swept_curve_next(self, layout, rank, result)
       class(swept_curve_t), intent(inout), target :: self
       type(results_layout_t), intent(in) :: layout
       integer, intent(in) :: rank
       type(motion_result_t), intent(out) :: result
-      class(watch_t), intent(inout), target :: watch
       type(error_t), allocatable :: error
-      real(wp) :: started
+      type(watch_t), target :: watch
+      real(wp) :: limit, started
 
       started = wall_clock()
-      call watch%enter(self%scene%solver%time_limit)
+      limit = self%scene%solver%time_limit
+      if (allocated(self%request%over)) limit = huge(1.0_wp)          ! begins with a whole curve, each point with the limit
+      call watch%enter(limit)
       if (self%has_begun) then
          call self%curve%next(result, error)
       else
-         call begin(self, result, error, watch)
+         call begin(self, result, error)
       end if
       self%has_begun = .true.
       call watch%leave()
@@ -144,11 +143,10 @@ contains
 
    !> Begins the curve. Where no balance is found at the end of the range at which it should, it begins at the other one: contacts
    !> that are closed at one end are often open at the other. Time integration, which takes longer, comes last.
-   subroutine begin(self, result, error, watch)
+   subroutine begin(self, result, error)
       class(swept_curve_t), intent(inout), target :: self
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
-      class(watch_t), intent(inout), target :: watch
       real(wp) :: start
 
       start = self%request%start
@@ -156,10 +154,12 @@ contains
          if (any(abs(start - [request%from, request%to]) <= 0.0_wp) .and. .not. (allocated(request%origin) .or. &
              allocated(request%over) .or. any(self%scene%tones%is_unknown) .or. self%scene%start_from_march .or. &
              self%scene%normal_mode%is_asked)) then
-            call self%curve%begin(self%scene, self%document, request, result, error, watch)
+            self%scene%may_integrate = .false.
+            call self%curve%begin(self%scene, self%document, request, result, error)
             if (has_ended()) return
             call go_to(self, other, error)
-            if (.not. allocated(error)) call self%curve%begin(self%scene, self%document, request, result, error, watch)
+            self%scene%may_integrate = .false.
+            if (.not. allocated(error)) call self%curve%begin(self%scene, self%document, request, result, error)
             if (has_ended()) then
                if (is_solved(result%status)) result%message = "no motion was found at "//to_text(start)// &
                   "; the curve begins at the other end of its range"
@@ -167,15 +167,16 @@ contains
             end if
             call go_to(self, start, error)
             if (allocated(error)) return
+            self%scene%may_integrate = .true.
          end if
       end associate
-      call self%curve%begin(self%scene, self%document, self%request, result, error, watch, marching_judge_t())
+      call self%curve%begin(self%scene, self%document, self%request, result, error)
 
    contains
 
       !> Whether there is nothing else to try; a solution that is off by more than can be estimated is none.
       logical function has_ended()
-         has_ended = allocated(error) .or. watch%verdict /= verdict%go_on
+         has_ended = allocated(error) .or. work_is_over()
          if (.not. has_ended) has_ended = is_solved(result%status) .and. estimate_of(result) < reliable
       end function has_ended
    end subroutine begin

@@ -9,7 +9,6 @@ module hb_swept_point
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
-   use hb_marching_judge, only: marching_judge_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_neighbour, only: neighbour_t
@@ -28,16 +27,16 @@ module hb_swept_point
 contains
 
    !> Solves one point; whatever goes wrong becomes its status and message.
-   subroutine run_point(source, point, neighbour, check, times, result, watch)
+   subroutine run_point(source, point, neighbour, check, times, result)
       type(point_source_t), intent(inout), target :: source           !! of this rank
       integer, intent(in) :: point                                    !! from 1
       type(neighbour_t), intent(inout) :: neighbour                   !! solutions of the points before it in its chain
       type(chain_check_t), intent(inout), optional :: check           !! of that chain
       type(rank_times_t), intent(inout) :: times
       type(motion_result_t), intent(out) :: result
-      class(watch_t), intent(inout), target :: watch                  !! may end the point
       type(error_t), allocatable :: error
       type(rung_t) :: below, rung
+      type(watch_t), target :: watch
       real(wp), allocatable :: start(:), unknowns(:)
       real(wp) :: read, started, value
       logical :: is_new
@@ -45,7 +44,7 @@ contains
       started = wall_clock()
       call watch%enter(huge(1.0_wp))
       call source%plan%apply(point, source%document)
-      call update_scene(source%scene, source%document, is_new, error, source%available_memory, source%services)
+      call update_scene(source%scene, source%document, is_new, error, source%available_memory, source%callbacks)
       if (is_new .and. .not. allocated(error)) call check_layout(source%scene, source%layout, error)
       read = wall_clock()
       value = source%plan%fastest_value(point)
@@ -54,11 +53,11 @@ contains
             call watch%begin(scene%solver%time_limit)
             if (scene%accuracy%is_on) then
                call neighbour%predict_rung(value, scene, below)
-               call solve_to_tolerance(scene, result, error, rung, below, watch, marching_judge_t())
+               call solve_to_tolerance(scene, result, error, rung, below)
                if (allocated(rung%unknowns)) unknowns = rung%unknowns
             else
                if (scene%chain%is_on) call neighbour%predict(value, scene%harmonics%tuples, scene%chain%secant, start)
-               call solve_motion(scene, result, error, start, unknowns, watch, marching_judge_t(), source%kept)
+               call solve_motion(scene, result, error, start, unknowns, source%kept)
                rung%set = scene%harmonics
             end if
          end associate
@@ -71,7 +70,7 @@ contains
       end if
       if (.not. allocated(error) .and. allocated(unknowns)) then
          rung%unknowns = unknowns
-         if (present(check)) call check%look(source, point, rung, result, watch)
+         if (present(check)) call check%look(source, point, rung, result)
          if (result%leaves_branch) call neighbour%forget()
          call neighbour%keep(value, rung%set%tuples, unknowns, rung%n_samples)
       else

@@ -12,7 +12,7 @@ module hb_switched_input
    use hb_kinds, only: two_pi, wp
    use hb_namelist, only: complete_text
    use hb_properties, only: properties_t
-   use hb_run_services, only: run_services
+   use hb_run_callbacks, only: run_callbacks
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
    use hb_study, only: study_t
@@ -48,7 +48,7 @@ contains
       is_torus = from%kind /= curve_kind%flip
       document = study%document
       call plan%apply(from%point, document)
-      call read_scene(scene, document, error, study%available_memory, run_services())
+      call read_scene(scene, document, error, study%available_memory, run_callbacks())
       if (allocated(error)) return
       text = without_sweeps(complete_text(document))
       allocate (overrides(0))

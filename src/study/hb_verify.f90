@@ -11,7 +11,7 @@ module hb_verify
    use hb_outcome, only: is_solved, outcome
    use hb_results_record, only: read_record, record_t
    use hb_row_checks, only: refuse_damaged_rows
-   use hb_run_services, only: run_services
+   use hb_run_callbacks, only: run_callbacks
    use hb_scene, only: scene_t
    use hb_scene_reader, only: read_scene
    use hb_stored_rows, only: stored_file_t
@@ -159,7 +159,7 @@ contains
 
       document = stored%study%document
       call stored%study%plan%apply(point, document)
-      call read_scene(scene, document, error, services=run_services())
+      call read_scene(scene, document, error, callbacks=run_callbacks())
       if (allocated(error)) return
       claim%omega = stored%frequency(:, point)
       claim%tuples = stored%tuples

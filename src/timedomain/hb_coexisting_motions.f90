@@ -2,7 +2,6 @@
 module hb_coexisting_motions
    use hb_advice, only: rounded
    use hb_error, only: error_t
-   use hb_judge, only: settled_t
    use hb_kinds, only: wp
    use hb_march_starts, only: motions_of, state_on_sphere
    use hb_march_state, only: march_state_t
@@ -11,7 +10,8 @@ module hb_coexisting_motions
    use hb_outcome, only: outcome, outcome_name
    use hb_scene, only: scene_t
    use hb_text, only: to_text
-   use hb_watch, only: verdict, watch_t
+   use hb_time_domain, only: settled_t
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: settle_from_starts, tell_motions
@@ -20,10 +20,9 @@ contains
 
    !> Marches from as many starts as the scene asks for, the first one as `settle` has it. What comes out is the first motion of the
    !> tones; where there are others beside it, the status is `several`, with as many as there are.
-   subroutine settle_from_starts(scene, law_dofs, watch, settled, error)
+   subroutine settle_from_starts(scene, law_dofs, settled, error)
       type(scene_t), intent(in) :: scene                              !! all of its tones given
       integer, intent(in) :: law_dofs(:)
-      class(watch_t), intent(inout) :: watch                          !! may end the march, with an error
       type(settled_t), intent(out) :: settled
       type(error_t), allocatable, intent(out) :: error
       type(march_state_t) :: start
@@ -33,7 +32,7 @@ contains
       integer :: i, motion(scene%march%starts)
       real(wp) :: size_of_motion
 
-      call settle(scene, law_dofs, watch, settled, error)
+      call settle(scene, law_dofs, settled, error)
       if (scene%march%starts == 1 .or. .not. allocated(settled%averages)) return
       if (allocated(error)) return
       each(1) = settled
@@ -43,9 +42,9 @@ contains
          if (size_of_motion <= 0.0_wp) size_of_motion = max(system%length, tiny(1.0_wp))
          do i = 2, size(each)
             call state_on_sphere(system, omega, size_of_motion, i - 1, start)
-            call settle(scene, law_dofs, watch, each(i), error, start)
+            call settle(scene, law_dofs, each(i), error, start)
             settled%work = settled%work + each(i)%work
-            if (watch%verdict /= verdict%go_on) return
+            if (work_is_over()) return
             if (allocated(error)) each(i)%status = outcome%pending    ! it runs away from there
          end do
       end associate

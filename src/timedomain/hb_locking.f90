@@ -7,12 +7,11 @@ module hb_locking
    use hb_birkhoff, only: bump_weights, coefficients_at
    use hb_error, only: error_t
    use hb_frequency_analysis, only: find_frequencies
-   use hb_judge, only: highest_part, locking_t
    use hb_kinds, only: wp
    use hb_march, only: march_record_t
    use hb_marched_start, only: change_of, first_kick, march_once, steady
    use hb_scene, only: scene_t
-   use hb_watch, only: watch_t
+   use hb_time_domain, only: highest_part, locking_t
    implicit none
    private
    public :: find_locking
@@ -25,19 +24,18 @@ contains
 
    !> Marches, and looks for a common frequency of all that moves. Where marching fails nothing is known, and nothing said; nor
    !> of a large structure, which may take longer to march than the search took.
-   subroutine find_locking(self, scene, omega, law_dofs, watch)
-      type(locking_t), intent(out) :: self
+   subroutine find_locking(locking, scene, omega, law_dofs)
+      type(locking_t), intent(out) :: locking
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), as far as known, > 0
       integer, intent(in) :: law_dofs(:)
-      class(watch_t), intent(inout) :: watch                          !! may end the march: nothing is known then
       type(march_record_t) :: record
       type(error_t), allocatable :: error
       real(wp) :: leading
       integer :: part
 
       if (scene%structure%n_dofs > largest_structure) return
-      call march_once(scene, omega, law_dofs, first_kick, watch, record, error)
+      call march_once(scene, omega, law_dofs, first_kick, record, error)
       if (allocated(error)) return
       if (change_of(record) > steady) return
       if (all(scene%tones%is_unknown)) then
@@ -47,11 +45,11 @@ contains
          leading = omega(findloc(scene%tones%is_unknown, .false., dim=1))
       end if
       do part = 1, highest_part
-         self%base = leading/part
-         self%is_locked = share_of_multiples(record, self%base, maxval(abs(scene%harmonics%frequencies(omega)))) >= all_power
-         if (self%is_locked) exit
+         locking%base = leading/part
+         locking%is_locked = share_of_multiples(record, locking%base, maxval(abs(scene%harmonics%frequencies(omega)))) >= all_power
+         if (locking%is_locked) exit
       end do
-      if (self%is_locked) self%multiples = max(1, nint(omega/self%base))
+      if (locking%is_locked) locking%multiples = max(1, nint(omega/locking%base))
    end subroutine find_locking
 
    !> Frequency of the largest line of all [rad/s]; 0 where nothing moves.

@@ -3,7 +3,6 @@
 !> `march_from` is the whole of it for a caller; `judge` makes coefficients of a record.
 module hb_march
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_memory, only: available_memory
    use hb_birkhoff, only: coefficients_at
    use hb_central_differences, only: central_differences_t, new_central_differences
    use hb_error, only: error_t, fail
@@ -16,10 +15,11 @@ module hb_march
    use hb_march_cvode, only: march_cvode_t, new_march_cvode
    use hb_march_state, only: march_state_t
    use hb_march_system, only: march_system_t
+   use hb_memory, only: available_memory
    use hb_rigid_laws, only: collect_rigid
    use hb_runge_kutta_4, only: new_runge_kutta_4, runge_kutta_4_t
    use hb_text, only: to_text
-   use hb_watch, only: watch_t, work_is_over
+   use hb_watch, only: note_progress, work_is_over
    implicit none
    private
    public :: judge, march_from, march_judgement_t, march_record_t
@@ -50,7 +50,7 @@ module hb_march
 contains
 
    !> Marches from a state through the transient and the duration of `config`. `state` returns the last one.
-   subroutine march_from(system, config, step, kept_dofs, state, record, error, watch)
+   subroutine march_from(system, config, step, kept_dofs, state, record, error)
       type(march_system_t), intent(inout), target :: system
       type(march_config_t), intent(in) :: config
       real(wp), intent(in) :: step                                    !! [s], > 0
@@ -58,7 +58,6 @@ contains
       type(march_state_t), intent(inout) :: state
       type(march_record_t), intent(out) :: record
       type(error_t), allocatable, intent(out) :: error
-      class(watch_t), intent(inout), optional :: watch                !! hears how far it is
       class(integrator_t), allocatable :: integrator
       real(wp) :: begun, ended
 
@@ -67,7 +66,7 @@ contains
       if (.not. allocated(error)) call integrator%start(state, error)
       record%is_under_way = .not. allocated(error)
       record%step = step
-      if (.not. allocated(error)) call follow(integrator, system, config, kept_dofs, state, record, error, watch)
+      if (.not. allocated(error)) call follow(integrator, system, config, kept_dofs, state, record, error)
       call cpu_time(ended)
       record%cpu_seconds = ended - begun
       if (allocated(integrator)) call integrator%destroy()
@@ -108,7 +107,7 @@ contains
    end subroutine new_integrator
 
    !> Advances step by step and writes down.
-   subroutine follow(integrator, system, config, kept_dofs, state, record, error, watch)
+   subroutine follow(integrator, system, config, kept_dofs, state, record, error)
       class(integrator_t), intent(inout) :: integrator
       type(march_system_t), intent(inout), target :: system               !! the integrator points to it
       type(march_config_t), intent(in) :: config
@@ -116,7 +115,6 @@ contains
       type(march_state_t), intent(inout) :: state
       type(march_record_t), intent(inout) :: record                       !! has its step
       type(error_t), allocatable, intent(out) :: error
-      class(watch_t), intent(inout), optional :: watch
       integer :: done, i, n_kept, n_steps, n_stored, n_transient, stat, stride
 
       call check_length(config, record%step, size(kept_dofs), system%laws%n_coordinates, error)
@@ -127,7 +125,7 @@ contains
          call advance(integrator, state, config%substeps*min(steps_between_looks, n_transient - done), config%largest, error)
          if (.not. allocated(error)) call look()
          if (allocated(error)) return
-         if (present(watch)) call watch%note_progress(done, n_transient + n_steps)
+         call note_progress(done, n_transient + n_steps)
       end do
       n_kept = size(kept_dofs)
       stride = config%decimation
@@ -149,7 +147,7 @@ contains
          call check_finite(state, config%largest, error)
          if (.not. allocated(error)) call look()
          if (allocated(error)) return
-         if (present(watch)) call watch%note_progress(n_transient + i, n_transient + n_steps)
+         call note_progress(n_transient + i, n_transient + n_steps)
       end do
 
    contains

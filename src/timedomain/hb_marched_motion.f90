@@ -14,7 +14,6 @@ module hb_marched_motion
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t, fail
    use hb_hysteretic_law, only: hysteretic_law_t
-   use hb_judge, only: settled_t
    use hb_kinds, only: int64, two_pi, wp
    use hb_line_fit, only: line_fit_t, new_line_fit
    use hb_march, only: march_from, march_record_t
@@ -28,7 +27,8 @@ module hb_marched_motion
    use hb_scene_coordinates, only: coordinates_of
    use hb_structure, only: most_dense, structure_t
    use hb_text, only: to_text
-   use hb_watch, only: watch_t, work_is_over
+   use hb_time_domain, only: settled_t
+   use hb_watch, only: work_is_over
    implicit none
    private
    public :: fastest_of, has_bounds_of, largest_in_parts, settle
@@ -68,10 +68,9 @@ contains
    !> Marches from the state given, else from the `&start` amplitudes, else from rest, a little beside both: no symmetry then
    !> holds a motion that nobody would see. Where `cvode` spends all of the work on the fastest motions of the structure, which hard
    !> stops keep going, or would do so on candidates, a method of fixed steps has as much again.
-   subroutine settle(scene, law_dofs, watch, settled, error, start)
+   subroutine settle(scene, law_dofs, settled, error, start)
       type(scene_t), intent(in) :: scene                              !! all of its tones given
       integer, intent(in) :: law_dofs(:)
-      class(watch_t), intent(inout) :: watch                          !! may end the march, with an error
       type(settled_t), intent(out) :: settled
       type(error_t), allocatable, intent(out) :: error
       type(march_state_t), intent(in), optional :: start
@@ -87,12 +86,12 @@ contains
                              two_pi/minval(scene%tones%omega)*work_of_look(scene%structure%n_dofs, size(law_dofs)) > &
                              scene%march%work_limit
       if (.not. is_fast) then
-         call follow(scene, law_dofs, watch, settled, last, error, start)
+         call follow(scene, law_dofs, settled, last, error, start)
          if (scene%march%method /= march_method%cvode) return
          if (.not. settled%is_out_of_work .or. settled%status /= outcome%pending) return
          if (by_cvode_alone) return
       end if
-      call follow_in_steps(scene, law_dofs, watch, 2.0_wp*scene%march%work_limit - settled%work, again, trouble, start)
+      call follow_in_steps(scene, law_dofs, 2.0_wp*scene%march%work_limit - settled%work, again, trouble, start)
       again%work = again%work + settled%work
       settled%work = again%work
       if (.not. is_fast .and. (allocated(trouble) .or. again%status == outcome%pending)) return
@@ -117,10 +116,9 @@ contains
 
    !> Marches by a method of fixed steps and with steps half as long from where that has ended, to an accuracy until the motion
    !> no longer changes by more than is allowed. The answer is that of the shortest steps; the last change counts as its error.
-   subroutine follow_in_steps(scene, law_dofs, watch, budget, settled, error, start)
+   subroutine follow_in_steps(scene, law_dofs, budget, settled, error, start)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: law_dofs(:)
-      class(watch_t), intent(inout) :: watch
       real(wp), intent(in) :: budget                                  !! of work
       type(settled_t), intent(out) :: settled
       type(error_t), allocatable, intent(out) :: error
@@ -142,14 +140,14 @@ contains
          stepped%march%spectral_radius = 0.0_wp
          stepped%march%substeps = merge(more_steps, coarse_steps, is_aimed)
       end if
-      call follow(stepped, law_dofs, watch, settled, last, error, start)
+      call follow(stepped, law_dofs, settled, last, error, start)
       do i = 1, most_halvings
          if (allocated(error) .or. (is_aimed .and. settled%status /= outcome%marched)) exit
          coarse = settled
          stepped%march%substeps = 2*stepped%march%substeps
          stepped%march%work_limit = max(0.0_wp, budget - coarse%work)
          now = last
-         call follow(stepped, law_dofs, watch, settled, last, error, now)
+         call follow(stepped, law_dofs, settled, last, error, now)
          settled%work = settled%work + coarse%work
          if (allocated(error)) exit
          settled%message = settled%message//merge("; implicit steps", "; fixed steps   ", &
@@ -229,10 +227,9 @@ contains
       allowed = min(scene%certificate%truncation, largest_spread)
    end function allowed_of
 
-   subroutine follow(scene, law_dofs, watch, settled, state, error, start)
+   subroutine follow(scene, law_dofs, settled, state, error, start)
       type(scene_t), intent(in) :: scene                              !! all of its tones given
       integer, intent(in) :: law_dofs(:)
-      class(watch_t), intent(inout) :: watch                          !! may end the march, with an error
       type(settled_t), intent(out) :: settled
       type(march_state_t), intent(out) :: state                       !! the last one
       type(error_t), allocatable, intent(out) :: error
@@ -281,7 +278,7 @@ contains
             config%duration = n_first*2**(window - 1)*period
             if (config%duration/step*system%n_dofs > largest_record) exit
             if (.not. finds_lines .and. config%duration/step*coordinates%n*size(frequencies) > most_terms) exit
-            call march_from(system, config, step, dofs, state, next, error, watch=watch)
+            call march_from(system, config, step, dofs, state, next, error)
             settled%is_out_of_work = next%is_out_of_work
             if (next%is_out_of_work .and. allocated(settled%message)) then
                deallocate (error)                                     ! what there is may be enough, unless it was told but once

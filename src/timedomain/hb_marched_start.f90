@@ -14,7 +14,6 @@ module hb_marched_start
    use hb_record_tones, only: find_tones
    use hb_scene, only: scene_t
    use hb_structure, only: max_dofs
-   use hb_watch, only: watch_t
    implicit none
    private
    public :: change_of, first_kick, march_once, marched_guess, steady
@@ -32,11 +31,10 @@ contains
    !> Marches, and gives the guess as hb_motion takes it: coefficients at the degrees of freedom of the laws, then all base
    !> frequencies. Not allocated where nothing is left to move, or where the motion has no tone of its own. An error is one of
    !> marching, such as a law that the method cannot follow.
-   subroutine marched_guess(scene, omega, law_dofs, watch, guess, error)
+   subroutine marched_guess(scene, omega, law_dofs, guess, error)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), guesses where unknown, all > 0
       integer, intent(in) :: law_dofs(:)
-      class(watch_t), intent(inout) :: watch                          !! may end the march, with an error
       real(wp), allocatable, intent(out) :: guess(:)
       type(error_t), allocatable, intent(out) :: error
       type(march_record_t) :: record
@@ -50,7 +48,7 @@ contains
       best = huge(1.0_wp)
       n_failed = 0
       do i = 1, n_tries
-         call march_once(scene, omega, law_dofs, kicks(i), watch, record, error)
+         call march_once(scene, omega, law_dofs, kicks(i), record, error)
          if (allocated(error)) then
             n_failed = n_failed + 1
             if (n_failed == n_tries) return
@@ -74,12 +72,11 @@ contains
    end subroutine marched_guess
 
    !> Marches through the transient and the record of `&march`, or of as many periods as stand above.
-   subroutine march_once(scene, omega, law_dofs, kick, watch, record, error)
+   subroutine march_once(scene, omega, law_dofs, kick, record, error)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: omega(:)
       integer, intent(in) :: law_dofs(:)
       real(wp), intent(in) :: kick                                    !! of the length of the laws
-      class(watch_t), intent(inout) :: watch                          !! may end the march, with an error
       type(march_record_t), intent(out) :: record
       type(error_t), allocatable, intent(out) :: error
       type(march_config_t) :: config
@@ -110,7 +107,7 @@ contains
       end if
       if (any(scene%tones%is_unknown)) config%largest = runaway*max(maxval(abs(state%q)), system%length)
       call march_from(system, config, min(step_of(config, omega), two_pi/(samples_of_harmonic*maxval(abs(frequencies)))), &
-                      law_dofs, state, record, error, watch=watch)
+                      law_dofs, state, record, error)
    end subroutine march_once
 
    !> Numbers between -1 and 1.

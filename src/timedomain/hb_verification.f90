@@ -9,7 +9,6 @@
 module hb_verification
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
-   use hb_judge, only: settled_t
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: law_dofs_of
    use hb_march, only: march_from, march_record_t
@@ -24,7 +23,7 @@ module hb_verification
    use hb_scene, only: scene_t
    use hb_structure, only: max_dofs
    use hb_text, only: to_text
-   use hb_watch, only: watch_t
+   use hb_time_domain, only: settled_t
    implicit none
    private
    public :: claim_t, verdict_t, verify_motion
@@ -262,10 +261,9 @@ contains
       character(64), allocatable :: labels(:)
       real(wp), allocatable :: difference(:), scale(:)
       type(settled_t) :: settled
-      type(watch_t), target :: watch
       integer :: i, k
 
-      call settle(scene, law_dofs_of(scene%laws), watch, settled, error, start)
+      call settle(scene, law_dofs_of(scene%laws), settled, error, start)
       if (allocated(error)) return
       result%n_periods = settled%n_periods
       result%duration = settled%n_periods*two_pi/minval(scene%tones%omega)

@@ -25,7 +25,6 @@ module bench_points
    use hb_swept_point, only: run_point
    use hb_text, only: to_text
    use hb_timing, only: rank_times_t
-   use hb_watch, only: watch_t
    implicit none
    private
    public :: bench_options_t, part, point_cost_t, run_bench
@@ -142,7 +141,6 @@ contains
       type(neighbour_t) :: nobody
       type(motion_result_t) :: result
       type(rank_times_t) :: times
-      type(watch_t) :: watch
       real(wp) :: begun, ended, cpu_begun, cpu_ended, resident
       logical :: has_peak
 
@@ -151,13 +149,13 @@ contains
       source%plan = study%plan
       source%layout = layout
       source%available_memory = study%available_memory
-      source%services = study%services
+      source%callbacks = study%callbacks
       resident = memory_resident()
       call reset_memory_peak(has_peak)
       call cpu_time(cpu_begun)
       begun = wall_clock()
       source%document = study%document
-      call run_point(source, i, nobody, times=times, result=result, watch=watch)
+      call run_point(source, i, nobody, times=times, result=result)
       ended = wall_clock()
       call cpu_time(cpu_ended)
       if (has_peak) cost%memory = max(cost%memory, memory_peak() - resident)

@@ -16,10 +16,9 @@ module kernel_times
    use hb_kinds, only: int64, wp
    use hb_lapack, only: dgetrf
    use hb_law_coordinates, only: laws_at
-   use hb_marching_judge, only: marching_judge_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
-   use hb_run_services, only: run_services
+   use hb_run_callbacks, only: run_callbacks
    use hb_scene, only: scene_t
    use hb_scene_basis, only: find_basis
    use hb_scene_coordinates, only: coordinates_of
@@ -175,7 +174,7 @@ contains
       type(document_t), target :: copy
 
       copy = document
-      call read_scene(scene, copy, error, services=run_services())
+      call read_scene(scene, copy, error, callbacks=run_callbacks())
    end subroutine read_fresh
 
    !> The balance of what the laws of a scene feel, as a point is solved.
@@ -323,7 +322,7 @@ contains
       type(motion_result_t) :: result
 
       call read_fresh(scene, shop%document, error)
-      if (.not. allocated(error)) call solve_motion(scene, result, error, judge=marching_judge_t())
+      if (.not. allocated(error)) call solve_motion(scene, result, error)
    end subroutine run_point
 
    !> Seconds of the yardstick of kernel i, over `times` runs; 0 where it has none.

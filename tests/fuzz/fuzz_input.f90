@@ -9,9 +9,7 @@ program fuzz_input
    use, intrinsic :: iso_fortran_env, only: output_unit
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use law_check, only: check_derivatives, derivative_check_t
    use hb_law_coordinates, only: law_dofs_of
-   use hb_marching_judge, only: marching_judge_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_mpi, only: start_mpi, stop_mpi
@@ -19,6 +17,7 @@ program fuzz_input
    use hb_study, only: new_study, study_t
    use hb_text, only: parse_integer, string_t, to_text
    use hb_text_file, only: read_text_file
+   use law_check, only: check_derivatives, derivative_check_t
    use mutations, only: generator_t, mutant_of, new_generator
    implicit none
 
@@ -141,7 +140,7 @@ contains
       study%scene%solver%max_iterations = min(study%scene%solver%max_iterations, 2)
       study%scene%solver%homotopy_iterations = min(study%scene%solver%homotopy_iterations, 2)
       study%scene%solver%rescue_work = share_of_work*study%scene%solver%rescue_work
-      call solve_motion(study%scene, result, error, judge=marching_judge_t())
+      call solve_motion(study%scene, result, error)
    end subroutine try
 
    logical function is_small(scene)

@@ -6,16 +6,15 @@ module scenes
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
-   use hb_marching_judge, only: marching_judge_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_namelist, only: read_namelist
-   use hb_run_services, only: run_services
+   use hb_run_callbacks, only: run_callbacks
    use hb_scene, only: scene_t
    use hb_scene_coordinates, only: coordinates_of
    use hb_scene_reader, only: read_scene
-   use random_numbers, only: fill_random
    use user_law_paths, only: user_law_samples
+   use random_numbers, only: fill_random
    implicit none
    private
    public :: balance_at, balance_of, law_example, law_place, make_scene, message_of, one_group_a_line, paper_beam, &
@@ -81,7 +80,7 @@ contains
       type(document_t), target :: document
 
       call read_namelist(document, "test.nml", one_group_a_line(text), error)
-      if (.not. allocated(error)) call read_scene(scene, document, error, services=run_services())
+      if (.not. allocated(error)) call read_scene(scene, document, error, callbacks=run_callbacks())
    end subroutine make_scene
 
    !> Message of an error, empty without one: a test that expects none says what went wrong.
@@ -146,7 +145,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       call make_scene(text, scene, error)
-      if (.not. allocated(error)) call solve_motion(scene, result, error, judge=marching_judge_t())
+      if (.not. allocated(error)) call solve_motion(scene, result, error)
    end subroutine solve_text
    !> Largest difference between products with the tangent and with its matrix, relative to the largest product, for a few
    !> random vectors; huge where there are no products.

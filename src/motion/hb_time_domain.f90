@@ -1,16 +1,11 @@
-!> What a solution may ask of somebody who follows motions through time: a first guess, whether tones lock, and where it all ends.
-!>
-!> Who that is need not be known here; without a judge such questions have no answer.
-module hb_judge
-   use hb_error, only: error_t
+!> What time integration finds out for a solution: where a motion ends, and whether tones lock.
+module hb_time_domain
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
-   use hb_scene, only: scene_t
    use hb_text, only: to_text
-   use hb_watch, only: watch_t
    implicit none
    private
-   public :: highest_part, judge_t, locking_t, may_be_locked, settled_t
+   public :: highest_part, locking_t, may_be_locked, settled_t
 
    integer, parameter :: highest_part = 6                             !! of a tone that a common base frequency is
    real(wp), parameter :: close = 0.05_wp                             ! |q w_m - p w_l| relative to the larger tone
@@ -40,51 +35,6 @@ module hb_judge
       logical :: is_out_of_work = .false.                             !! before anything was known
       real(wp) :: work = 0.0_wp                                       !! from counts, see hb_solver_types
    end type settled_t
-
-   type, abstract :: judge_t
-   contains
-      procedure(settle), deferred :: settle
-      procedure(first_guess), deferred :: first_guess
-      procedure(find_locking), deferred :: find_locking
-   end type judge_t
-
-   abstract interface
-      !> Follows the scene until it is steady or the budget of work ends. An error is one of marching, such as a law that it cannot
-      !> follow.
-      subroutine settle(self, scene, law_dofs, watch, settled, error)
-         import :: error_t, judge_t, scene_t, settled_t, watch_t
-         class(judge_t), intent(in) :: self
-         type(scene_t), intent(in) :: scene                           !! all of its tones given
-         integer, intent(in) :: law_dofs(:)
-         class(watch_t), intent(inout) :: watch                       !! may end the march, with an error
-         type(settled_t), intent(out) :: settled
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine settle
-
-      !> Gives a first guess as hb_motion takes it: coefficients at the laws, then all base frequencies. Not
-      !> allocated where nothing is left to move, or where the motion has no tone of its own.
-      subroutine first_guess(self, scene, omega, law_dofs, watch, guess, error)
-         import :: error_t, judge_t, scene_t, watch_t, wp
-         class(judge_t), intent(in) :: self
-         type(scene_t), intent(in) :: scene
-         real(wp), intent(in) :: omega(:)                             !! [rad/s], (n_tones), guesses where unknown, all > 0
-         integer, intent(in) :: law_dofs(:)
-         class(watch_t), intent(inout) :: watch                       !! may end the march, with an error
-         real(wp), allocatable, intent(out) :: guess(:)
-         type(error_t), allocatable, intent(out) :: error
-      end subroutine first_guess
-
-      !> Looks for a common frequency of all that moves.
-      subroutine find_locking(self, locking, scene, omega, law_dofs, watch)
-         import :: judge_t, locking_t, scene_t, watch_t, wp
-         class(judge_t), intent(in) :: self
-         type(locking_t), intent(out) :: locking
-         type(scene_t), intent(in) :: scene
-         real(wp), intent(in) :: omega(:)                             !! [rad/s], (n_tones), as far as known, > 0
-         integer, intent(in) :: law_dofs(:)
-         class(watch_t), intent(inout) :: watch                       !! may end the march: nothing is known then
-      end subroutine find_locking
-   end interface
 
 contains
 
@@ -119,4 +69,4 @@ contains
       end do
       text = "the tones lock in the ratio "//text//", as marching shows: use one tone, near "//to_text(self%base)//" rad/s"
    end function locking_message
-end module hb_judge
+end module hb_time_domain

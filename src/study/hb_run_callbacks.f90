@@ -1,0 +1,31 @@
+!> Callbacks of the scenes of a run: files for models, and time integration.
+module hb_run_callbacks
+   use hb_kinds, only: wp
+   use hb_marched_floquet, only: marched_floquet_t
+   use hb_model_file, only: model_file_t
+   use hb_scene, only: callbacks_t
+   use hb_time_integration, only: time_integration_t
+   implicit none
+   private
+   public :: run_callbacks
+
+contains
+
+   !> Makes the callbacks of a run. Stability may take two seconds in all, which nobody notices, beside what it may take at each
+   !> point. Time integration may take as much at all points together as at a single one, but not less than a fortieth of it, a
+   !> second.
+   function run_callbacks(n_points) result(callbacks)
+      integer, intent(in), optional :: n_points                       !! of the run; default: so many that nothing is left of it
+      type(callbacks_t) :: callbacks
+      type(marched_floquet_t) :: finder
+      real(wp), parameter :: nanoseconds_of_run = 2.0e9_wp, least_share = 1.0_wp/40.0_wp
+
+      allocate (callbacks%models, source=model_file_t())
+      if (present(n_points)) then
+         finder%work_in_any_case = nanoseconds_of_run/n_points
+         callbacks%share_of_march = max(1.0_wp/n_points, least_share)
+      end if
+      allocate (callbacks%stability_finder, source=finder)
+      allocate (callbacks%time_domain_solver, source=time_integration_t())
+   end function run_callbacks
+end module hb_run_callbacks
