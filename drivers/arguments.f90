@@ -112,7 +112,7 @@ contains
       end if
       name = long_name(given)
       if (name == "") then
-         closest = closest_word(given, option_names())
+         closest = trim(closest_word(given, option_names()))
          if (len(closest) > 0) closest = " did you mean '"//closest//"'?"
          call fail(error, "unknown option '"//given//"';"//closest//" known: "//join(option_names(), ", "))
       end if

@@ -109,7 +109,7 @@ contains
       else if (verb == "") then
          call fail(error, "say what to do: nhbm solve input.nml; nhbm --help tells all")
       else if (all(verb_names() /= verb)) then
-         closest = closest_word(verb, verb_names())
+         closest = trim(closest_word(verb, verb_names()))
          if (len(closest) > 0) closest = " did you mean '"//closest//"'?"
          call fail(error, "unknown verb '"//verb//"';"//closest//" known: "//join(verb_names(), ", "))
       else if ((verb == "resume" .or. verb == "info") .and. .not. allocated(options%input)) then
@@ -133,7 +133,7 @@ contains
          if (allocated(options%input)) then
             if (index(lower(key_row(i)), lower(options%input)) == 0) cycle
          end if
-         call say(key_row(i))
+         call say(trim(key_row(i)))
          is_told = .true.
       end do
       if (.not. is_told) call fail(error, "no row of the table of keys has '"//options%input//"'; nhbm keys prints all")

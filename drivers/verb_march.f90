@@ -104,6 +104,7 @@ contains
       real(wp) :: seconds, share, step
       real(wp), allocatable :: frequencies(:), omega(:)
       character(:), allocatable :: methods(:)
+      character(:), allocatable :: motions
       character(300) :: line
       integer :: i
 
@@ -156,8 +157,11 @@ contains
             call say("the record has no tone of its own; the coefficients of unknown tones mean nothing")
          end if
       end if
-      if (allocated(content%motion)) call say(tell_motions(content%motion, &
-         [(outcome%marched, i=1, size(content%motion))], [(amplitude_of(content, content%motion(i)), i=1, size(content%motion))]))
+      if (allocated(content%motion)) then
+         call tell_motions(content%motion, [(outcome%marched, i=1, size(content%motion))], &
+                           [(amplitude_of(content, content%motion(i)), i=1, size(content%motion))], motions)
+         call say(motions)
+      end if
       write (line, "(es7.1)") maxval(content%judgement%spread)
       call say("largest difference between coefficients of both halves of the record: "//trim(line))
    end subroutine march_scene

@@ -155,7 +155,7 @@ contains
             call load_stored_study(where, comm, switched, error)
          else
             call switched_input(study, plan, path, from, text, overrides, error)
-            if (.not. allocated(error)) call new_study(switched, folder_of(study%document%file_name)// &
+            if (.not. allocated(error)) call new_study(switched, trim(folder_of(study%document%file_name))// &
                place_of(last_name(path), from%point), text, overrides, error, memory_share(comm))
          end if
          if (allocated(error)) then                                   ! the curve itself is there

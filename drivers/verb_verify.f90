@@ -63,7 +63,7 @@ contains
 
       write (line, "(3(a, es7.1), a)") "; difference ", found%first_difference, " of the motion in the first period, ", &
          found%difference, " in the last ones (limit ", found%limit, ", at "//found%coordinate//"), disturbances"
-      text = verdict_text(found%kind)//trim(line)
+      text = trim(verdict_text(found%kind))//trim(line)
       write (line, "(a, es7.1, a)") trim(merge(" grow at ", " decay at", found%growth > 0.0_wp))//" ", abs(found%growth), &
          " 1/s; "//number_of(found%n_periods, "period")
       text = text//trim(line)

@@ -89,9 +89,11 @@ contains
    type(c_ptr) function nhbm_input(model) bind(c, name="nhbm_input") result(text)
       type(c_ptr), value :: model
       type(handle_t), pointer :: handle
+      character(:), allocatable :: input
 
       call c_f_pointer(model, handle)
-      text = kept(handle%session%complete_input(), handle%text)
+      call handle%session%complete_input(input)
+      text = kept(input, handle%text)
    end function nhbm_input
 
    integer(c_int) function nhbm_set_text(model, path, values, error) bind(c, name="nhbm_set_text") result(code)
@@ -265,7 +267,7 @@ contains
 
       is_row = merge(1_c_int, 0_c_int, i >= 0 .and. i < n_key_rows() .and. size > 0)
       if (is_row == 0) return
-      text = key_row(i + 1)
+      text = trim(key_row(i + 1))
       do k = 1, min(len(text), size - 1)
          row(k) = text(k:k)
       end do

@@ -20,7 +20,7 @@ module hb_session
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: motion_result_t
    use hb_motion_ridge, only: new_motion_curve
-   use hb_namelist, only: complete_text, read_namelist, set_text
+   use hb_namelist, only: read_namelist, set_text, write_complete_text
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: outcome
    use hb_parameter_path, only: identifier
@@ -156,12 +156,12 @@ contains
    end subroutine session_update
 
    !> The input with all keys that may be given, and their values.
-   function session_complete_input(self) result(text)
+   subroutine session_complete_input(self, text)
       class(session_t), intent(in) :: self
-      character(:), allocatable :: text
+      character(:), allocatable, intent(out) :: text
 
-      text = complete_text(self%document)
-   end function session_complete_input
+      call write_complete_text(self%document, text)
+   end subroutine session_complete_input
 
    !> Solves the model with its present values, from the motion found last where one is wanted and there is one. What does not
    !> converge is told by the status of the result; an error is one of the model.

@@ -237,9 +237,8 @@ contains
    !> What is wrong with the states after `evaluate`; empty when they repeat.
    pure function hysteresis_trouble(self) result(text)
       class(hysteresis_t), intent(in) :: self
-      character(:), allocatable :: text
+      character(merge(0, 140 + len(self%law%label), self%sliders%repeats)) :: text
 
-      text = ""
       if (self%sliders%repeats) return
       text = "the sliders of law '"//self%law%label//"' do not come back to their places within "// &
              to_text(self%sliders%rounds)//" rounds of the torus: they hardly slip"

@@ -21,7 +21,7 @@ contains
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus                              !! of the laws
       type(amplitudes_t), intent(in), optional :: loads               !! [N]
-      character(:), allocatable :: reason
+      character(200) :: reason
       integer :: h, i
 
       reason = ""

@@ -311,14 +311,14 @@ contains
    !> What is wrong with the memory of a law after `evaluate`; empty when the states of all laws repeat.
    pure function sampled_laws_memory_trouble(self) result(text)
       class(sampled_laws_t), intent(in) :: self
-      character(:), allocatable :: text
+      character(300) :: text
       integer :: i
 
       text = ""
       do i = 1, size(self%laws)
          if (.not. allocated(self%sampled(i)%hysteresis)) cycle
          text = self%sampled(i)%hysteresis%trouble()
-         if (len(text) > 0) return
+         if (text /= "") return
       end do
    end function sampled_laws_memory_trouble
 

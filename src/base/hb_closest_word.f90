@@ -18,37 +18,50 @@ contains
    pure function closest_string(word, known) result(closest)
       character(*), intent(in) :: word
       type(string_t), intent(in) :: known(:)
-      character(:), allocatable :: closest
-      integer :: best, distance, i
+      character(closest_length(word, known)) :: closest
 
-      closest = ""
-      best = huge(best)
-      do i = 1, size(known)
-         if (.not. allocated(known(i)%value)) cycle
-         distance = distance_if_close(lower(trim(word)), lower(trim(known(i)%value)))
-         if (distance < best) then
-            best = distance
-            closest = trim(known(i)%value)
-         end if
-      end do
+      if (len(closest) > 0) closest = known(closest_index(word, known))%value
    end function closest_string
 
    pure function closest_of_words(word, known) result(closest)
       character(*), intent(in) :: word
       character(*), intent(in) :: known(:)
-      character(:), allocatable :: closest
+      character(len(known)) :: closest                       !! with blanks behind it
+      type(string_t) :: words(size(known))
+      integer :: i
+
+      do i = 1, size(known)
+         words(i)%value = trim(known(i))
+      end do
+      closest = closest_string(word, words)
+   end function closest_of_words
+
+   pure integer function closest_length(word, known) result(length)
+      character(*), intent(in) :: word
+      type(string_t), intent(in) :: known(:)
+      integer :: i
+
+      length = 0
+      i = closest_index(word, known)
+      if (i > 0) length = len_trim(known(i)%value)
+   end function closest_length
+
+   !> Index of the first of the known words that are closest, 0 when none is close.
+   pure integer function closest_index(word, known)
+      character(*), intent(in) :: word
+      type(string_t), intent(in) :: known(:)
       integer :: best, distance, i
 
-      closest = ""
+      closest_index = 0
       best = huge(best)
       do i = 1, size(known)
-         distance = distance_if_close(lower(trim(word)), lower(trim(known(i))))
-         if (distance < best) then
-            best = distance
-            closest = trim(known(i))
-         end if
+         if (.not. allocated(known(i)%value)) cycle
+         distance = distance_if_close(lower(trim(word)), lower(trim(known(i)%value)))
+         if (distance >= best) cycle
+         best = distance
+         closest_index = i
       end do
-   end function closest_of_words
+   end function closest_index
 
    !> Edit distance (insert, delete, replace, swap of neighbours), or huge() when the words are not close;
    !> close is at most one edit in three letters, or a beginning of three letters and more.

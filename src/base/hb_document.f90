@@ -21,6 +21,7 @@
 module hb_document
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
+   use hb_input_keys, only: max_unit
    use hb_kinds, only: wp
    use hb_parameter_path, only: path_help, select_group, split_index, split_path
    use hb_properties, only: properties_t
@@ -156,7 +157,7 @@ contains
 
       group => null()
       if (self%count(name) == 0) then
-         call fail(error, self%file_name//": missing group &"//lower(trim(name))//advice_on_group(self, name))
+         call fail_with_advice(self%file_name//": missing group &"//lower(trim(name)), self, name, error)
          return
       end if
       call check_single(self, name, error)
@@ -223,7 +224,7 @@ contains
          if (len(selector) > 0 .or. .not. is_good) then
             key = "there is no group '&"
             if (len(selector) == 0) key = "unknown group '&"
-            call fail(error, key//name//"'"//advice_on_group(self, name))
+            call fail_with_advice(key//name//"'", self, name, error)
             return
          end if
          call self%groups%add(name, self%file_name)
@@ -269,11 +270,11 @@ contains
          (all(self%element == 0) .or. all(self%element == other%element))
    end function parameter_hides
 
-   !> Unit of a parameter as its reader declares it, 1 for an integer; empty when it does not, or has not read it yet.
+   !> Unit of a parameter with blanks behind it, as its reader declares it, 1 for an integer; empty when it does not, or has not read it yet.
    pure function document_unit_of(self, parameter) result(unit)
       class(document_t), intent(in) :: self
       type(parameter_t), intent(in) :: parameter
-      character(:), allocatable :: unit
+      character(max_unit) :: unit
       integer :: i_key
 
       unit = ""
@@ -282,7 +283,7 @@ contains
          if (i_key == 0) return
          if (group%content%keys(i_key)%asked == 0) return
          associate (asked => group%asked(group%content%keys(i_key)%asked))
-            unit = trim(asked%unit)
+            unit = asked%unit
             if (unit == "" .and. asked%kind == kind_of%whole) unit = "1"
          end associate
       end associate
@@ -400,37 +401,30 @@ contains
       end do
    end function is_known
 
-   !> What is close to the name of a missing group: among the known names, else among those of the file.
-   pure function advice_on_group(self, name) result(text)
+   !> Fails with what is close to the name of a missing group: among the known names, else among those of the file.
+   pure subroutine fail_with_advice(message, self, name, error)
+      character(*), intent(in) :: message
       class(document_t), intent(in) :: self
       character(*), intent(in) :: name
-      character(:), allocatable :: text
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: close, list
       type(string_t), allocatable :: known(:)
+      logical :: is_misspelt
 
-      if (allocated(self%known)) then
-         if (.not. is_known(self, lower(trim(name)))) then
-            text = suggestion(name, self%known)//" known groups: "//join(self%known, ", ")
-            return
-         end if
-      end if
-      call names_in_file(self, known)
-      if (size(known) == 0) then
-         text = "; the file has no groups"
+      is_misspelt = .false.
+      if (allocated(self%known)) is_misspelt = .not. is_known(self, lower(trim(name)))
+      if (is_misspelt) then
+         known = self%known
+         list = " known groups: "
       else
-         text = suggestion(name, known)//" the file has: "//join(known, ", ")
+         call names_in_file(self, known)
+         list = " the file has: "
       end if
-   end function advice_on_group
-
-   !> The close name in a question, or just the semicolon.
-   pure function suggestion(name, known) result(text)
-      character(*), intent(in) :: name
-      type(string_t), intent(in) :: known(:)
-      character(:), allocatable :: text
-
-      text = closest_word(name, known)
-      if (text /= "") text = " did you mean '&"//text//"'?"
-      text = ";"//text
-   end function suggestion
+      close = closest_word(name, known)
+      if (close /= "") close = " did you mean '&"//close//"'?"
+      if (size(known) == 0) list = " the file has no groups"
+      call fail(error, message//";"//close//list//join(known, ", "))
+   end subroutine fail_with_advice
 
    !> Names of the groups that there are, the first twenty.
    pure subroutine names_in_file(self, known)

@@ -44,7 +44,7 @@ contains
       if (type /= "") i = row_of(group//" "//type, key)
       if (i == 0) i = row_of(group, key)
       if (i == 0) return
-      call split(key_row(i), " | ", cells)
+      call split(trim(key_row(i)), " | ", cells)
       associate (type_cell => cells(3)%value, unit => cells(4)%value, default => cells(5)%value, range => cells(6)%value)
          rule%kind = kind_of%word
          if (index(type_cell, "real") > 0) rule%kind = kind_of%number

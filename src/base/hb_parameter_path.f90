@@ -5,7 +5,7 @@ module hb_parameter_path
    use hb_properties, only: properties_t
    use hb_property_groups, only: groups_t
    use hb_property_values, only: kind_of, max_values
-   use hb_text, only: is_name, lower, parse_integer, quote, shown, string_t, to_text
+   use hb_text, only: is_name, letters, lower, parse_integer, quote, shown, string_t, to_text
    implicit none
    private
    public :: identifier, index_help, path_help, select_group, split_index, split_path
@@ -104,7 +104,7 @@ contains
       allocate (labels(n))
       n_matches = 0
       do i = 1, n
-         labels(i)%value = label_of(groups%holders(groups%position_of(name, i))%group)
+         call get_label(groups%holders(groups%position_of(name, i))%group, labels(i)%value)
          if (labels(i)%value /= selector) cycle
          n_matches = n_matches + 1
          i_group = groups%position_of(name, i)
@@ -116,14 +116,16 @@ contains
       else if (n_matches == 0) then
          text = closest_word(selector, labels)
          if (text /= "") text = " did you mean "//quote(text)//"?"
-         call fail(error, "no group &"//name//" has the label "//quote(shown(selector))//";"//text// &
-                   labels_text(labels))
+         text = "no group &"//name//" has the label "//quote(shown(selector))//";"//text
+         call add_labels(labels, text)
+         call fail(error, text)
       end if
    end subroutine select_group
 
-   !> The first twenty labels that are not empty, for a message.
-   pure function labels_text(labels) result(text)
+   !> Adds the first twenty labels that are not empty to a message.
+   pure subroutine add_labels(labels, message)
       type(string_t), intent(in) :: labels(:)
+      character(:), allocatable, intent(inout) :: message
       character(:), allocatable :: text
       integer :: i, n
 
@@ -136,16 +138,16 @@ contains
          text = text//quote(shown(labels(i)%value))
       end do
       if (n == 0) then
-         text = " none has one, use their numbers"
+         message = message//" none has one, use their numbers"
       else
-         text = " labels: "//text
+         message = message//" labels: "//text
       end if
-   end function labels_text
+   end subroutine add_labels
 
    !> Value of the key `label` of a group, empty when it has none.
-   pure function label_of(group) result(label)
+   pure subroutine get_label(group, label)
       type(properties_t), intent(in) :: group
-      character(:), allocatable :: label
+      character(:), allocatable, intent(out) :: label
       integer :: i_key
 
       label = ""
@@ -153,32 +155,50 @@ contains
       if (.not. group%content%is_given(i_key)) return
       i_key = group%content%keys(i_key)%head
       if (i_key == 0) return
-      label = group%content%shown(i_key)
-      if (group%content%values(i_key)%kind == kind_of%word) label = group%content%word(i_key)
+      if (group%content%values(i_key)%kind == kind_of%word) then
+         call group%content%get_word(i_key, label)
+      else
+         call group%content%get_shown(i_key, label)
+      end if
       label = trim(label)
-   end function label_of
+   end subroutine get_label
 
    !> Gives a path in lower case with one underscore for every run of other characters, none at the ends.
    pure function identifier(path) result(name)
       character(*), intent(in) :: path
-      character(:), allocatable :: name
+      character(identifier_length(path)) :: name
+      character(len(path)) :: buffer
+      integer :: n
+
+      call write_identifier(path, buffer, n)
+      name = buffer
+   end function identifier
+
+   pure integer function identifier_length(path) result(n)
+      character(*), intent(in) :: path
+      character(len(path)) :: buffer
+
+      call write_identifier(path, buffer, n)
+   end function identifier_length
+
+   pure subroutine write_identifier(path, name, n)
+      character(*), intent(in) :: path
+      character(*), intent(out) :: name
+      integer, intent(out) :: n                             !! its length
+      character :: letter
       integer :: i
 
-      name = ""
+      n = 0
       do i = 1, len(path)
-         select case (path(i:i))
-         case ("a":"z", "0":"9")
-            name = name//path(i:i)
-         case ("A":"Z")
-            name = name//achar(iachar(path(i:i)) + iachar("a") - iachar("A"))
-         case default
-            if (len(name) > 0) then
-               if (name(len(name):) /= "_") name = name//"_"
-            end if
-         end select
+         letter = lower(path(i:i))
+         if (scan(letter, letters//"0123456789") == 0) then
+            letter = "_"
+            if (n == 0) cycle
+            if (name(n:n) == letter) cycle
+         end if
+         n = n + 1
+         name(n:n) = letter
       end do
-      if (len(name) > 0) then
-         if (name(len(name):) == "_") name = name(:len(name) - 1)
-      end if
-   end function identifier
+      if (n > 0) n = n - merge(1, 0, name(n:n) == "_")
+   end subroutine write_identifier
 end module hb_parameter_path

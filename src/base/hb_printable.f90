@@ -11,28 +11,44 @@ contains
    !> terminals of other encodings may take for such.
    pure function printable(text) result(shown)
       character(*), intent(in) :: text
-      character(:), allocatable :: shown
+      character(printable_length(text)) :: shown
       character(4*len(text)) :: buffer
-      integer :: i, k, n, n_bytes
+      integer :: n
+
+      call write_printable(text, buffer, n)
+      shown = buffer
+   end function printable
+
+   pure integer function printable_length(text) result(n)
+      character(*), intent(in) :: text
+      character(4*len(text)) :: buffer
+
+      call write_printable(text, buffer, n)
+   end function printable_length
+
+   pure subroutine write_printable(text, shown, n)
+      character(*), intent(in) :: text
+      character(*), intent(inout) :: shown
+      integer, intent(out) :: n                             !! its length
+      integer :: i, k, n_bytes
 
       n = 0
       i = 1
       do while (i <= len(text))
          n_bytes = bytes_of_character(text, i)
          if (n_bytes > 0) then
-            buffer(n + 1:n + n_bytes) = text(i:i + n_bytes - 1)
+            shown(n + 1:n + n_bytes) = text(i:i + n_bytes - 1)
             n = n + n_bytes
          else
             n_bytes = max(1, -n_bytes)
             do k = i, i + n_bytes - 1
-               write (buffer(n + 1:n + 4), "(a, z2.2)") "\x", ichar(text(k:k))
+               write (shown(n + 1:n + 4), "(a, z2.2)") "\x", ichar(text(k:k))
                n = n + 4
             end do
          end if
          i = i + n_bytes
       end do
-      shown = buffer(:n)
-   end function printable
+   end subroutine write_printable
 
    !> How many bytes the character has that begins at a byte; negative where it must not be sent, 0 where it is no UTF-8.
    pure integer function bytes_of_character(text, i) result(n)

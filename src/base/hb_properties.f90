@@ -249,17 +249,17 @@ contains
                          (value%number > limits%above .or. limits%above <= -huge(1.0_wp))
    end function suits
 
-   !> What is wrong with a value that does not suit.
+   !> What is wrong with a value that does not suit, with blanks behind it.
    pure function complaint(value, kind, limits) result(text)
       type(value_t), intent(in) :: value
       integer, intent(in) :: kind
       type(limits_t), intent(in) :: limits
-      character(:), allocatable :: text
+      character(80) :: text
 
       if (kind == kind_of%truth) then
          text = "must be .true. or .false."
       else if (value%kind == kind_of%word) then
-         text = "must be "//what(kind, single_value)//", without quotes"
+         text = "must be "//trim(what(kind, single_value))//", without quotes"
       else if (kind == kind_of%whole .and. value%kind /= kind_of%whole) then
          text = "must be an integer like 3, at most "//to_text(huge(1))
       else if (.not. any(value%kind == [kind_of%number, kind_of%whole])) then
@@ -267,29 +267,28 @@ contains
       else if (.not. ieee_is_finite(value%number)) then
          text = "must be finite"
       else if (value%number < limits%minimum) then
-         text = "must be "//limit_text(limits%minimum)//" or greater"
+         text = "must be "//trim(limit_text(limits%minimum))//" or greater"
       else if (value%number > limits%maximum) then
-         text = "must be "//limit_text(limits%maximum)//" or less"
+         text = "must be "//trim(limit_text(limits%maximum))//" or less"
       else
          text = "must be above "//limit_text(limits%above)
       end if
 
    contains
 
-      pure function limit_text(limit)
+      pure character(24) function limit_text(limit)
          real(wp), intent(in) :: limit
-         character(:), allocatable :: limit_text
 
          limit_text = to_text(limit)
          if (kind == kind_of%whole) limit_text = to_text(nint(limit))
       end function limit_text
    end function complaint
 
-   !> What a key needs, for messages.
+   !> What a key needs, for messages, with blanks behind it.
    pure function what(kind, extents) result(text)
       integer, intent(in) :: kind
       integer, intent(in) :: extents(:)                     !! as for `pick`
-      character(:), allocatable :: text
+      character(80) :: text
       character(25), parameter :: one(4) = [character(25) :: "a real number", "an integer", ".true. or .false.", &
                                             "a text in quotes"]
       character(25), parameter :: many(4) = [character(25) :: "real numbers", "integers", ".true. and .false.", &
@@ -297,7 +296,7 @@ contains
 
       select case (size(extents))
       case (0)
-         text = trim(one(kind))
+         text = one(kind)
       case (1)
          text = "a list of "//trim(many(kind))
       case default
@@ -329,7 +328,7 @@ contains
             do k = 1, size(order)
                found(k) = values(order(k))%number
                if (suits(values(order(k)), kind, limits)) cycle
-               call value_problem(self, i_key, order(k), element_at(k, extents), complaint(values(order(k)), kind, limits))
+               call value_problem(self, i_key, order(k), element_at(k, extents), trim(complaint(values(order(k)), kind, limits)))
                deallocate (found)
                exit
             end do
@@ -418,20 +417,21 @@ contains
 
       problem = ""
       if (self%content%values(i_value)%kind == kind_of%whole .and. .not. allocated(rule%choices)) then
-         word = self%content%shown(i_value)                 ! a name that is a number, such as that of a degree of freedom
+         call self%content%get_shown(i_value, word)         ! a name that is a number, such as that of a degree of freedom
          return
       else if (self%content%values(i_value)%kind /= kind_of%word) then
-         problem = "needs quotes: "//quote(shown(self%content%shown(i_value)))
+         call self%content%get_shown(i_value, word)
+         problem = "needs quotes: "//quote(shown(word))
          return
       end if
-      word = self%content%word(i_value)
+      call self%content%get_word(i_value, word)
       if (.not. allocated(rule%choices)) return
       do i = 1, size(rule%choices)
          if (rule%choices(i) /= lower(word)) cycle
          word = trim(rule%choices(i))
          return
       end do
-      problem = closest_word(word, rule%choices)
+      problem = trim(closest_word(word, rule%choices))
       if (problem /= "") problem = " did you mean '"//problem//"'?"
       problem = "is not known;"//problem//" known: "//join(rule%choices, ", ")
    end subroutine take_word
@@ -450,7 +450,8 @@ contains
       call ask(self, key, i_asked, i_key)
       associate (rule => self%asked(i_asked)%rule)
          if (all(rule%kind /= [kind, kind_of%none]) .and. (rule%kind /= kind_of%whole .or. kind /= kind_of%number)) &
-            call self%problem(key, "is "//what(rule%kind, extents)//" in the table of keys, and read as "//what(kind, extents))
+            call self%problem(key, "is "//trim(what(rule%kind, extents))//" in the table of keys, and read as "// &
+                              trim(what(kind, extents)))
       end associate
       if (i_key > 0) then
          self%content%keys(i_key)%is_real = kind == kind_of%number
@@ -458,7 +459,7 @@ contains
       else if (must_be_given(self%asked(i_asked)%rule, required)) then
          choices = ""
          if (allocated(self%asked(i_asked)%rule%choices)) choices = ": "//join(self%asked(i_asked)%rule%choices, ", ")
-         call missing_key(self, key, what(kind, extents)//choices)
+         call missing_key(self, key, trim(what(kind, extents))//choices)
       end if
    end subroutine find
 

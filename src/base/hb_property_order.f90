@@ -6,7 +6,7 @@ module hb_property_order
    use hb_kinds, only: int64
    use hb_property_record, only: key_problem, record_t, value_problem
    use hb_property_values, only: element_text, max_values
-   use hb_text, only: to_text
+   use hb_text, only: length_of, number_of, to_text
    implicit none
    private
    public :: any_length, element_at, matrix_text, pick
@@ -34,10 +34,10 @@ contains
          if (size(extents) == 2) n_found = merge(key%n_listed, key%n_elements, key%head > 0)
          n_needed = product(int(extents, int64))            ! below 0: any
          problem = ""
-         if (size(extents) == 0 .and. n /= 1) problem = "has "//counted(n)//", needs one"
+         if (size(extents) == 0 .and. n /= 1) problem = "has "//number_of(int(n), "value")//", needs one"
          if (size(extents) == 2 .and. n_found /= n_needed .and. (key%head > 0 .or. n_needed > max_values)) &
-            problem = "has "//counted(n_found)//", needs "//to_text(n_needed)//": "//matrix_text(extents(1), extents(2))// &
-                      ", row by row"
+            problem = "has "//number_of(int(n_found), "value")//", needs "//to_text(n_needed)//": "// &
+                      matrix_text(extents(1), extents(2))//", row by row"
       end associate
       if (problem == "") then
          allocate (order(merge(n_needed, n, size(extents) == 2)), source=0)
@@ -49,13 +49,13 @@ contains
             return
          else if (size(extents) == 2 .and. gap > 0) then
             associate (element => element_at(gap, extents))
-               problem = "has "//counted(n_found)//", needs "//to_text(n_needed)//": "// &
+               problem = "has "//number_of(int(n_found), "value")//", needs "//to_text(n_needed)//": "// &
                          element_text(name, element(1), element(2))//" is missing"
             end associate
          else if (gap > 0) then
             problem = "has no element ("//to_text(gap)//"), but one ("//to_text(n)//")"
          else if (size(extents) == 1 .and. n_needed >= 0 .and. n /= n_needed) then
-            problem = "has "//counted(n)//", needs "//to_text(n_needed)
+            problem = "has "//number_of(int(n), "value")//", needs "//to_text(n_needed)
          end if
       end if
       if (problem == "") return
@@ -157,17 +157,8 @@ contains
    !> Says how large a matrix is.
    pure function matrix_text(n, m) result(text)
       integer, intent(in) :: n, m
-      character(:), allocatable :: text
+      character(length_of(n) + len(" rows and ") + length_of(m) + len(" columns")) :: text
 
       text = to_text(n)//" rows and "//to_text(m)//" columns"
    end function matrix_text
-
-   !> "1 value", "2 values".
-   pure function counted(n) result(text)
-      integer(int64), intent(in) :: n
-      character(:), allocatable :: text
-
-      text = to_text(n)//" values"
-      if (n == 1) text = "1 value"
-   end function counted
 end module hb_property_order

@@ -74,7 +74,7 @@ contains
    !> Place of the group for messages, like `beam.nml:12: &law(2)`.
    pure function record_place(self) result(place)
       class(record_t), intent(in) :: self
-      character(:), allocatable :: place
+      character(place_length(self, self%line, .false.)) :: place
 
       place = place_at(self, self%line, .false.)
    end function record_place
@@ -85,6 +85,7 @@ contains
       class(record_t), intent(inout) :: self
       character(*), intent(in) :: key
       character(*), intent(in) :: text
+      character(:), allocatable :: message
       integer :: i_key
 
       i_key = self%content%names%find(lower(trim(key)))
@@ -92,8 +93,9 @@ contains
          call add_problem(self, self%place()//": "//text)
       else if (self%content%is_given(i_key)) then
          self%content%keys(i_key)%has_problem = .true.
-         call add_problem(self, place_at(self, self%content%keys(i_key)%line, .true.)//": "//trim(key)//": "//text// &
-                          self%content%comma_advice(i_key))
+         message = place_at(self, self%content%keys(i_key)%line, .true.)//": "//trim(key)//": "//text
+         call self%content%add_comma_advice(i_key, message)
+         call add_problem(self, message)
       else
          call add_problem(self, self%place()//": "//trim(key)//": "//text)
       end if
@@ -136,6 +138,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(string_t), allocatable :: known(:)
       type(text_builder_t) :: lines
+      character(:), allocatable :: closest, keys
       integer :: i, n
 
       n = 0
@@ -153,9 +156,15 @@ contains
             if (n >= max_problems) then
                n = n + 1
             else
-               if (.not. allocated(known)) call known_keys(self, known)
+               if (.not. allocated(known)) then
+                  call known_keys(self, known)
+                  keys = "no key is known here"
+                  if (size(known) > 0) keys = "known keys: "//join(known, ", ")
+               end if
+               closest = closest_word(trim(content%names%names(i)), known)
+               if (closest /= "") closest = "did you mean '"//closest//"'? "
                call add_line(lines, n, place_at(self, content%keys(i)%line, .true.)//": unknown key '"// &
-                             trim(content%names%names(i))//"'; "//advice(trim(content%names%names(i)), known))
+                             trim(content%names%names(i))//"'; "//closest//keys)
             end if
          end do
       end associate
@@ -221,7 +230,8 @@ contains
       if (self%content%is_given(i_key)) then
          i_value = self%content%keys(i_key)%head
          if (i_value > 0) then
-            if (self%content%values(i_value)%kind == kind_of%word) type = lower(self%content%word(i_value))
+            if (self%content%values(i_value)%kind == kind_of%word) call self%content%get_word(i_value, type)
+            type = lower(type)
          end if
       end if
       if (.not. allocated(self%type)) self%type = type
@@ -244,10 +254,11 @@ contains
       class(record_t), intent(inout) :: self
       integer, intent(in) :: i_key
       character(*), intent(in) :: text
+      character(:), allocatable :: message
 
-      call add_problem(self, place_at(self, self%content%keys(i_key)%line, .true.)//": "// &
-                       trim(self%content%names%names(i_key))//" "//text// &
-                       self%content%comma_advice(i_key))
+      message = place_at(self, self%content%keys(i_key)%line, .true.)//": "//trim(self%content%names%names(i_key))//" "//text
+      call self%content%add_comma_advice(i_key, message)
+      call add_problem(self, message)
    end subroutine key_problem
 
    !> Adds a problem with one value of a key.
@@ -256,10 +267,11 @@ contains
       integer, intent(in) :: i_key, i_value
       integer, intent(in) :: element(2)                     !! its indices, 0 for those that it has not
       character(*), intent(in) :: text
+      character(:), allocatable :: value
 
+      call self%content%get_shown(i_value, value)
       call add_problem(self, place_at(self, self%content%values(i_value)%line, .true.)//": "// &
-                       element_text(trim(self%content%names%names(i_key)), element(1), element(2))//" = "// &
-                       shown(self%content%shown(i_value))//" "//text)
+                       element_text(trim(self%content%names%names(i_key)), element(1), element(2))//" = "//shown(value)//" "//text)
    end subroutine value_problem
 
    !> Keys asked for, in alphabetical order.
@@ -284,27 +296,33 @@ contains
       end do
    end subroutine known_keys
 
-   !> What to say about an unknown key.
-   pure function advice(word, known) result(text)
-      character(*), intent(in) :: word
-      type(string_t), intent(in) :: known(:)
-      character(:), allocatable :: text
-
-      text = closest_word(word, known)
-      if (text /= "") text = "did you mean '"//text//"'? "
-      if (size(known) == 0) then
-         text = text//"no key is known here"
-      else
-         text = text//"known keys: "//join(known, ", ")
-      end if
-   end function advice
-
    !> Place of a line of the group; a key without line was set from outside, one of a negative line by a sweep.
    pure function place_at(self, line, is_key) result(place)
       class(record_t), intent(in) :: self
       integer, intent(in) :: line
       logical, intent(in) :: is_key
-      character(:), allocatable :: place
+      character(place_length(self, line, is_key)) :: place
+      character(:), allocatable :: text
+
+      call write_place(self, line, is_key, text)
+      place = text
+   end function place_at
+
+   pure integer function place_length(self, line, is_key)
+      class(record_t), intent(in) :: self
+      integer, intent(in) :: line
+      logical, intent(in) :: is_key
+      character(:), allocatable :: text
+
+      call write_place(self, line, is_key, text)
+      place_length = len(text)
+   end function place_length
+
+   pure subroutine write_place(self, line, is_key, place)
+      class(record_t), intent(in) :: self
+      integer, intent(in) :: line
+      logical, intent(in) :: is_key
+      character(:), allocatable, intent(out) :: place
 
       place = self%file_name
       if (line > 0) then
@@ -316,7 +334,7 @@ contains
       if (len(place) > 0) place = place//": "
       place = place//"&"//self%name
       if (self%is_repeated) place = place//"("//to_text(self%number)//")"
-   end function place_at
+   end subroutine write_place
 
    !> Appends a line unless there are too many already.
    pure subroutine add_line(lines, n, line)

@@ -5,7 +5,7 @@
 module hb_property_values
    use hb_kinds, only: int64, wp
    use hb_name_table, only: name_table_t
-   use hb_text, only: quote, string_t, to_text
+   use hb_text, only: length_of, quote, string_t, to_text
    implicit none
    private
    public :: content_t, element_text, key_t, kind_of, max_values, number_value, value_t
@@ -59,13 +59,13 @@ module hb_property_values
    contains
       procedure :: add_key => content_add_key
       procedure :: add_value => content_add_value
-      procedure :: comma_advice => content_comma_advice
+      procedure :: add_comma_advice => content_add_comma_advice
+      procedure :: get_shown => content_get_shown
+      procedure :: get_word => content_get_word
       procedure :: is_given => content_is_given
       procedure :: put => content_put
       procedure :: put_words => content_put_words
-      procedure :: shown => content_shown
       procedure :: take => content_take
-      procedure :: word => content_word
    end type content_t
 
 contains
@@ -273,15 +273,14 @@ contains
       if (i_key > 0) is_given = self%keys(i_key)%head > 0 .or. self%keys(i_key)%element_head > 0
    end function content_is_given
 
-   !> What to say where a value of a key of real numbers looks like the first half of a number with a decimal comma:
-   !> `1,5e-3` is two values. Empty where none looks so.
-   pure function content_comma_advice(self, i_key) result(advice)
+   !> Adds to a message where a value of a key of real numbers looks like the first half of a number with a decimal comma:
+   !> `1,5e-3` is two values.
+   pure subroutine content_add_comma_advice(self, i_key, message)
       class(content_t), intent(in) :: self
       integer, intent(in) :: i_key
-      character(:), allocatable :: advice
+      character(:), allocatable, intent(inout) :: message
       integer :: comma, first, i, last
 
-      advice = ""
       i = 0
       if (self%keys(i_key)%is_real) i = self%keys(i_key)%head
       do while (i > 0)
@@ -292,7 +291,7 @@ contains
             if (first == comma + 1 .and. value%kind == kind_of%whole .and. value%last >= value%first) then
                last = self%values(value%next)%last
                if (self%spelling(comma:comma) == "," .and. scan(self%spelling(first:first), "0123456789") > 0) then
-                  advice = "; if "//self%spelling(value%first:last)//" is one number, write it with a point: "// &
+                  message = message//"; if "//self%spelling(value%first:last)//" is one number, write it with a point: "// &
                      self%spelling(value%first:value%last)//"."//self%spelling(first:last)
                   return
                end if
@@ -300,13 +299,13 @@ contains
             i = value%next
          end associate
       end do
-   end function content_comma_advice
+   end subroutine content_add_comma_advice
 
    !> A word, without its quotes, doubled quotes made single.
-   pure function content_word(self, i_value) result(word)
+   pure subroutine content_get_word(self, i_value, word)
       class(content_t), intent(in) :: self
       integer, intent(in) :: i_value                        !! of the kind `word`
-      character(:), allocatable :: word
+      character(:), allocatable, intent(out) :: word
       character(1) :: mark
       integer(int64) :: first, i, last, n
 
@@ -328,17 +327,18 @@ contains
          i = i + 1
       end do
       word = word(1:n)
-   end function content_word
+   end subroutine content_get_word
 
    !> A value for a message: as it was spelt, else its number.
-   pure function content_shown(self, i_value) result(text)
+   pure subroutine content_get_shown(self, i_value, text)
       class(content_t), intent(in) :: self
       integer, intent(in) :: i_value
-      character(:), allocatable :: text
+      character(:), allocatable, intent(out) :: text
 
       associate (value => self%values(i_value))
          if (value%kind == kind_of%word) then
-            text = quote(self%word(i_value))
+            call self%get_word(i_value, text)
+            text = quote(text)
          else if (value%last >= value%first) then
             text = self%spelling(value%first:value%last)
          else if (value%kind == kind_of%whole) then
@@ -349,19 +349,15 @@ contains
             text = to_text(value%number)
          end if
       end associate
-   end function content_shown
+   end subroutine content_get_shown
 
    !> Key with an index behind it, for messages; indices of 0 are left out.
    pure function element_text(key, i, j) result(text)
       character(*), intent(in) :: key
       integer, intent(in) :: i, j
-      character(:), allocatable :: text
+      character(len(key) + merge(2 + length_of(i), 0, i > 0) + merge(2 + length_of(j), 0, i > 0 .and. j > 0)) :: text
 
-      text = key
-      if (i > 0 .and. j > 0) then
-         text = key//"("//to_text(i)//", "//to_text(j)//")"
-      else if (i > 0) then
-         text = key//"("//to_text(i)//")"
-      end if
+      text = key//"("//to_text(i)//")"
+      if (i > 0 .and. j > 0) text = key//"("//to_text(i)//", "//to_text(j)//")"
    end function element_text
 end module hb_property_values

@@ -1,15 +1,19 @@
 !> Work with text: numbers to text and back, lists of words.
+!>
+!> Functions of texts declare the length of their result: gfortran keeps lengths of deferred results in static memory, which threads
+!> would share.
 module hb_text
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_is_nan, ieee_negative_inf, ieee_positive_inf, &
       ieee_quiet_nan, ieee_value
    use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: is_name, join, lower, max_name, number_of, parse_integer, parse_real, quote, shortened, shown, split, &
-      string_t, text_builder_t, to_text
+   public :: is_name, join, length_of, letters, lower, max_name, number_of, parse_integer, parse_real, quote, shortened, shown, &
+      split, string_t, text_builder_t, to_text
 
    character(*), parameter :: digits = "0123456789"
    character(*), parameter :: letters = "abcdefghijklmnopqrstuvwxyz"
+   character(*), parameter :: ellipsis = " ..."
    integer, parameter :: max_name = 63                      !! length of the longest name of a group or key
 
    !> One text of a list whose members differ in length.
@@ -40,36 +44,66 @@ contains
 
    pure function integer_text(value) result(text)
       integer, intent(in) :: value
-      character(:), allocatable :: text
+      character(length_of(value)) :: text
 
-      text = int64_text(int(value, int64))
+      write (text, "(i0)") value
    end function integer_text
 
    pure function int64_text(value) result(text)
       integer(int64), intent(in) :: value
-      character(:), allocatable :: text
-      character(24) :: buffer
+      character(int64_length(value)) :: text
 
-      write (buffer, "(i0)") value
-      text = trim(buffer)
+      write (text, "(i0)") value
    end function int64_text
+
+   !> Length of an integer as text.
+   elemental integer function length_of(number)
+      integer, intent(in) :: number
+
+      length_of = int64_length(int(number, int64))
+   end function length_of
+
+   pure integer function int64_length(value) result(length)
+      integer(int64), intent(in) :: value
+      integer(int64) :: rest
+
+      length = merge(2, 1, value < 0)
+      rest = value/10
+      do while (rest /= 0)
+         length = length + 1
+         rest = rest/10
+      end do
+   end function int64_length
 
    pure function logical_text(value) result(text)
       logical, intent(in) :: value
-      character(:), allocatable :: text
+      character(merge(6, 7, value)) :: text
 
-      if (value) then
-         text = ".true."
-      else
-         text = ".false."
-      end if
+      text = merge(".true. ", ".false.", value)
    end function logical_text
+
+   pure function real_text(value) result(text)
+      real(wp), intent(in) :: value
+      character(real_length(value)) :: text
+      character(:), allocatable :: shortest
+
+      call write_real(value, shortest)
+      text = shortest
+   end function real_text
+
+   pure integer function real_length(value) result(length)
+      real(wp), intent(in) :: value
+      character(:), allocatable :: shortest
+
+      call write_real(value, shortest)
+      length = len(shortest)
+   end function real_length
 
    !> Fifteen digits are tried first: whatever has a form of at most 15 digits is found by them (not so for
    !> tiny numbers of reduced precision, which begin with one digit). Plain form from 0.01 to below 1e6.
-   pure function real_text(value) result(text)
+   pure subroutine write_real(value, text)
       real(wp), intent(in) :: value
-      character(:), allocatable :: text
+      character(:), allocatable, intent(out) :: text
       character(:), allocatable :: mantissa
       character(40) :: buffer, form
       real(wp) :: back
@@ -112,7 +146,7 @@ contains
          text = mantissa(1:exponent_10 + 1)//"."//mantissa(exponent_10 + 2:)
       end if
       if (sign(1.0_wp, value) < 0.0_wp) text = "-"//text
-   end function real_text
+   end subroutine write_real
 
    !> Changes A to Z into a to z and nothing else, so UTF-8 passes unharmed.
    pure function lower(text) result(changed)
@@ -133,42 +167,60 @@ contains
    pure function join_strings(list, separator) result(text)
       type(string_t), intent(in) :: list(:)
       character(*), intent(in) :: separator
-      character(:), allocatable :: text
-      type(text_builder_t) :: builder
+      character(length_of_strings(list) + max(0, size(list) - 1)*len(separator)) :: text
+      integer :: i, n
+
+      n = 0
+      do i = 1, size(list)
+         if (i > 1) call append(text, n, separator)
+         if (allocated(list(i)%value)) call append(text, n, list(i)%value)
+      end do
+   end function join_strings
+
+   pure integer function length_of_words(list) result(length)
+      character(*), intent(in) :: list(:)
+
+      length = sum(len_trim(list))
+   end function length_of_words
+
+   pure integer function length_of_strings(list) result(length)
+      type(string_t), intent(in) :: list(:)
       integer :: i
 
+      length = 0
       do i = 1, size(list)
-         if (i > 1) call builder%add(separator)
-         if (allocated(list(i)%value)) call builder%add(list(i)%value)
+         if (allocated(list(i)%value)) length = length + len(list(i)%value)
       end do
-      text = builder%text()
-   end function join_strings
+   end function length_of_strings
+
+   pure subroutine append(text, n, piece)
+      character(*), intent(inout) :: text
+      integer, intent(inout) :: n                           !! characters in use
+      character(*), intent(in) :: piece
+
+      text(n + 1:n + len(piece)) = piece
+      n = n + len(piece)
+   end subroutine append
 
    pure function join_words(list, separator) result(text)
       character(*), intent(in) :: list(:)
       character(*), intent(in) :: separator
-      character(:), allocatable :: text
-      type(text_builder_t) :: builder
-      integer :: i
+      character(length_of_words(list) + max(0, size(list) - 1)*len(separator)) :: text
+      integer :: i, n
 
+      n = 0
       do i = 1, size(list)
-         if (i > 1) call builder%add(separator)
-         call builder%add(trim(list(i)))
+         if (i > 1) call append(text, n, separator)
+         call append(text, n, trim(list(i)))
       end do
-      text = builder%text()
    end function join_words
 
    !> Puts single quotes round a text and doubles those inside, as a Fortran namelist wants it.
    pure function quote(text) result(quoted)
       character(*), intent(in) :: text
-      character(:), allocatable :: quoted
+      character(len(text) + 2 + n_quotes(text)) :: quoted
       integer :: i, n
 
-      n = 2 + len(text)
-      do i = 1, len(text)
-         if (text(i:i) == "'") n = n + 1
-      end do
-      allocate (character(n) :: quoted)
       quoted(1:1) = "'"
       n = 1
       do i = 1, len(text)
@@ -181,6 +233,13 @@ contains
       end do
       quoted(n + 1:n + 1) = "'"
    end function quote
+
+   pure integer function n_quotes(text)
+      character(*), intent(in) :: text
+      integer :: i
+
+      n_quotes = count([(text(i:i) == "'", i=1, len(text))])
+   end function n_quotes
 
    !> Cuts a text at every `separator`; n separators give n + 1 parts, of which any may be empty.
    pure subroutine split(text, separator, parts)
@@ -353,9 +412,8 @@ contains
    !> Everything added so far.
    pure function text_builder_text(self) result(text)
       class(text_builder_t), intent(in) :: self
-      character(:), allocatable :: text
+      character(self%length) :: text
 
-      text = ""
       if (allocated(self%buffer)) text = self%buffer(1:self%length)
    end function text_builder_text
 
@@ -363,10 +421,9 @@ contains
    pure function number_of(n, word) result(text)
       integer, intent(in) :: n
       character(*), intent(in) :: word                                !! of one of them
-      character(:), allocatable :: text
+      character(length_of(n) + 1 + len(word) + merge(0, 1, n == 1)) :: text
 
-      text = to_text(n)//" "//word
-      if (n /= 1) text = text//"s"
+      text = to_text(n)//" "//word//"s"
    end function number_of
 
    !> Whether a text is a Fortran name in lower case.
@@ -381,36 +438,45 @@ contains
    !> Text of the file as a message may show it: without control characters, long ones cut (not inside UTF-8).
    pure function shown(text) result(clean)
       character(*), intent(in) :: text
-      character(:), allocatable :: clean
-      integer, parameter :: longest = 60
+      character(shown_length(text) + merge(3, 0, shown_length(text) < len(text))) :: clean
       integer :: i, n
 
-      n = len(text)
-      if (n > longest) then
-         n = longest
-         do while (n > longest - 4)
-            if (iand(ichar(text(n + 1:n + 1)), 192) /= 128) exit
-            n = n - 1
-         end do
-      end if
-      clean = text(1:n)
+      n = shown_length(text)
+      clean = text(1:n)//"..."
       do i = 1, n
          if (ichar(clean(i:i)) < 32 .or. ichar(clean(i:i)) == 127) clean(i:i) = "?"
       end do
-      if (n < len(text)) clean = clean//"..."
    end function shown
+
+   pure integer function shown_length(text) result(n)
+      character(*), intent(in) :: text
+      integer, parameter :: longest = 60
+
+      n = len(text)
+      if (n <= longest) return
+      n = longest
+      do while (n > longest - 4)
+         if (iand(ichar(text(n + 1:n + 1)), 192) /= 128) exit
+         n = n - 1
+      end do
+   end function shown_length
 
    !> Text of at most `n_bytes`: a longer one ends at the end of a word, or of a character where that would leave less than half,
    !> with an ellipsis.
    pure function shortened(text, n_bytes) result(short)
       character(*), intent(in) :: text
       integer, intent(in) :: n_bytes
-      character(:), allocatable :: short
-      character(*), parameter :: ellipsis = " ..."
-      integer :: n
+      character(short_length(text, n_bytes) + merge(0, len(ellipsis), len(text) <= n_bytes)) :: short
 
-      short = text
-      if (len(text) <= n_bytes) return
+      short = text(:short_length(text, n_bytes))//ellipsis
+   end function shortened
+
+   pure integer function short_length(text, n_bytes) result(n)
+      character(*), intent(in) :: text
+      integer, intent(in) :: n_bytes
+
+      n = len(text)
+      if (n <= n_bytes) return
       n = max(0, n_bytes - len(ellipsis))
       if (scan(text(:n + 1), " ", back=.true.) > n/2) then
          n = scan(text(:n + 1), " ", back=.true.) - 1
@@ -419,6 +485,6 @@ contains
             n = n - 1                                  ! the next byte continues a character
          end do
       end if
-      short = trim(text(:n))//ellipsis
-   end function shortened
+      n = len_trim(text(:n))
+   end function short_length
 end module hb_text

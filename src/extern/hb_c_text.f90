@@ -17,16 +17,21 @@ contains
    !> Gives a copy of a string that ends with a null; nothing where there is none.
    function c_text(address) result(text)
       type(c_ptr), intent(in) :: address
-      character(:), allocatable :: text
+      character(c_length(address)) :: text
       character(c_char), pointer :: bytes(:)
       integer :: i
 
-      text = ""
       if (.not. c_associated(address)) return
-      call c_f_pointer(address, bytes, [int(c_strlen(address))])
-      text = repeat(" ", size(bytes))
+      call c_f_pointer(address, bytes, [len(text)])
       do i = 1, size(bytes)
          text(i:i) = bytes(i)
       end do
    end function c_text
+
+   pure integer function c_length(address)
+      type(c_ptr), intent(in) :: address
+
+      c_length = 0
+      if (c_associated(address)) c_length = int(c_strlen(address))
+   end function c_length
 end module hb_c_text

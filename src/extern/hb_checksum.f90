@@ -83,14 +83,12 @@ contains
    !> What tells a shared library from another one, by a function of it that is loaded: its checksum and length.
    function library_mark(address) result(text)
       type(c_funptr), intent(in) :: address
-      character(:), allocatable :: text
-      character(60) :: line
+      character(60) :: text
       integer(c_int32_t) :: sum
       integer(c_long_long) :: n_bytes
 
       text = "unknown"
       if (hb_checksum_of_library(address, sum, n_bytes) /= 0) return
-      write (line, "(a, z8.8, a, i0, a)") "CRC-32 ", sum, ", ", n_bytes, " bytes"
-      text = trim(line)
+      write (text, "(a, z8.8, a, i0, a)") "CRC-32 ", sum, ", ", n_bytes, " bytes"
    end function library_mark
 end module hb_checksum

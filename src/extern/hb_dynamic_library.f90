@@ -54,7 +54,7 @@ contains
       call begin_outside_code("'"//path//"': the loader of the system died of this library; the file is damaged")   ! e.g. cut off
       self%handle = dlopen(path//c_null_char, rtld_now)
       call end_outside_code()
-      if (.not. c_associated(self%handle)) call fail(error, "cannot load the library: "//last_reason(path))
+      if (.not. c_associated(self%handle)) call fail(error, "cannot load the library: "//trim(last_reason(path)))
    end subroutine open_library
 
    !> Address of a function; fails when the library does not export it.
@@ -65,13 +65,13 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       address = dlsym(self%handle, name//c_null_char)
-      if (.not. c_associated(address)) call fail(error, "the library has no function '"//name//"': "//last_reason(name))
+      if (.not. c_associated(address)) call fail(error, "the library has no function '"//name//"': "//trim(last_reason(name)))
    end subroutine dynamic_library_find
 
    !> What the loader says about its last failure.
    function last_reason(subject) result(text)
       character(*), intent(in) :: subject                             !! told when the loader says nothing
-      character(:), allocatable :: text
+      character(1000) :: text
       type(c_ptr) :: message
 
       message = dlerror()

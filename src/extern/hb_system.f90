@@ -20,6 +20,7 @@ module hb_system
    end type file_kind_t
 
    type(file_kind_t), parameter :: file_kind = file_kind_t()
+   integer, parameter, private :: longest = 4096                       ! path
 
    !> A file that this process holds.
    type :: held_file_t
@@ -162,17 +163,17 @@ contains
       is_same_file = hb_is_same_file(c_path(one), c_path(other)) /= 0
    end function is_same_file
 
-   !> Gives the name of the file that a link leads to, whether that is there or not; a name that is no link as it is.
+   !> Gives the name, with blanks behind it, of the file that a link leads to, whether that is there or not; a name that is no link as it is.
    function follow_links(path) result(file)
       character(*), intent(in) :: path
-      character(:), allocatable :: file
-      integer, parameter :: longest = 4096, most_links = 40
+      character(longest) :: file
+      integer, parameter :: most_links = 40
       character(longest, c_char) :: words
       integer :: i, length
 
       file = path
       do i = 1, most_links
-         length = int(hb_read_link(c_path(file), words, int(longest, c_int)))
+         length = int(hb_read_link(c_path(trim(file)), words, int(longest, c_int)))
          if (length < 1) return
          if (words(1:1) == "/") then
             file = words(:length)
@@ -278,11 +279,10 @@ contains
       ok = hb_sync_file(c_path(path)) == 0
    end subroutine sync_file
 
-   !> Gives the absolute path of the folder that a file stands in, with a slash at its end; empty where there is none.
+   !> Gives the absolute path of the folder that a file stands in, with a slash and blanks at its end; empty where there is none.
    function folder_of(path) result(folder)
       character(*), intent(in) :: path                                !! of the file
-      character(:), allocatable :: folder
-      integer, parameter :: longest = 4096
+      character(longest) :: folder
       character(longest, c_char) :: words
       integer :: length
 
@@ -299,7 +299,7 @@ contains
 
    !> Gives the time of now in UTC, ISO 8601.
    function utc_now() result(text)
-      character(:), allocatable :: text
+      character(20) :: text
       character(21, c_char) :: bytes
       integer(c_size_t) :: length
 
@@ -310,7 +310,7 @@ contains
 
    pure function c_path(path)
       character(*), intent(in) :: path
-      character(:), allocatable :: c_path
+      character(len(path) + 1) :: c_path
 
       c_path = path//c_null_char
    end function c_path

@@ -137,7 +137,7 @@ contains
    !> What tells the library from another one: checksum and length; laws of the program have none.
    function user_library_mark(self) result(text)
       class(user_library_t), intent(in) :: self
-      character(:), allocatable :: text
+      character(60) :: text
 
       text = "of the program"
       if (.not. self%is_given) text = library_mark(self%evaluate_function)

@@ -2,7 +2,7 @@
 !>
 !>     call read_namelist(document, file_name, text, error)
 !>     call set_text(document, "law(2)%gap", "1.5e-3", error)    ! overrides, if any
-!>     text = complete_text(document)                            ! after it was read: with all defaults
+!>     call write_complete_text(document, text)                     ! after it was read: with all defaults
 module hb_namelist
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_document, only: document_t, new_document, parameter_t
@@ -18,9 +18,9 @@ module hb_namelist
    use hb_text, only: is_name, quote, shown, string_t, text_builder_t, to_text
    implicit none
    private
-   public :: complete_text, read_namelist, set_text
+   public :: read_namelist, set_text, write_complete_text
 
-   integer, parameter :: line_width = 100                   !! of what `complete_text` gives
+   integer, parameter :: line_width = 100                   !! of what `write_complete_text` gives
 
 contains
 
@@ -116,9 +116,9 @@ contains
    !> The input after defaults and overrides: all groups that were read, with every key asked for. Reading it
    !> again gives the same values; left out is what a namelist cannot express: values not allocated, empty
    !> lists, NaN, infinity, strings of several lines.
-   pure function complete_text(self) result(text)
+   pure subroutine write_complete_text(self, text)
       type(document_t), intent(in) :: self
-      character(:), allocatable :: text
+      character(:), allocatable, intent(out) :: text
       type(text_builder_t) :: lines
       integer :: i
 
@@ -126,7 +126,7 @@ contains
          if (self%groups%holders(i)%group%reading > 0) call write_group(self%groups%holders(i)%group, lines)
       end do
       text = lines%text()
-   end function complete_text
+   end subroutine write_complete_text
 
    !> Writes a group with every key that was asked for and its value, given or default.
    pure subroutine write_group(self, lines)
@@ -175,24 +175,14 @@ contains
       do i = 1, size(texts)
          is_repeated = i > 1                                ! matrices have long rows of equal numbers; zeros have signs
          if (is_repeated) is_repeated = transfer(asked%numbers(i), 0_int64) == transfer(asked%numbers(i - 1), 0_int64)
-         if (.not. is_repeated) text = number_text(asked%numbers(i), asked%kind)
+         if (.not. is_repeated) then
+            text = to_text(asked%numbers(i))
+            if (asked%kind == kind_of%whole) text = to_text(nint(asked%numbers(i)))
+            if (asked%kind == kind_of%truth) text = to_text(asked%numbers(i) > 0.0_wp)
+         end if
          texts(i)%value = text
       end do
    end subroutine texts_of
-
-   pure function number_text(number, kind) result(text)
-      real(wp), intent(in) :: number
-      integer, intent(in) :: kind
-      character(:), allocatable :: text
-
-      if (kind == kind_of%whole) then
-         text = to_text(nint(number))
-      else if (kind == kind_of%truth) then
-         text = to_text(number > 0.0_wp)
-      else
-         text = to_text(number)
-      end if
-   end function number_text
 
    pure logical function can_be_written(word)
       type(string_t), intent(in) :: word

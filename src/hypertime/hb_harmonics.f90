@@ -5,7 +5,7 @@
 module hb_harmonics
    use hb_error, only: error_t, fail
    use hb_kinds, only: int64, wp
-   use hb_text, only: to_text
+   use hb_text, only: length_of, to_text
    implicit none
    private
    public :: canonical_sign, exceeds_largest_box, harmonics_t, new_box, new_diamond, new_harmonics, new_of_parity, new_subset, &
@@ -294,15 +294,16 @@ contains
    !> Text such as (1,-2).
    pure function tuple_text(tuple) result(text)
       integer, intent(in) :: tuple(:)
-      character(:), allocatable :: text
-      integer :: m
+      character(1 + max(1, size(tuple)) + sum(length_of(tuple))) :: text
+      integer :: m, n
 
       text = "("
+      n = 1
       do m = 1, size(tuple)
-         if (m > 1) text = text//","
-         text = text//to_text(tuple(m))
+         text(n + 1:) = to_text(tuple(m))//","
+         n = n + length_of(tuple(m)) + 1
       end do
-      text = text//")"
+      text(len(text):) = ")"
    end function tuple_text
 
    pure integer function tuple_key(self, tuple)

@@ -171,7 +171,7 @@ contains
    !> What tells code from outside of nhbm from other code: its name and a checksum; empty for laws of its own.
    function law_mark(self) result(text)
       class(law_t), intent(in) :: self
-      character(:), allocatable :: text
+      character(300) :: text
 
       text = ""
    end function law_mark

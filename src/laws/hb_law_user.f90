@@ -74,7 +74,7 @@ contains
       call group%get("parameters", parameters)
       call group%get("odd", self%is_odd)                              ! nobody else can see it
       if (.not. (allocated(library) .and. allocated(name))) return
-      if (len(library) > 0) library = library_place(group%file_name, library)
+      if (len(library) > 0) library = trim(library_place(group%file_name, library))
       call load_user_law(self, library, name, parameters, error)
       if (allocated(error)) then
          call group%problem("library", error%message)
@@ -132,7 +132,7 @@ contains
    !> Its name, and what tells the library from another one.
    function user_law_mark(self) result(text)
       class(user_law_t), intent(in) :: self
-      character(:), allocatable :: text
+      character(300) :: text
 
       text = self%name//", "//self%library%mark()
    end function user_law_mark

@@ -467,7 +467,7 @@ contains
          end if
       end if
       if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
-         result%message = message_on_outputs(scene%accuracy, max(result%output_estimate, result%output_level_estimate))
+         result%message = trim(message_on_outputs(scene%accuracy, max(result%output_estimate, result%output_level_estimate)))
       result%harmonics = top%set
       result%n_samples = top%n_samples
       result%n_rungs = account%n_rungs
@@ -491,7 +491,7 @@ contains
    function message_on_outputs(accuracy, estimates) result(message)
       type(accuracy_t), intent(in) :: accuracy
       real(wp), intent(in) :: estimates(:)
-      character(:), allocatable :: message
+      character(200) :: message
       character(9) :: estimate, tolerance
 
       write (estimate, "(es7.1)") maxval(estimates)

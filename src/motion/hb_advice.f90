@@ -95,9 +95,10 @@ contains
    end function stiffness_of
 
    !> The message: advice first, then the least residual of each way.
-   pure function advice_on(report, circumstances) result(text)
+   pure function advice_on(report, circumstances) result(advice)
       type(report_t), intent(in) :: report
       type(circumstances_t), intent(in) :: circumstances
+      character(1000) :: advice
       character(:), allocatable :: text
 
       text = ""
@@ -118,9 +119,10 @@ contains
             call add(text, "&solver rescue = .true. tries other ways")
          if (is_out_of_work(report)) call add(text, "a rescue met its budget: raise &solver rescue_work")
          if (len(text) == 0 .or. report%status == outcome%stalled) &
-            call add(text, "another first guess (of several motions one): "//guesses(c))
+            call add(text, "another first guess (of several motions one): "//trim(guesses(c)))
       end associate
-      text = text//tried(report)
+      call add_attempts(report, text)
+      advice = text
 
    contains
 
@@ -136,10 +138,10 @@ contains
    !> First guesses that were not in use.
    pure function guesses(circumstances) result(text)
       type(circumstances_t), intent(in) :: circumstances
-      character(:), allocatable :: text
+      character(60) :: text
 
       text = "a &start"
-      if (.not. circumstances%is_neighbour_used) text = "'neighbour' or "//text
+      if (.not. circumstances%is_neighbour_used) text = "'neighbour' or a &start"
       if (.not. circumstances%is_march_used) text = "first_guess = 'march', "//text
    end function guesses
 
@@ -172,13 +174,12 @@ contains
       end do
    end function is_out_of_work
 
-   !> The least residual of each way, such as `; least residuals: direct 1.2E-3 stalled, other_guess 3.0E-4 out_of_budget`.
-   pure function tried(report) result(text)
+   !> Adds the least residual of each way, such as `; least residuals: direct 1.2E-3 stalled, other_guess 3.0E-4 out_of_budget`.
+   pure subroutine add_attempts(report, text)
       type(report_t), intent(in) :: report
-      character(:), allocatable :: text
+      character(:), allocatable, intent(inout) :: text
       integer :: i
 
-      text = ""
       do i = 1, size_of_attempts(report)
          if (i == 1) text = text//"; least residuals: direct "
          if (i > 1) text = text//", "//trim(rescue_names(report%attempts(i)%kind))//" "
@@ -186,22 +187,38 @@ contains
          if (i == 1 .or. report%attempts(i)%status /= report%attempts(1)%status) &
             text = text//" "//outcome_name(report%attempts(i)%status)
       end do
-   end function tried
+   end subroutine add_attempts
 
    !> Gives a number with two digits: 7800, 0.12, 4.9E-05.
    pure function rounded(value) result(text)
       real(wp), intent(in) :: value
-      character(:), allocatable :: text
-      character(16) :: digits
+      character(rounded_length(value)) :: text
+      character(24) :: buffer
+
+      call write_rounded(value, buffer)
+      text = buffer
+   end function rounded
+
+   pure integer function rounded_length(value) result(length)
+      real(wp), intent(in) :: value
+      character(24) :: buffer
+
+      call write_rounded(value, buffer)
+      length = len_trim(buffer)
+   end function rounded_length
+
+   pure subroutine write_rounded(value, text)
+      real(wp), intent(in) :: value
+      character(*), intent(out) :: text
+      integer :: n
 
       if (value >= 0.01_wp .and. value < 1.0e6_wp) then
          text = to_text(real(nint(value*10.0_wp**(1 - floor(log10(value)))), wp)/10.0_wp**(1 - floor(log10(value))))
-         if (len(text) > 2) then
-            if (text(len(text) - 1:) == ".0") text = text(:len(text) - 2)
-         end if
+         n = len_trim(text)
+         if (text(n - 1:n) == ".0") text(n - 1:n) = ""
       else
-         write (digits, "(es8.1e2)") max(value, 1.0e-99_wp)
-         text = trim(adjustl(digits))
+         write (text, "(es8.1e2)") max(value, 1.0e-99_wp)
+         text = adjustl(text)
       end if
-   end function rounded
+   end subroutine write_rounded
 end module hb_advice

@@ -106,6 +106,7 @@ contains
       real(wp), intent(in) :: limit                                   !! bytes for this process
       type(error_t), allocatable, intent(out) :: error
       type(memory_estimate_t) :: bytes
+      character(:), allocatable :: change
 
       if (max(unknowns(s, s%n_harmonics), table_size(s%highest)) > real(huge(1), wp)) then
          call fail(error, "there would be "//to_text(anint(unknowns(s, s%n_harmonics)))//" unknowns, more than can be counted; "// &
@@ -118,8 +119,9 @@ contains
       end if
       bytes = estimate_memory(s)
       if (bytes%worst() <= limit) return
+      call find_what_fits(s, limit, change)
       call fail(error, "this point would need "//amount(bytes%worst())//" of memory, "//amount(limit)// &
-                " are there for each process: "//memory_text(bytes)//". "//what_fits(s, limit))
+                " are there for each process: "//trim(memory_text(bytes))//". "//change)
    end subroutine check_memory
 
    !> Values that a point has at most in one dataset of the result file.
@@ -133,7 +135,7 @@ contains
    !> The parts that matter, the largest first: such as `tangent 3.1 GiB, samples 0.4 GiB`.
    pure function memory_text(bytes) result(text)
       type(memory_estimate_t), intent(in) :: bytes
-      character(:), allocatable :: text
+      character(250) :: text
       character(11), parameter :: names(7) = [character(11) :: &
          "structure", "linear part", "samples", "tangent", "rescue", "certificate", "results"]
       real(wp) :: parts(7)
@@ -145,17 +147,17 @@ contains
       do k = 1, size(parts)
          i = maxloc(parts, dim=1)
          if (parts(i) < 0.01_wp*bytes%worst() .and. k > 1) return
-         if (k > 1) text = text//", "
-         text = text//trim(names(i))//" "//amount(parts(i))
+         if (k > 1) text = trim(text)//", "//trim(names(i))//" "//amount(parts(i))
+         if (k == 1) text = trim(names(i))//" "//amount(parts(i))
          parts(i) = -1.0_wp
       end do
    end function memory_text
 
    !> What to change, alone, so that the point fits: the settings that cost most, and the highest order that fits.
-   function what_fits(s, limit) result(text)
+   subroutine find_what_fits(s, limit, text)
       type(sizes_t), intent(in) :: s
       real(wp), intent(in) :: limit
-      character(:), allocatable :: text
+      character(:), allocatable, intent(out) :: text
       type(sizes_t) :: other
       integer :: fits, half, too_little
 
@@ -194,7 +196,7 @@ contains
          if (len(text) > 0) text = text//"; "
          text = text//change//" ("//amount(worst_of(other))//")"
       end subroutine offer
-   end function what_fits
+   end subroutine find_what_fits
 
    pure real(wp) function worst_of(s)
       type(sizes_t), intent(in) :: s
@@ -350,8 +352,24 @@ contains
    !> Bytes in words, such as 0.25 GiB or 12 MiB.
    pure function amount(bytes) result(text)
       real(wp), intent(in) :: bytes
-      character(:), allocatable :: text
+      character(amount_length(bytes)) :: text
       character(40) :: buffer
+
+      call write_amount(bytes, buffer)
+      text = buffer
+   end function amount
+
+   pure integer function amount_length(bytes) result(length)
+      real(wp), intent(in) :: bytes
+      character(40) :: buffer
+
+      call write_amount(bytes, buffer)
+      length = len_trim(buffer)
+   end function amount_length
+
+   pure subroutine write_amount(bytes, buffer)
+      real(wp), intent(in) :: bytes
+      character(40), intent(out) :: buffer
 
       if (bytes >= 1.0e6_wp*gib) then
          write (buffer, "(es8.1, a)") bytes/gib, " GiB"
@@ -361,6 +379,6 @@ contains
          write (buffer, "(f12.0, a)") bytes/gib*1024.0_wp, " MiB"
          buffer = buffer(:11)//buffer(13:)                            ! without the point
       end if
-      text = trim(adjustl(buffer))
-   end function amount
+      buffer = adjustl(buffer)
+   end subroutine write_amount
 end module hb_memory_estimate

@@ -376,7 +376,7 @@ contains
       result%n_unknowns = balance%n_unknowns
       result%preconditioner_level = balance%preconditioner_level
       result%rescue = report%rescue
-      trouble = balance%law_set%memory_trouble()
+      trouble = trim(balance%law_set%memory_trouble())
       if (report%status == outcome%failed .and. allocated(report%error) .and. len(trouble) > 0) then
          result%message = trouble                                     ! time integration needs no states that repeat on a grid
          return
@@ -391,13 +391,13 @@ contains
       else if (allocated(report%attempts) .and. any(report%status == [outcome%stalled, outcome%out_of_budget, outcome%singular, &
                                                                      outcome%not_finite, outcome%diverged, outcome%timed_out])) then
          call find_circumstances(scene, balance, u, circumstances)
-         result%message = advice_on(report, circumstances)
+         result%message = trim(advice_on(report, circumstances))
       else if (report%status == outcome%not_finite) then
          result%message = "loads, or the motion under them, are out of the range of numbers; scale the units"
       end if
 
       call describe_motion(scene, basis, balance, u, result, error, search)
-      trouble = balance%law_set%memory_trouble()
+      trouble = trim(balance%law_set%memory_trouble())
       if (allocated(error) .and. len(trouble) > 0) then
          deallocate (error)
          if (allocated(unknowns)) deallocate (unknowns)
@@ -436,7 +436,7 @@ contains
       if (verdict_on_work() == verdict%interrupted) result%status = outcome%interrupted
       if (.not. locking%is_locked) return
       result%status = outcome%locked
-      result%message = locking%message()
+      result%message = trim(locking%message())
       result%certificate = none                                       ! of a torus that there is not
       result%is_near_commensurate = .false.
       where (scene%tones%is_unknown) result%frequency = locking%multiples*locking%base

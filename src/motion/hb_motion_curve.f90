@@ -439,7 +439,7 @@ contains
       else if (self%curve%status /= outcome%pending) then
          result%status = self%curve%status
          if (self%has_collapsed) result%status = outcome%collapsed
-         result%message = lost_text(self)
+         result%message = trim(lost_text(self))
          call count_work(self%curve%report, before, result)
          call leave(self, error)
       else
@@ -562,7 +562,7 @@ contains
    !> Where and why the curve cannot be followed.
    function lost_text(self) result(text)
       class(motion_curve_t), intent(in) :: self
-      character(:), allocatable :: text
+      character(500) :: text
 
       associate (value => self%curve%x(size(self%curve%x)), unit => self%curve%units(size(self%curve%x)))
          if (self%has_collapsed) then
@@ -571,7 +571,7 @@ contains
          end if
          text = "no way on along the curve from the value "//to_text(value)//" after the length "//to_text(self%length)
          if (.not. allocated(self%problem%complaint)) return
-         if (abs(self%problem%refused - value) <= at_end*unit) text = text//": "//self%problem%complaint   ! else it is no reason
+         if (abs(self%problem%refused - value) <= at_end*unit) text = trim(text)//": "//self%problem%complaint   ! else it is no reason
       end associate
    end function lost_text
 

@@ -198,7 +198,7 @@ contains
       allocate (coefficients, mold=u)
       call balance%sample(u)
       call balance%law_set%evaluate()
-      trouble = balance%law_set%memory_trouble()
+      trouble = trim(balance%law_set%memory_trouble())
       if (len(trouble) > 0) then
          call fail(error, trouble)
          return

@@ -36,9 +36,9 @@ contains
          end if
       end if
       if (self%loads%n_dofs > 0) then
-         is_solved_odd = len(why_not_odd(self%laws, self%harmonics, self%torus, self%loads)) == 0
+         is_solved_odd = why_not_odd(self%laws, self%harmonics, self%torus, self%loads) == ""
       else
-         is_solved_odd = len(why_not_odd(self%laws, self%harmonics, self%torus)) == 0
+         is_solved_odd = why_not_odd(self%laws, self%harmonics, self%torus) == ""
       end if
    end function is_solved_odd
 
@@ -60,7 +60,7 @@ contains
 
       if (self%symmetry /= symmetry%odd .or. .not. allocated(self%torus%n_samples)) return
       if (.not. all([(allocated(self%laws(i)%law%dofs), i=1, size(self%laws))])) return   ! a problem by now
-      reason = why_not_odd(self%laws, self%harmonics, self%torus, self%loads)
+      reason = trim(why_not_odd(self%laws, self%harmonics, self%torus, self%loads))
       if (len(reason) > 0) call group%problem("symmetry", "must not be 'odd': "//reason// &
                                               "; 'auto' uses the symmetry where there is one")
    end subroutine check_symmetry

@@ -60,13 +60,13 @@ contains
    !> Says what to do about it.
    pure function locking_message(self) result(text)
       class(locking_t), intent(in) :: self
-      character(:), allocatable :: text
+      character(200) :: text
       integer :: m
 
       text = to_text(self%multiples(1))
       do m = 2, size(self%multiples)
-         text = text//":"//to_text(self%multiples(m))
+         text = trim(text)//":"//to_text(self%multiples(m))
       end do
-      text = "the tones lock in the ratio "//text//", as marching shows: use one tone, near "//to_text(self%base)//" rad/s"
+      text = "the tones lock in the ratio "//trim(text)//", as marching shows: use one tone, near "//to_text(self%base)//" rad/s"
    end function locking_message
 end module hb_time_domain

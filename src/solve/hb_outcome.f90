@@ -71,19 +71,19 @@ contains
    !> Gives the name of a status as it stands in the result file, `unknown` for a number that is no status.
    pure function outcome_name(status) result(name)
       integer, intent(in) :: status
-      character(:), allocatable :: name
+      character(merge(len_trim(outcome_names(known(status))), len("unknown"), is_status(status))) :: name
 
       name = "unknown"
-      if (is_status(status)) name = trim(outcome_names(status))
+      if (is_status(status)) name = outcome_names(status)
    end function outcome_name
 
    !> Gives a status in words for people, `unknown status` for a number that is no status.
    pure function outcome_text(status) result(text)
       integer, intent(in) :: status
-      character(:), allocatable :: text
+      character(merge(len_trim(texts(known(status))), len("unknown status"), is_status(status))) :: text
 
       text = "unknown status"
-      if (is_status(status)) text = trim(texts(status))
+      if (is_status(status)) text = texts(status)
    end function outcome_text
 
    !> Says whether there is a motion: from the balance, well enough for the thresholds of the certificate or not, or from marching.
@@ -93,6 +93,13 @@ contains
       is_solved = any(status == [outcome%converged, outcome%truncated, outcome%aliased, outcome%penetrating, &
                                outcome%impact, outcome%marched, outcome%several])
    end function is_solved
+
+   !> The status, or one that there is.
+   pure integer function known(status)
+      integer, intent(in) :: status
+
+      known = max(lbound(texts, 1), min(status, ubound(texts, 1)))
+   end function known
 
    !> Whether a number is one of the statuses.
    elemental logical function is_status(status)

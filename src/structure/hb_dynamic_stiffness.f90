@@ -295,7 +295,7 @@ contains
             if (k > 0) solver%rhs(:, n_law + 1) = parts%loads%values(self%interior, k)
             call solver%solve(frequencies(h), drives(h), reciprocal_condition)
             if (reciprocal_condition < max(lowest_condition, real(n_interior, wp)*epsilon(1.0_wp))) then
-               call fail(error, singular_text(h, frequencies(h), n_law > 0))
+               call fail(error, trim(singular_text(h, frequencies(h), n_law > 0)))
                return
             end if
 
@@ -643,16 +643,17 @@ contains
       integer, intent(in) :: harmonic
       real(wp), intent(in) :: frequency
       logical, intent(in) :: has_law_dofs
-      character(:), allocatable :: held, text
+      character(300) :: text
+      character(:), allocatable :: held
 
       held = ""
       if (has_law_dofs) held = " with the degrees of freedom of its laws held still"
       text = "dynamic stiffness: singular at harmonic "//to_text(harmonic)//", frequency "// &
              to_text(frequency)//" rad/s: "
       if (abs(frequency) > 0.0_wp) then
-         text = text//"an undamped resonance of the structure"//held//"; add damping or change the frequency"
+         text = trim(text)//" an undamped resonance of the structure"//held//"; add damping or change the frequency"
       else
-         text = text//"the structure"//held//" is free to move as a rigid body; add a support or stiffness"
+         text = trim(text)//" the structure"//held//" is free to move as a rigid body; add a support or stiffness"
       end if
    end function singular_text
 

@@ -69,13 +69,13 @@ contains
       if (.not. present(source)) then
          call fail(error, "models are not read here: there is nothing to read them with")
       else
-         call source%fetch(beside(group%file_name, file), model, error)
+         call source%fetch(trim(beside(group%file_name, file)), model, error)
       end if
       if (.not. allocated(error)) call check_room(model%n_dofs, error, memory_limit, model%mass%n_entries() + &
                                                         2*model%stiffness%n_entries() + model%damping%n_entries())
       if (.not. allocated(error)) call new_model_structure(structure, model, proportional, structural_frequency, error)
       structure%model_file = file
-      if (.not. allocated(error)) structure%origin = "model '"//file//"': "//structure_mark(structure)
+      if (.not. allocated(error)) structure%origin = "model '"//file//"': "//trim(structure_mark(structure))
       call annotate(error, group%place())
    end subroutine read_model
 

@@ -155,7 +155,7 @@ contains
       if (allocated(self%names)) then
          i = position_of(self%names, trim(adjustl(name)))
          if (size(self%names) > 0) known = join(self%names, ", ")
-         closest = closest_word(name, self%names)
+         closest = trim(closest_word(name, self%names))
       end if
       if (i == 0) then
          if (len(closest) > 0) closest = "; did you mean '"//closest//"'?"

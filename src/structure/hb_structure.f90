@@ -281,8 +281,8 @@ contains
                    to_text(self%n_dofs))
          return
       end if
-      message = "unknown degree of freedom '"//trim(adjustl(label))//"'; known: "//known_labels(self%labels)
-      closest = closest_word(label, self%labels)
+      message = "unknown degree of freedom '"//trim(adjustl(label))//"'; known: "//trim(known_labels(self%labels))
+      closest = trim(closest_word(label, self%labels))
       if (len(closest) > 0) message = message//"; did you mean '"//closest//"'?"
       call fail(error, message)
    end subroutine structure_find_dof
@@ -321,8 +321,8 @@ contains
    !> All labels, or the ends of a long list.
    pure function known_labels(labels) result(text)
       character(*), intent(in) :: labels(:)
-      character(:), allocatable :: text
       integer, parameter :: n_shown = 24, n_at_end = 4
+      character((n_shown + 1)*(len(labels) + 2)) :: text
 
       if (size(labels) <= n_shown) then
          text = join(labels, ", ")
@@ -335,7 +335,7 @@ contains
    !> Size of a matrix in words, such as `3 x 4`.
    pure function shape_text(matrix) result(text)
       real(wp), intent(in) :: matrix(:, :)
-      character(:), allocatable :: text
+      character(24) :: text
 
       text = to_text(size(matrix, 1))//" x "//to_text(size(matrix, 2))
    end function shape_text
@@ -349,13 +349,13 @@ contains
       if (n_dofs < 1) then
          call fail(error, "there are no degrees of freedom; at least 1 is needed")
       else if (any(shape(mass) /= n_dofs)) then
-         call fail(error, "the mass matrix must be square, it is "//shape_text(mass))
+         call fail(error, "the mass matrix must be square, it is "//trim(shape_text(mass)))
       else if (any(shape(damping) /= n_dofs)) then
-         call fail(error, "the damping matrix is "//shape_text(damping)//", the mass matrix "// &
-                   shape_text(mass))
+         call fail(error, "the damping matrix is "//trim(shape_text(damping))//", the mass matrix "// &
+                   trim(shape_text(mass)))
       else if (any(shape(stiffness) /= n_dofs)) then
-         call fail(error, "the stiffness matrix is "//shape_text(stiffness)// &
-                   ", the mass matrix "//shape_text(mass))
+         call fail(error, "the stiffness matrix is "//trim(shape_text(stiffness))// &
+                   ", the mass matrix "//trim(shape_text(mass)))
       else if (size(labels) /= n_dofs) then
          call fail(error, "there are "//to_text(size(labels))//" labels for "//to_text(n_dofs)// &
                    " degrees of freedom")

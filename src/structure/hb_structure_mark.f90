@@ -12,8 +12,7 @@ contains
    !> Checksum of all numbers and names of a structure, and its size, in words.
    function structure_mark(structure) result(text)
       type(structure_t), intent(in) :: structure
-      character(:), allocatable :: text
-      character(80) :: line
+      character(80) :: text
       integer :: i, sum
 
       sum = 0
@@ -44,8 +43,7 @@ contains
             sum = checksum(checksum(checksum(sum, vectors%first), vectors%dofs), vectors%values)
          end if
       end associate
-      write (line, "(a, z8.8, a, i0, a)") "CRC-32 ", sum, ", ", structure%n_dofs, " degrees of freedom"
-      text = trim(line)
+      write (text, "(a, z8.8, a, i0, a)") "CRC-32 ", sum, ", ", structure%n_dofs, " degrees of freedom"
    end function structure_mark
 
    integer function with_sparse(so_far, matrix) result(sum)

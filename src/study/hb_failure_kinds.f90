@@ -34,7 +34,8 @@ contains
          n = count(status == i)
          if (n == 0 .or. i == outcome%unused) cycle
          points = pack([(k, k=1, size(status))], status == i)
-         lines = [lines, string_t(to_text(n)//" "//outcome_text(i)//" (first: point "//to_text(points(1) - 1)//")")]
+         text = to_text(n)//" "//outcome_text(i)//" (first: point "//to_text(points(1) - 1)//")"
+         lines = [lines, string_t(text)]
          points = points(:min(n, most_read))
          said = ""
          call messages_of(names%result, points, messages)

@@ -8,7 +8,7 @@ module hb_study
    use hb_followed_motion, only: n_further
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
-   use hb_namelist, only: complete_text, read_namelist, set_text
+   use hb_namelist, only: read_namelist, set_text, write_complete_text
    use hb_result_columns, only: new_plan, plan_t
    use hb_results_layout, only: results_layout_t
    use hb_results_plan, only: measure_row
@@ -93,7 +93,7 @@ contains
          if (.not. allocated(error)) call read_scene(self%scene, first, error, self%available_memory, self%callbacks)
          if (allocated(error)) return
       end if
-      self%input_complete = complete_text(first)
+      call write_complete_text(first, self%input_complete)
       if (self%scene%accuracy%grows_set) then
          allocate (self%tuples(self%scene%tones%n_tones, share_of_marched*self%scene%accuracy%max_harmonics), source=0)
       else
@@ -268,7 +268,7 @@ contains
          if (scene%stability%method /= stability_method%off) layout%n_multipliers = n_multipliers_of(structure%n_dofs)
          layout%title = scene%output%title
          layout%input_name = self%document%file_name
-         layout%input_folder = folder_of(self%document%file_name)
+         layout%input_folder = trim(folder_of(self%document%file_name))
          layout%input_text = self%input_text
          layout%input_overrides = self%input_overrides
          layout%input_complete = self%input_complete
@@ -300,7 +300,7 @@ contains
 
       text = ""
       do i = 1, size(self%scene%laws)
-         mark = self%scene%laws(i)%law%mark()
+         mark = trim(self%scene%laws(i)%law%mark())
          if (len(mark) == 0) cycle
          if (len(text) > 0) text = text//new_line("a")
          text = text//self%scene%laws(i)%law%label//": "//mark

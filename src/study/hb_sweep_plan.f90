@@ -493,10 +493,10 @@ contains
       integer :: i
 
       do i = 1, size(self%parameters)
-         self%parameters(i)%units = document%unit_of(self%parameters(i)%parameter)
+         self%parameters(i)%units = trim(document%unit_of(self%parameters(i)%parameter))
          self%parameters(i)%is_real = document%is_real(self%parameters(i)%parameter)
       end do
-      if (allocated(self%curve)) self%curve%units = document%unit_of(self%curve%parameter)
+      if (allocated(self%curve)) self%curve%units = trim(document%unit_of(self%curve%parameter))
    end subroutine sweep_plan_note_units
 
    !> Text such as `law(1)%gap = 0.0015, solver%method = 'newton'`; empty without parameters.

@@ -10,7 +10,7 @@ module hb_switched_input
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: two_pi, wp
-   use hb_namelist, only: complete_text
+   use hb_namelist, only: write_complete_text
    use hb_properties, only: properties_t
    use hb_run_callbacks, only: run_callbacks
    use hb_scene, only: scene_t
@@ -50,7 +50,8 @@ contains
       call plan%apply(from%point, document)
       call read_scene(scene, document, error, study%available_memory, run_callbacks())
       if (allocated(error)) return
-      text = without_sweeps(complete_text(document))
+      call write_complete_text(document, text)
+      text = without_sweeps(text)
       allocate (overrides(0))
       call document%begin()
       if (is_torus .and. scene%tones%n_tones > 1) then

@@ -64,15 +64,15 @@ contains
       settled%n_motions = maxval(motion)
       if (settled%n_motions == 0) return
       if (settled%n_motions > 1 .and. settled%status == outcome%marched) settled%status = outcome%several
-      settled%message = tell_motions(motion, each%status, each%amplitude)
+      call tell_motions(motion, each%status, each%amplitude, settled%message)
    end subroutine settle_from_starts
 
    !> Says which motions there are: their amplitudes, and from how many starts each is reached.
-   pure function tell_motions(motion, status, amplitude) result(message)
+   pure subroutine tell_motions(motion, status, amplitude, message)
       integer, intent(in) :: motion(:)                                !! in which each start ends; 0: in none that is known
       integer, intent(in) :: status(:)                                !! of each start, one of `outcome`
       real(wp), intent(in) :: amplitude(:)                            !! of each start [m]
-      character(:), allocatable :: message
+      character(:), allocatable, intent(out) :: message
       integer, parameter :: most_named = 8                            ! a message has an end
       integer :: first, k
 
@@ -86,5 +86,5 @@ contains
       end do
       if (maxval(motion) > most_named) message = message//", ..."
       if (any(motion == 0)) message = message//"; not settled from "//to_text(count(motion == 0))
-   end function tell_motions
+   end subroutine tell_motions
 end module hb_coexisting_motions

@@ -1,0 +1,47 @@
+"""Threads with a model each: nothing static that they would share, and no race that a detector sees."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+LIBRARY = Path(os.environ["NHBM"]).resolve().parents[1] / "lib" / "libnhbm.so"
+if not LIBRARY.is_file():
+    pytest.skip("the shared library was not built", allow_module_level=True)
+ROOT = Path(__file__).resolve().parents[2]
+SUPPORT = ROOT / "tests" / "support"
+
+
+def test_no_lengths_of_texts_are_static():
+    """gfortran keeps the length of a deferred-length function result in static memory, `slen` with a number."""
+    symbols = subprocess.run(["nm", LIBRARY], capture_output=True, text=True, check=True).stdout
+    assert "nhbm_solve" in symbols
+    assert [line.split()[-1] for line in symbols.splitlines() if " slen." in line] == []
+
+
+@pytest.fixture
+def two_models(tmp_path):
+    compiler = shutil.which("cc") or pytest.skip("no C compiler")
+    program = tmp_path / "two_models"
+    folders = [f"-I{ROOT / 'src' / folder}" for folder in ("api", "laws")]
+    subprocess.run([compiler, "-g", "-pthread", *folders, SUPPORT / "two_models.c", LIBRARY, f"-Wl,-rpath,{LIBRARY.parent}", "-o", program],
+                   check=True)  # fmt: skip
+    return program
+
+
+def test_two_threads_find_what_one_finds(two_models):
+    found = subprocess.run([two_models], capture_output=True, text=True, check=True).stdout
+    assert "did you mean 'stiffness'" in found
+    assert "did you mean 'cubic_spring'" in found
+
+
+@pytest.mark.long
+def test_a_race_detector_sees_nothing(two_models):
+    valgrind = shutil.which("valgrind") or pytest.skip("valgrind is not installed")
+    done = subprocess.run([valgrind, "--tool=helgrind", f"--suppressions={SUPPORT / 'helgrind.supp'}", "--error-exitcode=9", two_models],
+                          capture_output=True, text=True, env={**os.environ, "OPENBLAS_NUM_THREADS": "1"})  # fmt: skip
+    assert done.returncode == 0, done.stderr[-3000:]

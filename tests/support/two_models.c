@@ -1,0 +1,57 @@
+/* Two threads, each with models of its own: errors of the input, points of four laws. Both print what they
+ * found, so that a race shows as a difference, too; a race detector sees more. */
+#include <pthread.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "nhbm.h"
+
+#define OSCILLATOR \
+   "&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0,\n" \
+   " damping_mass = 0.1 /\n&tones frequency = 0.9 /\n&load dof = 'x1', tuple = 1, cos = 0.3 /\n&harmonics order = 5 /\n"
+
+static const char *const texts[] = {
+   OSCILLATOR "&law type = 'cubic_spring', dof = 'x1', stifness = 0.5 /\n",
+   OSCILLATOR "&law type = 'cubic_sprin', dof = 'x2', stiffness = -0.5 /\n",
+   OSCILLATOR "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /\n",
+   OSCILLATOR "&law type = 'elastic_stop', label = 'stop', dof = 'x1', stiffness = 5.0, gap = 0.2 /\n",
+   OSCILLATOR "&law type = 'jenkins', label = 'joint', dof = 'x1', stiffness = 1.0, limit = 0.1 /\n",
+};
+enum { n_texts = sizeof texts / sizeof texts[0] };
+
+typedef struct {
+   char lines[n_texts][400];
+} found_t;
+
+static void *run(void *data) {
+   found_t *found = data;
+
+   for (int i = 0; i < n_texts; ++i) {
+      nhbm_error error;
+      nhbm_column amplitude;
+      nhbm_model *model = nhbm_new();
+
+      if (nhbm_read(model, texts[i], "two_models", &error) || nhbm_solve(model, NHBM_COLD, &error) ||
+          nhbm_column_of(model, "coefficients", &amplitude, &error)) {
+         snprintf(found->lines[i], sizeof found->lines[i], "%s", error.text);
+      } else {
+         snprintf(found->lines[i], sizeof found->lines[i], "%.17g", ((const double *)amplitude.data)[amplitude.shape[2]]);
+      }
+      nhbm_delete(&model);
+   }
+   return NULL;
+}
+
+int main(void) {
+   static found_t alone, found[2];
+   pthread_t threads[2];
+
+   run(&alone);
+   for (int i = 0; i < 2; ++i) pthread_create(&threads[i], NULL, run, &found[i]);
+   for (int i = 0; i < 2; ++i) pthread_join(threads[i], NULL);
+   for (int i = 0; i < n_texts; ++i) {
+      puts(alone.lines[i]);
+      if (strcmp(alone.lines[i], found[0].lines[i]) || strcmp(alone.lines[i], found[1].lines[i])) return 1;
+   }
+   return 0;
+}
