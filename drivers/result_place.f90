@@ -19,7 +19,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (rank_of(comm) == 0) then
-         path = trim(follow_links(options%result_path()))
+         call follow_links(options%result_path(), path)
          if (is_same_file(path, options%input)) then
             call fail(error, "result file '"//path//"' is the input file; give another --output")
             if (index(path, ".h5", back=.true.) == max(1, len(path) - 2)) error%message = error%message// &

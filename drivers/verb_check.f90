@@ -245,7 +245,7 @@ contains
       if (bytes%worst() > bytes%usual()) text = text//", "//amount(bytes%worst())//" if the first attempt at a solution fails"
       if (scene%memory_limit < huge(1.0_wp)) text = text//" for each process; "//amount(scene%memory_limit)//" are free"
       call say("memory      "//text)
-      call say("            most for: "//memory_text(bytes))
+      call say("            most for: "//trim(memory_text(bytes)))
    end subroutine describe_memory
    !> Frequency of a tone, or that it is unknown.
    function tone_text(scene, i) result(text)

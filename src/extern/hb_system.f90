@@ -163,17 +163,17 @@ contains
       is_same_file = hb_is_same_file(c_path(one), c_path(other)) /= 0
    end function is_same_file
 
-   !> Gives the name, with blanks behind it, of the file that a link leads to, whether that is there or not; a name that is no link as it is.
-   function follow_links(path) result(file)
+   !> Gives the name of the file that a link leads to, whether that is there or not; a name that is no link as it is.
+   subroutine follow_links(path, file)
       character(*), intent(in) :: path
-      character(longest) :: file
+      character(:), allocatable, intent(out) :: file
       integer, parameter :: most_links = 40
       character(longest, c_char) :: words
       integer :: i, length
 
       file = path
       do i = 1, most_links
-         length = int(hb_read_link(c_path(trim(file)), words, int(longest, c_int)))
+         length = int(hb_read_link(c_path(file), words, int(longest, c_int)))
          if (length < 1) return
          if (words(1:1) == "/") then
             file = words(:length)
@@ -181,7 +181,7 @@ contains
             file = file(:index(file, "/", back=.true.))//words(:length)
          end if
       end do
-   end function follow_links
+   end subroutine follow_links
 
    !> Gives a file a second name; unlike `rename_file` it fails where the name is taken.
    subroutine link_file(old, new, ok)

@@ -142,7 +142,7 @@ contains
 
       text = "a &start"
       if (.not. circumstances%is_neighbour_used) text = "'neighbour' or a &start"
-      if (.not. circumstances%is_march_used) text = "first_guess = 'march', "//text
+      if (.not. circumstances%is_march_used) text = "first_guess = 'march', "//trim(text)
    end function guesses
 
    pure integer function size_of_attempts(report)

@@ -38,7 +38,7 @@ contains
    !> Verdict in words.
    pure function verdict_text(kind) result(text)
       integer, intent(in) :: kind
-      character(80) :: text
+      character(100) :: text
 
       select case (kind)
       case (verdict%agrees); text = "agrees with time integration"
