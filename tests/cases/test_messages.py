@@ -112,8 +112,8 @@ def test_check_prints_natural_frequencies(tmp_path):
 
 
 @pytest.mark.parametrize("is_by_tolerance", [False, True], ids=["given", "tolerance"])
-def test_readme_reads_files(is_by_tolerance, tmp_path):
-    """The code that README gives, on a file of the kind it speaks of and on one of an input that asks for nothing."""
+def test_recipe_reads_files(is_by_tolerance, tmp_path):
+    """The code of docs/howto/xarray.md, on a file of the kind it speaks of and on one of an input that asks for nothing."""
     pytest.importorskip("xarray")
     pytest.importorskip("h5netcdf")
     beam = """
@@ -125,7 +125,7 @@ def test_readme_reads_files(is_by_tolerance, tmp_path):
 &sweep parameter = 'load(1)%cos', values = 0.5, 5.0 /
 """
     result = solve(beam + ("" if is_by_tolerance else "&harmonics order = 3 /\n"), tmp_path, name="wall")
-    code = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL).group(1)
+    code = re.search(r"```python\n(.*?)```", (ROOT / "docs" / "howto" / "xarray.md").read_text(), re.DOTALL).group(1)
     found, here = {}, os.getcwd()
     os.chdir(tmp_path)
     try:

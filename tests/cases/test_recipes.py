@@ -1,0 +1,44 @@
+"""The recipes (docs/howto) and tutorials (docs/start): their code runs as written and prints what the pages show."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import pytest
+from page_runner import ROOT, blocks_of, compare, is_same, run_page
+
+LIBRARY = Path(os.environ["NHBM"]).resolve().parents[1] / "lib" / "libnhbm.so"
+PAGES = [ROOT / "README.md", *sorted(page for page in ROOT.glob("docs/*/*.md") if page.parent.name in ("howto", "start") and blocks_of(page))]
+LONG: set[str] = set()  # pages that take seconds
+MOST_WORDS = {"howto": 450, "start": 1200, "README.md": 1000}
+
+
+def words(page: Path) -> int:
+    return len(page.read_text(encoding="utf-8").split())
+
+
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, marks=pytest.mark.long if page.stem in LONG else ()) for page in PAGES], ids=lambda page: page.stem
+)
+def test_pages_run_as_written(page, tmp_path):
+    text = page.read_text(encoding="utf-8")
+    if not LIBRARY.is_file() and re.search("import .*nhbm|-lnhbm", text):
+        pytest.skip("the shared library was not built")
+    run_page(page, tmp_path)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_pages_are_short(page):
+    assert words(page) <= MOST_WORDS.get(page.parent.name, MOST_WORDS["README.md"])
+
+
+def test_lines_are_compared():
+    assert is_same("fold at 1.2696 rad/s, point 89", "fold    at 1.2700 rad/s, point 89")
+    assert not is_same("fold at 1.2696 rad/s, point 89", "fold at 1.2696 rad/s, point 90")
+    assert not is_same("fold at 1.2696 rad/s", "fold at 1.3 rad/s")
+    assert is_same("error: ... by truncation", "error: 3.1E-04 by truncation")
+    compare(["a", "...", "c"], "a\nb\nc\n", "page")
+    with pytest.raises(AssertionError, match="the page has"):
+        compare(["c", "a"], "a\nb\nc\n", "page")
