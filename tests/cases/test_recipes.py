@@ -12,7 +12,7 @@ import pytest
 from page_runner import ROOT, blocks_of, compare, is_same, run_page
 
 LIBRARY = Path(os.environ["NHBM"]).resolve().parents[1] / "lib" / "libnhbm.so"
-PAGES = [ROOT / "README.md", *sorted(page for page in ROOT.glob("docs/*/*.md") if page.parent.name in ("howto", "start") and blocks_of(page))]
+PAGES = [ROOT / "README.md", ROOT / "docs" / "user" / "cheat_sheet.md", *sorted(page for page in ROOT.glob("docs/*/*.md") if page.parent.name in ("howto", "start") and blocks_of(page))]
 LONG = {"finite_element_bracket", "friction_damper"}  # pages that take seconds
 MOST_WORDS = {"howto": 450, "start": 1200, "README.md": 1000}
 

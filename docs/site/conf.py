@@ -1,0 +1,38 @@
+"""Sphinx configuration of the site; drivers/site builds it in build/site/source, where the pages of the repository stand as they do here."""
+
+import os
+import re
+from pathlib import Path
+
+ROOT = Path(os.environ["NHBM_SOURCE"])
+
+project = "nhbm"
+author = "The authors of nhbm"
+release = re.search(r"project\(nhbm VERSION (\S+)", (ROOT / "CMakeLists.txt").read_text())[1]
+version = release
+
+extensions = ["myst_nb", "sphinx_design", "sphinx_copybutton", "sphinx.ext.mathjax"]
+root_doc = "index"
+include_patterns = ["index.md", "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md", "docs/**/*.md", "postproc/README.md", "gallery/*.md"]
+
+myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 4
+nb_execution_mode = os.environ.get("NHBM_SITE_NOTEBOOKS", "force")
+nb_execution_in_temp = True
+nb_execution_timeout = 600
+nb_execution_raise_on_error = True
+nb_merge_streams = True
+mathjax_path = "MathJax/MathJax.js?config=TeX-AMS-MML_HTMLorMML-full"
+myst_update_mathjax = False
+mathjax2_config = {"jax": ["input/TeX", "output/SVG"], "tex2jax": {"inlineMath": [["\\(", "\\)"]], "processClass": "math|output_area"}}
+
+html_theme = "furo"
+html_title = f"nhbm {release}"
+html_static_path = [os.environ["NHBM_SITE_STATIC"]]
+html_theme_options = {"source_repository": "", "navigation_with_keys": True}
+html_show_sourcelink = False
+copybutton_prompt_text = "$ "
+pygments_style = "tango"
+suppress_warnings = ["toc.not_included"]  # docs/README.md is for readers of the files
+if nb_execution_mode == "off":
+    suppress_warnings += ["myst-nb.lexer"]
