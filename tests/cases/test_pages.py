@@ -12,7 +12,7 @@ import pytest
 from program import ALL_CONVERGED, NOT_ALL_CONVERGED, run
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("postproc/*.md")])
+PAGES = sorted({*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("postproc/*.md")} - {*ROOT.glob("docs/site/*")})
 CONVERGENCE = (ROOT / "docs" / "user" / "convergence.md").read_text(encoding="utf-8")
 
 SCENE = """&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0
