@@ -22,13 +22,12 @@ nb_execution_in_temp = True
 nb_execution_timeout = 600
 nb_execution_raise_on_error = True
 nb_merge_streams = True
-mathjax_path = "MathJax/MathJax.js?config=TeX-AMS-MML_HTMLorMML-full"
-myst_update_mathjax = False
-mathjax2_config = {"jax": ["input/TeX", "output/SVG"], "tex2jax": {"inlineMath": [["\\(", "\\)"]], "processClass": "math|output_area"}}
+mathjax_path = "mathjax.js"  # of one file, fonts included
 
 html_theme = "furo"
 html_title = f"nhbm {release}"
 html_static_path = [os.environ["NHBM_SITE_STATIC"]]
+html_css_files = ["site.css"]
 html_theme_options = {"source_repository": "", "navigation_with_keys": True}
 html_show_sourcelink = False
 copybutton_prompt_text = "$ "
