@@ -21,7 +21,7 @@ BEAM = """\
 !
 ! Hard, because Newton's method cycles among the pieces of a piecewise linear system, because one sample that touches changes the
 ! tangent by up to a million times the beam, and because order 5 is far too low where stiff stops make the motion bounce. Whether the
-! equations of the points that do not converge have a solution at all is not known. docs/user/hard.md lists them. Four of the drawn
+! equations of the points that do not converge have a solution at all is not known. docs/why/hard.md lists them. Four of the drawn
 ! pairs of tones are nearly commensurate, which `nhbm check` tells.
 !
 ! label: long
@@ -50,7 +50,7 @@ MASS = """\
 ! Written by random_contact.py.
 !
 ! Hard, because the motion is that of an impact oscillator near its resonance. About every fourth of these problems has no single
-! two-tone motion: marched from three initial states the motions are still apart after 360 s (docs/user/hard.md, with the list of
+! two-tone motion: marched from three initial states the motions are still apart after 360 s (docs/why/hard.md, with the list of
 ! the points that do not converge). Three of the drawn pairs of tones are nearly commensurate, which `nhbm check` tells.
 !
 ! label: long

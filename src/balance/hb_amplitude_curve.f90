@@ -2,7 +2,7 @@
 !>
 !> The curve begins at a mode with a small amplitude. Where the artificial damping changes its sign on it, the motion needs
 !> none: a limit cycle. One beyond which the motion is damped is preferred, motion near it would come back to it.
-!> The curve may turn back in amplitude, as where two flexible bodies touch. Source: docs/user/theory.md, section 6.5.
+!> The curve may turn back in amplitude, as where two flexible bodies touch. Source: docs/why/theory.md, section 6.5.
 module hb_amplitude_curve
    use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_kinds, only: wp

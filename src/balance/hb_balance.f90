@@ -2,7 +2,7 @@
 !>
 !> Forces are evaluated on the torus and projected back (alternating frequency/time); the tangent is the exact derivative
 !> of this discrete residual. Unknowns u(n_coefficients, n_dofs) are cosines and sines, degree of freedom by degree of
-!> freedom. Source: docs/user/theory.md, sections 3 to 5.
+!> freedom. Source: docs/why/theory.md, sections 3 to 5.
 !>
 !> Forces with memory depend on all samples; their columns of the tangent come from the march that found them.
 !>
@@ -429,7 +429,7 @@ contains
       call apply_tangent_to(self, x, product)
    end subroutine balance_apply_tangent
 
-   !> J u = S u + the derivative of the forces along u. Source: docs/user/theory.md, section 6.6.
+   !> J u = S u + the derivative of the forces along u. Source: docs/why/theory.md, section 6.6.
    subroutine apply_tangent_to(self, u, product)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)

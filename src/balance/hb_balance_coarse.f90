@@ -2,7 +2,7 @@
 !>
 !> Contact that comes and goes on the way from the linear motion is settled on the lowest rung, by whatever it takes, where a
 !> step costs next to nothing; each further rung takes a few steps from the one below it.
-!> Source: docs/user/theory.md, section 6.4.
+!> Source: docs/why/theory.md, section 6.4.
 submodule (hb_balance) hb_balance_coarse
    use hb_harmonics, only: new_harmonics
    use hb_outcome, only: outcome

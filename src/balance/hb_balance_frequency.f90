@@ -1,5 +1,5 @@
 !> The balance at other base frequencies and artificial damping, and its derivatives by both.
-!> Source: docs/user/theory.md, sections 5.6 and 6.5.
+!> Source: docs/why/theory.md, sections 5.6 and 6.5.
 submodule (hb_balance) hb_balance_frequency
    use hb_error, only: fail
    use hb_problem, only: deformation_derivative, deformation_places, set_deformations
@@ -122,7 +122,7 @@ contains
    end procedure balance_move
 
    !> The drive of each harmonic, sum over the tones of xi_m j_m omega_m [rad**2/s**2]: the artificial forces
-   !> -M sum_m xi_m omega_m dx/dtau_m on the left-hand side. Source: docs/user/theory.md, section 6.5.
+   !> -M sum_m xi_m omega_m dx/dtau_m on the left-hand side. Source: docs/why/theory.md, section 6.5.
    module procedure balance_drives
 
       drives = self%harmonics%frequencies(self%xi*self%omega)
@@ -175,7 +175,7 @@ contains
    !> dR/domega_m = j_m (dS/dw u - dP/dw) + the projection of df/dv dv/domega_m + df/ds ds/domega_m.
    !>
    !> What laws were told by the structure (`prepare`) stays. Fails where the stiffness was made without slopes, for a tone
-   !> that does not exist, where the states of a law with memory do not repeat, and out of memory. docs/user/theory.md, section 5.6.
+   !> that does not exist, where the states of a law with memory do not repeat, and out of memory. docs/why/theory.md, section 5.6.
    module procedure balance_frequency_derivative
       real(wp) :: turns(self%harmonics%n_harmonics)                   ! j_m, the derivative of j.omega
       real(wp) :: reaction(self%harmonics%n_coefficients, self%n_dofs)

@@ -1,6 +1,6 @@
 !> The preconditioner of the balance at its motion, and what the mean slopes of the laws along a motion tell.
 !>
-!> Source: docs/user/theory.md, section 6.6.
+!> Source: docs/why/theory.md, section 6.6.
 submodule (hb_balance) hb_balance_precondition
    use hb_block_factors, only: new_block_factors
    implicit none

@@ -2,7 +2,7 @@
 !>
 !> The balance over the tuples without unknown tones is solved first: the equilibrium, or the forced motion. The structure
 !> with the mean slopes that the laws have along it then has modes with growth rates. Rigid laws count as open.
-!> Source: docs/user/theory.md, section 6.5.
+!> Source: docs/why/theory.md, section 6.5.
 module hb_base_motion
    use hb_balance, only: balance_t
    use hb_error, only: error_t

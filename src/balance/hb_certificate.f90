@@ -3,7 +3,7 @@
 !> A small residual only says that the truncated, sampled problem is solved. The certificate looks at the same motion with
 !> up to twice the order and on a finer grid: the forces there that nothing balances are what the solution neglects, and
 !> one step towards balancing them estimates its error. The estimate depends on the motion, its set and its grid alone, not on how
-!> they were found. Source: docs/user/theory.md, section 7.
+!> they were found. Source: docs/why/theory.md, section 7.
 module hb_certificate
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_amplitudes, only: amplitudes_t

@@ -1,6 +1,6 @@
 !> The dense tangent of the balance, J = S + T[df/dq] + T[df/dv] d/dt - T[df/ds] S, with T[g] the projection of multiplication by g.
 !>
-!> Source: docs/user/theory.md, section 5.4, eq. (11) to (13).
+!> Source: docs/why/theory.md, section 5.4, eq. (11) to (13).
 module hb_dense_tangent
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t

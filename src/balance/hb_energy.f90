@@ -3,7 +3,7 @@
 !>     E = <x'^T M x' + x^T K x>/2 - p_0^T <x> + sum over the laws of <V(z)>, minus the same at rest,
 !>
 !> with constant loads p_0 and the potentials V of the laws. The energy of a conservative motion is constant; of the truncated
-!> motion the mean is known best, see docs/user/theory.md, section 6.5. x holds all degrees of freedom, those outside of the laws by
+!> motion the mean is known best, see docs/why/theory.md, section 6.5. x holds all degrees of freedom, those outside of the laws by
 !> the same condensation as in the balance.
 module hb_energy
    use hb_balance, only: balance_t

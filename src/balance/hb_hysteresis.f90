@@ -1,7 +1,7 @@
 !> The memory of one law on the samples of one torus: its forces from states that repeat, and how these forces respond to the
 !> motion, coefficient by coefficient or along a direction, and to a base frequency.
 !>
-!> Source: docs/user/theory.md, sections 5.5 and 5.6.
+!> Source: docs/why/theory.md, sections 5.5 and 5.6.
 module hb_hysteresis
    use hb_characteristic, only: characteristic_t
    use hb_error, only: error_t, fail

@@ -3,7 +3,7 @@
 !>
 !> Columns belong to the motions exp(i j.tau) of a coordinate; real and imaginary part are those of cos and sin. They take
 !> the steps of the states, from rest and through all rounds, with every step replaced by its derivative, then
-!> further rounds until they repeat as well. A block of columns goes at once. Source: docs/user/theory.md, section 5.5.
+!> further rounds until they repeat as well. A block of columns goes at once. Source: docs/why/theory.md, section 5.5.
 module hb_hysteresis_tangent
    use hb_characteristic, only: characteristic_t
    use hb_harmonics, only: harmonics_t

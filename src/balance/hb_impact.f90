@@ -3,7 +3,7 @@
 !> A coordinate that has mass and strikes a rigid wall needs such a law, restitution for instance: the equations do not say with
 !> what speed it leaves. A truncated series hides this, for its speed does not jump. What the choice decides on is the energy of
 !> the blow, m v**2/2 with the mass m = 1/(w^T M**-1 w) that the structure has at the coordinate w^T x and the speed v at which it
-!> meets the wall. Source: docs/user/theory.md, section 7.
+!> meets the wall. Source: docs/why/theory.md, section 7.
 module hb_impact
    use hb_balance, only: balance_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness

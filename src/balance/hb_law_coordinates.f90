@@ -3,7 +3,7 @@
 !> Three stops on a beam by its modes are three coordinates. Laws that hang together by degrees of freedom form a part; in each part
 !> the coordinates of rigid laws come first and as they are, so that each has its reaction, then degrees of freedom that are
 !> asked for, then the coordinates of other laws as far as they are independent, where that is fewer than degrees of freedom.
-!> Source: docs/user/theory.md, section 4.
+!> Source: docs/why/theory.md, section 4.
 module hb_law_coordinates
    use hb_coordinates, only: coordinates_t, dofs_as_coordinates, new_coordinates, softness
    use hb_dynamic_stiffness, only: condensed_reach

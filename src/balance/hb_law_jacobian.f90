@@ -3,7 +3,7 @@
 !>
 !> Explicit laws come first. A multiplier law then sees the reaction p = w.(s - f_explicit)/w.w of each of its coordinates,
 !> with the weights w; it passes on what the explicit laws beside it depend on. Laws with memory have no pairs: their forces
-!> depend on all samples. Source: docs/user/theory.md, sections 5.3 and 5.4.
+!> depend on all samples. Source: docs/why/theory.md, sections 5.3 and 5.4.
 module hb_law_jacobian
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t

@@ -2,7 +2,7 @@
 !>
 !> A law tells where its force has kinks; how they are corrected is a matter of the samples alone, see hb_kinks. Laws that share
 !> a degree of freedom with a multiplier law are left as they are: what that supplies cancels their kinks while it holds.
-!> Source: docs/user/theory.md, section 5.7.
+!> Source: docs/why/theory.md, section 5.7.
 module hb_law_kinks
    use hb_fftw, only: real_block_t
    use hb_kinds, only: wp

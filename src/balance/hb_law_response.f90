@@ -1,7 +1,7 @@
 !> How forces respond to the motion of a law with memory, and what multiplier laws that share degrees of freedom with it then
 !> have to supply.
 !>
-!> Source: docs/user/theory.md, sections 5.3 to 5.6.
+!> Source: docs/why/theory.md, sections 5.3 to 5.6.
 module hb_law_response
    use hb_fftw, only: real_block_t
    use hb_kinds, only: wp

@@ -2,7 +2,7 @@
 !>
 !> With the amplitudes of the unknown tones prescribed and artificial damping xi_m of each in their place, there is a solution
 !> near each mode of the base motion, where xi_m = -2 (growth of the mode). Where xi_m < 0 the motion is driven and would grow. Near
-!> xi_m = 0 the problem without artificial damping is solved. Source: docs/user/theory.md, section 6.5; Krack, Computers and
+!> xi_m = 0 the problem without artificial damping is solved. Source: docs/why/theory.md, section 6.5; Krack, Computers and
 !> Structures 154 (2015) 59-71, for the artificial damping.
 module hb_limit_cycle_search
    use hb_balance, only: balance_t

@@ -3,7 +3,7 @@
 !> Under one tone the samples form a single line in time. A slider that is pushed moves with the bound that pushes it; one
 !> that sticks stays where it was pushed last. So the derivative of the force is a product with the motion at the same
 !> sample, g, plus for each time that a slider sticks a term of rank one: the samples during which it sticks, times the
-!> motion where it was pushed last. Sums over consecutive samples are those of Dirichlet's kernel. Source: docs/user/theory.md,
+!> motion where it was pushed last. Sums over consecutive samples are those of Dirichlet's kernel. Source: docs/why/theory.md,
 !> section 5.5.
 module hb_line_tangent
    use hb_characteristic, only: characteristic_t

@@ -3,7 +3,7 @@
 !>
 !> Where S is singular (a structure free to move, an undamped resonance) weak supports hold it for first guesses and first steps;
 !> in a residual they stand only along a homotopy in the laws, and fade as these grow.
-!> Source: docs/user/theory.md, sections 3, 5.6 and 6.3.
+!> Source: docs/why/theory.md, sections 3, 5.6 and 6.3.
 module hb_linear_part
    use hb_block_factors, only: block_factors_t, new_block_factors
    use hb_dynamic_stiffness, only: dynamic_stiffness_t

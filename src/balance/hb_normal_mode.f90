@@ -2,7 +2,7 @@
 !>
 !> The frequency and one artificial damping xi (forces -xi M x', negative damping) are unknown beside the coefficients; the
 !> conditions are an amplitude or an energy, and a phase. xi makes up for the damping of the scene; without any it comes out as
-!> zero, and takes up the equation that a conservative scene has too many. Source: docs/user/theory.md, section 6.5; Krack,
+!> zero, and takes up the equation that a conservative scene has too many. Source: docs/why/theory.md, section 6.5; Krack,
 !> Computers and
 !> Structures 154 (2015) 59-71.
 module hb_normal_mode

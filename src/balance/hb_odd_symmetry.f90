@@ -2,7 +2,7 @@
 !> as well.
 !>
 !> Laws with f(-q, -v) = -f(q, v) and loads of odd tuples alone allow motions u(tau + pi) = -u(tau), all phases shifted, whose
-!> tuples have odd sums. Others may exist beside these. Source: docs/user/theory.md, section 2.
+!> tuples have odd sums. Others may exist beside these. Source: docs/why/theory.md, section 2.
 module hb_odd_symmetry
    use hb_amplitudes, only: amplitudes_t
    use hb_harmonics, only: harmonics_t, tuple_text

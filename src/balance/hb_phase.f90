@@ -2,7 +2,7 @@
 !>
 !> Each further unknown brings one equation, a linear form of the coefficients u that has a given value: phase conditions,
 !> which pick one of the motions that differ by a shift of an unknown phase alone, and amplitudes. The last one may be an energy
-!> instead. Source: docs/user/theory.md, section 6.5.
+!> instead. Source: docs/why/theory.md, section 6.5.
 module hb_phase
    use hb_balance, only: balance_t
    use hb_bordered, only: bordered_problem_t, new_bordered_problem, row_t

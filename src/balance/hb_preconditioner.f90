@@ -1,7 +1,7 @@
 !> The preconditioner of the balance: the exact tangent between the harmonics that the laws couple most, and the tangent of
 !> each other harmonic by itself.
 !>
-!> Source: docs/user/theory.md, section 6.6.
+!> Source: docs/why/theory.md, section 6.6.
 module hb_preconditioner
    use hb_block_factors, only: block_factors_t, new_block_factors
    use hb_block_pattern, only: block_pattern_t, new_block_pattern

@@ -1,7 +1,7 @@
 !> The laws of a scene as the balance sees them: coefficients of the motion in, coefficients of the forces out, by sampling on the
 !> torus and projection back (alternating frequency/time).
 !>
-!> Source: docs/user/theory.md, sections 5.3 to 5.5.
+!> Source: docs/why/theory.md, sections 5.3 to 5.5.
 module hb_projected_laws
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t

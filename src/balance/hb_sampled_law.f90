@@ -3,7 +3,7 @@
 !> A law whose coordinate is a degree of freedom reads the samples of this one where they stand, and writes its force there if
 !> no other law acts on it: each pass over the samples costs as much as an easy law.
 !>
-!> Source: docs/user/theory.md, sections 5.3 and 5.4.
+!> Source: docs/why/theory.md, sections 5.3 and 5.4.
 module hb_sampled_law
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_characteristic, only: characteristic_t

@@ -3,7 +3,7 @@
 !>
 !> Explicit laws come first; a multiplier law then sees the reaction p = s - (explicit forces) that equilibrium asks of it
 !> at each sample, s = (loads - S u)(tau). Laws with memory are explicit; their states come from marching along time.
-!> Source: docs/user/theory.md, sections 5.3 to 5.5.
+!> Source: docs/why/theory.md, sections 5.3 to 5.5.
 module hb_sampled_laws
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_characteristic, only: characteristic_t, new_characteristic

@@ -3,7 +3,7 @@
 !>
 !> A direction of the motion changes the paths of the steps; a frequency changes these, and the weights by which states are
 !> interpolated at their starts. The derivative takes the steps of the states, from rest and through all rounds, then
-!> further rounds until it repeats as well. Source: docs/user/theory.md, sections 5.6 and 6.6.
+!> further rounds until it repeats as well. Source: docs/why/theory.md, sections 5.6 and 6.6.
 module hb_slider_derivative
    use hb_characteristic, only: characteristic_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part

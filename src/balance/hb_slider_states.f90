@@ -2,7 +2,7 @@
 !>
 !> The first slice starts from rest, loaded straight to where the motion is there. Where all sliders slip, the start is
 !> forgotten and the states that repeat are the only ones. A slider that never slips keeps its place for ever, and any
-!> place would do: starting from rest is the rule that picks one, `full_stick` tells of it. Source: docs/user/theory.md,
+!> place would do: starting from rest is the rule that picks one, `full_stick` tells of it. Source: docs/why/theory.md,
 !> section 5.5.
 !>
 !> A slider between bounds ends each step at its start, but no lower than where one from far below ends, nor higher than one

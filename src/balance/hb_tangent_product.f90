@@ -2,7 +2,7 @@
 !>
 !> Where laws have sampled slopes alone, a smaller grid gives them exactly: what a product of a slope g with a motion puts into
 !> the kept harmonics, |j_m| <= N_m, depends on the spectrum of g up to 2 N_m. With that part of it, 4 N_m + 1 samples per tone
-!> keep all of this apart; forces of contact are sampled on more. Source: docs/user/theory.md, section 6.6.
+!> keep all of this apart; forces of contact are sampled on more. Source: docs/why/theory.md, section 6.6.
 module hb_tangent_product
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t

@@ -3,7 +3,7 @@
 !> Improvement: Newton's method in the wider set would need its large tangent. In its place stands the exact tangent for the
 !> kept harmonics, and for the others the mean tangent of each harmonic by itself. Steps with this
 !> approximation alone need not converge; Anderson's acceleration combines all of them so that their residual is least.
-!> Source: docs/user/theory.md, section 7; Walker and Ni, SIAM J. Numer. Anal. 49 (2011) 1715-1735.
+!> Source: docs/why/theory.md, section 7; Walker and Ni, SIAM J. Numer. Anal. 49 (2011) 1715-1735.
 module hb_two_level
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_balance, only: balance_t

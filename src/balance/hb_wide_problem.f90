@@ -3,7 +3,7 @@
 !> Nothing of the size of the wider set is factorised. In its place stand the exact tangent of the solution and, of each harmonic
 !> outside, the tangent with the mean slopes of the laws: M. GMRES solves M**-1 J s = M**-1 r with the exact tangent J of the wider
 !> balance, so that what is left of the equations is told as a part of the step; M**-1 r itself is the step in blocks. Unknown
-!> frequencies and what a curve moves along stay unknown. Source: docs/user/theory.md, section 7.
+!> frequencies and what a curve moves along stay unknown. Source: docs/why/theory.md, section 7.
 module hb_wide_problem
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_balance, only: balance_t

@@ -2,7 +2,7 @@
 !>
 !> Of the tuples of a motion some are unknowns, such as the odd ones of an odd motion; the coefficients of the others are zero.
 !> Vectors and amplitudes are restricted to the unknowns and expanded from them. Between two solutions a basis may grow or shrink:
-!> `transfer` takes coefficients from the tuples of one to those of the other. Source: docs/user/theory.md, section 2.
+!> `transfer` takes coefficients from the tuples of one to those of the other. Source: docs/why/theory.md, section 2.
 module hb_basis
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_subset

@@ -3,7 +3,7 @@
 !> A slice holds the samples with one phase of the tone that leads; one step leads from each of its samples to the next
 !> slice. Going back along d tau/dt = omega from a sample, the other phases fall between samples of the slice before: what
 !> is known there is interpolated by cubics, with weights that are the same everywhere (semi-Lagrangian scheme; A. Staniforth
-!> and J. Cote, Monthly Weather Review 119 (1991) 2206-2223). Source: docs/user/theory.md, section 5.5.
+!> and J. Cote, Monthly Weather Review 119 (1991) 2206-2223). Source: docs/why/theory.md, section 5.5.
 module hb_characteristic
    use hb_kinds, only: two_pi, wp
    use hb_torus, only: fast_size, torus_t

@@ -11,7 +11,7 @@
 !> M is what the sum misses of the slope of the wave that the function is multiplied by. b4 leaves out a constant, so that nothing
 !> jumps as a root passes a sample. As two roots merge, their terms cancel: a touch leaves no trace. In several tones each line has
 !> the share w_m = d_m**2/sum d_n**2 of the sample that it adds to, with d_n half the difference of the neighbours along tone n.
-!> Source: docs/user/theory.md, section 5.7.
+!> Source: docs/why/theory.md, section 5.7.
 module hb_kinks
    use hb_kinds, only: wp
    use hb_torus, only: torus_t

@@ -1,7 +1,7 @@
 !> Coefficients <-> samples on the torus, for many degrees of freedom at once, and the rate of change along time.
 !>
 !> With c = a - i b a motion is Re sum c_j exp(i j.tau). Functions are transformed one by one, so that the spectrum of one stays
-!> in the cache; see hb_packed_fft for its form. Source: docs/user/theory.md, section 3.
+!> in the cache; see hb_packed_fft for its form. Source: docs/why/theory.md, section 3.
 module hb_transform
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
@@ -286,7 +286,7 @@ contains
 
    !> The two columns, for cosine and sine of harmonic k, of the matrix of x -> projection of g x, with g a part of the table:
    !> its entry at cosine j, cosine k is mean g [cos((j-k).tau) + cos((j+k).tau)], and so on by the product formulas,
-   !> half of that in the row of the zero tuple. Source: docs/user/theory.md, eq. (11).
+   !> half of that in the row of the zero tuple. Source: docs/why/theory.md, eq. (11).
    pure subroutine product_table_columns(self, part, set, k, cosine_column, sine_column)
       class(product_table_t), intent(in) :: self
       integer, intent(in) :: part

@@ -4,7 +4,7 @@
 !> edge, which pushes alone, or in a corner, where two do. With pushes along the normals x is the nearest point. Half planes
 !> that add nothing are left out: of equal ones the first is kept, of three edges through one corner the outer two.
 !>
-!> Source: docs/user/theory.md, section 5.3; intersection of half planes sorted by angle: de Berg, Cheong, van Kreveld, Overmars,
+!> Source: docs/why/theory.md, section 5.3; intersection of half planes sorted by angle: de Berg, Cheong, van Kreveld, Overmars,
 !> Computational Geometry, 3rd edition (2008), section 4.2, with a double-ended queue instead of a sweep.
 module hb_contact_polygon
    use hb_kinds, only: wp

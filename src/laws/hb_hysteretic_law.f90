@@ -3,7 +3,7 @@
 !>
 !> On the torus time runs along the characteristic d tau/dt = omega. The law knows one step of it: the state at a sample from
 !> the state one step earlier and the path of its coordinates in between. Marching over the torus is the task of hb_slider_states.
-!> Source: docs/user/theory.md, section 5.5.
+!> Source: docs/why/theory.md, section 5.5.
 module hb_hysteretic_law
    use hb_kinds, only: wp
    use hb_law, only: law_box_t, law_t

@@ -2,7 +2,7 @@
 !>
 !> A law acts on coordinates z = shape^T q, linear forms of a few degrees of freedom q; its force f on the coordinates
 !> stands beside K q on the left-hand side, as shape f. Adding a law: a module that extends `law_t`, one `case` in
-!> hb_law_catalogue, rows in the table of input keys. Source: docs/user/theory.md, section 5.
+!> hb_law_catalogue, rows in the table of input keys. Source: docs/why/theory.md, section 5.
 module hb_law
    use hb_error, only: error_t
    use hb_kinds, only: wp

@@ -4,7 +4,7 @@
 !> The spin is taken to outrun the whirl, so that friction never changes its direction. Where the radius R and the speed Omega of
 !> the rotor are given, its surface slides at v_s = R Omega + e_t.v, against which friction acts: s mu = mu_0 tanh(v_s/v_0). A
 !> backward whirl then goes no faster than the rotor rolls.
-!> Source: docs/user/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side; on the rotor acts -f.
+!> Source: docs/why/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side; on the rotor acts -f.
 module hb_law_annular_clearance
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs

@@ -7,7 +7,7 @@
 !> -l_i s_i (e + mu_i eta_d e'), the casing l_i (e + mu_i eta_c e'). Where a body's coordinates belong to the stationary frame,
 !> the blades run through them at the phase of the tone that is the speed of the rotor.
 !> Blades may be rigid (see hb_rigid_contacts) if all have one share.
-!> Source: docs/user/theory.md, sections 5.2 and 5.3. Sign: f stands beside K q on the left-hand side.
+!> Source: docs/why/theory.md, sections 5.2 and 5.3. Sign: f stands beside K q on the left-hand side.
 module hb_law_blade_contact
    use hb_kinds, only: int64, two_pi, wp
    use hb_law, only: read_dofs

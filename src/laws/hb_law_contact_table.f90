@@ -10,7 +10,7 @@
 !> mode of n diameters, cos n(phi_i + tau) and sin n(phi_i + tau) are the turned cos n phi_i and sin n phi_i.
 !>
 !> Contacts that act on two independent combinations of the coordinates may be rigid instead: see hb_rigid_contacts.
-!> Source: docs/user/theory.md, sections 5.2 and 5.3. Sign: f stands beside K q on the left-hand side.
+!> Source: docs/why/theory.md, sections 5.2 and 5.3. Sign: f stands beside K q on the left-hand side.
 module hb_law_contact_table
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp

@@ -2,7 +2,7 @@
 !>
 !> With p the reaction that equilibrium asks for, f = min(max(p + eps v, -S), S). At a solution p and f agree in the kept
 !> harmonics, so that either |f| < S and v = 0 (stop), or f = S sgn(v) (slip), up to the truncation of the series, for any
-!> eps > 0. Source: docs/user/theory.md, section 5.5; augmented Lagrangian form of friction, Alart and Curnier, Comput. Methods
+!> eps > 0. Source: docs/why/theory.md, section 5.5; augmented Lagrangian form of friction, Alart and Curnier, Comput. Methods
 !> Appl. Mech. Engrg. 92 (1991) 353-375. Sign: f stands beside K q on the left-hand side.
 module hb_law_coulomb_rigid
    use hb_kinds, only: wp

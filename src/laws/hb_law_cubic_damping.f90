@@ -2,7 +2,7 @@
 !>
 !> a is the rate of the coordinates, a = v. For two coordinates in a frame that turns relative to the damped body it is the
 !> velocity that the body sees: a = v + W J z, J = ((0, -1), (1, 0)); for modes of n nodal diameters in a frame of the speed S
-!> relative to the body W = n S. Source: docs/user/theory.md, sections 4 and 5.1. Sign: f stands beside K q on the left-hand side.
+!> relative to the body W = n S. Source: docs/why/theory.md, sections 4 and 5.1. Sign: f stands beside K q on the left-hand side.
 module hb_law_cubic_damping
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs

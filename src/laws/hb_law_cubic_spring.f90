@@ -1,5 +1,5 @@
 !> Cubic spring, f = k3 z**3.
-!> Source: docs/user/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
+!> Source: docs/why/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
 module hb_law_cubic_spring
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place

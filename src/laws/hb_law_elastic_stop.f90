@@ -1,5 +1,5 @@
 !> Elastic stop behind a gap: f = k max(z - g, 0), two-sided also k min(z + g, 0).
-!> Source: docs/user/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
+!> Source: docs/why/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
 module hb_law_elastic_stop
    use hb_kinds, only: wp
    use hb_law, only: kink_t, law_t, read_place

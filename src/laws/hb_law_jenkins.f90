@@ -1,7 +1,7 @@
 !> Elastic Coulomb friction (Jenkins element): a spring in series with a slider, f = k (z - w), |f| <= mu N.
 !>
 !> The normal load N is constant, or N = max(0, N_0 + k_n z_n) with a second coordinate z_n, on which N itself acts.
-!> State: the place w of the slider. Source: docs/user/theory.md, section 5.5. Sign: f and N stand beside K q on the left-hand side.
+!> State: the place w of the slider. Source: docs/why/theory.md, section 5.5. Sign: f and N stand beside K q on the left-hand side.
 module hb_law_jenkins
    use hb_hysteretic_law, only: advance_step_by_step, hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp

@@ -3,7 +3,7 @@
 !> States: the place w of the slider. It is dragged like a dog on a leash of length mu N/k: taut, it moves towards the end
 !> z of the spring, so that friction opposes sliding. Along the straight line between two samples its way (a tractrix) is
 !> known in closed form: with theta the angle of the leash to the line, tan(theta/2) falls as exp(-way k/(mu N)).
-!> Source: docs/user/theory.md, section 5.5. Sign: f stands beside K q on the left-hand side.
+!> Source: docs/why/theory.md, section 5.5. Sign: f stands beside K q on the left-hand side.
 module hb_law_jenkins_2d
    use hb_hysteretic_law, only: hysteretic_law_t, path_part
    use hb_kinds, only: wp

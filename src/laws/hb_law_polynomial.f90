@@ -1,5 +1,5 @@
 !> Polynomial spring and dashpot, f = sum k_n z**n + sum d_n v**n, n from 1.
-!> Source: docs/user/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
+!> Source: docs/why/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
 module hb_law_polynomial
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place

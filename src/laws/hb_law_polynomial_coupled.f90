@@ -1,6 +1,6 @@
 !> Polynomial of several degrees of freedom and their rates: each term c q_1**a_1 q_2**a_2 ... v_1**b_1 v_2**b_2 ... acts on
 !> one of them.
-!> Source: docs/user/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
+!> Source: docs/why/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
 module hb_law_polynomial_coupled
    use hb_error, only: error_t
    use hb_kinds, only: wp

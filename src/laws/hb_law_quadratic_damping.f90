@@ -1,5 +1,5 @@
 !> Quadratic damping, f = c |v| v, the drag of a fluid.
-!> Source: docs/user/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
+!> Source: docs/why/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
 module hb_law_quadratic_damping
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place

@@ -2,7 +2,7 @@
 !>
 !> With p the reaction that equilibrium asks for, lambda = max(0, p + eps (z - g)). At a solution p and lambda agree in the
 !> kept harmonics, so that lambda >= 0, z <= g and lambda (z - g) = 0 hold up to the truncation of the series, for any
-!> eps > 0. Two-sided also -max(0, -p - eps (z + g)). Source: docs/user/theory.md, section 5.3; augmented Lagrangian form of
+!> eps > 0. Two-sided also -max(0, -p - eps (z + g)). Source: docs/why/theory.md, section 5.3; augmented Lagrangian form of
 !> unilateral contact, Alart and Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375.
 module hb_law_rigid_wall
    use hb_kinds, only: wp

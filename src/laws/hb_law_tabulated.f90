@@ -2,7 +2,7 @@
 !>
 !> Beyond the table the force goes on with the slope of the end, or stays constant.
 !> Source: Fritsch and Carlson, SIAM J. Numer. Anal. 17 (1980) 238-246: three-point slopes, limited to the circle of radius
-!> 3 in their figure 2; docs/user/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
+!> 3 in their figure 2; docs/why/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
 module hb_law_tabulated
    use hb_interval, only: interval_of, is_ascending
    use hb_kinds, only: wp

@@ -1,5 +1,5 @@
 !> Damping that drives small motions and brakes large ones, f = -mu (1 - (z/a)**2) v.
-!> Source: van der Pol, Philos. Mag. 2 (1926) 978-992, with a = 1; docs/user/theory.md, section 5.1.
+!> Source: van der Pol, Philos. Mag. 2 (1926) 978-992, with a = 1; docs/why/theory.md, section 5.1.
 !> Sign: f stands beside K q on the left-hand side.
 module hb_law_van_der_pol
    use hb_kinds, only: wp

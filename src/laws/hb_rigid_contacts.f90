@@ -4,7 +4,7 @@
 !> With an orthonormal basis E of the plane, w = E z and the reaction p, the loads l_i are those with which
 !> w + E p/eps lands on the polygon along E c_i, c_i = -(a_i + mu_i b_i) what contact i does to the structure. At a solution
 !> p = sum of l_i c_i, so that w itself is where it lands: no gap is closed more than fully, and only closed ones push, for any
-!> eps > 0. Source: docs/user/theory.md, section 5.3. Sign: f stands beside K q on the left-hand side.
+!> eps > 0. Source: docs/why/theory.md, section 5.3. Sign: f stands beside K q on the left-hand side.
 module hb_rigid_contacts
    use hb_contact_polygon, only: contact_polygon_t, landing_t, new_contact_polygon
    use hb_kinds, only: wp

@@ -5,7 +5,7 @@
 !> tuples carry that a set lacks, and what its grid does to the motion: the set takes those that matter and drops those that
 !> do not, the grid is refined, and each rung starts from the solution of the one below it. How far two rungs are apart shows
 !> what the estimate of the lower one was worth: where it was too small, that of the upper one counts for more. Nothing of this way
-!> lowers an estimate, and what it adds is stored by itself. Source: docs/user/accuracy.md;
+!> lowers an estimate, and what it adds is stored by itself. Source: docs/why/accuracy.md;
 !> nested iteration as in Hackbusch, Multi-Grid Methods and Applications (1985), chapter 5.
 module hb_accurate_motion
    use hb_error, only: error_t

@@ -3,7 +3,7 @@
 !> The motion there is one of the wider set as well, whose further harmonics are zero; the tangent of the balance by these has a
 !> null vector, the direction of the other motions, which inverse iteration finds. A tone that joins has the frequency that the
 !> multipliers tell but for a multiple of the tone that is there: the one is taken that makes its fundamental the largest.
-!> Source: docs/user/theory.md, section 6.7.
+!> Source: docs/why/theory.md, section 6.7.
 module hb_curve_origin
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t, new_harmonics

@@ -3,7 +3,7 @@
 !> A step whose points are above the tolerance is taken back, and gone again on a set and a grid that hold what their certificates
 !> say is lacking. The point before it is taken over: corrected in the plane across the curve, and followed on in the same sense.
 !> Neighbours share sets: one that grows is made for a part of the tolerance, and shrinks below a smaller part. The tuples of the
-!> lowest set always stay, as a motion may lose its symmetry on the way. Source: docs/user/accuracy.md.
+!> lowest set always stay, as a motion may lose its symmetry on the way. Source: docs/why/accuracy.md.
 module hb_curve_sets
    use hb_amplitudes, only: as_amplitudes
    use hb_curve, only: curve_t

@@ -3,7 +3,7 @@
 !>
 !> Steps are as long as the tangent turns little on them, and shorter where the corrector has to work. A curve that starts between
 !> the ends of the range is followed both ways; behind these come the ways along curves that cross, and from motions apart. Each
-!> point has all that a motion has. Source: docs/user/curves.md; docs/user/theory.md, section 6.7.
+!> point has all that a motion has. Source: docs/user/curves.md; docs/why/theory.md, section 6.7.
 module hb_motion_curve
    use hb_accurate_motion, only: solve_to_tolerance
    use hb_bifurcation, only: angle_of_pair

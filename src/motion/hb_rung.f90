@@ -1,6 +1,6 @@
 !> A set of harmonics with its grid and a motion in it, and which one should follow: what the certificate says that the tuples carry
 !> that it lacks, and what its grid does to the motion. A set takes the tuples that matter and drops those that do not.
-!> Source: docs/user/accuracy.md.
+!> Source: docs/why/accuracy.md.
 module hb_rung
    use hb_basis, only: transfer_coefficients
    use hb_characteristic, only: samples_along_time

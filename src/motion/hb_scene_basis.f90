@@ -1,7 +1,7 @@
 !> The basis in which a scene is solved: all tuples of its set, or where its equations are odd the odd ones on half of the grid.
 !>
 !> An odd motion balances all harmonics, the even ones vanish on both sides. Whether other motions exist beside it is
-!> another question: `symmetry = 'none'` looks among all. Source: docs/user/theory.md, section 2.
+!> another question: `symmetry = 'none'` looks among all. Source: docs/why/theory.md, section 2.
 module hb_scene_basis
    use hb_basis, only: basis_t, new_basis, whole_basis
    use hb_error, only: error_t

@@ -3,7 +3,7 @@
 !>
 !> A value that is the frequency of a tone moves the balance; loads that grow with frequencies go along. Any other value is set in
 !> the document of the scene, and what depends on it is made anew. The derivative of the residual by it is exact for frequencies,
-!> and for loads, which the residual is linear in; else a central difference. Source: docs/user/theory.md, section 6.7.
+!> and for loads, which the residual is linear in; else a central difference. Source: docs/why/theory.md, section 6.7.
 module hb_scene_problem
    use hb_balance, only: balance_t, new_balance
    use hb_coordinates, only: coordinates_t

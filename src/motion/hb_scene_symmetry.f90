@@ -1,6 +1,6 @@
 !> Whether a scene is solved among odd motions, on which grid, and whether it may ask for that.
 !>
-!> Source: docs/user/theory.md, section 2.
+!> Source: docs/why/theory.md, section 2.
 module hb_scene_symmetry
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp

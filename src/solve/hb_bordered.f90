@@ -6,7 +6,7 @@
 !>     (A B; C D) (x; y) = (r; s),   x = A^-1 r - A^-1 B y,   (D - C A^-1 B) y = s - C A^-1 r.
 !>
 !> A is the tangent of the base problem, or its preconditioner; B the derivatives by the parameters; C and D the forms.
-!> Source: docs/user/theory.md, section 6.6.
+!> Source: docs/why/theory.md, section 6.6.
 module hb_bordered
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp

@@ -3,7 +3,7 @@
 !> The inverse Jacobian is a product of rank-one updates of the first one, H_k = (I + a_k s_k^T) ... (I + a_1 s_1^T) H_0,
 !> with a = (s - H y)/(s^T H y) for a step s that changed the residual by y. When the memory is full or no step helps,
 !> the updates are dropped and the exact tangent at the point reached becomes the first Jacobian.
-!> Source: docs/user/theory.md, section 6.2; Broyden, Math. Comp. 19 (1965) 577-593; Kelley, Iterative Methods for Linear and
+!> Source: docs/why/theory.md, section 6.2; Broyden, Math. Comp. 19 (1965) 577-593; Kelley, Iterative Methods for Linear and
 !> Nonlinear Equations, SIAM 1995, chapter 7.
 module hb_broyden
    use hb_ending, only: end_at_point, end_without_step

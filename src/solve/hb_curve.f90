@@ -7,7 +7,7 @@
 !> that is not known. A sign that changes where the tangent turns little tells of a branch point passed by. Lengths are measured in
 !> units of each unknown.
 !>
-!> Source: docs/user/theory.md, section 6.4; Allgower and Georg, Introduction to Numerical Continuation Methods, SIAM 2003,
+!> Source: docs/why/theory.md, section 6.4; Allgower and Georg, Introduction to Numerical Continuation Methods, SIAM 2003,
 !> chapters 2, 3, 6 and (orientation of piecewise linear curves) 12.
 module hb_curve
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan

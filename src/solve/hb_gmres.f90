@@ -4,7 +4,7 @@
 !> classical Gram-Schmidt, done twice where the first time cancels: as good as the modified form, fit for matrix-vector products.
 !> Further right-hand sides of the same J profit from the products with the first: what these reach is solved for at once, and taken
 !> out of all further products (GCRO).
-!> Source: docs/user/theory.md, section 6.6; Saad and Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856-869; Giraud, Langou,
+!> Source: docs/why/theory.md, section 6.6; Saad and Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856-869; Giraud, Langou,
 !> Rozloznik, van den Eshof, Numer. Math. 101 (2005) 87-100 (twice is enough); de Sturler, J. Comput. Appl. Math. 67 (1996) 15-41.
 module hb_gmres
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite

@@ -4,7 +4,7 @@
 !> the tangent at hand follow as long as they do the same, corrected by Broyden's updates since then. Iterations are counted by
 !> their tangents.
 !> For contact laws the tangent is one element of the generalised derivative (semi-smooth Newton).
-!> Source: docs/user/theory.md, section 6.1; Qi and Sun, Math. Programming 58 (1993) 353-367; Kelley, Iterative methods for
+!> Source: docs/why/theory.md, section 6.1; Qi and Sun, Math. Programming 58 (1993) 353-367; Kelley, Iterative methods for
 !> linear and nonlinear equations, SIAM 1995, section 7.3.
 module hb_newton
    use hb_ending, only: end_at_point, end_without_step

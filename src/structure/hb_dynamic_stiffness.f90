@@ -8,7 +8,7 @@
 !>
 !> This is block elimination, no model reduction: nothing is lost at any frequency. When asked for, the derivatives of S_c
 !> and P_c by the frequency and by the drive come with it, and `move` finds all of them anew at other frequencies;
-!> docs/user/theory.md, eq. (17). The drive is zero but for the artificial damping of docs/user/theory.md, section 6.5.
+!> docs/why/theory.md, eq. (17). The drive is zero but for the artificial damping of docs/why/theory.md, section 6.5.
 module hb_dynamic_stiffness
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_amplitudes, only: amplitudes_t, as_amplitudes, new_amplitudes

@@ -2,7 +2,7 @@
 !>
 !> Disk u_d = q1 cos(n phi) + q2 sin(n phi), casing u_c = r1 cos(n phi) + r2 sin(n phi), with the angle phi of the frame. The
 !> disk turns at the speed Omega towards growing angles, the casing stands still. A travelling wave of the disk against the
-!> rotation and one of the casing along it meet at the speed (w_c + w_d)/n. Source: the paper (docs/user/theory.md),
+!> rotation and one of the casing along it meet at the speed (w_c + w_d)/n. Source: the paper (docs/why/theory.md),
 !> section 4 and eq. (14).
 module hb_rotor_stator
    use hb_error, only: annotate, error_t

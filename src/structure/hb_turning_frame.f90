@@ -8,7 +8,7 @@
 !>
 !> Coriolis terms (skew-symmetric), centrifugal terms, and a circulatory stiffness of the damper. Two modes
 !> u = x1 cos(n theta) + x2 sin(n theta) of n nodal diameters, seen from a frame of speed S, have W = n S.
-!> Source: docs/user/theory.md, section 4, frames that turn.
+!> Source: docs/why/theory.md, section 4, frames that turn.
 module hb_turning_frame
    use hb_kinds, only: wp
    implicit none

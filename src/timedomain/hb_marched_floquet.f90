@@ -1,5 +1,5 @@
 !> Floquet multipliers and Lyapunov exponents by marching, where laws lead through events that have no linearised equations: the
-!> map from one period, or one lap, to the next, by differences. Source: docs/user/theory.md, section 8.
+!> map from one period, or one lap, to the next, by differences. Source: docs/why/theory.md, section 8.
 module hb_marched_floquet
    use hb_error, only: error_t
    use hb_exponents, only: work_of_exponents

@@ -1,4 +1,4 @@
-"""Pictures of docs/user/accuracy.md, in the look of nhbm-post."""
+"""Pictures of docs/why/accuracy.md, in the look of nhbm-post."""
 
 from __future__ import annotations
 

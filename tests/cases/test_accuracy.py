@@ -25,7 +25,7 @@ def test_no_case_has_the_name_of_a_section():
 
 
 def test_page_has_both_marks_of_each_text():
-    page = (ROOT / "docs" / "user" / "accuracy.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "why" / "accuracy.md").read_text(encoding="utf-8")
     names = re.findall(r"rewrite\(\"([a-z0-9 ]+)\"", (ROOT / "tests" / "accuracy").read_text(encoding="utf-8"))
     assert "time" in names and len(names) == len(set(names))
     for name in names:
@@ -35,7 +35,7 @@ def test_page_has_both_marks_of_each_text():
 def test_each_case_has_its_input_and_pictures_stand_beside_the_page():
     for case in against_time.CASES:
         assert "&sweep" not in case.scene.text() and "&structure" in case.scene.text(), case.name
-    page = ROOT / "docs" / "user" / "accuracy.md"
+    page = ROOT / "docs" / "why" / "accuracy.md"
     names = re.findall(r"\]\((\.\./pictures/\w+\.png)\)", page.read_text(encoding="utf-8"))
     assert names
     for name in names:

@@ -164,16 +164,16 @@ def test_nothing_is_described_twice():
 
 
 def test_sections_of_theory_exist():
-    """Sections and equations that comments cite stand in docs/user/theory.md."""
-    theory = (ROOT / "docs" / "user" / "theory.md").read_text(encoding="utf-8")
+    """Sections and equations that comments cite stand in docs/why/theory.md."""
+    theory = (ROOT / "docs" / "why" / "theory.md").read_text(encoding="utf-8")
     known = set(re.findall(r"^#{2,3} (\d(?:\.\d)?)\.? ", theory, re.MULTILINE))
     known |= {f"({number})" for number in re.findall(r"\\tag\{(\d+)\}", theory)}
-    citation = re.compile(r"docs/user/theory\.md, (?:sections? ([\d., toand]+)|eq\. ([()\d, toand]+))")
+    citation = re.compile(r"docs/why/theory\.md, (?:sections? ([\d., toand]+)|eq\. ([()\d, toand]+))")
     n_cited = 0
     for path in sorted(SRC.rglob("*.f90")):
         for sections, equations in citation.findall(path.read_text(encoding="utf-8")):
             cited = re.findall(r"\d(?:\.\d)?", sections) + re.findall(r"\(\d+\)", equations)
             n_cited += len(cited)
             missing = sorted(set(cited) - known)
-            assert not missing, f"{path.relative_to(ROOT)} cites what docs/user/theory.md lacks: {', '.join(missing)}"
+            assert not missing, f"{path.relative_to(ROOT)} cites what docs/why/theory.md lacks: {', '.join(missing)}"
     assert n_cited > 10, "the pattern of citations no longer fits the source"

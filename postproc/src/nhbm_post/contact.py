@@ -1,7 +1,7 @@
 """What contacts do at the nodes of a structure: gaps, forces, stick and slip over time, and what of these is left over a period.
 
 The laws are evaluated along the stored motion. Stops: the gap g - z, and k max(z - g, 0). Friction with memory: the slider w of
-f = k (z - w) is pushed by the window |z - w| <= mu N/k (docs/user/theory.md, section 5.5), step by step. Rigid laws have their
+f = k (z - w) is pushed by the window |z - w| <= mu N/k (docs/why/theory.md, section 5.5), step by step. Rigid laws have their
 force from the result. Whether a wall is closed says the sign of f + e (z - g), whether rigid friction slips the size of
 f + e dz/dt: for any e, since the gap is zero where the force is not, and the rate where the force is below its limit. The contacts
 of a table are those of one law, with gaps g0 + A q and a matrix A that may turn with a tone; they stand at no node.
