@@ -18,7 +18,7 @@ module verb_solve
    use hb_results_record, only: read_record, record_t, statuses_of
    use hb_run_summary, only: answers_text, found_frequency, number_answered, number_solved, run_summary_t, stability_text
    use hb_scene, only: scene_t
-   use hb_scene_warnings, only: commensurate_text, model_text
+   use hb_scene_warnings, only: commensurate_text, frozen_speed_text, model_text
    use hb_signals, only: signal_caught, signal_name
    use hb_stability, only: stability_method
    use hb_study, only: new_study, study_t
@@ -430,6 +430,8 @@ contains
       call share_error(comm, error)
       if (allocated(error) .or. rank_of(comm) > 0) return
       warning = model_text(study%scene, study%document)
+      if (len(warning) > 0) call say("warning: "//warning)
+      warning = frozen_speed_text(study%plan, study%document)
       if (len(warning) > 0) call say("warning: "//warning)
    end subroutine make_study
 

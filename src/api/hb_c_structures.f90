@@ -118,8 +118,15 @@ contains
          case ("damping"); d%model%damping = matrix
          case ("gyroscopic"); d%model%gyroscopic = matrix
          case ("structural"); d%model%structural = matrix
+         case ("gyroscopic_by_speed"); d%model%speeds(1)%gyroscopic = matrix
+         case ("stiffness_by_speed"); d%model%speeds(1)%stiffness = matrix
+         case ("stiffness_by_speed_squared"); d%model%speeds(1)%stiffness_squared = matrix
+         case ("gyroscopic_by_speed_2"); d%model%speeds(2)%gyroscopic = matrix
+         case ("stiffness_by_speed_2"); d%model%speeds(2)%stiffness = matrix
+         case ("stiffness_by_speed_squared_2"); d%model%speeds(2)%stiffness_squared = matrix
          case default
-            call fail(error, "there is no matrix '"//word//"'; known: mass, stiffness, damping, gyroscopic, structural")
+            call fail(error, "there is no matrix '"//word//"'; known: mass, stiffness, damping, gyroscopic, structural, "// &
+                      "gyroscopic_by_speed, stiffness_by_speed, stiffness_by_speed_squared, and these with _2 for a second speed")
          end select
       end if
       if (allocated(error)) call move_alloc(error, d%error)

@@ -141,9 +141,12 @@ contains
 
       if (number < 1 .or. number > size(self%parameters)) then
          call fail(error, "no parameter has this handle, those that were looked up have")
-      else
-         call self%document%set(self%parameters(number), value)
+         return
       end if
+      associate (parameter => self%parameters(number))
+         call self%document%refuse_tied(parameter, trim(parameter%key), error)
+         if (.not. allocated(error)) call self%document%set(parameter, value)
+      end associate
    end subroutine session_set_number
 
    !> Brings the scene to the present values. Fails with all that is wrong with them.
@@ -213,6 +216,8 @@ contains
       if (.not. allocated(error)) call read_tones(tones, self%document, error)
       if (.not. allocated(error)) call self%plan%tie_tones(self%document, tones%omega, error)
       if (.not. allocated(error) .and. len(self%plan%origin) > 0) call fail(error, "&curve: origin: result files are not read here")
+      if (allocated(error)) return
+      call self%document%refuse_tied(self%plan%parameter, self%plan%path, error)
       if (allocated(error)) return
       call self%plan%set(self%document, self%plan%start)
       call self%update(error)

@@ -70,7 +70,8 @@ void nhbm_structures(nhbm_model *model, int (*fill)(void *context, const char *f
 int nhbm_structure_dofs(nhbm_structure *structure, const char *labels, const char *units, double up_to);
 
 /* A matrix by compressed rows, from 0 on: row i has the entries starts[i] to starts[i + 1] - 1. Names: mass, stiffness, damping,
- * gyroscopic, structural (the imaginary part of the stiffness). */
+ * gyroscopic, structural (the imaginary part of the stiffness); gyroscopic_by_speed, stiffness_by_speed and
+ * stiffness_by_speed_squared, what a speed adds, and the same with _2 at the end for a second speed. */
 int nhbm_structure_matrix(nhbm_structure *structure, const char *name, const int32_t *starts, const int32_t *columns,
                           const double *values);
 

@@ -14,7 +14,7 @@
 !>     call document%finish(error)                               ! all problems of all groups at once
 !>
 !> A parameter is a handle to one value: its path is looked up once, setting it is a store. The document remembers which groups
-!> have changed since `accept_changes`.
+!> have changed since `accept_changes`. A tie lets one value follow another: `follow_ties` brings all up to date.
 !>
 !> The variable that holds a document needs the attribute `target`. Pointers to its groups stay valid until an
 !> assignment changes it or it is deallocated. Assignment makes a deep copy; parameters are those of the copy as well.
@@ -30,36 +30,9 @@ module hb_document
    use hb_text, only: is_name, join, lower, max_name, string_t, text_builder_t, to_text
    implicit none
    private
-   public :: document_t, new_document, parameter_t
+   public :: document_t, new_document, parameter_t, tie_t
 
    integer, parameter :: max_lines = 200                    !! of a message
-
-   !> The groups, and the names that they may have.
-   type :: document_t
-      character(:), allocatable :: file_name                !! for messages; empty: from no file
-      type(groups_t) :: groups
-      type(string_t), allocatable, private :: known(:)      !! names that may occur
-      integer, private :: reading = 1                       !! the present one
-   contains
-      generic :: set => set_number, set_word
-      procedure :: accept_changes => document_accept_changes
-      procedure :: add => document_add
-      procedure :: begin => document_begin
-      procedure :: changed_group => document_changed_group
-      procedure :: count => document_count
-      procedure :: expect_groups => document_expect_groups
-      procedure :: finish => document_finish
-      procedure :: group => document_group
-      procedure :: has_changed => document_has_changed
-      procedure :: is_real => document_is_real
-      procedure :: n_tones_of => document_n_tones_of
-      procedure :: optional_group => document_optional_group
-      procedure :: required_group => document_required_group
-      procedure :: resolve => document_resolve
-      procedure :: unit_of => document_unit_of
-      procedure, private :: set_number => document_set_number
-      procedure, private :: set_word => document_set_word
-   end type document_t
 
    !> One value of a document: a handle that takes numbers, or words.
    type :: parameter_t
@@ -70,6 +43,46 @@ module hb_document
    contains
       procedure :: hides => parameter_hides
    end type parameter_t
+
+   !> A value that follows another one: offset + factor times it.
+   type :: tie_t
+      type(parameter_t) :: parameter                        !! that follows
+      type(parameter_t) :: to                               !! the one that it follows
+      real(wp) :: factor = 1.0_wp
+      real(wp) :: offset = 0.0_wp
+   end type tie_t
+
+   !> The groups, and the names that they may have.
+   type :: document_t
+      character(:), allocatable :: file_name                !! for messages; empty: from no file
+      type(groups_t) :: groups
+      type(tie_t), allocatable :: ties(:)                   !! in their order, where there are any
+      type(string_t), allocatable, private :: known(:)      !! names that may occur
+      integer, private :: reading = 1                       !! the present one
+   contains
+      generic :: set => set_number, set_word
+      procedure :: accept_changes => document_accept_changes
+      procedure :: add => document_add
+      procedure :: begin => document_begin
+      procedure :: changed_group => document_changed_group
+      procedure :: count => document_count
+      procedure :: expect_groups => document_expect_groups
+      procedure :: drives => document_drives
+      procedure :: finish => document_finish
+      procedure :: follow_ties => document_follow_ties
+      procedure :: group => document_group
+      procedure :: has_changed => document_has_changed
+      procedure :: is_real => document_is_real
+      procedure :: n_tones_of => document_n_tones_of
+      procedure :: number_at => document_number_at
+      procedure :: optional_group => document_optional_group
+      procedure :: refuse_tied => document_refuse_tied
+      procedure :: required_group => document_required_group
+      procedure :: resolve => document_resolve
+      procedure :: unit_of => document_unit_of
+      procedure, private :: set_number => document_set_number
+      procedure, private :: set_word => document_set_word
+   end type document_t
 
 contains
 
@@ -260,6 +273,91 @@ contains
          call group%content%put_words(trim(parameter%key), words, group%has_changed, parameter%element, parameter%line)
       end associate
    end subroutine document_set_word
+
+   !> Gives the number that a parameter has; not found where the input gives it none, or a word.
+   pure subroutine document_number_at(self, parameter, number, is_found)
+      class(document_t), intent(in) :: self
+      type(parameter_t), intent(in) :: parameter
+      real(wp), intent(out) :: number
+      logical, intent(out) :: is_found
+      integer :: i_key, i_value, n
+
+      number = 0.0_wp
+      is_found = .false.
+      associate (content => self%groups%holders(parameter%i_group)%group%content)
+         i_key = content%names%find(trim(parameter%key))
+         if (i_key == 0) return
+         i_value = content%keys(i_key)%element_head
+         do while (i_value > 0)
+            associate (value => content%values(i_value))
+               if (value%i == max(1, parameter%element(1)) .and. value%j == parameter%element(2)) exit
+               i_value = value%next
+            end associate
+         end do
+         if (i_value == 0 .and. parameter%element(2) == 0) then
+            i_value = content%keys(i_key)%head
+            n = 0
+            do while (i_value > 0)
+               n = n + content%values(i_value)%count
+               if (n >= parameter%element(1)) exit
+               i_value = content%values(i_value)%next
+            end do
+         end if
+         if (i_value == 0) return
+         is_found = content%values(i_value)%kind == kind_of%number .or. content%values(i_value)%kind == kind_of%whole
+         if (is_found) number = content%values(i_value)%number
+      end associate
+   end subroutine document_number_at
+
+   !> Brings the values that follow others to where they belong.
+   pure subroutine document_follow_ties(self)
+      class(document_t), intent(inout) :: self
+      real(wp) :: number
+      logical :: is_found
+      integer :: i
+
+      if (.not. allocated(self%ties)) return
+      do i = 1, size(self%ties)
+         associate (tie => self%ties(i))
+            call self%number_at(tie%to, number, is_found)
+            if (is_found) call self%set(tie%parameter, tie%offset + tie%factor*number)
+         end associate
+      end do
+   end subroutine document_follow_ties
+
+   !> Whether another value follows one of the key of a parameter.
+   pure logical function document_drives(self, parameter) result(drives)
+      class(document_t), intent(in) :: self
+      type(parameter_t), intent(in) :: parameter
+      integer :: i
+
+      drives = .false.
+      if (.not. allocated(self%ties)) return
+      do i = 1, size(self%ties)
+         associate (to => self%ties(i)%to)
+            drives = drives .or. (to%i_group == parameter%i_group .and. to%key == parameter%key)
+         end associate
+      end do
+   end function document_drives
+
+   !> Fails for a parameter that follows another one: nobody else may move it.
+   pure subroutine document_refuse_tied(self, parameter, path, error)
+      class(document_t), intent(in) :: self
+      type(parameter_t), intent(in) :: parameter
+      character(*), intent(in) :: path                      !! of it, for the message
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      if (.not. allocated(self%ties)) return
+      do i = 1, size(self%ties)
+         associate (tie => self%ties(i))
+            if (.not. (parameter%hides(tie%parameter) .or. tie%parameter%hides(parameter))) cycle
+            call fail(error, "'"//trim(path)//"' follows '"//trim(self%groups%holders(tie%to%i_group)%group%name)//"%"// &
+                      trim(tie%to%key)//"' by &tie number "//to_text(i)//"; move that, or leave the &tie out")
+            return
+         end associate
+      end do
+   end subroutine document_refuse_tied
 
    !> Whether values of a parameter leave nothing of those of another: the same key, as a whole or the same element.
    pure logical function parameter_hides(self, other) result(hides)

@@ -4,7 +4,7 @@ module hb_model_file
    use hb_file_place, only: check_source
    use hb_hdf5, only: h5_file_t, open_file
    use hb_kinds, only: wp
-   use hb_model, only: model_source_t, model_t
+   use hb_model, only: model_source_t, model_t, most_speeds
    use hb_sparse, only: new_sparse, sparse_t
    use hb_system, only: file_kind, kind_of_file
    use hb_text, only: to_text
@@ -95,7 +95,9 @@ contains
       type(h5_file_t), intent(in) :: file
       type(model_t), intent(inout) :: model
       type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: suffix
       real(wp), allocatable :: up_to(:)
+      integer :: i
 
       call file%get("labels", model%labels, error)
       if (allocated(error)) return
@@ -109,6 +111,16 @@ contains
       if (.not. allocated(error)) call read_matrix(file, "damping", .false., model%n_dofs, model%damping, error)
       if (.not. allocated(error)) call read_matrix(file, "gyroscopic", .false., model%n_dofs, model%gyroscopic, error)
       if (.not. allocated(error)) call read_matrix(file, "structural", .false., model%n_dofs, model%structural, error)
+      do i = 1, most_speeds
+         suffix = ""
+         if (i > 1) suffix = "_"//to_text(i)
+         associate (terms => model%speeds(i), n => model%n_dofs)
+            if (.not. allocated(error)) call read_matrix(file, "gyroscopic_by_speed"//suffix, .false., n, terms%gyroscopic, error)
+            if (.not. allocated(error)) call read_matrix(file, "stiffness_by_speed"//suffix, .false., n, terms%stiffness, error)
+            if (.not. allocated(error)) &
+               call read_matrix(file, "stiffness_by_speed_squared"//suffix, .false., n, terms%stiffness_squared, error)
+         end associate
+      end do
       if (.not. allocated(error)) call read_sets(file, model, error)
       if (.not. allocated(error)) call read_vectors(file, model, error)
       if (allocated(error) .or. .not. file%has("up_to")) return

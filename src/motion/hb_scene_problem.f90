@@ -22,6 +22,7 @@ module hb_scene_problem
    private
    public :: moving_value_t, new_scene_problem, scene_problem_t
 
+   character(*), parameter :: several = "several"                     ! groups, in which values follow the one that moves
    real(wp), parameter :: apart = 1.0e-5_wp                           ! values of a central difference, relative to the range
 
    !> A value of the input that moves, and what of the scene moves with it.
@@ -42,9 +43,10 @@ module hb_scene_problem
       character(:), allocatable :: complaint                          !! why the last value was refused
       real(wp) :: refused = 0.0_wp                                    !! that value
       type(moving_value_t), private :: moving
-      character(:), allocatable, private :: group                     ! of the value
+      character(:), allocatable, private :: group                     ! of the value, or `several`
       real(wp), private :: value = 0.0_wp                             ! the present one
       real(wp), allocatable, private :: omega_at_zero(:), omega_slopes(:)  ! base frequencies as functions of the value
+      real(wp), allocatable, private :: ratios(:)                     ! of tones to the value, where it moves more than tones
       real(wp), allocatable, private :: omega(:), xi(:)               ! the present ones, (n_tones)
       logical, private :: has_stiffness = .false.
       real(wp), private :: available_memory = huge(1.0_wp)            ! bytes
@@ -92,6 +94,7 @@ contains
       self%n_unknowns = 0
       self%has_stiffness = .false.
       self%group = self%document%groups%holders(moving%parameter%i_group)%group%name
+      if (document%drives(moving%parameter)) self%group = several
       self%moves_frequency = self%group == "tones" .and. .not. scene%has_inertia_loads
       self%omega_slopes = 0.0_wp*scene%tones%omega
       self%xi = self%omega_slopes
@@ -105,6 +108,8 @@ contains
             self%omega_slopes = self%omega_slopes(tone)*(scene%tones%omega/scene%tones%omega(tone))
             self%omega_at_zero = 0.0_wp
          end if
+      else if (moving%is_tied) then
+         self%ratios = scene%tones%omega/scene%tones%omega(max(1, moving%parameter%element(1)))
       end if
       call rebuild(self, error)
    end subroutine new_scene_problem
@@ -225,7 +230,7 @@ contains
             if (.not. is_possible) self%refused = value
          end if
       else
-         call self%document%set(self%moving%parameter, value)
+         call set_value(self, value)
          if (self%scene%accuracy%is_on) before = self%scene
          call update_scene(self%scene, self%document, is_new, error, self%available_memory)
          if (is_new .and. before%accuracy%is_on .and. .not. allocated(error)) then   ! on the set that was chosen
@@ -233,7 +238,10 @@ contains
             fresh = self%scene
             call put_on_rung(self%scene, fresh, rung_t(before%harmonics, before%torus%n_samples), error)
          end if
-         if (.not. allocated(error)) self%scene%tones%omega = self%omega   ! unknown ones are where they were
+         if (.not. allocated(error)) then
+            where (self%scene%tones%is_unknown) self%scene%tones%omega = self%omega   ! they are where they were
+            self%omega = self%scene%tones%omega
+         end if
          if (.not. allocated(error)) call rebuild(self, error)
          if (allocated(error) .and. before%accuracy%is_on) then       ! a value that is refused leaves the set that was chosen
             self%scene = before
@@ -247,6 +255,22 @@ contains
       end if
       self%is_sound = is_possible
    end subroutine move_to
+
+   !> Sets the value in the document, with the tones that keep their ratios to it.
+   subroutine set_value(self, value)
+      type(scene_problem_t), intent(inout) :: self
+      real(wp), intent(in) :: value
+      type(parameter_t) :: tone
+      integer :: i
+
+      call self%document%set(self%moving%parameter, value)
+      if (.not. allocated(self%ratios)) return
+      tone = self%moving%parameter
+      do i = 1, size(self%ratios)
+         tone%element(1) = i
+         call self%document%set(tone, self%ratios(i)*value)
+      end do
+   end subroutine set_value
 
    pure function scene_problem_parameters(self, which) result(values)
       class(scene_problem_t), intent(in) :: self

@@ -14,6 +14,7 @@ module hb_scene_reader
    use hb_scene_loads, only: loaded_tuples, read_loads, read_starts
    use hb_scene_settings, only: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
    use hb_scene_symmetry, only: check_symmetry
+   use hb_scene_ties, only: read_ties, refuse_unknown_tones
    use hb_scene_tones, only: read_tones
    use hb_scene_unknown_tones, only: check_fundamentals, read_normal_mode, read_phase
    use hb_solver_types, only: share_of_solver
@@ -27,9 +28,9 @@ module hb_scene_reader
    public :: group_names, read_scene, update_scene
 
    !> Every group that an input file may have.
-   character(11), parameter :: group_names(15) = [character(11) :: &
+   character(11), parameter :: group_names(16) = [character(11) :: &
       "structure", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", &
-      "certificate", "stability", "output", "march", "accuracy"]
+      "certificate", "stability", "output", "march", "accuracy", "tie"]
 
    !> Groups that are read by themselves while nothing but numbers changes in them.
    character(9), parameter :: read_alone(5) = [character(9) :: "structure", "tones", "load", "law", "start"]
@@ -51,6 +52,7 @@ contains
       if (present(available)) self%memory_limit = available
       if (present(callbacks)) self%callbacks = callbacks
       call document%begin()
+      call read_ties(document)
       call read_parts(self, document, error)
       if (.not. allocated(error)) call document%finish(error)
       self%is_read = .not. allocated(error)
@@ -71,6 +73,7 @@ contains
       logical :: is_read
 
       is_read = self%is_read
+      call document%follow_ties()
       if (is_read) is_read = .not. document%has_changed(read_alone, others=.true.)
       if (is_read) then
          call document%begin()
@@ -115,6 +118,7 @@ contains
       if (allocated(error)) return
       call read_tones(self%tones, document, error)
       if (allocated(error)) return
+      call refuse_unknown_tones(document, self%tones%is_unknown)
       call read_accuracy(self%accuracy, document, self%structure, self%tones%n_tones)
       if (self%accuracy%grows_set) then
          call read_lowest_set(self%harmonics, document, wanted_tuples(self, document), error, self%symmetry)

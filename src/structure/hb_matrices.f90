@@ -10,6 +10,14 @@ module hb_matrices
    private
    public :: read_matrices
 
+   character(26), parameter :: keys(7) = [character(26) :: "mass", "damping", "gyroscopic", "stiffness", &
+      "gyroscopic_by_speed", "stiffness_by_speed", "stiffness_by_speed_squared"]
+
+   !> Numbers of one matrix as the input has them.
+   type :: values_t
+      real(wp), allocatable :: values(:)
+   end type values_t
+
 contains
 
    !> Reads the matrices from the keys of their group `&structure`.
@@ -23,7 +31,9 @@ contains
       real(wp), intent(in), optional :: memory_limit         !! bytes
       type(proportional_damping_t) :: proportional
       type(string_t), allocatable :: labels(:), units(:)
-      real(wp), allocatable :: damping(:), gyroscopic(:), mass(:), stiffness(:)
+      real(wp), allocatable :: damping(:, :), stiffness(:, :)
+      type(values_t) :: of(size(keys))
+      real(wp) :: speed
       integer :: i, n_dofs
 
       call group%get("n_dofs", n_dofs)
@@ -31,39 +41,50 @@ contains
       do i = 1, n_dofs
          labels(i)%value = "x"//to_text(i)
       end do
-      mass = [(0.0_wp, i=1, n_dofs)]
-      damping = mass
-      gyroscopic = mass
-      stiffness = mass
-      call group%get("mass", mass)
-      call group%get("damping", damping)
-      call group%get("gyroscopic", gyroscopic)
-      call group%get("stiffness", stiffness)
+      do i = 1, size(keys)
+         allocate (of(i)%values(max(n_dofs, 0)), source=0.0_wp)
+      end do
+      call group%get("mass", of(1)%values)
+      call group%get("damping", of(2)%values)
+      call group%get("gyroscopic", of(3)%values)
+      call group%get("stiffness", of(4)%values)
+      call group%get("gyroscopic_by_speed", of(5)%values)
+      call group%get("stiffness_by_speed", of(6)%values)
+      call group%get("stiffness_by_speed_squared", of(7)%values)
+      do i = 1, merge(size(keys), 0, n_dofs > 0)
+         call check_matrix(group, trim(keys(i)), of(i)%values, n_dofs)
+      end do
+      call group%get("speed", speed, required=any([(group%given(trim(keys(i))), i=5, size(keys))]))
       call group%get("labels", labels)
       call group%get("units", units)
       call read_proportional_damping(group, proportional)
-      if (n_dofs > 0) then
-         call check_matrix(group, "mass", mass, n_dofs)
-         call check_matrix(group, "damping", damping, n_dofs)
-         call check_matrix(group, "gyroscopic", gyroscopic, n_dofs)
-         call check_matrix(group, "stiffness", stiffness, n_dofs)
-      end if
       call group%finish(error)
       if (allocated(error)) return
       call check_room(n_dofs, error, memory_limit)
+      if (.not. allocated(error)) call check_skew("gyroscopic", full(of(3)%values, n_dofs), error)
+      if (.not. allocated(error)) call check_skew("gyroscopic_by_speed", full(of(5)%values, n_dofs), error)
       if (.not. allocated(error)) then
-         associate (m => full(mass, n_dofs), d => full(damping, n_dofs), g => full(gyroscopic, n_dofs), &
-                    k => full(stiffness, n_dofs))
-            if (maxval(abs(g + transpose(g))) > 1.0e-10_wp*maxval(abs(g))) then
-               call fail(error, "matrices: the gyroscopic matrix must be skew-symmetric, G(j, i) = -G(i, j); "// &
-                         "what dissipates belongs to the damping matrix")
-            else
-               call new_structure(structure, m, d + g + proportional%matrix(m, k), k, words(labels), words(units), error)
-            end if
+         stiffness = full(of(4)%values, n_dofs)
+         associate (m => full(of(1)%values, n_dofs))
+            damping = full(of(2)%values, n_dofs) + full(of(3)%values, n_dofs) + proportional%matrix(m, stiffness)
+            if (group%given("gyroscopic_by_speed")) damping = damping + speed*full(of(5)%values, n_dofs)
+            if (group%given("stiffness_by_speed")) stiffness = stiffness + speed*full(of(6)%values, n_dofs)
+            if (group%given("stiffness_by_speed_squared")) stiffness = stiffness + speed**2*full(of(7)%values, n_dofs)
+            call new_structure(structure, m, damping, stiffness, words(labels), words(units), error)
          end associate
       end if
       call annotate(error, group%place())
    end subroutine read_matrices
+
+   subroutine check_skew(name, matrix, error)
+      character(*), intent(in) :: name
+      real(wp), intent(in) :: matrix(:, :)
+      type(error_t), allocatable, intent(out) :: error
+
+      if (maxval(abs(matrix + transpose(matrix))) > 1.0e-10_wp*maxval(abs(matrix))) &
+         call fail(error, "matrices: the "//name//" matrix must be skew-symmetric, G(j, i) = -G(i, j); "// &
+                   "what dissipates belongs to the damping matrix")
+   end subroutine check_skew
 
    !> Adds a problem unless there are as many values as in a full or a diagonal matrix.
    subroutine check_matrix(group, key, values, n_dofs)

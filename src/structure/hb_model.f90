@@ -12,10 +12,20 @@ module hb_model
    use hb_sparse, only: sparse_sum, sparse_t
    use hb_structure, only: check_room, max_sparse_dofs, new_structure, structure_t
    use hb_structure_mark, only: structure_mark
-   use hb_text, only: to_text
+   use hb_text, only: number_of, to_text
    implicit none
    private
-   public :: model_source_t, model_t, new_model_structure, read_model
+   public :: model_source_t, model_t, most_speeds, new_model_structure, read_model
+
+   integer, parameter :: most_speeds = 2                              !! shafts that turn by speeds of their own
+
+   !> What a speed Omega [rad/s] adds: Omega G to what multiplies the velocity, Omega K_1 + Omega**2 K_2 to the stiffness.
+   !> Source: G. Genta, Dynamics of Rotating Systems, Springer 2005, chapter 4.
+   type :: speed_terms_t
+      type(sparse_t) :: gyroscopic                                    !! G [N s2/m], skew-symmetric
+      type(sparse_t) :: stiffness                                     !! K_1 [N s/m], such as that of damping that turns along
+      type(sparse_t) :: stiffness_squared                             !! K_2 [N s2/m]
+   end type speed_terms_t
 
    !> A model as it comes. Matrices that it does not have, stiffness and mass excepted, have no rows.
    type :: model_t
@@ -24,6 +34,7 @@ module hb_model
       type(sparse_t) :: damping                                       !! [N s/m], viscous
       type(sparse_t) :: gyroscopic                                    !! [N s/m], skew-symmetric
       type(sparse_t) :: structural                                    !! [N/m]: H of the complex stiffness K + i H
+      type(speed_terms_t) :: speeds(most_speeds)
       character(:), allocatable :: labels(:), units(:)                !! (n_dofs)
       type(node_sets_t) :: sets
       type(named_vectors_t) :: vectors
@@ -59,9 +70,12 @@ contains
       type(model_t) :: model
       type(proportional_damping_t) :: proportional
       character(:), allocatable :: file
+      real(wp), allocatable :: speeds(:)
       real(wp) :: structural_frequency
 
+      allocate (speeds(0))
       call group%get("file", file)
+      call group%get("speed", speeds, required=.false.)
       call group%get("structural_frequency", structural_frequency, required=.false.)
       call read_proportional_damping(group, proportional)
       call group%finish(error)
@@ -73,7 +87,7 @@ contains
       end if
       if (.not. allocated(error)) call check_room(model%n_dofs, error, memory_limit, model%mass%n_entries() + &
                                                         2*model%stiffness%n_entries() + model%damping%n_entries())
-      if (.not. allocated(error)) call new_model_structure(structure, model, proportional, structural_frequency, error)
+      if (.not. allocated(error)) call new_model_structure(structure, model, proportional, structural_frequency, speeds, error)
       structure%model_file = file
       if (.not. allocated(error)) structure%origin = "model '"//file//"': "//trim(structure_mark(structure))
       call annotate(error, group%place())
@@ -81,13 +95,15 @@ contains
 
    !> Makes a structure from a model. Structural damping becomes viscous damping that is the same at one frequency. Fails for a
    !> gyroscopic matrix that is not skew-symmetric, else as `new_structure`.
-   subroutine new_model_structure(structure, model, proportional, structural_frequency, error)
+   subroutine new_model_structure(structure, model, proportional, structural_frequency, speeds, error)
       type(structure_t), intent(out) :: structure
       type(model_t), intent(in) :: model
       type(proportional_damping_t), intent(in) :: proportional
       real(wp), intent(in) :: structural_frequency                    !! [rad/s], > 0 where there is structural damping
+      real(wp), intent(in) :: speeds(:)                               !! [rad/s], one for each that the model has terms of
       type(error_t), allocatable, intent(out) :: error
-      type(sparse_t) :: damping
+      type(sparse_t) :: damping, stiffness
+      integer :: i
 
       if (model%n_dofs > max_sparse_dofs) then
          call fail(error, "the model has "//to_text(model%n_dofs)//" degrees of freedom, at most "//to_text(max_sparse_dofs)// &
@@ -101,17 +117,52 @@ contains
       damping = proportional%matrix(model%mass, model%stiffness)
       if (model%damping%n_rows > 0) damping = sparse_sum(1.0_wp, damping, 1.0_wp, model%damping)
       if (model%structural%n_rows > 0) damping = sparse_sum(1.0_wp, damping, 1.0_wp/structural_frequency, model%structural)
-      if (model%gyroscopic%n_rows > 0) then
-         call check_skew(model%gyroscopic, model%labels, error)
-         if (allocated(error)) return
-         damping = sparse_sum(1.0_wp, damping, 1.0_wp, model%gyroscopic)
-      end if
-      call new_structure(structure, model%mass, damping, model%stiffness, model%labels, model%units, error)
+      call check_speeds(model, speeds, error)
+      if (allocated(error)) return
+      stiffness = model%stiffness
+      call add_skew(1.0_wp, model%gyroscopic)
+      do i = 1, size(speeds)
+         associate (terms => model%speeds(i), speed => speeds(i))
+            call add_skew(speed, terms%gyroscopic)
+            if (terms%stiffness%n_rows > 0) stiffness = sparse_sum(1.0_wp, stiffness, speed, terms%stiffness)
+            if (terms%stiffness_squared%n_rows > 0) stiffness = sparse_sum(1.0_wp, stiffness, speed**2, terms%stiffness_squared)
+         end associate
+      end do
+      if (allocated(error)) return
+      call new_structure(structure, model%mass, damping, stiffness, model%labels, model%units, error)
       if (allocated(error)) return
       structure%sets = model%sets
       structure%vectors = model%vectors
       structure%up_to = model%up_to
+
+   contains
+
+      subroutine add_skew(factor, matrix)
+         real(wp), intent(in) :: factor
+         type(sparse_t), intent(in) :: matrix
+
+         if (matrix%n_rows == 0 .or. allocated(error)) return
+         call check_skew(matrix, model%labels, error)
+         damping = sparse_sum(1.0_wp, damping, factor, matrix)
+      end subroutine add_skew
    end subroutine new_model_structure
+
+   !> Fails unless there is a number for each speed that the model has terms of.
+   subroutine check_speeds(model, speeds, error)
+      type(model_t), intent(in) :: model
+      real(wp), intent(in) :: speeds(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i, n
+
+      n = 0
+      do i = 1, most_speeds
+         associate (terms => model%speeds(i))
+            if (terms%gyroscopic%n_rows + terms%stiffness%n_rows + terms%stiffness_squared%n_rows > 0) n = i
+         end associate
+      end do
+      if (size(speeds) /= n) call fail(error, "the model has terms of "//number_of(n, "speed")//", 'speed' has "// &
+                                       number_of(size(speeds), "number")//"; give one for each, in rad/s")
+   end subroutine check_speeds
 
    subroutine check_skew(matrix, labels, error)
       type(sparse_t), intent(in) :: matrix

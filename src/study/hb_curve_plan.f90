@@ -32,7 +32,7 @@ module hb_curve_plan
       integer, allocatable :: torus_order(:)                          !! of the set of a torus that leaves the curve; none: chosen
       character(:), allocatable :: follow                             !! motion, peak or fold
       character(:), allocatable :: over                               !! path of the value over which peak or fold is one
-      type(parameter_t), private :: first_parameter                   ! what that names
+      type(parameter_t) :: first_parameter                   ! what that names
       real(wp), private :: over_from = 0.0_wp, over_to = 0.0_wp
       character(:), allocatable :: tie
       real(wp), allocatable :: ratios(:)                              !! of all tones to the one that moves, if these are tied

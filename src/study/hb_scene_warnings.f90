@@ -1,16 +1,17 @@
-!> What is doubtful about a scene that can be solved: tones that are multiples of each other, nothing that moves it, and models that
-!> are large or were reduced for lower frequencies.
+!> What is doubtful about a scene that can be solved: tones that are multiples of each other, nothing that moves it, speeds that stay
+!> while tones move, and models that are large or were reduced for lower frequencies.
 module hb_scene_warnings
    use hb_certificate, only: near_commensurate
-   use hb_document, only: document_t
+   use hb_document, only: document_t, parameter_t
    use hb_kinds, only: wp
    use hb_properties, only: properties_t
    use hb_scene, only: scene_t
-   use hb_text, only: join, string_t, to_text
+   use hb_sweep_plan, only: sweep_plan_t
+   use hb_text, only: join, max_name, string_t, to_text
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: commensurate_text, has_no_load, model_text
+   public :: commensurate_text, frozen_speed_text, has_no_load, model_text
 
    real(wp), parameter :: rounding = 1.0e-12_wp                       ! of a frequency that is zero
 
@@ -22,6 +23,47 @@ contains
 
       has_no_load = .not. any(scene%tones%is_unknown) .and. scene%loads%is_zero()
    end function has_no_load
+
+   !> Which speed of a structure stays where it is while the frequency of a tone moves, and what lets it follow; empty for none.
+   function frozen_speed_text(plan, document) result(text)
+      type(sweep_plan_t), intent(in) :: plan
+      type(document_t), intent(inout) :: document                     !! that was read
+      character(:), allocatable :: text
+      type(properties_t), pointer :: group
+      type(parameter_t) :: moving
+      character(:), allocatable :: path
+      integer :: i
+
+      text = ""
+      group => document%group("structure", 1)
+      if (.not. group%given("speed")) return
+      do i = 1, size(plan%parameters)
+         associate (parameter => plan%parameters(i)%parameter)
+            if (group_of(parameter) == "structure" .and. parameter%key == "speed") return
+            if (group_of(parameter) == "tones") moving = parameter
+         end associate
+      end do
+      if (allocated(plan%curve)) then
+         if (group_of(plan%curve%parameter) == "tones") moving = plan%curve%parameter
+      end if
+      if (moving%i_group == 0) return
+      do i = 1, document%count("tie")
+         group => document%group("tie", i)
+         call group%get("parameter", path)
+         if (index(path, "%speed") > 0) return
+      end do
+      text = "structure%speed stays as it is while tones%"//trim(moving%key)//" moves; if they belong together: "// &
+         "&tie parameter = 'structure%speed', to = 'tones%"//trim(moving%key)//"' /"
+
+   contains
+
+      pure function group_of(parameter) result(name)
+         type(parameter_t), intent(in) :: parameter
+         character(max_name) :: name
+
+         name = document%groups%holders(parameter%i_group)%group%name
+      end function group_of
+   end function frozen_speed_text
 
    !> What is doubtful about a structure from a model, empty for none: it is large, or was reduced for lower frequencies.
    function model_text(scene, document) result(text)

@@ -80,6 +80,7 @@ contains
       call self%plan%apply(1, first)
       self%callbacks = run_callbacks(self%plan%n_points)
       call read_scene(self%scene, first, error, self%available_memory, self%callbacks)
+      if (.not. allocated(error)) call self%plan%refuse_tied(first, error)
       if (allocated(error)) return
       call self%plan%note_units(first)
       if (allocated(self%plan%curve)) then

@@ -66,6 +66,7 @@ module hb_sweep_plan
       procedure :: is_ordered => sweep_plan_is_ordered
       procedure :: is_way => sweep_plan_is_way
       procedure :: n_fastest => sweep_plan_n_fastest
+      procedure :: refuse_tied => sweep_plan_refuse_tied
    end type sweep_plan_t
 
 contains
@@ -134,6 +135,25 @@ contains
          end associate
       end do
    end subroutine read_sweep_plan
+
+   !> Fails where a value that is swept, or that moves along a curve, follows another one.
+   subroutine sweep_plan_refuse_tied(self, document, error)
+      class(sweep_plan_t), intent(in) :: self
+      type(document_t), intent(in) :: document                        !! that was read
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      do i = 1, size(self%parameters)
+         call document%refuse_tied(self%parameters(i)%parameter, self%parameters(i)%path, error)
+         if (allocated(error)) error%message = self%parameters(i)%place//": "//error%message
+         if (allocated(error)) return
+      end do
+      if (.not. allocated(self%curve)) return
+      call document%refuse_tied(self%curve%parameter, self%curve%path, error)
+      if (.not. allocated(error) .and. allocated(self%curve%over)) &
+         call document%refuse_tied(self%curve%first_parameter, self%curve%over, error)
+      if (allocated(error)) error%message = self%curve%place//": "//error%message
+   end subroutine sweep_plan_refuse_tied
 
    !> Refuses a path that an earlier parameter has: the later value would hide the other, at as many points as both have values.
    subroutine refuse_twice(parameters, group)

@@ -2,26 +2,21 @@
 
 import numpy as np
 import pytest
-import scipy.linalg
 
-from nhbm import ModelError, rotors
+from nhbm import ModelError, Rotor, rotors
+from nhbm.rotors import at_speeds
 
 
-def whirls(model):
-    n = model.n_dofs
-    g = model.gyroscopic.toarray() if model.gyroscopic is not None else np.zeros((n, n))
-    zero, one = np.zeros((n, n)), np.eye(n)
-    a = np.block([[zero, one], [-model.stiffness.toarray(), -g]])
-    b = np.block([[one, zero], [zero, model.mass.toarray()]])
-    return np.sort(np.abs(scipy.linalg.eigvals(a, b).imag))[::2]
+def frequencies(model):
+    return rotors.whirls(at_speeds(model, (0.0, 0.0)) if model.gyroscopic is None else model)[0]
 
 
 def test_shaft_between_stiff_bearings():
     """Pinned beam: (k pi/L)**2 sqrt(EI/rho A), a little lower by its rotary inertia; each twice."""
     shaft = rotors.rotor(1.0, 0.02, 20, bearings=[(0.0, 1e13, 0.0), (1.0, 1e13, 0.0)])
     exact = np.pi**2 * np.sqrt(2.1e11 / 7850.0) * 0.02 / 4
-    assert whirls(shaft)[0] == pytest.approx(exact, rel=2e-4) and whirls(shaft)[1] == pytest.approx(exact, rel=2e-4)
-    assert whirls(shaft)[2] == pytest.approx(4 * exact, rel=1e-3)
+    assert frequencies(shaft)[0] == pytest.approx(exact, rel=2e-4) and frequencies(shaft)[1] == pytest.approx(exact, rel=2e-4)
+    assert frequencies(shaft)[2] == pytest.approx(4 * exact, rel=1e-3)
 
 
 def test_disk_that_turns_splits_the_whirls():
@@ -33,13 +28,77 @@ def test_disk_that_turns_splits_the_whirls():
     k = 12 * 2.1e11 * np.pi * 0.02**4 / 64 / 1.0
     root = np.sqrt((speed * polar / 2) ** 2 + diametral * k)
     wanted = np.array([root - speed * polar / 2, root + speed * polar / 2]) / diametral
-    found = whirls(shaft)
+    found = frequencies(shaft)
     for w in wanted:
         assert np.abs(found / w - 1.0).min() < 1e-6
 
 
 def test_what_is_no_rotor_is_refused():
-    with pytest.raises(ModelError, match="at 2.0 is not on the shaft, 0 to 1.0"):
+    with pytest.raises(ModelError, match="at 2.0 is not on the shaft, 0.0 to 1.0"):
         rotors.rotor(1.0, 0.02, 4, bearings=[(2.0, 1e6, 0.0)])
     with pytest.raises(ModelError, match="diameter must be above 0, not 0.0"):
         rotors.rotor(1.0, 0.0, 4)
+
+
+def pinned(length, diameter, n, support=1e12, **keys):
+    made = Rotor(**{name: keys.pop(name) for name in ("poisson",) if name in keys})
+    made.shaft(np.linspace(0.0, length, n + 1), diameter, **keys)
+    for z in (0.0, length):
+        made.bearing(z, support)
+    return made
+
+
+def test_thick_shaft_has_the_frequency_of_timoshenko():
+    """Pinned: with n = k pi/L, G k' and rho: (rho/(k'G)) rho I w**4 - (rho A + (rho I)(1 + E/(k'G)) n**2) w**2 + E I n**4 = 0."""
+    length, diameter, young, density, poisson = 1.0, 0.2, 2.1e11, 7850.0, 0.3
+    second, area = np.pi * diameter**4 / 64, np.pi * diameter**2 / 4
+    shear = young / 2.6 * 6 * 1.3 / (7 + 6 * 0.3)
+    n = np.pi / length
+    b = density * area + density * second * (1 + young / shear) * n**2
+    exact = np.sqrt(np.roots([density**2 * second / shear, -b, young * second * n**4]).min())
+    found = frequencies(pinned(length, diameter, 40, 1e14).structure())[0]
+    assert found == pytest.approx(exact, rel=2e-4)
+    assert frequencies(pinned(length, diameter, 40, 1e14, poisson=None).structure())[0] > 1.02 * exact
+
+
+def test_critical_speeds_lie_on_the_campbell_diagram():
+    made = pinned(1.0, 0.03, 12)
+    made.disk(0.25, 5.0, 0.05, 0.08)
+    for order in (1.0, -1.0):
+        speeds = made.critical_speeds(5000.0, order=order)
+        assert len(speeds) >= 2
+        for speed in speeds:
+            found = made.campbell(speed)[0][0]
+            assert abs(found / speed - 1.0).min() < 1e-6
+    assert made.critical_speeds(5000.0)[0] > made.critical_speeds(5000.0, order=-1.0)[0]
+
+
+def test_damping_of_the_shaft_feeds_the_whirl_beyond_its_critical_speed():
+    made = pinned(1.0, 0.03, 8, damping=1e-5)
+    first = made.critical_speeds(5000.0)[0]
+    for speed, grows in ((0.95 * first, False), (1.05 * first, True)):
+        assert (made.campbell(speed)[1].max() > 0) == grows
+
+
+def test_two_shafts_have_speeds_of_their_own():
+    made = Rotor()
+    made.shaft(np.linspace(0.0, 1.0, 5), 0.03, name="low")
+    made.shaft(np.linspace(0.25, 0.75, 3), 0.06, 0.05, name="high", speed=2)
+    made.disk(0.5, 2.0, 0.02, 0.04, shaft="high")
+    made.bearing(0.0, 1e7, shaft="low")
+    made.bearing(1.0, [[1e7, 1e5], [-1e5, 2e7]], 10.0, shaft="low")
+    made.between(0.75, "high", "low", 1e6, 5.0)
+    made.unbalance(0.5, 1e-4, np.pi / 2, shaft="high")
+    model = made.structure()
+    g = model.gyroscopic_by_speed_2.toarray()
+    assert abs(g[:20]).max() == 0 and abs(g[20:, 20:] + g[20:, 20:].T).max() == 0
+    tilt_x, tilt_y = model.labels.index("n7.xz"), model.labels.index("n7.yz")
+    assert model.gyroscopic_by_speed_2[tilt_x, tilt_y] > 0.04
+    k = model.stiffness.toarray()
+    x, y = model.labels.index("n5.x"), model.labels.index("n5.y")
+    assert k[x, y] == 1e5 and k[y, x] == -1e5 and k[model.labels.index("n8.x"), model.labels.index("n4.x")] == -1e6
+    dofs, values = model.loads["unbalance_high_cos"]
+    assert [model.labels[d] for d in dofs] == ["n7.x", "n7.y"] and values == pytest.approx([0.0, 1e-4], abs=1e-18)
+    assert model.loads["unbalance_high_sin"][1] == pytest.approx([-1e-4, 0.0], abs=1e-18)
+    with pytest.raises(ModelError, match="say which shaft"):
+        made.disk(0.5, 1.0, 0.1, 0.1)

@@ -7,7 +7,7 @@ from nhbm.structure import Structure
 __version__ = "0.1.0"
 _LATER = {  # what needs more than sparse matrices is imported when it is asked for
     "Model": "model", "NotConverged": "model", "Peak": "model", "Law": "laws", "law": "laws", "Beam": "groups", "Chain": "groups",
-    "Jeffcott": "groups", "Matrices": "groups", "ModalBeam": "groups", "RotorStator": "groups", "Session": "session", "input_keys": "session",
+    "Jeffcott": "groups", "Matrices": "groups", "ModalBeam": "groups", "RotorStator": "groups", "Rotor": "rotors", "Session": "session", "input_keys": "session",
 }  # fmt: skip
 __all__ = ["ModelError", "Structure", "__version__", *_LATER]
 

@@ -93,7 +93,7 @@ def parser() -> argparse.ArgumentParser:
     verb.add_argument("--disk", action="append", default=[], metavar="POSITION,MASS,DIAMETRAL,POLAR",
                       help="[m], [kg], moments of inertia [kg m2]; at the nearest node, as bearings are")  # fmt: skip
     verb.add_argument("--bearing", action="append", default=[], metavar="POSITION,STIFFNESS,DAMPING", help="[m], [N/m], [N s/m]")
-    verb.add_argument("--speed", type=float, default=0.0, metavar="RAD/S", help="of the gyroscopic terms (default: 0)")
+    verb.add_argument("--speed", type=float, metavar="RAD/S", help="of the gyroscopic terms (default: they are left to the key speed of &structure)")
     _loads(verb)
     _output(verb)
 

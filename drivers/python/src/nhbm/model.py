@@ -22,7 +22,7 @@ from nhbm.structure import Structure
 
 GROUPS = (
     "structure", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", "certificate", "stability",
-    "output", "march", "accuracy", "curve",
+    "output", "march", "accuracy", "curve", "tie",
 )  # fmt: skip
 _IN_MEMORY = "structure in memory"
 
@@ -104,7 +104,7 @@ class Model:
 
     def set(self, group: str, **keys) -> None:
         """Sets keys of a group, such as set("harmonics", order=9); None leaves a key to its default."""
-        if group in ("load", "law", "start"):
+        if group in ("load", "law", "start", "tie"):
             raise ModelError(f"there may be several groups &{group}; model.{group}(...) adds one")
         if group not in GROUPS:
             raise ModelError(f"unknown group '{group}'; known: {', '.join(GROUPS)}")
@@ -129,6 +129,11 @@ class Model:
     def start(self, dof: str, tuple_: int | Iterable[int] = 1, cos: float = 0.0, sin: float = 0.0, **keys) -> None:
         """Adds an entry of the first guess, as `load`, in units of the motion."""
         self._add("start", {"dof": dof, "tuple": [int(k) for k in np.atleast_1d(tuple_)], "cos": cos, "sin": sin, **keys})
+
+    def tie(self, path: str, to: str, factor: float = 1.0, offset: float = 0.0) -> None:
+        """Lets a value follow another one, offset + factor times it: model.tie("structure.speed", "tones[0]")."""
+        paths = path_of(path, GROUPS), path_of(to, GROUPS)
+        self._add("tie", {"parameter": paths[0], "to": paths[1], "factor": factor, "offset": offset})
 
     def __setitem__(self, path: str, value) -> None:
         """Sets a value by its path: model["wall.gap"] = 1e-3, model["tones[0]"] = 2.0, or a path of the input, "law(wall)%gap"."""

@@ -343,11 +343,11 @@ def _rests(model) -> list[sp.csr_matrix]:
     """What of damping, gyroscopic and circulatory terms is no sum of mass and stiffness with the factors of most rows."""
     symmetric = symmetric_part(model.stiffness)
     rests = [model.stiffness - symmetric]
-    for matrix in (model.damping, model.gyroscopic, model.structural):
-        if matrix is not None:
-            alpha, beta = _proportions(matrix, model.mass, symmetric)
-            rests.append(matrix - alpha * model.mass - beta * symmetric)
-    largest = [abs(model.stiffness).max()] + [abs(a).max() for a in (model.damping, model.gyroscopic, model.structural) if a is not None]
+    others = [matrix for name, matrix in model.matrices().items() if name not in ("mass", "stiffness")]
+    for matrix in others:
+        alpha, beta = _proportions(matrix, model.mass, symmetric)
+        rests.append(matrix - alpha * model.mass - beta * symmetric)
+    largest = [abs(matrix).max() for matrix in (model.stiffness, *others)]
     found = []
     for rest, most in zip(rests, largest):
         rest = sp.csr_matrix(rest)
@@ -387,8 +387,9 @@ def _project(model, kept, basis, method) -> Structure:
     basis = np.hstack([basis[:, :n_kept], inner])
     matrices = {name: _uncoupled(basis.T @ (matrix @ basis), n_kept) for name, matrix in model.matrices().items()}
     for name in matrices:
-        sign = -1.0 if name == "gyroscopic" else 1.0
-        if name in ("mass", "gyroscopic") or (name == "stiffness" and is_symmetric(model)):
+        is_skew = name.startswith("gyroscopic")
+        sign = -1.0 if is_skew else 1.0
+        if name == "mass" or is_skew or (name == "stiffness" and is_symmetric(model)):
             matrices[name] = (matrices[name] + sign * matrices[name].T) / 2
     n_inner = inner.shape[1]
     loads = {}

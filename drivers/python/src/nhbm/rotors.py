@@ -1,78 +1,265 @@
-"""Shafts with disks in bearings: beam elements in two planes, for examples and first studies of rotors.
+"""Rotors: round shafts with disks in bearings, by beam elements in two planes, with their terms in the speeds of the shafts.
 
-Bernoulli's beam with rotary inertia and gyroscopic terms of the shaft (Nelson and McVaugh, J. Eng. Ind. 98 (1976), without shear),
-the shaft along z: each node moves along x and y and has the slopes dx/dz and dy/dz.
+Timoshenko's beam with rotary inertia and gyroscopic terms (Nelson, J. Mech. Design 102 (1980) 793), damping that turns with the shaft
+(Genta, Dynamics of Rotating Systems, Springer 2005, chapter 6). The shafts lie along z: each node moves along x and y and has the
+slopes dx/dz and dy/dz of its section.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
+import scipy.linalg
 import scipy.sparse as sp
 
 from nhbm.errors import ModelError
-from nhbm.structure import Structure
+from nhbm.structure import BY_SPEED, Structure
 
 VTK_LINE = 3
 DIRECTIONS = ("x", "y", "xz", "yz")
+N = len(DIRECTIONS)
+ACROSS = np.array([[0.0, 1.0], [-1.0, 0.0]])  # i z = x' + i y' turned back: what -i Omega z does to (x, y)
+COWPER = 6.0, 7.0  # shear coefficient of a round section: 6 (1 + nu) / (7 + 6 nu)
 
 
-def rotor(length, diameter, n_elements, disks=(), bearings=(), speed=0.0, young=2.1e11, density=7850.0) -> Structure:
-    """Rotor of a round shaft [m]; sets `disk1`, `bearing1`, ...
+@dataclass
+class _Shaft:
+    name: str
+    speed: int  # number of the speed that it turns by
+    z: np.ndarray  # of its nodes [m]
+    first: int  # number of its first node in the rotor
+
+
+class Rotor:
+    """Round shafts of one material on one axis, with disks, bearings and unbalance; `structure` makes the matrices.
+
+    young: Young's modulus [N/m2]; density [kg/m3]; poisson: Poisson's ratio for the shear of the sections, None for none (Bernoulli).
+    """
+
+    def __init__(self, young: float = 2.1e11, density: float = 7850.0, poisson: float | None = 0.3):
+        self.young, self.density, self.poisson = young, density, poisson
+        self._shafts: list[_Shaft] = []
+        self._sets: dict[str, int] = {}
+        self._unbalance: dict[str, list[tuple[int, float, float]]] = {}
+        self._parts: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}  # matrices by name: degrees of freedom, values
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes of all shafts."""
+        return sum(len(shaft.z) for shaft in self._shafts)
+
+    def shaft(self, z, diameter, bore=0.0, *, name: str = "shaft", speed: int = 1, damping: float = 0.0) -> None:
+        """Adds a shaft. z: positions of its nodes [m], rising; diameter, bore: outer and inner one [m], one or one for each element;
+        name: for the other methods; speed: 1 or 2, the number of the speed that it turns by; damping: of its material, viscous and turning
+        along, as a factor of its stiffness [s].
+        """
+        z = np.asarray(z, dtype=float)
+        if z.ndim != 1 or len(z) < 2 or not (np.diff(z) > 0).all():
+            raise ModelError(f"shaft '{name}': z must be two or more rising positions")
+        if any(shaft.name == name for shaft in self._shafts):
+            raise ModelError(f"there is a shaft '{name}' already; give another name")
+        if speed not in (1, 2):
+            raise ModelError(f"shaft '{name}': speed is 1 or 2, the number of a speed, not {speed}")
+        outer, inner = (np.broadcast_to(np.asarray(d, dtype=float), (len(z) - 1,)) for d in (diameter, bore))
+        if not ((outer > inner).all() and (inner >= 0).all()):
+            raise ModelError(f"shaft '{name}': the diameter must be above the bore, and this 0 or more")
+        place = _Shaft(name, speed, z, self.n_nodes)
+        for e, h in enumerate(np.diff(z)):
+            stiffness, mass, rotary = self._element(h, outer[e], inner[e])
+            nodes = place.first + e, place.first + e + 1
+            self._add("stiffness", nodes, np.eye(2), stiffness)
+            self._add("mass", nodes, np.eye(2), mass + rotary)
+            self._add(_by_speed("gyroscopic_by_speed", speed), nodes, ACROSS, 2 * rotary)
+            if damping:
+                self._add("damping", nodes, np.eye(2), damping * stiffness)
+                self._add(_by_speed("stiffness_by_speed", speed), nodes, ACROSS, damping * stiffness)
+        self._shafts.append(place)
+
+    def disk(self, z: float, mass: float, diametral: float, polar: float, *, shaft: str | None = None) -> None:
+        """Adds a rigid disk at the node nearest to z [m]: its mass [kg], diametral and polar moment of inertia [kg m2]; set `disk1`, ..."""
+        place, node = self._node(z, shaft)
+        self._add("mass", (node,), np.eye(2), np.diag([mass, diametral]))
+        self._add(_by_speed("gyroscopic_by_speed", place.speed), (node,), ACROSS, np.diag([0.0, polar]))
+        self._sets[self._next("disk")] = node
+
+    def bearing(self, z: float, stiffness, damping=0.0, *, shaft: str | None = None) -> None:
+        """Holds the node nearest to z [m]: stiffness [N/m] and damping [N s/m], one number or a matrix over x and y; set `bearing1`, ..."""
+        _, node = self._node(z, shaft)
+        for name, values in (("stiffness", stiffness), ("damping", damping)):
+            self._add(name, (node,), _two(values), np.diag([1.0, 0.0]))
+        self._sets[self._next("bearing")] = node
+
+    def between(self, z: float, one: str, other: str, stiffness, damping=0.0) -> None:
+        """Joins two shafts at z [m] by a bearing, as `bearing`; sets `inner1` and `outer1`, ... for contact laws (stiffness may be 0)."""
+        nodes = self._node(z, one)[1], self._node(z, other)[1]
+        joint = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.diag([1.0, 0.0]))
+        for name, values in (("stiffness", stiffness), ("damping", damping)):
+            self._add(name, nodes, _two(values), joint)
+        for word, node in zip(("inner", "outer"), nodes):
+            self._sets[self._next(word)] = node
+
+    def unbalance(self, z: float, amount: float, angle: float = 0.0, *, shaft: str | None = None) -> None:
+        """Adds mass times eccentricity [kg m] at z [m] and an angle [rad]; vectors of loads `unbalance_NAME_cos` and `..._sin` of the shaft,
+        for &load with frequency_power = 2 and the tuple of the shaft's tone."""
+        place, node = self._node(z, shaft)
+        self._unbalance.setdefault(place.name, []).append((node, amount, angle))
+
+    def structure(self) -> Structure:
+        """The matrices: what depends on speeds as terms in them, for the key `speed` of &structure and &tie."""
+        n = self.n_nodes
+        if n == 0:
+            raise ModelError("the rotor has no shaft")
+        matrices = {}
+        for name, parts in self._parts.items():
+            rows, columns, values = [], [], []
+            for dofs, block in parts:
+                rows.append(np.repeat(dofs, len(dofs)))
+                columns.append(np.tile(dofs, len(dofs)))
+                values.append(block.ravel())
+            shape = (N * n, N * n)
+            matrix = sp.csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape)
+            matrix.eliminate_zeros()
+            if matrix.nnz:
+                matrices[name] = matrix
+        loads = {}
+        for name, parts in self._unbalance.items():
+            dofs = np.array([N * node + plane for node, _, _ in parts for plane in (0, 1)])
+            turned = np.concatenate([[amount * np.cos(angle), amount * np.sin(angle)] for _, amount, angle in parts])
+            loads[f"unbalance_{name}_cos"] = dofs, turned
+            loads[f"unbalance_{name}_sin"] = dofs, np.concatenate([[-b, a] for a, b in turned.reshape(-1, 2)])
+        ends = [shaft.first + np.arange(len(shaft.z)) for shaft in self._shafts]
+        lines = np.concatenate([np.column_stack([nodes[:-1], nodes[1:]]) for nodes in ends])
+        z = np.concatenate([shaft.z for shaft in self._shafts])
+        return Structure(
+            **matrices,
+            labels=[f"n{node + 1}.{d}" for node in range(n) for d in DIRECTIONS],
+            units=["m", "m", "rad", "rad"] * n,
+            node_numbers=np.arange(1, n + 1),
+            coordinates=np.column_stack([np.zeros((n, 2)), z]),
+            dof_node=np.repeat(np.arange(n), N),
+            dof_direction=list(DIRECTIONS) * n,
+            cell_types=np.full(len(lines), VTK_LINE),
+            cell_starts=2 * np.arange(len(lines) + 1),
+            cell_nodes=lines.ravel(),
+            sets={name: np.array([node]) for name, node in self._sets.items()},
+            loads=loads,
+            source=f"rotor, {len(lines)} elements",
+        )
+
+    def campbell(self, speeds, ratio: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        """Whirl frequencies [rad/s], rising, and growth rates [1/s] of the linear rotor over its speed, each (n_speeds, n_dofs).
+
+        speeds: of the shafts of speed 1 [rad/s]; ratio: of speed 2 to them.
+        """
+        structure = self.structure()
+        found = [whirls(at_speeds(structure, (speed, ratio * speed))) for speed in np.atleast_1d(speeds)]
+        return np.array([f for f, _ in found]), np.array([g for _, g in found])
+
+    def critical_speeds(self, up_to: float, ratio: float = 1.0, order: float = 1.0) -> np.ndarray:
+        """Speeds of speed 1 [rad/s], up to one, at which a whirl of the undamped rotor has `order` times the speed: forward ones for the
+        unbalance of its shafts (order 1); `order = ratio` is for that of the other shaft, a negative order for backward whirls.
+
+        Source: (K - W**2 (order**2 M - order G)) u = 0 for circular whirl, G the gyroscopic matrix of all shafts at W = 1; bearings must be the
+        same in x and y.
+        """
+        s = self.structure()
+        k, m = s.stiffness.toarray(), s.mass.toarray()
+        planes = [np.arange(s.n_dofs)[plane::2] for plane in (0, 1)]  # x and xz, y and yz of all nodes
+        if not np.allclose(k[np.ix_(planes[0], planes[0])], k[np.ix_(planes[1], planes[1])], rtol=1e-9, atol=1e-9 * abs(k).max()):
+            raise ModelError("critical_speeds: the bearings differ in x and y; read them off a Campbell diagram")
+        g = sum(part.toarray() * factor for part, factor in ((s.gyroscopic_by_speed, 1.0), (s.gyroscopic_by_speed_2, ratio)) if part is not None)
+        polar = g[np.ix_(planes[0], planes[1])] if not np.isscalar(g) else np.zeros((s.n_dofs // 2,) * 2)
+        one = planes[0]
+        values = scipy.linalg.eigvals(order**2 * m[np.ix_(one, one)] - order * polar, k[np.ix_(one, one)])
+        real = values.real[(abs(values.imag) <= 1e-9 * abs(values).max()) & (values.real > 0)]
+        return np.sort(1.0 / np.sqrt(real[real >= 1.0 / up_to**2]))
+
+    def _element(self, h: float, outer: float, inner: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Stiffness, translational and rotary mass of one element in one plane; the polar inertia is twice the rotary mass."""
+        area, second = np.pi * (outer**2 - inner**2) / 4, np.pi * (outer**4 - inner**4) / 64
+        p = 0.0
+        if self.poisson is not None:
+            shear = self.young / (2 * (1 + self.poisson))
+            coefficient = COWPER[0] * (1 + self.poisson) / (COWPER[1] + COWPER[0] * self.poisson)
+            p = 12 * self.young * second / (coefficient * shear * area * h**2)
+        stiffness = self.young * second / (h**3 * (1 + p)) * _matrix(h, 12, 6, 4 + p, -12, 6, 2 - p)
+        mass = self.density * area * h / (1 + p) ** 2 * _matrix(
+            h, 13 / 35 + 7 * p / 10 + p**2 / 3, 11 / 210 + 11 * p / 120 + p**2 / 24, 1 / 105 + p / 60 + p**2 / 120,
+            9 / 70 + 3 * p / 10 + p**2 / 6, -(13 / 420 + 3 * p / 40 + p**2 / 24), -(1 / 140 + p / 60 + p**2 / 120),
+        )  # fmt: skip
+        rotary = self.density * second / (h * (1 + p) ** 2) * _matrix(
+            h, 6 / 5, 1 / 10 - p / 2, 2 / 15 + p / 6 + p**2 / 3, -6 / 5, 1 / 10 - p / 2, -1 / 30 - p / 6 + p**2 / 6
+        )
+        return stiffness, mass, rotary
+
+    def _add(self, name: str, nodes, across: np.ndarray, plane: np.ndarray) -> None:
+        """Adds kron(across, plane): `across` over x and y, `plane` over deflection and slope of the nodes."""
+        dofs = np.concatenate([[N * node + direction, N * node + 2 + direction] for direction in (0, 1) for node in nodes])
+        self._parts.setdefault(name, []).append((dofs, np.kron(across, plane)))
+
+    def _node(self, z: float, name: str | None) -> tuple[_Shaft, int]:
+        known = [shaft.name for shaft in self._shafts]
+        if name is None and len(known) == 1:
+            name = known[0]
+        if name not in known:
+            raise ModelError(f"say which shaft: shaft='{name}' is none of {', '.join(known) or 'none'}")
+        shaft = self._shafts[known.index(name)]
+        if not shaft.z[0] <= z <= shaft.z[-1]:
+            raise ModelError(f"a disk or bearing at {z} is not on the shaft, {shaft.z[0]} to {shaft.z[-1]}")
+        return shaft, shaft.first + int(np.argmin(np.abs(shaft.z - z)))
+
+    def _next(self, word: str) -> str:
+        return f"{word}{1 + sum(name.startswith(word) for name in self._sets)}"
+
+
+def rotor(length, diameter, n_elements, disks=(), bearings=(), speed=None, young=2.1e11, density=7850.0) -> Structure:
+    """One even shaft [m] without shear; sets `disk1`, `bearing1`, ...
 
     `disks`: position [m], mass [kg], diametral and polar moment of inertia [kg m2]; `bearings`: position, stiffness [N/m] and
-    damping [N s/m], the same in all directions; `speed` [rad/s] from x towards y.
+    damping [N s/m], the same in all directions; `speed` [rad/s] from x towards y, None to keep the terms in the speed as such.
     """
     for name, value in (("length", length), ("diameter", diameter), ("n_elements", n_elements)):
         if not value > 0:
             raise ModelError(f"{name} must be above 0, not {value}")
-    n_nodes, h = int(n_elements) + 1, length / int(n_elements)
-    area, second = np.pi * diameter**2 / 4, np.pi * diameter**4 / 64
-    bend = young * second / h**3 * _element(h, 12, 6, 4, -12, 6, 2)
-    move = density * area * h / 420 * _element(h, 156, 22, 4, 54, -13, -3)
-    tilt = density * second / (30 * h) * _element(h, 36, 3, 4, -36, 3, -1)
-    k, m, polar, d = (np.zeros((2 * n_nodes, 2 * n_nodes)) for _ in range(4))  # of one plane: deflection and slope of each node
-    for e in range(n_nodes - 1):
-        at = np.ix_(range(2 * e, 2 * e + 4), range(2 * e, 2 * e + 4))
-        k[at] += bend
-        m[at] += move + tilt
-        polar[at] += 2 * tilt
-    z = h * np.arange(n_nodes)
-    sets = {}
-    for i, (position, mass, diametral, about) in enumerate(disks, start=1):
-        node = _node(z, position, length)
-        m[2 * node, 2 * node] += mass
-        m[2 * node + 1, 2 * node + 1] += diametral
-        polar[2 * node + 1, 2 * node + 1] += about
-        sets[f"disk{i}"] = np.array([node])
-    for i, (position, stiffness, damping) in enumerate(bearings, start=1):
-        node = _node(z, position, length)
-        k[2 * node, 2 * node] += stiffness
-        d[2 * node, 2 * node] += damping
-        sets[f"bearing{i}"] = np.array([node])
-    order = np.array([plane * 2 * n_nodes + 2 * node + slope for node in range(n_nodes) for slope in (0, 1) for plane in (0, 1)])
-    both = np.eye(2)
-    across = np.array([[0.0, 1.0], [-1.0, 0.0]])
-    spread = {"stiffness": np.kron(both, k), "mass": np.kron(both, m), "damping": np.kron(both, d),
-              "gyroscopic": speed * np.kron(across, polar)}  # fmt: skip
-    if not speed:
-        del spread["gyroscopic"]
-    return Structure(
-        **{name: sp.csr_matrix(matrix[np.ix_(order, order)]) for name, matrix in spread.items()},
-        labels=[f"n{node + 1}.{d}" for node in range(n_nodes) for d in DIRECTIONS],
-        units=["m", "m", "rad", "rad"] * n_nodes,
-        node_numbers=np.arange(1, n_nodes + 1),
-        coordinates=np.column_stack([np.zeros((n_nodes, 2)), z]),
-        dof_node=np.repeat(np.arange(n_nodes), 4),
-        dof_direction=list(DIRECTIONS) * n_nodes,
-        cell_types=np.full(n_nodes - 1, VTK_LINE),
-        cell_starts=2 * np.arange(n_nodes),
-        cell_nodes=np.column_stack([np.arange(n_nodes - 1), np.arange(1, n_nodes)]).ravel(),
-        sets=sets,
-        source=f"rotor, {n_nodes - 1} elements, {speed:g} rad/s",
-    )
+    made = Rotor(young, density, poisson=None)
+    made.shaft(np.linspace(0.0, length, int(n_elements) + 1), diameter)
+    for disk in disks:
+        made.disk(*disk)
+    for bearing in bearings:
+        made.bearing(*bearing)
+    structure = made.structure()
+    return structure if speed is None else at_speeds(structure, (speed, 0.0))
 
 
-def _element(h, deflection, both, slope, far_deflection, far_both, far_slope) -> np.ndarray:
+def at_speeds(structure: Structure, speeds) -> Structure:
+    """The structure with its terms in speeds at these speeds [rad/s]: no term in a speed is left."""
+    added: dict[str, list] = {"gyroscopic": [structure.gyroscopic], "stiffness": [structure.stiffness]}
+    for suffix, speed in zip(("", "_2"), speeds):
+        for kind, name, factor in (
+            ("gyroscopic", "gyroscopic_by_speed", speed),
+            ("stiffness", "stiffness_by_speed", speed),
+            ("stiffness", "stiffness_by_speed_squared", speed**2),
+        ):
+            matrix = getattr(structure, name + suffix)
+            if matrix is not None and factor:
+                added[kind].append(factor * matrix)
+    total = {kind: [m for m in matrices if m is not None] for kind, matrices in added.items()}
+    return replace(structure, **dict.fromkeys(BY_SPEED), **{kind: sum(m[1:], m[0]) if m else None for kind, m in total.items()})
+
+
+def whirls(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies >= 0 [rad/s], rising, and growth rates [1/s] of a small linear structure, each (n_dofs)."""
+    n = structure.n_dofs
+    none, one = np.zeros((n, n)), np.eye(n)
+    rates = sum((m.toarray() for m in (structure.damping, structure.gyroscopic) if m is not None), none)
+    states = np.block([[none, one], [-structure.stiffness.toarray(), -rates]])
+    values = scipy.linalg.eigvals(states, scipy.linalg.block_diag(one, structure.mass.toarray()))
+    values = values[np.lexsort((values.real, abs(values.imag)))][::2]  # one of each pair
+    return abs(values.imag), values.real
+
+
+def _matrix(h, deflection, both, slope, far_deflection, far_both, far_slope) -> np.ndarray:
     """Matrix of a beam element between deflection and slope of both ends, from the numbers that make it up."""
     near = np.array([[deflection, both * h], [both * h, slope * h**2]])
     other = np.array([[deflection, -both * h], [-both * h, slope * h**2]])
@@ -80,7 +267,14 @@ def _element(h, deflection, both, slope, far_deflection, far_both, far_slope) ->
     return np.block([[near, far], [far.T, other]])
 
 
-def _node(z, position, length) -> int:
-    if not 0 <= position <= length:
-        raise ModelError(f"a disk or bearing at {position} is not on the shaft, 0 to {length}")
-    return int(np.argmin(np.abs(z - position)))
+def _two(values) -> np.ndarray:
+    values = np.asarray(values, dtype=float)
+    if values.ndim == 0:
+        return float(values) * np.eye(2)
+    if values.shape != (2, 2):
+        raise ModelError(f"stiffness and damping of a bearing are one number or a matrix of 2 x 2, not of {values.shape}")
+    return values
+
+
+def _by_speed(name: str, speed: int) -> str:
+    return name if speed == 1 else f"{name}_{speed}"

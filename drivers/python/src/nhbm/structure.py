@@ -15,7 +15,11 @@ from nhbm.guard import written
 
 FORMAT = "nhbm model"
 SCHEMA_VERSION = 1
-MATRICES = ("mass", "stiffness", "damping", "gyroscopic", "structural")
+BY_SPEED = (
+    "gyroscopic_by_speed", "stiffness_by_speed", "stiffness_by_speed_squared",
+    "gyroscopic_by_speed_2", "stiffness_by_speed_2", "stiffness_by_speed_squared_2",
+)  # fmt: skip
+MATRICES = ("mass", "stiffness", "damping", "gyroscopic", "structural", *BY_SPEED)
 MAX_LABEL = 16
 
 _NO_INTEGERS = np.zeros(0, dtype=np.int64)
@@ -32,7 +36,7 @@ class Recovery:
 
 @dataclass
 class Structure:
-    """M x'' + (D + G) x' + (K + i H) x = forces."""
+    """M x'' + (D + G + sum W_s G_s) x' + (K + i H + sum W_s K_s + W_s**2 L_s) x = forces, with up to two speeds W_s [rad/s]."""
 
     mass: sp.csr_matrix
     stiffness: sp.csr_matrix
@@ -40,6 +44,12 @@ class Structure:
     damping: sp.csr_matrix | None = None
     gyroscopic: sp.csr_matrix | None = None
     structural: sp.csr_matrix | None = None  # H
+    gyroscopic_by_speed: sp.csr_matrix | None = None  # G_1 [N s2/m], skew-symmetric
+    stiffness_by_speed: sp.csr_matrix | None = None  # K_1 [N s/m]
+    stiffness_by_speed_squared: sp.csr_matrix | None = None  # L_1 [N s2/m]
+    gyroscopic_by_speed_2: sp.csr_matrix | None = None
+    stiffness_by_speed_2: sp.csr_matrix | None = None
+    stiffness_by_speed_squared_2: sp.csr_matrix | None = None
     units: list[str] | None = None  # of the coordinates
     node_numbers: np.ndarray = field(default_factory=lambda: _NO_INTEGERS)
     coordinates: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
