@@ -31,11 +31,11 @@ module law_check
       procedure :: verdict => derivative_check_verdict
    end type derivative_check_t
 
-   !> Samples z, rates v and reactions p, their magnitudes, and the phase of the law's tone.
+   !> Samples z, rates v and reactions p, their magnitudes, and the phases of the tones.
    type :: samples_t
       real(wp), allocatable :: motion(:, :, :)                        ! (n_samples, n_coordinates, z v p)
       real(wp), allocatable :: magnitude(:, :)                        ! (n_samples, z v p)
-      real(wp), allocatable :: phase(:)                               ! [rad], (n_samples)
+      real(wp), allocatable :: phases(:, :)                           ! [rad], (n_tones, n_samples)
    end type samples_t
 
    character(1), parameter :: letters(3) = ["z", "v", "p"]
@@ -44,20 +44,24 @@ contains
 
    !> Checks all derivatives of a law. What it takes from the structure it gets as for a static stiffness of 1 N/m and an
    !> impedance of 1 N s/m.
-   subroutine check_derivatives(unprepared_law, check)
+   subroutine check_derivatives(unprepared_law, check, tones)
       class(law_t), intent(in) :: unprepared_law
       type(derivative_check_t), intent(out) :: check
+      integer, intent(in), optional :: tones                          !! their number; not present: those that the law needs
       class(law_t), allocatable :: law
       type(samples_t) :: samples
       real(wp), allocatable :: f(:, :), f_again(:, :), slopes(:, :, :, :), slopes_again(:, :, :, :)
-      integer :: b, kind_of_motion, n
+      integer :: b, i, kind_of_motion, n, n_tones
 
       allocate (law, source=unprepared_law)
+      n_tones = law%n_phases
+      if (present(tones)) n_tones = tones
       call law%prepare(1.0_wp)
       call law%prepare_rate(1.0_wp, 1.0_wp)
+      call choose_samples(law, n_tones, samples)
+      if (law%n_phases > 0) call law%set_phases(samples%phases)
+      call law%set_frequencies([(1.0_wp, i=1, n_tones)])
       n = size(law%shape, 2)
-      call choose_samples(law, samples)
-      if (law%phase_tone > 0) call law%set_phase(samples%phase)
       allocate (check%wrong(0), f(n_samples, n))
       allocate (slopes(n_samples, n, n, 3))
       call evaluate(law, samples, f, slopes)
@@ -128,8 +132,9 @@ contains
 
    !> Numbers between -1 and 1 times a length of the law (1 m, 1 m/s, 1 N without one) times a power of ten, the same at
    !> every call.
-   subroutine choose_samples(law, samples)
+   subroutine choose_samples(law, n_tones, samples)
       class(law_t), intent(in) :: law
+      integer, intent(in) :: n_tones
       type(samples_t), intent(out) :: samples
       real(wp), parameter :: decades(2) = [-2.0_wp, 1.0_wp]
       integer, allocatable :: seed(:), seed_before(:)
@@ -144,7 +149,7 @@ contains
       allocate (samples%motion(n_samples, size(law%shape, 2), 3), samples%magnitude(n_samples, 3))
       call random_number(samples%motion)
       call random_number(samples%magnitude)
-      samples%phase = 100.0_wp*[(real(i, wp), i=1, n_samples)]        ! all around the circle
+      samples%phases = spread(100.0_wp*[(real(i, wp), i=1, n_samples)], 1, n_tones)   ! all around the circle
       call random_seed(put=seed_before)
       length = law%length_scale
       if (length <= 0.0_wp) length = 1.0_wp
@@ -276,7 +281,7 @@ contains
       if (all(ieee_is_finite(f))) return
       allocate (alone, source=law)
       do i = 1, size(f, 1)
-         if (law%phase_tone > 0) call alone%set_phase(samples%phase(i:i))
+         if (law%n_phases > 0) call alone%set_phases(samples%phases(:, i:i))
          if (present(slopes)) then
             call evaluate_block(alone, samples%motion(i:i, :, :), f_one, slopes_one)
             slopes(i, :, :, :) = slopes_one(1, :, :, :)

@@ -56,7 +56,7 @@ contains
       end do
       if (rank_of(comm) > 0) return
       call describe(study)
-      call check_laws(study%scene%laws, all_right)
+      call check_laws(study%scene%laws, study%scene%tones%n_tones, all_right)
       call write_doubts(study, doubts)
       if (.not. all_right) return
       if (doubts%n_commensurate + doubts%n_without_load > 0) then
@@ -263,8 +263,9 @@ contains
    end function tone_text
 
    !> Checks the derivatives of all laws of the first point and prints them as a table, wrong ones by name.
-   subroutine check_laws(laws, all_right)
+   subroutine check_laws(laws, n_tones, all_right)
       type(law_box_t), intent(in) :: laws(:)
+      integer, intent(in) :: n_tones
       logical, intent(out) :: all_right
       type(derivative_check_t) :: check
       character(12) :: difference
@@ -277,7 +278,7 @@ contains
       call say(pad("derivatives", width)//"  difference  skipped       verdict")
       do i = 1, size(laws)
          call raise_guard("law '"//laws(i)%law%label//"' has ended the process")
-         call check_derivatives(laws(i)%law, check)
+         call check_derivatives(laws(i)%law, check, n_tones)
          call lower_guard()
          write (difference, "(es12.1)") check%difference
          call say(pad(laws(i)%law%label, width)//difference//"  "// &

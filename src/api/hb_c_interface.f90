@@ -13,7 +13,7 @@ module hb_c_interface
    implicit none
    private
 
-   integer(c_int), parameter :: api = 1_c_int                         ! NHBM_API
+   integer(c_int), parameter :: api = 2_c_int                         ! NHBM_API
    integer(c_int), parameter :: wrong_input = 1_c_int, wrong_use = 2_c_int
    integer, parameter :: error_length = 2048, most_axes = 4
 

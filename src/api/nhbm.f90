@@ -12,7 +12,8 @@
 !>     call model%destroy()
 !>
 !> `model%result` is all that is known of the motion found last; `model%look_up` gives it by the names of the result file as well.
-!> Structures that a program has as matrices: extend `structure_source_t` and allocate `model%callbacks%models` with it.
+!> Structures that a program has as matrices: extend `structure_source_t` and allocate `model%callbacks%models` with it. Laws of its
+!> own: `give_law` takes a `law_info_t` and a function of `law_samples_t`, as nhbm_user_law.h describes them.
 module nhbm
    use hb_error, only: error_t
    use hb_kinds, only: wp
@@ -21,9 +22,10 @@ module nhbm
    use hb_outcome, only: outcome, outcome_names
    use hb_session, only: model_t => session_t
    use hb_sparse, only: new_sparse, sparse_t
+   use hb_user_library, only: forget_law, give_law, law_api => api_version, law_info_t, law_samples_t, law_step_t
    use hb_version, only: program_version
    implicit none
    private
-   public :: error_t, model_t, motion_result_t, new_sparse, outcome, outcome_names, program_version, sparse_t, structure_data_t, &
-      structure_source_t, wp
+   public :: error_t, forget_law, give_law, law_api, law_info_t, law_samples_t, law_step_t, model_t, motion_result_t, new_sparse, &
+      outcome, outcome_names, program_version, sparse_t, structure_data_t, structure_source_t, wp
 end module nhbm

@@ -30,7 +30,7 @@
 extern "C" {
 #endif
 
-#define NHBM_API 1 /* grows by one where a program has to be compiled anew */
+#define NHBM_API 2 /* grows by one where a program has to be compiled anew */
 
 /* Version of the interface that the library was built with, to be compared with NHBM_API, and of the program, such as "0.1.0". */
 int nhbm_api(void);

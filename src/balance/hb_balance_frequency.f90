@@ -172,7 +172,7 @@ contains
    end subroutine prepare_slopes
 
    !> Derivative of the residual by base frequency m at fixed coefficients, exact for the discrete equations:
-   !> dR/domega_m = j_m (dS/dw u - dP/dw) + the projection of df/dv dv/domega_m + df/ds ds/domega_m.
+   !> dR/domega_m = j_m (dS/dw u - dP/dw) + the projection of df/dv dv/domega_m + df/ds ds/domega_m + df/domega_m.
    !>
    !> What laws were told by the structure (`prepare`) stays. Fails where the stiffness was made without slopes, for a tone
    !> that does not exist, where the states of a law with memory do not repeat, and out of memory. docs/why/theory.md, section 5.6.
@@ -193,6 +193,7 @@ contains
          if (self%law_set%has_memory) call self%law_set%bring_step_slopes(u, self%omega, m, weight_slope)
          call self%law_set%differentiate_along(error, weight_slope)
          if (allocated(error)) return
+         call self%law_set%add_frequency_slopes(m)
          call self%law_set%transform%to_coefficients(along%f%values, self%force)
       end associate
       derivative = self%law_set%factor*self%force - reaction

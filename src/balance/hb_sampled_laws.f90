@@ -56,6 +56,7 @@ module hb_sampled_laws
       procedure :: correct => sampled_laws_correct
       procedure :: defects => sampled_laws_defects
       procedure :: potential => sampled_laws_potential
+      procedure :: add_frequency_slopes => sampled_laws_add_frequency_slopes
       procedure :: mean_slopes => sampled_laws_mean_slopes
       procedure :: destroy => sampled_laws_destroy
    end type sampled_laws_t
@@ -79,6 +80,7 @@ contains
       if (allocated(self%complaint)) deallocate (self%complaint)
       self%laws = laws
       call set_phases(self%laws, torus)
+      call set_frequencies(self%laws, omega)
       self%n_dofs = n_coordinates
       self%needs_velocity = any([(laws(i)%law%needs_velocity, i=1, size(laws))])
       self%needs_reaction = any([(laws(i)%law%is_multiplier, i=1, size(laws))])
@@ -114,7 +116,7 @@ contains
       end do
    end subroutine sample_laws
 
-   !> Tells the laws that ask for it the phases of their tones on the grid.
+   !> Gives the laws that need them the phases of the tones on the grid.
    pure subroutine set_phases(laws, torus)
       type(law_box_t), intent(inout) :: laws(:)
       type(torus_t), intent(in) :: torus
@@ -122,11 +124,21 @@ contains
       integer :: i
 
       do i = 1, size(laws)
-         if (laws(i)%law%phase_tone < 1) cycle
+         if (laws(i)%law%n_phases < 1) cycle
          if (.not. allocated(tau)) tau = torus%phases()
-         call laws(i)%law%set_phase(tau(laws(i)%law%phase_tone, :))
+         call laws(i)%law%set_phases(tau)
       end do
    end subroutine set_phases
+
+   pure subroutine set_frequencies(laws, omega)
+      type(law_box_t), intent(inout) :: laws(:)
+      real(wp), intent(in) :: omega(:)
+      integer :: i
+
+      do i = 1, size(laws)
+         if (laws(i)%law%needs_frequencies) call laws(i)%law%set_frequencies(omega)
+      end do
+   end subroutine set_frequencies
 
    !> Changes the base frequencies; the tone that leads the steps of laws with memory stays.
    subroutine sampled_laws_move(self, torus, omega)
@@ -135,6 +147,7 @@ contains
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones), > 0
       integer :: i, tone
 
+      call set_frequencies(self%laws, omega)
       if (.not. self%has_memory) return
       tone = self%characteristic%tone
       call new_characteristic(self%characteristic, torus, omega, tone)
@@ -270,6 +283,24 @@ contains
       call self%jacobian%add_product(self%along)
       call self%kinks%add_along(self%along)
    end subroutine sampled_laws_differentiate_along
+
+   !> Adds to `along%f` how the forces change with a base frequency at a fixed motion, after `differentiate`.
+   subroutine sampled_laws_add_frequency_slopes(self, tone)
+      class(sampled_laws_t), intent(inout) :: self
+      integer, intent(in) :: tone
+      real(wp), allocatable :: slope(:, :)
+      integer :: i
+
+      do i = 1, size(self%laws)
+         associate (law => self%laws(i)%law, sampled => self%sampled(i))
+            if (.not. law%needs_frequencies) cycle
+            allocate (slope, mold=sampled%f)
+            call law%frequency_slope(sampled%z, sampled%v, tone, slope)
+            self%along%f%values(:, law%dofs) = self%along%f%values(:, law%dofs) + matmul(slope, transpose(law%shape))
+            deallocate (slope)
+         end associate
+      end do
+   end subroutine sampled_laws_add_frequency_slopes
 
    !> Finds the means over the torus of df/dq, df/dv and df/ds, after `differentiate`.
    subroutine sampled_laws_mean_slopes(self, df_dq, df_dv, df_ds)

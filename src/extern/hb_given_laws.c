@@ -34,13 +34,13 @@ static void forget(const char *name)
 int nhbm_give_law(const char *name, const nhbm_law_info_t *info, nhbm_law_evaluate_2_function evaluate)
 {
    given_law_t *law = calloc(1, sizeof *law);
-   char *copy = strdup(name);
+   char *copy = malloc(strlen(name) + 1);
    if (!law || !copy || info->api_version != NHBM_USER_LAW_API_2 || !evaluate) {
       free(law);
       free(copy);
       return 1;
    }
-   law->name = copy;
+   law->name = strcpy(copy, name);
    law->info = *info;
    law->evaluate = evaluate;
    (void)pthread_mutex_lock(&mutex);

@@ -2,8 +2,8 @@
 module hb_user_library
    use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_is_finite, ieee_quiet_nan, &
       ieee_set_halting_mode, ieee_value
-   use, intrinsic :: iso_c_binding, only: c_char, c_double, c_f_procpointer, c_funptr, c_int, c_loc, c_null_char, c_null_funptr, &
-      c_null_ptr, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_procpointer, c_funptr, c_int, c_loc, &
+      c_null_char, c_null_funptr, c_null_ptr, c_ptr
    use hb_checksum, only: library_mark
    use hb_dynamic_library, only: dynamic_library_t, open_library
    use hb_error, only: annotate, error_t, fail
@@ -12,13 +12,13 @@ module hb_user_library
    use hb_text, only: to_text
    implicit none
    private
-   public :: any_number, load_user_library, user_library_t
+   public :: any_number, api_version, forget_law, give_law, law_info_t, law_samples_t, law_step_t, load_user_library, user_library_t
 
-   integer, parameter :: api_version = 2                              ! NHBM_USER_LAW_API_2
+   integer, parameter :: api_version = 2                              !! NHBM_USER_LAW_API_2
    integer, parameter :: any_number = -1                              !! NHBM_ANY_NUMBER
 
    !> nhbm_law_info_t
-   type, bind(c) :: info_t
+   type, bind(c) :: law_info_t
       integer(c_int) :: api_version = 0
       integer(c_int) :: n_coordinates = 0
       integer(c_int) :: n_parameters = 0
@@ -26,13 +26,31 @@ module hb_user_library
       integer(c_int) :: degree = 0
       real(c_double) :: length_scale = 0.0_c_double
       type(c_ptr) :: context = c_null_ptr
-   end type info_t
+      integer(c_int) :: needs_phases = 0
+      integer(c_int) :: needs_frequencies = 0
+      integer(c_int) :: n_states = 0
+      type(c_funptr) :: advance = c_null_funptr
+      type(c_ptr) :: reserved(4) = c_null_ptr
+   end type law_info_t
 
    !> nhbm_law_samples_t
-   type, bind(c) :: samples_t
-      integer(c_int) :: n_samples, n_coordinates, stride, n_parameters
-      type(c_ptr) :: z, v, parameters, f, df_dz, df_dv, context
-   end type samples_t
+   type, bind(c) :: law_samples_t
+      integer(c_int) :: n_samples = 0, n_coordinates = 0, stride = 0, n_parameters = 0
+      type(c_ptr) :: z = c_null_ptr, v = c_null_ptr, parameters = c_null_ptr
+      type(c_ptr) :: f = c_null_ptr, df_dz = c_null_ptr, df_dv = c_null_ptr, context = c_null_ptr
+      integer(c_int) :: n_tones = 0, n_states = 0
+      type(c_ptr) :: phases = c_null_ptr, frequencies = c_null_ptr, states = c_null_ptr, df_ds = c_null_ptr
+   end type law_samples_t
+
+   !> nhbm_law_step_t
+   type, bind(c) :: law_step_t
+      integer(c_int) :: n_samples = 0, n_coordinates = 0, n_states = 0, stride = 0, n_parameters = 0
+      type(c_ptr) :: z = c_null_ptr, z_before = c_null_ptr, rise = c_null_ptr, rise_before = c_null_ptr
+      type(c_ptr) :: states_before = c_null_ptr, parameters = c_null_ptr, states = c_null_ptr
+      type(c_ptr) :: ds_dbefore = c_null_ptr
+      type(c_ptr) :: ds_dz = c_null_ptr, ds_dz_before = c_null_ptr, ds_drise = c_null_ptr, ds_drise_before = c_null_ptr
+      type(c_ptr) :: context = c_null_ptr
+   end type law_step_t
 
    !> A law that is loaded, and what it says of itself.
    type :: user_library_t
@@ -41,25 +59,34 @@ module hb_user_library
       logical :: needs_velocity = .false.
       integer :: degree = 0                                           !! of a polynomial law, else 0
       real(wp) :: length_scale = 0.0_wp                               !! [m], 0: none
+      logical :: needs_phases = .false., needs_frequencies = .false.
+      integer :: n_states = 0                                         !! of one sample
+      type(c_funptr), private :: advance_function = c_null_funptr
       type(c_funptr), private :: evaluate_function = c_null_funptr
       type(c_ptr), private :: context = c_null_ptr
       logical, private :: is_of_version_1 = .false., is_given = .false.
    contains
       procedure :: evaluate => user_library_evaluate
+      procedure :: advance => user_library_advance
       procedure :: has_touched => user_library_has_touched
       procedure :: mark => user_library_mark
    end type user_library_t
 
    abstract interface
       integer(c_int) function info_function(info) bind(c)
-         import :: c_int, info_t
-         type(info_t), intent(inout) :: info
+         import :: c_int, law_info_t
+         type(law_info_t), intent(inout) :: info
       end function info_function
 
       integer(c_int) function evaluate_2_function(samples) bind(c)
-         import :: c_int, samples_t
-         type(samples_t), intent(in) :: samples
+         import :: c_int, law_samples_t
+         type(law_samples_t), intent(in) :: samples
       end function evaluate_2_function
+
+      integer(c_int) function advance_function(step) bind(c)
+         import :: c_int, law_step_t
+         type(law_step_t), intent(in) :: step
+      end function advance_function
 
       integer(c_int) function evaluate_function(n_samples, n_coordinates, stride, z, v, n_parameters, parameters, f, &
                                                 df_dz, df_dv) bind(c)
@@ -71,23 +98,37 @@ module hb_user_library
 
    interface
       integer(c_int) function find_given_law(name, info, evaluate) bind(c, name="hb_find_given_law")
-         import :: c_char, c_funptr, c_int, info_t
+         import :: c_char, c_funptr, c_int, law_info_t
          character(c_char), intent(in) :: name(*)
-         type(info_t), intent(inout) :: info
+         type(law_info_t), intent(inout) :: info
          type(c_funptr), intent(inout) :: evaluate
       end function find_given_law
+
+      !> nhbm_give_law: names end with `c_null_char`.
+      integer(c_int) function give_law(name, info, evaluate) bind(c, name="nhbm_give_law")
+         import :: c_char, c_funptr, c_int, law_info_t
+         character(c_char), intent(in) :: name(*)
+         type(law_info_t), intent(in) :: info
+         type(c_funptr), value :: evaluate                            ! integer(c_int) function(samples), bind(c)
+      end function give_law
+
+      !> nhbm_forget_law.
+      subroutine forget_law(name) bind(c, name="nhbm_forget_law")
+         import :: c_char
+         character(c_char), intent(in) :: name(*)
+      end subroutine forget_law
    end interface
 
 contains
 
-   !> Loads the law `name` from a library, or takes the one that the program has given; fails when the library does not load, lacks a
-   !> function, refuses, or is made for another version of the interface.
+   !> Loads the law `name` from a library, or takes the one that the program has given; fails when the library does not load,
+   !> lacks a function, refuses, or is made for another version of the interface.
    subroutine load_user_library(self, path, name, error)
       type(user_library_t), intent(out) :: self
       character(*), intent(in) :: path                                !! empty: the program itself
       character(*), intent(in) :: name                                !! prefix of the functions
       type(error_t), allocatable, intent(out) :: error
-      type(info_t) :: info
+      type(law_info_t) :: info
 
       self%is_given = len(path) == 0
       if (self%is_given) then
@@ -104,12 +145,23 @@ contains
       self%degree = max(0, int(info%degree))
       self%length_scale = max(0.0_wp, info%length_scale)
       self%context = info%context
+      if (self%is_of_version_1) return
+      self%needs_phases = info%needs_phases /= 0
+      self%needs_frequencies = info%needs_frequencies /= 0
+      self%n_states = max(0, int(info%n_states))
+      self%advance_function = info%advance
+      if (self%n_states > 0 .and. .not. c_associated(info%advance)) then
+         call fail(error, "'"//name//"' has states but no function `advance`")
+      else if (self%n_states > 0 .and. (self%needs_velocity .or. self%needs_phases .or. self%needs_frequencies)) then
+         call fail(error, "'"//name//"': the force of a law with states depends on displacements and states alone, not on "// &
+                   "velocities, phases or frequencies")
+      end if
    end subroutine load_user_library
 
    subroutine open_law(self, path, name, info, error)
       type(user_library_t), intent(inout) :: self
       character(*), intent(in) :: path, name
-      type(info_t), intent(out) :: info
+      type(law_info_t), intent(out) :: info
       type(error_t), allocatable, intent(out) :: error
       type(dynamic_library_t) :: library
       type(c_funptr) :: address
@@ -146,32 +198,106 @@ contains
    !> Calls the user's function and gives its return code. It gets copies, so that it cannot change what others rely on, and
    !> what it does not write stays NaN. Its floating-point exceptions do not stop the program: what they leave behind is seen in
    !> the numbers.
-   integer function user_library_evaluate(self, parameters, z, v, f, df_dz, df_dv) result(code)
+   integer function user_library_evaluate(self, parameters, z, v, f, df_dz, df_dv, phases, frequencies, states, df_ds) result(code)
       class(user_library_t), intent(in) :: self
       real(wp), intent(in), contiguous :: parameters(:)
       real(wp), intent(in), contiguous :: z(:, :), v(:, :)            !! (n_samples, n_coordinates), v empty if not needed
       real(wp), intent(out), contiguous, target :: f(:, :)
       real(wp), intent(out), contiguous, optional, target :: df_dz(:, :, :), df_dv(:, :, :)
-      real(wp), allocatable, target :: parameters_copy(:), v_copy(:, :), z_copy(:, :)
+      real(wp), intent(in), optional :: phases(:, :)                  !! [rad], (n_samples, n_tones), where they are needed
+      real(wp), intent(in), optional :: frequencies(:)                !! [rad/s], (n_tones), where they are needed
+      real(wp), intent(in), optional :: states(:, :)                  !! (n_samples, n_states), of a law that has them
+      real(wp), intent(out), contiguous, optional, target :: df_ds(:, :, :)   !! (n_samples, n_coordinates, n_states)
+      real(wp), allocatable, target :: given(:), parameters_copy(:), s(:, :), tau(:, :), v_copy(:, :), z_copy(:, :)
+      type(law_samples_t) :: samples
 
       parameters_copy = parameters
       z_copy = z
       v_copy = v
-      code = call_evaluate(self, parameters_copy, z_copy, v_copy, f, df_dz, df_dv)
+      if (present(phases)) then
+         tau = phases
+         samples%n_tones = size(phases, 2, c_int)
+         samples%phases = c_loc(tau)
+      end if
+      if (present(frequencies)) then
+         given = frequencies
+         samples%n_tones = size(frequencies, kind=c_int)
+         samples%frequencies = c_loc(given)
+      end if
+      if (present(states)) then
+         s = states
+         samples%n_states = size(states, 2, c_int)
+         samples%states = c_loc(s)
+      end if
+      if (present(df_ds)) then
+         df_ds = ieee_value(1.0_wp, ieee_quiet_nan)
+         samples%df_ds = c_loc(df_ds)
+      end if
+      code = call_evaluate(self, samples, parameters_copy, z_copy, v_copy, f, df_dz, df_dv)
    end function user_library_evaluate
 
+   !> Calls the user's function for the states at the end of a step, as `evaluate` does.
+   integer function user_library_advance(self, parameters, states_before, z, z_before, rise, rise_before, states, &
+                                         ds_dbefore, ds_dz, ds_dz_before, ds_drise, ds_drise_before) result(code)
+      class(user_library_t), intent(in) :: self
+      real(wp), intent(in), contiguous, target :: parameters(:)
+      real(wp), intent(in), contiguous, target :: states_before(:, :)         !! (n_samples, n_states)
+      real(wp), intent(in), contiguous, target :: z(:, :), z_before(:, :)     !! [m], (n_samples, n_coordinates)
+      real(wp), intent(in), contiguous, target :: rise(:, :), rise_before(:, :)   !! rates times the step [m], as z
+      real(wp), intent(out), contiguous, target :: states(:, :)
+      real(wp), intent(out), contiguous, optional, target :: ds_dbefore(:, :, :)  !! last axis: the state differentiated by
+      real(wp), intent(out), contiguous, optional, target :: ds_dz(:, :, :), ds_dz_before(:, :, :), ds_drise(:, :, :), &
+         ds_drise_before(:, :, :)                                     !! (n_samples, n_states, n_coordinates); all or none
+      procedure(advance_function), pointer :: advance
+      type(law_step_t) :: step
+      logical :: halting(size(ieee_all))
+
+      step = law_step_t(size(z, 1, c_int), size(z, 2, c_int), size(states, 2, c_int), size(z, 1, c_int), &
+                        size(parameters, kind=c_int), c_loc(z), c_loc(z_before), c_loc(rise), c_loc(rise_before), &
+                        c_loc(states_before), c_loc(parameters), c_loc(states), context=self%context)
+      states = ieee_value(1.0_wp, ieee_quiet_nan)
+      if (present(ds_dbefore)) then
+         ds_dbefore = ieee_value(1.0_wp, ieee_quiet_nan)
+         ds_dz = ieee_value(1.0_wp, ieee_quiet_nan)
+         ds_dz_before = ieee_value(1.0_wp, ieee_quiet_nan)
+         ds_drise = ieee_value(1.0_wp, ieee_quiet_nan)
+         ds_drise_before = ieee_value(1.0_wp, ieee_quiet_nan)
+         step%ds_dbefore = c_loc(ds_dbefore)
+         step%ds_dz = c_loc(ds_dz)
+         step%ds_dz_before = c_loc(ds_dz_before)
+         step%ds_drise = c_loc(ds_drise)
+         step%ds_drise_before = c_loc(ds_drise_before)
+      end if
+      call ieee_get_halting_mode(ieee_all, halting)
+      call ieee_set_halting_mode(ieee_all, .false.)
+      call c_f_procpointer(self%advance_function, advance)
+      code = advance(step)
+      call ieee_set_halting_mode(ieee_all, halting)
+   end function user_library_advance
+
    !> Calls the user's function, and says whether it has written to what it is only to read.
-   logical function user_library_has_touched(self, parameters, z, v) result(has_touched)
+   logical function user_library_has_touched(self, parameters, z, v, phases, frequencies) result(has_touched)
       class(user_library_t), intent(in) :: self
       real(wp), intent(in) :: parameters(:), z(:, :), v(:, :)         !! as `evaluate` has them
+      real(wp), intent(in), contiguous, optional, target :: phases(:, :)   !! as `evaluate` has them
+      real(wp), intent(in), contiguous, optional, target :: frequencies(:)
       real(wp), allocatable, target :: f(:, :), parameters_copy(:), v_copy(:, :), z_copy(:, :)
+      type(law_samples_t) :: samples
       integer :: ignored
 
       allocate (f, mold=z)
       parameters_copy = parameters
       z_copy = z
       v_copy = v
-      ignored = call_evaluate(self, parameters_copy, z_copy, v_copy, f)
+      if (present(phases)) then
+         samples%n_tones = size(phases, 2, c_int)
+         samples%phases = c_loc(phases)
+      end if
+      if (present(frequencies)) then
+         samples%n_tones = size(frequencies, kind=c_int)
+         samples%frequencies = c_loc(frequencies)
+      end if
+      ignored = call_evaluate(self, samples, parameters_copy, z_copy, v_copy, f)
       has_touched = .not. (is_unchanged(parameters_copy, parameters) .and. &
          is_unchanged(reshape(z_copy, [size(z)]), reshape(z, [size(z)])) .and. &
          is_unchanged(reshape(v_copy, [size(v)]), reshape(v, [size(v)])))
@@ -184,18 +310,26 @@ contains
       if (is_unchanged) is_unchanged = all(abs(values - before) <= 0.0_wp)
    end function is_unchanged
 
-   integer function call_evaluate(self, parameters, z, v, f, df_dz, df_dv) result(code)
+   integer function call_evaluate(self, samples, parameters, z, v, f, df_dz, df_dv) result(code)
       class(user_library_t), intent(in) :: self
+      type(law_samples_t), intent(in) :: samples                      ! what only some laws get
       real(wp), intent(inout), contiguous, target :: parameters(:), z(:, :), v(:, :)    ! not to be written, but who knows
       real(wp), intent(out), contiguous, target :: f(:, :)
       real(wp), intent(out), contiguous, optional, target :: df_dz(:, :, :), df_dv(:, :, :)
       procedure(evaluate_function), pointer :: evaluate
       procedure(evaluate_2_function), pointer :: evaluate_2
-      type(samples_t) :: s
+      type(law_samples_t) :: s
       logical :: halting(size(ieee_all))
 
-      s = samples_t(size(z, 1, c_int), size(z, 2, c_int), size(z, 1, c_int), size(parameters, kind=c_int), c_loc(z), &
-                    c_null_ptr, c_loc(parameters), c_loc(f), c_null_ptr, c_null_ptr, self%context)
+      s = samples
+      s%n_samples = size(z, 1, c_int)
+      s%n_coordinates = size(z, 2, c_int)
+      s%stride = s%n_samples
+      s%n_parameters = size(parameters, kind=c_int)
+      s%z = c_loc(z)
+      s%parameters = c_loc(parameters)
+      s%f = c_loc(f)
+      s%context = self%context
       if (self%needs_velocity) s%v = c_loc(v)
       if (present(df_dz)) s%df_dz = c_loc(df_dz)
       if (present(df_dv) .and. self%needs_velocity) s%df_dv = c_loc(df_dv)

@@ -50,7 +50,8 @@ module hb_law
       logical :: is_multiplier = .false.                              !! wants the reaction p; columns of shape are orthogonal
       integer :: n_states = 0                                         !! internal states of one sample, of a law with memory
       logical :: is_users_own = .false.                               !! nobody knows it far from where a motion leads
-      integer :: phase_tone = 0                                       !! tone whose phase the law wants by `set_phase`; 0: none
+      integer :: n_phases = 0                                         !! tones that must be there as their phases are needed
+      logical :: needs_frequencies = .false.                          !! its force depends on the base frequencies themselves
       real(wp) :: length_scale = 0.0_wp                               !! a length [m] typical of the law, as its gap; 0: none
       integer :: n_switches = 0       !! functions of the motion at whose zeros the force has a kink, as the distance to a stop
       logical :: is_piecewise_linear = .false.                        !! slopes change at switches and with sliders, not else
@@ -62,7 +63,9 @@ module hb_law
       procedure(evaluate_law), deferred :: evaluate
       procedure :: prepare => law_prepare
       procedure :: prepare_rate => law_prepare_rate
-      procedure :: set_phase => law_set_phase
+      procedure :: set_phases => law_set_phases
+      procedure :: set_frequencies => law_set_frequencies
+      procedure :: frequency_slope => law_frequency_slope
       procedure :: correct => law_correct
       procedure :: defects => law_defects
       procedure :: potential => law_potential
@@ -119,12 +122,28 @@ contains
       real(wp), intent(in) :: frequency                               !! [rad/s], > 0
    end subroutine law_prepare_rate
 
-   !> Tells a law with a `phase_tone` the phase of this tone at each sample that `evaluate` will get next, omega t along time;
-   !> it holds until told anew. The phases of samples do not depend on any frequency.
-   pure subroutine law_set_phase(self, phase)
+   !> Gives a law with `n_phases` the phases of all tones at each sample that `evaluate` will get next, omega t along time;
+   !> they hold until they are given anew. The phases of samples do not depend on any frequency.
+   pure subroutine law_set_phases(self, phases)
       class(law_t), intent(inout) :: self
-      real(wp), intent(in) :: phase(:)                                !! [rad], (n_samples)
-   end subroutine law_set_phase
+      real(wp), intent(in) :: phases(:, :)                            !! [rad], (n_tones, n_samples)
+   end subroutine law_set_phases
+
+   !> Gives a law that `needs_frequencies` the base frequencies; they hold until they are given anew.
+   pure subroutine law_set_frequencies(self, omega)
+      class(law_t), intent(inout) :: self
+      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
+   end subroutine law_set_frequencies
+
+   !> Derivative of the forces at fixed coordinates by a base frequency, of a law that `needs_frequencies`.
+   subroutine law_frequency_slope(self, z, v, tone, slope)
+      class(law_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :)            !! as `evaluate` has them
+      integer, intent(in) :: tone
+      real(wp), intent(out), contiguous :: slope(:, :)                !! [N s], as z
+
+      slope = 0.0_wp
+   end subroutine law_frequency_slope
 
    !> Coordinates as the law allows them: the motion corrected to a wall. Other laws leave it as it is.
    pure subroutine law_correct(self, z, corrected)

@@ -18,7 +18,7 @@ module hb_law_catalogue
    use hb_law_quadratic_damping, only: quadratic_damping_t
    use hb_law_rigid_wall, only: rigid_wall_t
    use hb_law_tabulated, only: tabulated_t
-   use hb_law_user, only: user_law_t
+   use hb_law_user, only: take_memory, user_law_t
    use hb_law_van_der_pol, only: van_der_pol_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
@@ -75,5 +75,6 @@ contains
       if (.not. allocated(label)) label = kind_of_law//" "//to_text(number)   ! what is given is no text
       box%law%label = label
       call box%law%read(group, structure)
+      call take_memory(box)
    end subroutine read_law
 end module hb_law_catalogue

@@ -35,7 +35,7 @@ module hb_law_contact_table
       real(wp), allocatable, private :: cosine(:, :), sine(:, :)      ! of n tau, (n_samples, n_pairs)
    contains
       procedure :: read => contact_table_read
-      procedure :: set_phase => contact_table_set_phase
+      procedure :: set_phases => contact_table_set_phases
       procedure :: evaluate => contact_table_evaluate
       procedure :: potential => contact_table_potential
       procedure :: prepare => contact_table_prepare
@@ -86,18 +86,20 @@ contains
       integer, intent(in) :: tone
       integer, intent(in) :: turns(:)                                 !! n of each pair, 0 for one that does not turn
 
-      self%phase_tone = tone
+      self%n_phases = tone
       self%turns = turns
       self%has_potential = .false.                                    ! contacts that run past the coordinates
       if (allocated(self%kinks)) deallocate (self%kinks)              ! they stand at no place of any coordinate
    end subroutine set_turns
 
    !> Takes the phase of the tone that turns the contacts.
-   pure subroutine contact_table_set_phase(self, phase)
+   pure subroutine contact_table_set_phases(self, phases)
       class(contact_table_t), intent(inout) :: self
-      real(wp), intent(in) :: phase(:)
+      real(wp), intent(in) :: phases(:, :)
+      real(wp) :: phase(size(phases, 2))
       integer :: k
 
+      phase = phases(self%n_phases, :)
       if (allocated(self%cosine)) then
          if (size(self%cosine, 1) /= size(phase)) deallocate (self%cosine, self%sine)
       end if
@@ -107,7 +109,7 @@ contains
          self%cosine(:, k) = cos(self%turns(k)*phase)
          self%sine(:, k) = sin(self%turns(k)*phase)
       end do
-   end subroutine contact_table_set_phase
+   end subroutine contact_table_set_phases
 
    !> Reads a `&law type = 'contact_table'` group.
    subroutine contact_table_read(self, group, structure)

@@ -5,8 +5,9 @@
 module hb_law_user
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use hb_error, only: error_t, fail
+   use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_dofs, read_place
+   use hb_law, only: law_box_t, law_t, read_dofs, read_place
    use hb_path, only: library_place
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
@@ -14,19 +15,34 @@ module hb_law_user
    use hb_user_library, only: any_number, load_user_library, user_library_t
    implicit none
    private
-   public :: load_user_law, user_law_t
+   public :: load_user_law, take_memory, user_law_t, user_memory_t
 
    type, extends(law_t) :: user_law_t
       character(:), allocatable :: name                               !! prefix of the functions
       real(wp), allocatable :: parameters(:)
       type(user_library_t), private :: library
+      real(wp), allocatable, private :: phases(:, :)                  ! [rad], (n_samples, n_tones), if it needs them
+      real(wp), allocatable, private :: omega(:)                      ! [rad/s], (n_tones), if it needs them
    contains
       procedure :: read => user_law_read
+      procedure :: set_phases => user_law_set_phases
+      procedure :: set_frequencies => user_law_set_frequencies
+      procedure :: frequency_slope => user_law_frequency_slope
       procedure :: evaluate => user_law_evaluate
       procedure :: explain => user_law_explain
       procedure :: mark => user_law_mark
       procedure :: has_touched_inputs => user_law_has_touched_inputs
    end type user_law_t
+
+   !> A law of the user's own that has states.
+   type, extends(hysteretic_law_t) :: user_memory_t
+      type(user_law_t), private :: own
+   contains
+      procedure :: read => user_memory_read
+      procedure :: advance => user_memory_advance
+      procedure :: force => user_memory_force
+      procedure :: mark => user_memory_mark
+   end type user_memory_t
 
 contains
 
@@ -51,6 +67,9 @@ contains
       self%degree = self%library%degree
       self%is_users_own = .true.
       self%length_scale = self%library%length_scale
+      self%n_phases = merge(1, 0, self%library%needs_phases)
+      self%needs_frequencies = self%library%needs_frequencies
+      self%n_states = self%library%n_states
    end subroutine load_user_law
 
    !> Reads a `&law type = 'user'` group.
@@ -76,6 +95,7 @@ contains
       if (.not. (allocated(library) .and. allocated(name))) return
       if (len(library) > 0) library = trim(library_place(group%file_name, library))
       call load_user_law(self, library, name, parameters, error)
+      if (self%is_odd .and. self%n_phases > 0) call group%problem("odd", "a law that needs phases cannot be declared odd")
       if (allocated(error)) then
          call group%problem("library", error%message)
       else if (allocated(self%shape)) then
@@ -95,13 +115,7 @@ contains
 
       integer :: code
 
-      if (present(df_dz) .and. present(df_dv)) then
-         code = self%library%evaluate(self%parameters, z, v, f, df_dz, df_dv)
-      else if (present(df_dz)) then
-         code = self%library%evaluate(self%parameters, z, v, f, df_dz)
-      else
-         code = self%library%evaluate(self%parameters, z, v, f)
-      end if
+      code = self%library%evaluate(self%parameters, z, v, f, df_dz, df_dv, self%phases, self%omega)
       if (code == 0) return
       f = ieee_value(1.0_wp, ieee_quiet_nan)
       if (present(df_dz)) df_dz = ieee_value(1.0_wp, ieee_quiet_nan)
@@ -118,7 +132,7 @@ contains
       integer :: code
 
       allocate (f, mold=z)
-      code = self%library%evaluate(self%parameters, z, v, f)
+      code = self%library%evaluate(self%parameters, z, v, f, phases=self%phases, frequencies=self%omega)
       is_fatal = code < 0
       if (code /= 0) then
          text = "'"//self%name//"_evaluate' returned "//to_text(code)
@@ -142,6 +156,115 @@ contains
       class(user_law_t), intent(in) :: self
       real(wp), intent(in) :: z(:, :), v(:, :)                        !! as `evaluate` has them
 
-      has_touched = self%library%has_touched(self%parameters, z, v)
+      has_touched = self%library%has_touched(self%parameters, z, v, self%phases, self%omega)
    end function user_law_has_touched_inputs
+
+   pure subroutine user_law_set_phases(self, phases)
+      class(user_law_t), intent(inout) :: self
+      real(wp), intent(in) :: phases(:, :)
+
+      self%phases = transpose(phases)
+   end subroutine user_law_set_phases
+
+   pure subroutine user_law_set_frequencies(self, omega)
+      class(user_law_t), intent(inout) :: self
+      real(wp), intent(in) :: omega(:)
+
+      if (self%needs_frequencies) self%omega = omega
+   end subroutine user_law_set_frequencies
+
+   !> By central differences.
+   subroutine user_law_frequency_slope(self, z, v, tone, slope)
+      class(user_law_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :)
+      integer, intent(in) :: tone
+      real(wp), intent(out), contiguous :: slope(:, :)
+      real(wp), parameter :: step = epsilon(1.0_wp)**(1.0_wp/3.0_wp)  ! relative
+      real(wp) :: lower(size(slope, 1), size(slope, 2)), omega(size(self%omega)), h
+      integer :: codes(2)
+
+      omega = self%omega
+      h = step*omega(tone)
+      omega(tone) = self%omega(tone) + h
+      codes(1) = self%library%evaluate(self%parameters, z, v, slope, phases=self%phases, frequencies=omega)
+      omega(tone) = self%omega(tone) - h
+      codes(2) = self%library%evaluate(self%parameters, z, v, lower, phases=self%phases, frequencies=omega)
+      slope = (slope - lower)/(2.0_wp*h)
+      if (any(codes /= 0)) slope = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine user_law_frequency_slope
+
+   !> Makes of a law of the user's own that has states, as it was read, one with memory; others stay as they are.
+   subroutine take_memory(box)
+      type(law_box_t), intent(inout) :: box
+      type(user_memory_t), allocatable :: memory
+
+      select type (law => box%law)
+      type is (user_law_t)
+         if (law%n_states == 0) return
+         allocate (memory)
+         memory%own = law
+         memory%label = law%label
+         if (allocated(law%dofs)) memory%dofs = law%dofs
+         if (allocated(law%shape)) memory%shape = law%shape
+         if (allocated(law%places)) memory%places = law%places
+         memory%n_states = law%n_states
+         memory%is_users_own = .true.
+         memory%is_odd = law%is_odd
+         memory%length_scale = law%length_scale
+      end select
+      if (allocated(memory)) call move_alloc(memory, box%law)
+   end subroutine take_memory
+
+   !> Is not called: a group is read by `user_law_t`.
+   subroutine user_memory_read(self, group, structure)
+      class(user_memory_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+
+      call self%own%read(group, structure)
+   end subroutine user_memory_read
+
+   !> NaN throughout when the user's function reports a failure.
+   subroutine user_memory_advance(self, s_old, path, s_new, ds_ds_old, ds_dpath)
+      class(user_memory_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: s_old(:, :), path(:, :, :)
+      real(wp), intent(out), contiguous :: s_new(:, :)
+      real(wp), intent(out), contiguous, optional :: ds_ds_old(:, :, :), ds_dpath(:, :, :, :)
+      integer :: code
+
+      associate (p => path_part, own => self%own)
+         if (present(ds_ds_old) .and. present(ds_dpath)) then
+            code = own%library%advance(own%parameters, s_old, path(:, :, p%at_end), path(:, :, p%at_start), &
+               path(:, :, p%end_rate), path(:, :, p%start_rate), s_new, ds_ds_old, ds_dpath(:, :, :, p%at_end), &
+               ds_dpath(:, :, :, p%at_start), ds_dpath(:, :, :, p%end_rate), ds_dpath(:, :, :, p%start_rate))
+         else
+            code = own%library%advance(own%parameters, s_old, path(:, :, p%at_end), path(:, :, p%at_start), &
+               path(:, :, p%end_rate), path(:, :, p%start_rate), s_new)
+         end if
+      end associate
+      if (code == 0) return
+      s_new = ieee_value(1.0_wp, ieee_quiet_nan)
+      if (present(ds_ds_old)) ds_ds_old = ieee_value(1.0_wp, ieee_quiet_nan)
+      if (present(ds_dpath)) ds_dpath = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine user_memory_advance
+
+   subroutine user_memory_force(self, z, s, f, df_dz, df_ds)
+      class(user_memory_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), s(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_ds(:, :, :)
+      real(wp) :: no_rates(size(z, 1), 0)
+
+      if (self%own%library%evaluate(self%own%parameters, z, no_rates, f, df_dz, states=s, df_ds=df_ds) == 0) return
+      f = ieee_value(1.0_wp, ieee_quiet_nan)
+      if (present(df_dz)) df_dz = ieee_value(1.0_wp, ieee_quiet_nan)
+      if (present(df_ds)) df_ds = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine user_memory_force
+
+   function user_memory_mark(self) result(text)
+      class(user_memory_t), intent(in) :: self
+      character(300) :: text
+
+      text = self%own%mark()
+   end function user_memory_mark
 end module hb_law_user

@@ -17,6 +17,9 @@
  *    int cubic_info(nhbm_law_info_t *info);
  *    int cubic_evaluate(const nhbm_law_samples_t *samples);
  *
+ * The force may also depend on the phases of the tones, omega t, on the base frequencies, and on states that follow the motion along
+ * time, as the position of a friction slider: then `info` names a third function, `advance`.
+ *
  * A program that solves models in process (nhbm.h) hands over such a function by nhbm_give_law, and names it with library = ''.
  *
  * `nhbm check input.nml` loads the library and compares the derivatives with differences of the forces.
@@ -35,6 +38,8 @@ extern "C" {
 
 #define NHBM_ANY_NUMBER (-1)
 
+struct nhbm_law_step;
+
 /*
  * What nhbm needs to know before the first evaluation. nhbm hands over a struct of zeros; the function fills it and
  * returns 0, or anything else to be refused. `api_version` stays the first member in every version.
@@ -46,7 +51,13 @@ typedef struct nhbm_law_info {
    int needs_velocity;  /* 0: the force depends on displacements alone, v and df_dv are NULL */
    int degree;          /* of a force that is a polynomial in z and v: sets the default number of samples; else 0 */
    double length_scale; /* a length typical of the law, such as a gap [m]; 0 when there is none */
-   void *context;       /* handed to each evaluation as it is; of NHBM_USER_LAW_API_2 */
+   /* what follows is of NHBM_USER_LAW_API_2 */
+   void *context;         /* handed to each call as it is */
+   int needs_phases;      /* 1: the force depends on the phases of the tones; else phases is NULL */
+   int needs_frequencies; /* 1: the force depends on the base frequencies; else frequencies is NULL. nhbm takes differences for df/domega */
+   int n_states;          /* states of one sample; with states needs_velocity, needs_phases and needs_frequencies must be 0 */
+   int (*advance)(const struct nhbm_law_step *step); /* of a law with states, else NULL */
+   void *reserved[4];     /* NULL */
 } nhbm_law_info_t;
 
 typedef int (*nhbm_law_info_function)(nhbm_law_info_t *info);
@@ -71,7 +82,35 @@ typedef struct nhbm_law_samples {
    double *df_dz;            /* derivatives by z; NULL when not asked for */
    double *df_dv;            /* and by v; NULL when not asked for or not needs_velocity */
    void *context;            /* of nhbm_law_info_t */
+   int n_tones;               /* of phases or frequencies, else 0 */
+   int n_states;
+   const double *phases;      /* [i + stride*m]: phase of tone m at sample i [rad], omega_m t along time; NULL unless needs_phases */
+   const double *frequencies; /* [m]: base frequency of tone m [rad/s]; NULL unless needs_frequencies */
+   const double *states;      /* [i + stride*k]: state k at sample i; NULL without states */
+   double *df_ds;             /* [i + stride*(a + n_coordinates*k)], d f_a/d s_k; NULL when not asked for */
 } nhbm_law_samples_t;
+
+/*
+ * A step along time of each of n_samples samples: `advance` finds the states at its end from those at its start and the path in between,
+ * of which the displacements and their rates times the duration of the step are known at both ends, and so the cubic through them.
+ * At rest all states are zero. States follow the path alone, not the duration of the step. The derivatives are NULL together when they
+ * are not asked for. Every entry of what is asked for must be written. Return codes are those of `evaluate`.
+ *
+ *    z[i + stride*c], states[i + stride*k], ds_dbefore[i + stride*(k + n_states*l)], ds_dz[i + stride*(k + n_states*c)]
+ */
+typedef struct nhbm_law_step {
+   int n_samples, n_coordinates, n_states, stride, n_parameters;
+   const double *z;             /* displacements at the end [m] */
+   const double *z_before;      /* and at the start [m] */
+   const double *rise;          /* rates at the end times the duration [m] */
+   const double *rise_before;   /* and at the start [m] */
+   const double *states_before; /* at the start */
+   const double *parameters;    /* of the input */
+   double *states;              /* at the end */
+   double *ds_dbefore;          /* derivatives of `states` by states_before, */
+   double *ds_dz, *ds_dz_before, *ds_drise, *ds_drise_before; /* and by the path */
+   void *context;               /* of nhbm_law_info_t */
+} nhbm_law_step_t;
 
 /*
  * Writes forces, and derivatives when asked for. Returns

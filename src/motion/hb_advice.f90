@@ -81,7 +81,7 @@ contains
       integer :: i, n
 
       stiffness = 0.0_wp
-      if (law%degree > 0 .or. law%is_multiplier .or. law%phase_tone > 0 .or. law%is_users_own) return
+      if (law%degree > 0 .or. law%is_multiplier .or. law%n_phases > 0 .or. law%is_users_own) return
       n = size(law%shape, 2)
       allocate (z(2*n, n), f(2*n, n), df_dz(2*n, n, n), source=0.0_wp)
       allocate (v(2*n, merge(n, 0, law%needs_velocity)), df_dv(2*n, n, merge(n, 0, law%needs_velocity)), source=0.0_wp)

@@ -32,7 +32,7 @@ contains
             return
          end if
          self%law_groups = [self%law_groups, spread(i, 1, n_places(boxes(i)))]
-         if (boxes(i)%law%phase_tone > self%tones%n_tones) then
+         if (boxes(i)%law%n_phases > self%tones%n_tones) then
             call group%problem("tone", "there are only "//to_text(self%tones%n_tones)//" tones")
          end if
       end do
@@ -113,7 +113,7 @@ contains
       if (size(law%dofs) /= size(other%dofs) .or. any(shape(law%shape) /= shape(other%shape))) return
       is_alike = all(law%dofs == other%dofs) .and. law%label == other%label .and. law%degree == other%degree .and. &
                  (law%needs_velocity .eqv. other%needs_velocity) .and. (law%is_multiplier .eqv. other%is_multiplier) .and. &
-                 law%phase_tone == other%phase_tone
+                 law%n_phases == other%n_phases .and. law%n_states == other%n_states
    end function is_alike
 
    !> Refuses laws where one of them and one before are rigid and share a degree of freedom: each would take the whole

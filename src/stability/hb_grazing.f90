@@ -79,7 +79,7 @@ contains
       call motion%at(phases, z, v)
       allocate (values(box%law%n_switches, size(phases, 2)))
       do i = 1, size(phases, 2)
-         if (box%law%phase_tone > 0) call box%law%set_phase(phases(box%law%phase_tone, i:i))
+         if (box%law%n_phases > 0) call box%law%set_phases(phases(:, i:i))
          call box%law%switches(z(i, :), v(i, :), values(:, i))
       end do
    end subroutine find_values

@@ -65,7 +65,7 @@ contains
                             .and. variation%is_piecewise_linear()
       do i = 1, size(variation%laws)
          associate (law => variation%laws(i)%law)
-            has_piecewise_orbit = has_piecewise_orbit .and. law%phase_tone == 0 .and. .not. law%needs_velocity
+            has_piecewise_orbit = has_piecewise_orbit .and. law%n_phases == 0 .and. .not. law%needs_velocity
          end associate
       end do
    end function has_piecewise_orbit

@@ -92,7 +92,8 @@ contains
             place%first = self%n_coordinates + 1
             self%n_coordinates = self%n_coordinates + size(law%shape, 2)
             place%last = self%n_coordinates
-            self%has_turning = self%has_turning .or. law%phase_tone > 0
+            self%has_turning = self%has_turning .or. law%n_phases > 0
+            if (law%needs_frequencies) call law%set_frequencies(omega)
             select type (law)
             class is (hysteretic_law_t)
                if (.not. law%has_bounds) then
@@ -265,7 +266,7 @@ contains
       do i = 1, size(self%laws)
          associate (law => self%laws(i)%law, place => self%places(i))
             n = size(law%shape, 2)
-            if (law%phase_tone > 0) call law%set_phase(phases(law%phase_tone, :))
+            if (law%n_phases > 0) call law%set_phases(phases)
             select type (law)
             class is (hysteretic_law_t)
                call find_slopes_with_memory(self, law, place, piece, z(:, place%first:place%last), v(:, place%first:place%last), &

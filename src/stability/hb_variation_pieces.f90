@@ -402,7 +402,7 @@ contains
       real(wp), intent(in) :: time
 
       associate (law => self%laws(i)%law)
-         if (law%phase_tone > 0) call law%set_phase([self%motion%omega(law%phase_tone)*time])
+         if (law%n_phases > 0) call law%set_phases(reshape(self%motion%omega*time, [size(self%motion%omega), 1]))
       end associate
    end subroutine set_time
 end module hb_variation_pieces

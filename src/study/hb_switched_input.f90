@@ -56,7 +56,7 @@ contains
       call document%begin()
       if (is_torus .and. scene%tones%n_tones > 1) then
          call fail(error, "the motion has several tones")
-      else if (.not. is_torus .and. any([(scene%laws(i)%law%phase_tone > 0, i=1, size(scene%laws))])) then
+      else if (.not. is_torus .and. any([(scene%laws(i)%law%n_phases > 0, i=1, size(scene%laws))])) then
          call fail(error, "a law turns with a tone")
       end if
       if (.not. (allocated(error) .or. scene%accuracy%grows_set)) call add_set()   ! else the origin tells it

@@ -68,7 +68,8 @@ contains
             place%first = self%n_coordinates + 1
             place%last = self%n_coordinates + c
             place%is_held_back = law%is_multiplier
-            self%has_turning = self%has_turning .or. law%phase_tone > 0
+            self%has_turning = self%has_turning .or. law%n_phases > 0
+            if (law%needs_frequencies) call law%set_frequencies(omega)
             place%first_switch = self%n_switches + 1
             self%n_switches = self%n_switches + law%n_switches
             place%last_switch = self%n_switches
@@ -125,7 +126,7 @@ contains
       if (.not. self%has_turning) return
       do i = 1, size(self%laws)
          associate (law => self%laws(i)%law)
-            if (law%phase_tone > 0) call law%set_phase([self%omega(law%phase_tone)*time])
+            if (law%n_phases > 0) call law%set_phases(reshape(self%omega*time, [size(self%omega), 1]))
          end associate
       end do
    end subroutine laws_set_time

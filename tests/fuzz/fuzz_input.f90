@@ -135,7 +135,7 @@ contains
       if (modulo(i, every) /= 0 .or. .not. is_small(study%scene)) return
       n_solved = n_solved + 1
       do k = 1, size(study%scene%laws)
-         call check_derivatives(study%scene%laws(k)%law, check)
+         call check_derivatives(study%scene%laws(k)%law, check, study%scene%tones%n_tones)
       end do
       study%scene%solver%max_iterations = min(study%scene%solver%max_iterations, 2)
       study%scene%solver%homotopy_iterations = min(study%scene%solver%homotopy_iterations, 2)

@@ -5,19 +5,25 @@ from __future__ import annotations
 import ctypes
 import inspect
 import itertools
+import sys
 import threading
 import weakref
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nhbm.errors import ModelError
+
+Array = NDArray[Any]
 
 API = 2  # NHBM_USER_LAW_API_2
 _ANY_NUMBER = -1
 _FATAL = -1
 _STEP = 1e-30  # of the complex step
-_DIFFERENCE = np.finfo(float).eps ** (1 / 3)  # of central differences, relative to the largest sample
+_DIFFERENCE = float(np.finfo(float).eps ** (1 / 3))  # of central differences, relative to the largest sample
+_NAMED = "phases", "frequencies", "states"  # arguments that a function has by name
 
 _numbers = itertools.count(1)
 _state = threading.local()  # of this thread: the fault of a law that was called, and how many run
@@ -34,6 +40,11 @@ class LawInfo(ctypes.Structure):
         ("degree", ctypes.c_int),
         ("length_scale", ctypes.c_double),
         ("context", ctypes.c_void_p),
+        ("needs_phases", ctypes.c_int),
+        ("needs_frequencies", ctypes.c_int),
+        ("n_states", ctypes.c_int),
+        ("advance", ctypes.c_void_p),
+        ("reserved", ctypes.c_void_p * 4),
     ]
 
 
@@ -52,10 +63,55 @@ class LawSamples(ctypes.Structure):
         ("df_dz", ctypes.c_void_p),
         ("df_dv", ctypes.c_void_p),
         ("context", ctypes.c_void_p),
+        ("n_tones", ctypes.c_int),
+        ("n_states", ctypes.c_int),
+        ("phases", ctypes.c_void_p),
+        ("frequencies", ctypes.c_void_p),
+        ("states", ctypes.c_void_p),
+        ("df_ds", ctypes.c_void_p),
+    ]
+
+
+class LawStep(ctypes.Structure):
+    """nhbm_law_step_t, what a compiled `advance` gets a pointer to."""
+
+    _fields_ = [
+        ("n_samples", ctypes.c_int),
+        ("n_coordinates", ctypes.c_int),
+        ("n_states", ctypes.c_int),
+        ("stride", ctypes.c_int),
+        ("n_parameters", ctypes.c_int),
+        ("z", ctypes.c_void_p),
+        ("z_before", ctypes.c_void_p),
+        ("rise", ctypes.c_void_p),
+        ("rise_before", ctypes.c_void_p),
+        ("states_before", ctypes.c_void_p),
+        ("parameters", ctypes.c_void_p),
+        ("states", ctypes.c_void_p),
+        ("ds_dbefore", ctypes.c_void_p),
+        ("ds_dz", ctypes.c_void_p),
+        ("ds_dz_before", ctypes.c_void_p),
+        ("ds_drise", ctypes.c_void_p),
+        ("ds_drise_before", ctypes.c_void_p),
+        ("context", ctypes.c_void_p),
     ]
 
 
 EVALUATE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(LawSamples))
+ADVANCE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(LawStep))
+
+
+class Step(NamedTuple):
+    """What is known of the displacements along a step of time, each an array like the displacements of a law [m]."""
+
+    q: Array
+    """at the end"""
+    q_before: Array
+    """at the start"""
+    rise: Array
+    """velocity at the end times the duration of the step"""
+    rise_before: Array
+    """velocity at the start times the duration of the step"""
 
 
 class Law:
@@ -67,35 +123,53 @@ class Law:
     coordinate differentiated by where there are several. Without derivatives these come from complex steps where the function takes
     complex samples, else from central differences.
 
-    A compiled function instead takes a pointer to LawSamples (nhbm_user_law.h): a ctypes pointer, a Numba cfunc, a
-    scipy.LowLevelCallable; `velocity` says then whether it needs velocities.
+    Further arguments are known by their names: `phases` are those of the tones, omega t along time [rad], (n_samples, n_tones), and
+    `frequencies` the base frequencies [rad/s], (n_tones). A law with memory has `states`, the number of its states, and a function
+    `advance(states, step)` or `advance(states, step, p)` that returns the states at the end of a Step from those at its start; the
+    force is then a function of q, `states` and, if wanted, p. Samples of one state are (n_samples), of several (n_samples, states). At rest
+    they are zero. Derivatives that the force gives are those by q and by the states.
+
+    Compiled functions instead take a pointer to LawSamples, `advance` one to LawStep (nhbm_user_law.h): a ctypes pointer, a Numba cfunc, a
+    scipy.LowLevelCallable; `velocity`, `phases` and `frequencies` say then whether these are needed.
     """
 
-    def __init__(self, function, *, velocity: bool | None = None, degree: int = 0, length_scale: float = 0.0, odd: bool = False):
+    def __init__(
+        self, function: Any, *, velocity: bool | None = None, degree: int = 0, length_scale: float = 0.0, odd: bool = False,
+        phases: bool = False, frequencies: bool = False, states: int = 0, advance: Any = None,
+    ) -> None:  # fmt: skip
         self.function, self.odd = function, odd
-        self.__name__ = getattr(function, "__name__", type(function).__name__)
-        self._options = {"velocity": velocity, "degree": degree, "length_scale": length_scale, "odd": odd}
+        self.__name__ = str(getattr(function, "__name__", type(function).__name__))
+        self.__module__ = str(getattr(function, "__module__", __name__))
+        self._options = {"velocity": velocity, "degree": degree, "length_scale": length_scale, "odd": odd, "phases": phases,
+                         "frequencies": frequencies, "states": states, "advance": advance}  # fmt: skip
+        if (states > 0) != (advance is not None):
+            raise ModelError(f"law '{self.__name__}': states, their number, and the function advance belong together")
         address = _address(function)
         if address is None:
-            self._n_arguments = _n_arguments(function)
-            needs_velocity = self._n_arguments > 1 if velocity is None else velocity
-            self._pointer = EVALUATE(_caller(function, self._n_arguments, needs_velocity))
+            caller = _Force(function, velocity, states)
+            needs_velocity, phases, frequencies = caller.needs_velocity, "phases" in caller.named, "frequencies" in caller.named
+            self._pointer = EVALUATE(caller)
         else:
             needs_velocity = bool(velocity)
             self._pointer = EVALUATE(address)
         self.name = f"{self.__name__}_{next(_numbers)}".replace("<lambda>", "law")
-        info = LawInfo(API, _ANY_NUMBER, _ANY_NUMBER, needs_velocity, degree, length_scale, None)
+        info = LawInfo(API, _ANY_NUMBER, _ANY_NUMBER, needs_velocity, degree, length_scale, None, phases, frequencies, states)
+        if advance is not None:
+            self._advance = ADVANCE(_address(advance) or _Advance(advance, self.__name__))
+            info.advance = ctypes.cast(self._advance, ctypes.c_void_p).value
         _give(self.name, info, self._pointer)
         weakref.finalize(self, _forget, self.name)
 
-    def __call__(self, *arguments):
+    def __call__(self, *arguments: Any) -> Any:
         return self.function(*arguments)
 
-    def __reduce__(self):
+    def __reduce__(self) -> Any:
+        if getattr(sys.modules.get(self.__module__), self.__name__, None) is self:  # of the decorator: known by its name
+            return self.__name__
         return _again, (self.function, self._options)
 
 
-def law(function=None, **options):
+def law(function: Any = None, **options: Any) -> Any:
     """Decorator that makes a Law of a function: @nhbm.law, or @nhbm.law(odd=True); the options are those of Law."""
     return (lambda f: Law(f, **options)) if function is None else Law(function, **options)
 
@@ -111,24 +185,24 @@ def is_running() -> bool:
     return getattr(_state, "running", False)
 
 
-def _again(function, options) -> Law:
+def _again(function: Any, options: dict[str, Any]) -> Law:
     return Law(function, **options)
 
 
-def _give(name, info, pointer) -> None:
+def _give(name: str, info: LawInfo, pointer: Any) -> None:
     from nhbm.session import library
 
     if library().nhbm_give_law(name.encode(), ctypes.byref(info), pointer):
         raise ModelError(f"law '{name}' could not be given to the library")
 
 
-def _forget(name) -> None:
+def _forget(name: str) -> None:
     from nhbm.session import library
 
     library().nhbm_forget_law(name.encode())
 
 
-def _address(function) -> int | None:
+def _address(function: Any) -> int | None:
     """Address of a compiled function, None for one of Python."""
     if type(function).__module__.startswith("scipy") and hasattr(function, "function"):  # scipy.LowLevelCallable
         function = function.function
@@ -139,41 +213,45 @@ def _address(function) -> int | None:
     return None
 
 
-def _n_arguments(function) -> int:
+def _arguments(function: Any) -> list[str]:
+    """Names of the arguments that a call must give."""
     try:
-        n = sum(p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)
-                for p in inspect.signature(function).parameters.values())  # fmt: skip
+        parameters = inspect.signature(function).parameters.values()
     except (TypeError, ValueError):
-        n = 0
-    if n not in (1, 2, 3):
-        raise ModelError(f"law '{function!r}' must take 1 to 3 arguments: displacements, velocities, parameters")
-    return n
+        return []
+    return [p.name for p in parameters if p.default is p.empty and p.kind is not p.VAR_POSITIONAL and p.kind is not p.VAR_KEYWORD]
 
 
-def _array(address, n_columns, block) -> np.ndarray:
+def _columns(address: int, n_columns: int, block: Any) -> Array:
     """Columns of samples as they stand in memory, (n_samples, n_columns)."""
     place = (ctypes.c_double * (block.stride * n_columns)).from_address(address)
     return np.frombuffer(place).reshape(n_columns, block.stride)[:, : block.n_samples].T
 
 
-def _caller(function: Callable, n_arguments: int, needs_velocity: bool) -> Callable:
-    """What the library calls: arrays instead of addresses, and faults kept until it has returned."""
+def _list(address: int, n: int) -> Array:
+    return np.frombuffer((ctypes.c_double * n).from_address(address)) if n else np.zeros(0)
 
-    def call(pointer) -> int:
+
+def _narrow(values: Array) -> Array:
+    """Samples of one column as a list of numbers."""
+    return values[:, 0] if values.shape[1] == 1 else values
+
+
+def _write(place: int, values: Array, block: Any) -> None:
+    """Derivatives (n_samples, n, m), the last axis is what is differentiated by."""
+    n, m = values.shape[1:]
+    _columns(place, n * m, block)[:] = values.transpose(0, 2, 1).reshape(-1, n * m)
+
+
+class _Caller:
+    """What the library calls: faults are kept until it has returned."""
+
+    def __call__(self, pointer: Any) -> int:
         if getattr(_state, "fault", None) is not None:  # it has failed before, and nobody has been told yet
             return _FATAL
         _state.running = True
         try:
-            block = pointer.contents
-            n = block.n_coordinates
-            z = _array(block.z, n, block)
-            v = _array(block.v, n, block) if block.v else np.zeros_like(z)
-            p = np.frombuffer((ctypes.c_double * block.n_parameters).from_address(block.parameters)) if block.n_parameters else np.zeros(0)
-            f, df_dz, df_dv = _evaluate(function, n_arguments, needs_velocity, (z, v, p), bool(block.df_dz))
-            _array(block.f, n, block)[:] = f
-            for place, values in ((block.df_dz, df_dz), (block.df_dv, df_dv)):
-                if place:
-                    _array(place, n * n, block)[:] = values.transpose(0, 2, 1).reshape(-1, n * n)
+            self.work(pointer.contents)
             return 0
         except BaseException as fault:
             _state.fault = fault
@@ -181,57 +259,123 @@ def _caller(function: Callable, n_arguments: int, needs_velocity: bool) -> Calla
         finally:
             _state.running = False
 
-    return call
+    def work(self, block: Any) -> None:
+        raise NotImplementedError
 
 
-def _evaluate(function, n_arguments, needs_velocity, samples, with_derivatives):
-    """Forces (n_samples, n) and derivatives (n_samples, n, n), which are None where nobody asks."""
-    z, v, p = samples
-    n = z.shape[1]
+class _Force(_Caller):
+    """Forces and their derivatives by a function of Python."""
 
-    def ask(z, v):
-        arguments = (z[:, 0], v[:, 0], p) if n == 1 else (z, v, p)
-        return function(*arguments[:n_arguments])
+    def __init__(self, function: Any, velocity: bool | None, n_states: int) -> None:
+        arguments = _arguments(function)
+        self.function, self.n_states = function, n_states
+        self.named = [name for name in _NAMED if name in arguments]
+        self.n_positional = len(arguments) - len(self.named)
+        self.needs_velocity = (self.n_positional > 1 if velocity is None else velocity) and n_states == 0
+        if ("states" in self.named) != (n_states > 0):
+            raise ModelError(f"law '{function!r}' must take the argument 'states' if it has states, and only then")
+        if not 1 <= self.n_positional <= (2 if n_states else 3):
+            what = "1 or 2 arguments beside the states: displacements, parameters" if n_states else (
+                "1 to 3 arguments: displacements, velocities, parameters")  # fmt: skip
+            raise ModelError(f"law '{function!r}' must take {what}")
 
-    answer = ask(z, v)
-    given = answer if isinstance(answer, tuple) else (answer,)
-    f = _shaped(function, "forces", given[0], z.shape, n)
-    if not with_derivatives:
-        return f, None, None
-    if len(given) > 1:
-        parts = [_shaped(function, "derivatives", part, (*z.shape, n), n) for part in given[1:3]]
-        if needs_velocity and len(parts) == 1:
-            raise ModelError(f"law '{function.__name__}' gives derivatives by displacements but not by velocities")
-        return f, parts[0], parts[1] if len(parts) > 1 else None
-    by_z = np.stack([_slope(lambda d, c=c: ask(_moved(z, c, d), v), z[:, c], z.shape) for c in range(n)], axis=2)
-    by_v = None
-    if needs_velocity:
-        by_v = np.stack([_slope(lambda d, c=c: ask(z, _moved(v, c, d)), v[:, c], z.shape) for c in range(n)], axis=2)
-    return f, by_z, by_v
+    def work(self, block: Any) -> None:
+        n = block.n_coordinates
+        z = _columns(block.z, n, block)
+        v = _columns(block.v, n, block) if block.v else np.zeros_like(z) if self.n_positional > 1 and not self.n_states else z
+        s = _columns(block.states, block.n_states, block) if self.n_states else z
+        p = _list(block.parameters, block.n_parameters)
+        named = {}
+        if "phases" in self.named:
+            named["phases"] = _columns(block.phases, block.n_tones, block)
+        if "frequencies" in self.named:
+            named["frequencies"] = _list(block.frequencies, block.n_tones)
+
+        def ask(z: Array, v: Array, s: Array) -> Any:
+            if self.n_states:
+                return self.function(*(_narrow(z), p)[: self.n_positional], states=_narrow(s), **named)
+            return self.function(*(_narrow(z), _narrow(v), p)[: self.n_positional], **named)
+
+        answer = ask(z, v, s)
+        given = answer if isinstance(answer, tuple) else (answer,)
+        _columns(block.f, n, block)[:] = _shaped(self.function, "forces", given[0], z.shape)
+        wanted = [(block.df_dz, z, lambda x: ask(x, v, s)), (block.df_dv, v, lambda x: ask(z, x, s)), (block.df_ds, s, lambda x: ask(z, v, x))]
+        wanted = [(place, x, along) for place, x, along in wanted if place]
+        if 1 < len(given) <= len(wanted):
+            by = "states" if self.n_states else "velocities"
+            raise ModelError(f"law '{self.function.__name__}' gives derivatives by displacements but not by {by}")
+        for k, (place, x, along) in enumerate(wanted):
+            if len(given) > 1:
+                _write(place, _shaped(self.function, "derivatives", given[k + 1], (*z.shape, x.shape[1])), block)
+            else:
+                _write(place, np.stack([_slope(along, x, c, z.shape) for c in range(x.shape[1])], axis=2), block)
 
 
-def _shaped(function, what, values, shape, n) -> np.ndarray:
+class _Advance(_Caller):
+    """States at the end of a step by a function of Python, and their derivatives: all moved samples in one call."""
+
+    def __init__(self, function: Any, name: str) -> None:
+        self.function, self.name, self.n_arguments = function, name, len(_arguments(function))
+        if self.n_arguments not in (2, 3):
+            raise ModelError(f"'advance' of law '{name}' must take 2 or 3 arguments: states, step, parameters")
+
+    def work(self, block: Any) -> None:
+        n, m, c = block.n_samples, block.n_states, block.n_coordinates
+        places = block.z, block.z_before, block.rise, block.rise_before
+        p = _list(block.parameters, block.n_parameters)
+        columns = np.hstack([_columns(block.states_before, m, block), *(_columns(place, c, block) for place in places)])
+
+        def ask(columns: Array) -> Array:
+            parts = [_narrow(part) for part in np.split(columns, [m, m + c, m + 2 * c, m + 3 * c], axis=1)]
+            found = self.function(*(parts[0], Step(*parts[1:]), p)[: self.n_arguments])
+            return _shaped(self.function, "states", found, (len(columns), m), dtype=None)
+
+        if not block.ds_dbefore:
+            _columns(block.states, m, block)[:] = ask(columns)
+            return
+        k = columns.shape[1]
+        moves = np.eye(k)[:, None, :]
+        try:
+            found = ask((columns + np.concatenate([np.zeros((1, 1, k)), _STEP * 1j * moves])).reshape(-1, k)).reshape(k + 1, n, m)
+        except TypeError:
+            found = np.zeros(0)
+        if np.iscomplexobj(found):
+            states, slopes = found[0].real, found[1:].imag / _STEP
+        else:
+            step = _DIFFERENCE * (np.abs(columns[:, m:]).max() or 1.0)
+            shifts = np.concatenate([np.zeros((1, 1, k)), step * moves, -step * moves])
+            found = ask((columns + shifts).reshape(-1, k)).reshape(2 * k + 1, n, m)
+            states, slopes = found[0], (found[1 : k + 1] - found[k + 1 :]) / (2 * step)
+        _columns(block.states, m, block)[:] = states
+        slopes, first = slopes.transpose(1, 2, 0), m
+        _write(block.ds_dbefore, slopes[:, :, :m], block)
+        for place in (block.ds_dz, block.ds_dz_before, block.ds_drise, block.ds_drise_before):
+            _write(place, slopes[:, :, first : first + c], block)
+            first += c
+
+
+def _shaped(function: Any, what: str, values: Any, shape: tuple[int, ...], dtype: Any = float) -> Array:
     """Values as an array of that shape; raises ModelError that names the law where they are not."""
-    values = np.asarray(values, dtype=float)
-    wanted = (shape[0],) if n == 1 else shape
-    if values.shape != wanted and values.shape != ():
-        raise ModelError(f"law '{function.__name__}' gives {what} of shape {values.shape}, expected {wanted}")
-    return np.broadcast_to(values, wanted).reshape(shape)
+    values = np.asarray(values, dtype=dtype)
+    wanted = shape[:1] if max(shape[1:]) == 1 else shape
+    if values.shape not in (wanted, shape, ()):
+        raise ModelError(f"law '{getattr(function, '__name__', function)}' gives {what} of shape {values.shape}, expected {wanted}")
+    return np.broadcast_to(values, wanted).reshape(shape) if values.shape == () else values.reshape(shape)
 
 
-def _moved(samples, c, by) -> np.ndarray:
-    moved = samples.astype(np.result_type(samples, by))
-    moved[:, c] += by
-    return moved
+def _slope(along: Callable[[Array], Any], samples: Array, c: int, shape: tuple[int, ...]) -> Array:
+    """Derivative of forces by a column: a complex step where the function follows it, else central differences."""
 
+    def moved(by: complex) -> Any:
+        columns = samples.astype(np.result_type(samples, by))
+        columns[:, c] += by
+        return along(columns)
 
-def _slope(along, values, shape) -> np.ndarray:
-    """Derivative of forces by one coordinate: a complex step where the function follows it, else central differences."""
     try:
-        stepped = along(_STEP * 1j)
+        stepped = moved(_STEP * 1j)
         if np.iscomplexobj(stepped):
             return (np.imag(stepped) / _STEP).reshape(shape)
     except TypeError:
         pass
-    step = _DIFFERENCE * (np.abs(values).max() or 1.0)
-    return ((np.asarray(along(step), dtype=float) - np.asarray(along(-step), dtype=float)) / (2 * step)).reshape(shape)
+    step = _DIFFERENCE * (np.abs(samples[:, c]).max() or 1.0)
+    return ((np.asarray(moved(step), dtype=float) - np.asarray(moved(-step), dtype=float)) / (2 * step)).reshape(shape)

@@ -81,20 +81,19 @@ class Model:
         self._used: tuple = (None, None, repr(""))  # which of them was used last
 
     @classmethod
-    def from_namelist(cls, text: str, folder: str | Path = ".") -> Model:
-        """The model of the text of an input; files that it names are looked for in `folder`."""
+    def from_namelist(cls, text: str, folder: str | Path = ".", name: str = "model") -> Model:
+        """The model of the text of an input; files that it names are looked for in `folder`, and `name` stands in messages."""
         model = cls.__new__(cls)
         model._clear()
         model._base, model._folder = text if text.endswith("\n") else text + "\n", Path(folder)
+        model._name = str(model._folder / name)
         model._live()
         return model
 
     @classmethod
     def from_file(cls, path: str | Path) -> Model:
         """The model of an input file."""
-        model = cls.from_namelist(Path(path).read_text(), Path(path).parent)
-        model._name = str(path)
-        return model
+        return cls.from_namelist(Path(path).read_text(), Path(path).parent, Path(path).name)
 
     def to_namelist(self) -> str:
         """The input with all keys that may be given and their values; laws of Python and structures in memory stand by name alone."""

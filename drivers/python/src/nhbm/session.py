@@ -21,7 +21,7 @@ from nhbm.errors import ModelError
 from nhbm.groups import as_input
 from nhbm.structure import Structure
 
-API = 1
+API = 2
 _KINDS = {0: np.dtype(np.float64), 1: np.dtype(np.int32)}
 _ASK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
 _FILL = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
