@@ -171,6 +171,29 @@ contains
       code = told(failure, wrong_input, error)
    end function nhbm_next
 
+   integer(c_int) function nhbm_integrate(model, error) bind(c, name="nhbm_integrate") result(code)
+      type(c_ptr), value :: model
+      type(c_error_t), intent(inout) :: error
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: failure
+
+      call c_f_pointer(model, handle)
+      call handle%session%integrate(failure)
+      code = told(failure, wrong_input, error)
+   end function nhbm_integrate
+
+   integer(c_int) function nhbm_verify(model, n_periods, error) bind(c, name="nhbm_verify") result(code)
+      type(c_ptr), value :: model
+      integer(c_int), value :: n_periods
+      type(c_error_t), intent(inout) :: error
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: failure
+
+      call c_f_pointer(model, handle)
+      call handle%session%verify(int(n_periods), failure)
+      code = told(failure, wrong_use, error)
+   end function nhbm_verify
+
    integer(c_int) function nhbm_column_of(model, name, column, error) bind(c, name="nhbm_column_of") result(code)
       type(c_ptr), value :: model, name
       type(c_column_t), intent(out) :: column
@@ -180,6 +203,38 @@ contains
 
       call c_f_pointer(model, handle)
       call handle%session%look_up(c_text(name), failure)
+      call show_column(handle, column)
+      code = told(failure, wrong_use, error)
+   end function nhbm_column_of
+
+   integer(c_int) function nhbm_time_column_of(model, name, column, error) bind(c, name="nhbm_time_column_of") result(code)
+      type(c_ptr), value :: model, name
+      type(c_column_t), intent(out) :: column
+      type(c_error_t), intent(inout) :: error
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: failure
+
+      call c_f_pointer(model, handle)
+      call handle%session%look_up_in_time(c_text(name), failure)
+      call show_column(handle, column)
+      code = told(failure, wrong_use, error)
+   end function nhbm_time_column_of
+
+   type(c_ptr) function nhbm_time_column_names(model) bind(c, name="nhbm_time_column_names") result(text)
+      type(c_ptr), value :: model
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: ignored
+
+      call c_f_pointer(model, handle)
+      call handle%session%look_up_in_time("", ignored)
+      text = kept(handle%session%column%names, handle%text)
+   end function nhbm_time_column_names
+
+   !> Fills the column of C with the one that was looked up last.
+   subroutine show_column(handle, column)
+      type(handle_t), pointer, intent(in) :: handle
+      type(c_column_t), intent(inout) :: column
+
       column%data = c_null_ptr
       column%n_axes = 0
       column%shape = 0
@@ -194,8 +249,7 @@ contains
          if (found%kind == column_kind%real) column%data = place_of_reals(found%reals)
          if (found%kind == column_kind%integer) column%data = place_of_integers(found%integers)
       end associate
-      code = told(failure, wrong_use, error)
-   end function nhbm_column_of
+   end subroutine show_column
 
    type(c_ptr) function nhbm_column_names(model) bind(c, name="nhbm_column_names") result(text)
       type(c_ptr), value :: model

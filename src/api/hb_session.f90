@@ -4,6 +4,7 @@
 !> What a point of a sweep is in a run is a call of `solve` here, and a curve comes point by point; numbers are the same to the last
 !> bit. One thread at a time may use a session.
 module hb_session
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use, intrinsic :: iso_c_binding, only: c_associated, c_f_procpointer, c_funptr, c_int, c_null_funptr, c_null_ptr, c_ptr
    use hb_accurate_motion, only: solve_to_tolerance
    use hb_clock, only: wall_clock
@@ -12,6 +13,7 @@ module hb_session
    use hb_curve_request, only: curve_request_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
+   use hb_integration, only: integrate_scene, integration_t
    use hb_kept_linear_part, only: kept_linear_parts_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
@@ -22,14 +24,16 @@ module hb_session
    use hb_motion_ridge, only: new_motion_curve
    use hb_namelist, only: read_namelist, set_text, write_complete_text
    use hb_neighbour, only: neighbour_t
-   use hb_outcome, only: outcome
+   use hb_outcome, only: is_solved, outcome
    use hb_parameter_path, only: identifier
    use hb_rung, only: rung_t
    use hb_scene, only: scene_t, callbacks_t
-   use hb_scene_reader, only: group_names, update_scene
+   use hb_scene_reader, only: group_names, read_scene, update_scene
    use hb_scene_tones, only: read_tones
+   use hb_time_columns, only: find_record_column, find_verdict_column
    use hb_time_integration, only: time_integration_t
    use hb_tones, only: tones_t
+   use hb_verification, only: claim_t, verdict_t, verify_motion
    use hb_watch, only: verdict, watch_t
    implicit none
    private
@@ -57,6 +61,8 @@ module hb_session
       type(scene_t) :: scene
       type(motion_result_t) :: result                                 !! of the last `solve`, or the last point of a curve
       logical :: has_curve = .false.                                  !! `next` may give a further point
+      type(integration_t), allocatable :: record                      !! of the last `integrate`, if `verify` was not called since
+      type(verdict_t) :: verdict                                      !! of the last `verify`
       type(session_watch_t) :: watch
       type(column_view_t) :: column                                   !! looked up last
       type(parameter_t), allocatable :: parameters(:)                 !! that have been resolved
@@ -77,7 +83,10 @@ module hb_session
       procedure :: solve => session_solve
       procedure :: begin_curve => session_begin_curve
       procedure :: next => session_next
+      procedure :: integrate => session_integrate
+      procedure :: verify => session_verify
       procedure :: look_up => session_look_up
+      procedure :: look_up_in_time => session_look_up_in_time
       procedure :: labels_along => session_labels_along
       procedure :: destroy => session_destroy
    end type session_t
@@ -255,6 +264,80 @@ contains
       if (allocated(error)) deallocate (error)
    end subroutine session_next
 
+   !> Integrates the model through time with its present values, as `&march` says. What is interrupted leaves no record.
+   subroutine session_integrate(self, error)
+      class(session_t), intent(inout), target :: self
+      type(error_t), allocatable, intent(out) :: error
+
+      if (allocated(self%record)) deallocate (self%record)
+      call self%update(error)
+      if (.not. allocated(error) .and. len(self%scene%march%record) > 0) &
+         call fail(error, "&march: continue: result files are not read here")
+      if (allocated(error)) return
+      allocate (self%record)
+      call self%watch%enter(huge(1.0_wp))
+      call integrate_scene(self%record, self%scene, error)
+      call self%watch%leave()
+      if (allocated(error)) deallocate (self%record)
+      if (self%watch%verdict == verdict%interrupted .and. allocated(error)) deallocate (error)
+   end subroutine session_integrate
+
+   !> Integrates from the motion that `solve` has found last, and from beside it, until it is clear whether it stays there.
+   subroutine session_verify(self, n_periods, error)
+      class(session_t), intent(inout), target :: self
+      integer, intent(in) :: n_periods                                !! of the slowest tone, at most; 0: by the decay
+      type(error_t), allocatable, intent(out) :: error
+      type(document_t), target :: document
+      type(scene_t) :: scene
+      type(claim_t) :: claim
+
+      if (allocated(self%record)) deallocate (self%record)
+      self%verdict = verdict_t()
+      associate (motion => self%result)
+         if (allocated(motion%curve) .or. .not. is_solved(motion%status)) then
+            call fail(error, "there is no motion that `solve` has found and that could be verified")
+            return
+         end if
+         document = self%document
+         call read_scene(scene, document, error, callbacks=self%callbacks)
+         if (allocated(error)) return
+         if (size(motion%coefficients, 3) /= scene%structure%n_dofs) then
+            call fail(error, "time integration starts from all degrees of freedom; solve without &output dofs")
+            return
+         end if
+         claim%omega = motion%frequency
+         claim%tuples = scene%harmonics%tuples
+         if (allocated(motion%harmonics%tuples)) claim%tuples = motion%harmonics%tuples
+         claim%amplitudes = cmplx(motion%coefficients(1, :, :), -motion%coefficients(2, :, :), wp)
+         claim%estimate = ieee_value(1.0_wp, ieee_quiet_nan)
+         claim%spread = claim%estimate
+         claim%frequency_estimates = claim%estimate + 0.0_wp*motion%frequency
+         if (allocated(motion%certificate%combination)) then
+            claim%estimate = motion%certificate%truncation + motion%certificate%aliasing
+            claim%spread = motion%certificate%aliasing
+            claim%frequency_estimates = motion%certificate%frequency_error
+         end if
+         claim%is_averaged = any(motion%status == [outcome%marched, outcome%several]) .and. .not. scene%accuracy%grows_set
+      end associate
+      call self%watch%enter(huge(1.0_wp))
+      call verify_motion(scene, claim, n_periods, self%verdict, error)
+      call self%watch%leave()
+      if (self%watch%verdict == verdict%interrupted .and. allocated(error)) deallocate (error)
+   end subroutine session_verify
+
+   !> Looks a column of the record up, or of the verdict where `verify` was called last: `column` has it then.
+   subroutine session_look_up_in_time(self, name, error)
+      class(session_t), intent(inout) :: self
+      character(*), intent(in) :: name                                !! empty: `column%names` are listed
+      type(error_t), allocatable, intent(out) :: error
+
+      if (allocated(self%record)) then
+         call find_record_column(self%column, name, self%record, self%scene, error)
+      else
+         call find_verdict_column(self%column, name, self%verdict, error)
+      end if
+   end subroutine session_look_up_in_time
+
    !> Looks a column of the result up: `column` has it then. Fails for a name that there is not.
    subroutine session_look_up(self, name, error)
       class(session_t), intent(inout) :: self
@@ -274,17 +357,23 @@ contains
       call self%column%look_up(name, self%result, size(self%scene%accuracy%outputs), error)
    end subroutine session_look_up
 
-   !> Labels of the degrees of freedom along the axes `dof` and `law_dof`, and of the laws along `law`; none of other axes.
+   !> Labels of the degrees of freedom along the axes `dof`, `law_dof` and `state_dof`, of the laws along `law`, and of their
+   !> coordinates in a record; none of other axes.
    function session_labels_along(self, axis) result(labels)
       class(session_t), intent(in) :: self
       character(*), intent(in) :: axis
       character(64), allocatable :: labels(:)
       integer :: i
 
+      if (axis == "law_coordinate" .and. allocated(self%record)) then
+         labels = self%record%system%laws%coordinate_labels()
+         return
+      end if
       select case (axis)
       case ("dof"); labels = [character(64) :: self%scene%structure%labels(self%scene%output%dofs)]
       case ("law_dof"); labels = [character(64) :: self%scene%structure%labels(law_dofs_of(self%scene%laws))]
       case ("law"); labels = [(adjustl([character(64) :: self%scene%laws(i)%law%label]), i=1, size(self%scene%laws))]
+      case ("state_dof"); labels = [character(64) :: self%scene%structure%labels]
       case default; labels = [character(64) ::]
       end select
    end function session_labels_along

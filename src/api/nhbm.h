@@ -134,7 +134,20 @@ int nhbm_column_of(nhbm_model *model, const char *name, nhbm_column *column, nhb
 /* Names of all columns, with blanks between. */
 const char *nhbm_column_names(nhbm_model *model);
 
-/* Labels along the axes "dof", "law_dof" and "law" with blanks between; empty for other axes. */
+/* Integrates the model through time as the group &march says, which must give the duration. nhbm_time_column_of then has the record by the
+ * names of the file that `nhbm march` writes (docs/user/schema.md). */
+int nhbm_integrate(nhbm_model *model, nhbm_error *error);
+
+/* Integrates from the motion that nhbm_solve has found last, and from beside it, until it is clear whether it stays there, over at most so
+ * many periods of the slowest tone (0: as many as its decay takes). nhbm_time_column_of then has what `nhbm verify` writes: march_verdict,
+ * march_difference, ... */
+int nhbm_verify(nhbm_model *model, int n_periods, nhbm_error *error);
+
+/* As nhbm_column_of and nhbm_column_names, of whichever of the two was called last. */
+int nhbm_time_column_of(nhbm_model *model, const char *name, nhbm_column *column, nhbm_error *error);
+const char *nhbm_time_column_names(nhbm_model *model);
+
+/* Labels along the axes "dof", "law_dof", "law", "law_coordinate" and "state_dof" with blanks between; empty for other axes. */
 const char *nhbm_labels(nhbm_model *model, const char *axis);
 
 /* Why the motion found last was not found, or what to know of it; empty where there is nothing to say. */

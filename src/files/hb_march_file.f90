@@ -5,6 +5,7 @@ module hb_march_file
    use hb_error, only: annotate, error_t
    use hb_file_place, only: check_place, put_in_place
    use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t, open_file
+   use hb_integration, only: integration_t
    use hb_kinds, only: wp
    use hb_march, only: march_judgement_t, march_record_t
    use hb_march_laws, only: march_laws_t
@@ -15,7 +16,7 @@ module hb_march_file
    use hb_version, only: git_commit, program_version
    implicit none
    private
-   public :: march_content_t, march_origin_t, read_march_state, write_march_file
+   public :: march_origin_t, read_march_state, write_march_file
 
    integer, parameter :: schema_version = 1
    character(*), parameter :: amplitude_convention = "x(t) = sum over harmonics h of "// &
@@ -28,15 +29,6 @@ module hb_march_file
       integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics)
       integer, allocatable :: kept_dofs(:)
    end type march_origin_t
-
-   !> What a march has come to.
-   type :: march_content_t
-      type(march_record_t) :: record
-      type(march_judgement_t) :: judgement
-      type(march_state_t) :: state                                    !! the last one
-      integer, allocatable :: motion(:)                               !! in which each start ends, from 1; 0: it runs away
-      type(march_judgement_t), allocatable :: motions(:)              !! each of them, (maxval(motion))
-   end type march_content_t
 
    type(h5_dataset_t), parameter :: no_scales(0) = [h5_dataset_t ::]
 
@@ -55,7 +47,7 @@ contains
       type(march_origin_t), intent(in) :: origin
       type(structure_t), intent(in) :: structure
       type(march_laws_t), intent(in) :: laws
-      type(march_content_t), intent(in) :: content
+      type(integration_t), intent(in) :: content
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: error_in_close
       type(writer_t) :: writer
@@ -200,7 +192,7 @@ contains
       type(writer_t), intent(in) :: self
       type(march_origin_t), intent(in) :: origin
       type(structure_t), intent(in) :: structure
-      type(march_content_t), intent(in) :: content
+      type(integration_t), intent(in) :: content
       type(error_t), allocatable, intent(inout) :: error
       type(h5_dataset_t) :: start, motion
       complex(wp) :: c(size(origin%tuples, 2), size(origin%kept_dofs), size(content%motions))

@@ -397,6 +397,35 @@ def check_derivatives_of_states(compiled, n=300):
     np.testing.assert_allclose(found[1], found[0], atol=1e-12)
 
 
+@pytest.mark.parametrize("text", [DUFFING, STOP + "&harmonics order = 9 /\n"], ids=["tolerance", "order"])
+def test_time_integration_has_the_bits_of_the_command(text, tmp_path):
+    march = "&march duration = 20.0, transient = 5.0, n_peaks = 1 /\n"
+    (tmp_path / "run.nml").write_text(text + march)
+    assert run("march", "run.nml", "-o", "record.h5", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
+    assert run("solve", "run.nml", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
+    assert run("verify", "run.h5", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
+    record = Model.from_namelist(text).integrate(20.0, transient=5.0, n_peaks=1)
+    with h5py.File(tmp_path / "record.h5") as file:
+        for name in set(record.data_vars) - {"cpu_seconds"}:
+            assert np.array_equal(record[name].values, file[name][()].reshape(record[name].shape)), name
+        assert {"displacement", "velocity", "force", "coefficients", "peak_frequency", "state_velocity"} <= set(record.data_vars)
+        assert record["law_coordinate"].values.tolist() == list(file["law_coordinate"].asstr()[()])
+    model = Model.from_namelist(text)
+    motion = model.solve()
+    verdict = model.verify(motion)
+    with h5py.File(tmp_path / "run.h5") as file:
+        for name in set(verdict.data_vars) - {"march_verdict"}:
+            assert np.array_equal(verdict[name].values, file[name][0]), name
+    assert verdict["march_verdict"] == "agrees"
+    with pytest.raises(ModelError, match="found last"):
+        model.verify(motion.assign(coefficients=2 * motion["coefficients"]))
+    with pytest.raises(ModelError, match="duration"):
+        model.integrate()
+    assert model.verify()["march_verdict"] == "agrees"  # of the motion still
+    with pytest.raises(ModelError, match="no motion that `solve` has found"):
+        Model.from_namelist(text).verify()
+
+
 def test_faults_of_laws_are_raised():
     def raises(q):
         raise RuntimeError("out of range")

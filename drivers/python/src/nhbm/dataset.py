@@ -20,6 +20,7 @@ STATUSES = (
     "diverged locked timed_out impact unused marched subharmonic broadband several"
 ).split()
 SOLVED = (1, 7, 8, 9, 16, 18)  # a motion of the tones is stored, if not always within what was asked for
+VERDICTS = "not_done", "agrees", "unstable", "differs", "undecided"
 _NAMES = {"tuples": "tuple"}
 AMPLITUDES = "x(t) = sum over h of cos_h cos(j_h.omega t) + sin_h sin(j_h.omega t), j_h = tuple[h, :]"
 
@@ -42,6 +43,16 @@ def _dataset_of(session, columns) -> xr.Dataset:
         variables[_NAMES.get(name, name)] = (column.axes if column.values.ndim else (), column.values, units)
     tuples = {f"tuple_{m + 1}": ("harmonic", line) for m, line in enumerate(columns["tuples"].values.T)}
     return xr.Dataset(variables, {**_labels(session, lengths), **tuples}, {"amplitude_convention": AMPLITUDES})
+
+
+def record_of(session: Session) -> xr.Dataset:
+    """What time integration has found: a record, or the verdict on a motion."""
+    columns, variables, lengths = {name: session.time_column(name) for name in session.time_columns()}, {}, {}
+    for name, column in columns.items():
+        lengths.update(zip(column.axes, column.values.shape))
+        variables[name] = (column.axes, column.values, {"units": column.unit})
+    labels = _labels(session, {axis: n for axis, n in lengths.items() if axis != "time"})
+    return xr.Dataset(variables, labels, {"amplitude_convention": AMPLITUDES} if "time" in variables else {})
 
 
 def _labels(session, lengths) -> dict:

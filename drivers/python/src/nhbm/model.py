@@ -79,6 +79,7 @@ class Model:
         self._n_assignments = 0
         self._sessions: dict[tuple, _Live] = {}  # by tolerance, order and keys of further groups
         self._used: tuple = (None, None, repr(""))  # which of them was used last
+        self._solved: tuple | None = None  # which has the motion found last
 
     @classmethod
     def from_namelist(cls, text: str, folder: str | Path = ".", name: str = "model") -> Model:
@@ -152,6 +153,7 @@ class Model:
         converged, else NotConverged is warned of with the reason.
         """
         session = self._live(tolerance, order).session
+        self._solved = self._used
         session.solve(warm)
         motion = dataset.motion_of(session)
         if int(motion["status"]) != dataset.CONVERGED:
@@ -222,6 +224,34 @@ class Model:
         found = dataset.joined(points, {})
         found[identifier(path)].attrs.update(self._described(path))
         return found.set_coords(identifier(path)).assign_attrs(varies=[identifier(path)])
+
+    def integrate(self, duration: float | None = None, *, order: int | None = None, **keys) -> xr.Dataset:
+        """Integrates the model through time, from rest if nothing else is said, and returns the record that `nhbm march` writes.
+
+        duration: of the record [s], after the `transient`; keys: of the group &march, such as method, transient, step. The coefficients are
+        those of the harmonics of the model or of `order`.
+        """
+        given = {"duration": None if duration is None else float(duration), **keys}
+        session = self._live(None, order, {"march": {key: value for key, value in given.items() if value is not None}}).session
+        session.integrate()
+        return dataset.record_of(session)
+
+    def verify(self, motion: xr.Dataset | None = None, *, periods: int = 0) -> xr.Dataset:
+        """Integrates through time from the motion that `solve` has found last, and from beside it, until it is clear whether it stays there.
+
+        Returns what `nhbm verify` writes: `march_verdict` ("agrees", "unstable", "differs", "undecided"), the differences of the motion
+        in the first and in the last periods, the limit of the latter by the estimated error, the growth of disturbances [1/s]. `motion`, where
+        given, must be the one found last; `periods` of the slowest tone is the most (0: as many as the decay takes).
+        """
+        live = self._sessions.get(self._solved)
+        if live is None:
+            raise ModelError("there is no motion that `solve` has found and that could be verified")
+        session = live.session
+        if motion is not None and not np.array_equal(motion["coefficients"].values, session.column("coefficients").values):
+            raise ModelError("only the motion that this model has found last can be verified")
+        session.verify(periods)
+        found = dataset.record_of(session)
+        return found.assign(march_verdict=dataset.VERDICTS[int(found["march_verdict"])])
 
     def sweep(self, values: Mapping[str, Iterable], *, paired: bool = False, of: str | Callable[[Model], object] | None = None,
               tolerance: float | None = None, order: int | None = None, warm: bool = False,

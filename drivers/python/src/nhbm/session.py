@@ -74,10 +74,19 @@ def _load() -> ctypes.CDLL:
         "begin_curve": (pointer, error),
         "next": (pointer, ctypes.POINTER(number), error),
         "column_of": (pointer, text, ctypes.POINTER(_Column), error),
+        "time_column_of": (pointer, text, ctypes.POINTER(_Column), error),
+        "integrate": (pointer, error),
+        "verify": (pointer, number, error),
         "ask": (pointer, _ASK, pointer, error),
     }.items():
         getattr(library, f"nhbm_{name}").argtypes = arguments
-    for name, arguments in {"input": (pointer,), "column_names": (pointer,), "labels": (pointer, text), "message": (pointer,)}.items():
+    for name, arguments in {
+        "input": (pointer,),
+        "column_names": (pointer,),
+        "time_column_names": (pointer,),
+        "labels": (pointer, text),
+        "message": (pointer,),
+    }.items():
         getattr(library, f"nhbm_{name}").argtypes = arguments
         getattr(library, f"nhbm_{name}").restype = text
     library.nhbm_version.restype = text
@@ -223,6 +232,24 @@ class Session:
             self._call("next", ctypes.byref(is_point))
         return bool(is_point.value)
 
+    def integrate(self) -> None:
+        """Integrates the model through time as the group &march says; `time_column` has the record then."""
+        with _Interrupts(self):
+            self._call("integrate")
+
+    def verify(self, n_periods: int = 0) -> None:
+        """Integrates from the motion found last until it is clear whether it stays there; `time_column` has the verdict then."""
+        with _Interrupts(self):
+            self._call("verify", n_periods)
+
+    def time_columns(self) -> list[str]:
+        """Names of what `integrate` or `verify`, whichever was called last, has found."""
+        return library().nhbm_time_column_names(self._handle).decode().split()
+
+    def time_column(self, name: str) -> Column:
+        """A column of it. Raises KeyError for a name that there is not."""
+        return self._column(library().nhbm_time_column_of, name)
+
     def columns(self) -> list[str]:
         """Names of all columns of its motions (docs/user/schema.md)."""
         return library().nhbm_column_names(self._handle).decode().split()
@@ -244,8 +271,11 @@ class Session:
         """What is known of the motion found last, by a name of the result file. Raises KeyError for a name that there is not."""
         if name == "message":
             return Column(np.array(self.message), "", ())
+        return self._column(library().nhbm_column_of, name)
+
+    def _column(self, column_of, name: str) -> Column:
         column = _Column()
-        if library().nhbm_column_of(self._handle, name.encode(), ctypes.byref(column), ctypes.byref(self._error)):
+        if column_of(self._handle, name.encode(), ctypes.byref(column), ctypes.byref(self._error)):
             raise KeyError(self._error.text.decode())
         unit, axes = column.unit.decode(), tuple(column.axes.decode().split())
         if column.kind not in _KINDS:
