@@ -17,8 +17,9 @@ module hb_accurate_motion
    use hb_motion, only: solve_motion
    use hb_motion_description, only: allow_for_growth, compare_with_refined
    use hb_motion_result, only: motion_result_t
-   use hb_outcome, only: is_solved, outcome
-   use hb_rung, only: choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, idle, is_rigid, &
+   use hb_outcome, only: is_answer => is_solved, outcome
+   use hb_refinement, only: refinable_t, refine
+   use hb_rung, only: choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, &
       least_goal, margin, most_failures, put_on_rung, reliable, rung_t, trim_set, with_caution
    use hb_scene, only: accuracy_t, scene_t
    use hb_stability, only: stability_method, stability_verdict => verdict
@@ -27,10 +28,10 @@ module hb_accurate_motion
    use hb_watch, only: watch_t, work_is_over
    implicit none
    private
-   public :: calibrate_outputs, estimate_by_levels, gains_nothing, left_after, solve_to_tolerance
+   public :: calibrate_outputs, estimate_by_levels, left_after, solve_to_tolerance
 
-   integer, parameter :: most_rungs = 24
-   integer, parameter :: most_idle = 4                                ! rungs one after the other that gain nothing
+   integer, parameter :: most_levels = 25
+   integer, parameter :: most_idle = 4                                ! levels one after the other that gain nothing
    real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second rung
    real(wp), parameter :: share_of_rescue = 0.2_wp                    ! of the work of rescues, for each rung but the first
    real(wp), parameter :: work_of_stability = 1.5_wp                  ! at most, times that of all rungs
@@ -44,12 +45,39 @@ module hb_accurate_motion
    integer, parameter :: patience = 3                                 ! steps from the rung below that gain nothing
    real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by the one of the rung before
 
-   !> What is spent on all rungs.
-   type :: account_t
-      integer :: iterations = 0, evaluations = 0, n_rungs = 0, rescue = 0
+   !> Solves the levels of a point, and counts what that has taken.
+   type :: level_solver_t
+      type(scene_t), pointer :: scene => null()
+      type(scene_t) :: here                                           ! the same on the set of a level
+      integer :: iterations = 0, evaluations = 0, n_levels = 0, rescue = 0
       real(wp) :: work = 0.0_wp, work_beside = 0.0_wp                 ! as in a result
       real(wp) :: setup_seconds = 0.0_wp, solver_seconds = 0.0_wp, certificate_seconds = 0.0_wp, certificate_cpu_seconds = 0.0_wp
-   end type account_t
+   contains
+      procedure :: prepare => level_solver_prepare
+      procedure :: take => level_solver_take
+      procedure :: report => level_solver_report
+   end type level_solver_t
+
+   !> A motion whose set and grid are refined: the level solved last, the one it was compared with, the best one.
+   type, extends(refinable_t) :: refined_motion_t
+      type(scene_t), pointer :: scene => null()
+      type(level_solver_t) :: solver                                  ! of all levels of the point
+      type(rung_t) :: start                                           ! of a neighbour; without unknowns there is none
+      type(rung_t) :: top                                             ! solved last; without unknowns none is solved
+      type(rung_t) :: next, best_top
+      type(motion_result_t) :: result, best
+      real(wp) :: own_estimate = 0.0_wp                               ! of the motion solved last, by itself
+      real(wp), allocatable :: own_outputs(:)                         ! likewise, estimates of outputs
+      real(wp) :: difference = 0.0_wp                                 ! of the last two motions, relative
+      real(wp) :: best_estimate = huge(1.0_wp)
+      logical :: is_checked = .false.                                 ! the level below agrees with its estimate
+      logical :: is_ended = .false.                                   ! by the clock or whoever watches
+   contains
+      procedure :: solve => refined_motion_solve
+      procedure :: choose => refined_motion_choose
+      procedure :: is_accurate => refined_motion_is_accurate
+      procedure :: is_over => refined_motion_is_over
+   end type refined_motion_t
 
 contains
 
@@ -60,18 +88,22 @@ contains
       type(scene_t), intent(in) :: scene
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
-      type(rung_t), intent(out) :: top                                !! the last rung; without unknowns where none is solved
+      type(rung_t), intent(out) :: top                                !! the last level; without unknowns where none is solved
       type(rung_t), intent(in), optional :: start                     !! of a neighbour
       type(watch_t), target :: watch
-      type(account_t) :: account
+      type(refined_motion_t) :: motion
       integer :: i
 
       call watch%enter(scene%solver%time_limit)
-      call climb(scene, account, result, error, top, start)
-      do i = 1, merge(most_refinements, 0, scene%accuracy%grows_set .and. .not. allocated(error))
-         if (work_is_over() .or. .not. is_denied(scene, result)) exit
-         call refine_for_verdict(scene, 10.0_wp**(-i), account, result, top)
+      if (present(start)) motion%start = start
+      call solve_by_levels(motion, scene)
+      do i = 1, merge(most_refinements, 0, scene%accuracy%grows_set .and. .not. allocated(motion%error))
+         if (work_is_over() .or. .not. is_denied(scene, motion%result)) exit
+         call refine_for_verdict(scene, 10.0_wp**(-i), motion)
       end do
+      result = motion%result
+      top = motion%top
+      if (allocated(motion%error)) call move_alloc(motion%error, error)
       call watch%leave()
    end subroutine solve_to_tolerance
 
@@ -99,128 +131,145 @@ contains
       end associate
    end function is_denied
 
-   !> Climbs on to a part of the tolerance for the sake of a verdict on stability, as far as `work_of_verdict` goes; without one the
+   !> Goes on to a part of the tolerance for the sake of a verdict on stability, as far as `work_of_verdict` goes; without one the
    !> motion stays as it is.
-   subroutine refine_for_verdict(scene, part, account, result, top)
+   subroutine refine_for_verdict(scene, part, motion)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: part                                    !! of the tolerance
-      type(account_t), intent(inout) :: account
-      type(motion_result_t), intent(inout) :: result
-      type(rung_t), intent(inout) :: top
+      type(refined_motion_t), intent(inout) :: motion
       type(scene_t) :: sharper
-      type(motion_result_t) :: finer
-      type(rung_t) :: finer_top
-      type(error_t), allocatable :: trouble
+      type(refined_motion_t) :: finer
 
       sharper = scene
       sharper%may_integrate = .false.
       sharper%accuracy%tolerance = part*scene%accuracy%tolerance
-      sharper%accuracy%max_work = min(scene%accuracy%max_work, max(least_work_of_verdict, work_of_verdict*account%work))
-      call climb(sharper, account, finer, trouble, finer_top, top)
-      result%work = account%work
-      if (allocated(trouble) .or. finer%status /= outcome%converged) return
-      if (finer%stability%verdict == stability_verdict%unknown) return
-      result = finer
-      top = finer_top
+      finer%solver = motion%solver
+      sharper%accuracy%max_work = min(scene%accuracy%max_work, max(least_work_of_verdict, work_of_verdict*finer%solver%work))
+      finer%start = motion%top
+      call solve_by_levels(finer, sharper)
+      motion%solver = finer%solver
+      motion%result%work = finer%solver%work
+      if (allocated(finer%error) .or. finer%result%status /= outcome%converged) return
+      if (finer%result%stability%verdict == stability_verdict%unknown) return
+      motion = finer
    end subroutine refine_for_verdict
 
-   !> One ladder, from the first rung to that of the tolerance.
-   subroutine climb(scene, account, result, error, top, start)
-      type(scene_t), intent(in) :: scene
-      type(account_t), intent(inout) :: account                       !! of all ladders of the point
-      type(motion_result_t), intent(out) :: result
-      type(error_t), allocatable, intent(out) :: error
-      type(rung_t), intent(out) :: top                                !! as of `solve_to_tolerance`
-      type(rung_t), intent(in), optional :: start
-      type(scene_t) :: here                                           ! the scene on the set of a rung
-      type(rung_t) :: best_top, next
-      type(motion_result_t) :: best, trial
-      type(error_t), allocatable :: trouble
-      real(wp) :: before, best_estimate, difference, estimate, goal, raw
-      real(wp), allocatable :: outputs_before(:), outputs_raw(:)      ! estimates of outputs
-      real(wp), allocatable :: estimates(:)                           ! of all rungs so far
-      integer :: n_failures, rung
-      logical :: has_start, is_checked, is_done, is_there
+   !> Refines a motion from the first level to that of the tolerance.
+   subroutine solve_by_levels(self, scene)
+      type(refined_motion_t), intent(inout) :: self
+      type(scene_t), intent(in), target :: scene
+      logical :: is_done
 
-      has_start = .false.
-      if (present(start)) has_start = allocated(start%unknowns)
-      if (scene%has_time_domain() .and. .not. has_start) then
+      self%scene => scene
+      self%most_levels = most_levels
+      self%most_idle = most_idle
+      self%most_failures = most_failures
+      if (scene%has_time_domain() .and. .not. allocated(self%start%unknowns)) then
          if (marches_first(scene)) then
-            call march_to_tolerance(scene, result, is_done)
-            top%set = scene%harmonics
-            top%n_samples = scene%torus%n_samples
-            if (is_done .and. (result%status /= outcome%truncated .or. scene%first_way == first_way%march)) return
+            call march_to_tolerance(scene, self%result, is_done)
+            self%top%set = scene%harmonics
+            self%top%n_samples = scene%torus%n_samples
+            if (is_done .and. (self%result%status /= outcome%truncated .or. scene%first_way == first_way%march)) return
          end if
       end if
-      here = scene
-      here%first_way = first_way%balance
-      here%may_integrate = .false.
-      here%certificate%is_on = .true.
-      here%stability%method = stability_method%off
-      here%solver%tolerance = solver_tolerance(scene)
-      here%certificate%improvement_steps = 0
-      if (allocated(here%output%samples)) here%output%samples = here%output%samples(:0)
-      call find_first(here, scene, result, error, top, start, account)
-      here%may_integrate = .false.
-      if (.not. allocated(error) .and. scene%has_time_domain()) call march_lost(scene, result)
-      if (allocated(error) .or. .not. allocated(top%unknowns)) return
-      is_checked = .false.
-      if (present(start)) is_checked = allocated(start%unknowns) .and. account%n_rungs == 1 ! as the neighbour was
-      best_estimate = huge(1.0_wp)
-      before = estimate_of_motion(result)
-      outputs_before = estimates_of_outputs(result)
-      n_failures = 0
-      estimates = [missing_in(scene, result)]
-      difference = 0.0_wp
-      do rung = 1, most_rungs
-         estimate = missing_in(scene, result)
-         if (estimate <= scene%accuracy%tolerance*merge(margin, unchecked, is_checked)) exit
-         if (account%work > scene%accuracy%max_work .or. gains_nothing(estimates)) exit
-         goal = max(least_goal*estimate, margin*scene%accuracy%tolerance)
-         if (estimate <= margin*scene%accuracy%tolerance) goal = max(0.3_wp*estimate, least_goal*scene%accuracy%tolerance)
-         goal = goal*3.0_wp**n_failures*estimate_of(result)/max(estimate, tiny(1.0_wp))   ! of the motion
-         call choose_next(scene, result, top, goal, n_failures, next, is_there)
-         if (.not. is_there) exit
-         call take(here, scene, next, next%unknowns, n_failures == most_failures - 1, account, trial, trouble)
-         if (trial%status == outcome%interrupted) then
-            result%status = outcome%interrupted
-            return
-         end if
-         if (.not. (allocated(next%unknowns) .and. is_solved(trial%status))) then
-            n_failures = n_failures + 1
-            if (n_failures == most_failures .or. trial%status == outcome%timed_out) exit
-            cycle
-         end if
-         difference = distance(top, next, any(scene%tones%is_unknown))
-         is_checked = before < reliable
+      call self%solver%prepare(scene)
+      call refine(self)
+      if (allocated(self%error) .or. .not. allocated(self%top%unknowns) .or. self%result%status == outcome%interrupted) return
+      if (self%best_estimate < self%estimate) then                    ! what came after it made it worse, as far as one knows
+         self%result = self%best
+         self%top = self%best_top
+         self%result%level_estimate = max(self%result%level_estimate, self%best_estimate)
+      end if
+      call finish(self)
+      associate (result => self%result)
+         if (result%status == outcome%truncated .and. scene%has_time_domain() .and. result%stability%growth <= 1.0_wp) &
+            call march_from_balance(scene, result, self%top)
+         if (scene%accuracy%grows_set .and. scene%chain%is_on .and. result%status == outcome%converged) &
+            call trim_set(scene, self%top)
+      end associate
+   end subroutine solve_by_levels
+
+   !> Solves the level chosen last from the motion at hand, and compares the two; the first one by whatever it takes.
+   subroutine refined_motion_solve(self, is_solved)
+      class(refined_motion_t), intent(inout) :: self
+      logical, intent(out) :: is_solved
+      type(motion_result_t) :: trial
+      type(error_t), allocatable :: trouble
+
+      if (self%n_levels == 0) then
+         call find_first(self)
+         self%solver%here%may_integrate = .false.
+         if (.not. allocated(self%error) .and. self%scene%has_time_domain()) call march_lost(self%scene, self%result)
+         is_solved = .not. allocated(self%error) .and. allocated(self%top%unknowns)
+         if (.not. is_solved) return
+         self%is_checked = allocated(self%start%unknowns) .and. self%solver%n_levels == 1   ! as the neighbour was
+         self%own_estimate = estimate_of_motion(self%result)
+         self%own_outputs = estimates_of_outputs(self%result)
+      else
+         call self%solver%take(self%next, self%n_failures == most_failures - 1, trial, trouble)
+         is_solved = allocated(self%next%unknowns) .and. is_answer(trial%status)
+         self%is_ended = has_ended(trial)
+         if (trial%status == outcome%interrupted) self%result%status = outcome%interrupted
+         if (.not. is_solved) return
+         call compare(self, trial)
+         self%top = self%next
+         self%result = trial
+      end if
+      self%estimate = missing_in(self%scene, self%result)
+   end subroutine refined_motion_solve
+
+   !> Compares the motion of the next level with the one below it, which raises its estimate where it must, and keeps that one where
+   !> it is the best so far.
+   subroutine compare(self, trial)
+      type(refined_motion_t), intent(inout) :: self
+      type(motion_result_t), intent(inout) :: trial                   !! on `next`
+      real(wp) :: raw
+      real(wp), allocatable :: outputs_raw(:)
+
+      associate (scene => self%scene, top => self%top, next => self%next)
+         self%difference = distance(top, next, any(scene%tones%is_unknown))
+         self%is_checked = self%own_estimate < reliable
          raw = estimate_of_motion(trial)
          outputs_raw = estimates_of_outputs(trial)
-         if (is_checked) trial%level_estimate = max(trial%level_estimate, estimate_by_levels(raw, before, difference))
+         if (self%is_checked) &
+            trial%level_estimate = max(trial%level_estimate, estimate_by_levels(raw, self%own_estimate, self%difference))
          if (is_rigid(scene)) trial%level_estimate = max(trial%level_estimate, min(1.0_wp, &
-            difference*left_after(top%set%n_harmonics, next%set%n_harmonics, scene%tones%n_tones)))
-         call calibrate_outputs(scene, trial, next%set, result, top%set, outputs_before)
-         before = raw
-         outputs_before = outputs_raw
-         if (is_checked .and. max(estimate, difference) < best_estimate .and. size(outputs_raw) == 0) then
-            best = result
-            best_top = top
-            best_estimate = max(estimate, difference)
+            self%difference*left_after(top%set%n_harmonics, next%set%n_harmonics, scene%tones%n_tones)))
+         call calibrate_outputs(scene, trial, next%set, self%result, top%set, self%own_outputs)
+         if (self%is_checked .and. max(self%estimate, self%difference) < self%best_estimate .and. size(outputs_raw) == 0) then
+            self%best = self%result
+            self%best_top = top
+            self%best_estimate = max(self%estimate, self%difference)
          end if
-         n_failures = 0
-         estimates = [estimates, missing_in(scene, trial)]
-         top = next
-         result = trial
-      end do
-      if (best_estimate < missing_in(scene, result)) then !  what came after it made it worse, as far as one knows
-         result = best
-         top = best_top
-         result%level_estimate = max(result%level_estimate, best_estimate)
-      end if
-      call finish(scene, result, top, account, difference)
-      if (result%status == outcome%truncated .and. scene%has_time_domain() .and. result%stability%growth <= 1.0_wp) &
-         call march_from_balance(scene, result, top)
-      if (scene%accuracy%grows_set .and. scene%chain%is_on .and. result%status == outcome%converged) call trim_set(scene, top)
-   end subroutine climb
+      end associate
+      self%own_estimate = raw
+      self%own_outputs = outputs_raw
+   end subroutine compare
+
+   subroutine refined_motion_choose(self, is_there)
+      class(refined_motion_t), intent(inout) :: self
+      logical, intent(out) :: is_there
+      real(wp) :: goal
+
+      associate (accuracy => self%scene%accuracy, estimate => self%estimate)
+         goal = max(least_goal*estimate, margin*accuracy%tolerance)
+         if (estimate <= margin*accuracy%tolerance) goal = max(0.3_wp*estimate, least_goal*accuracy%tolerance)
+         goal = goal*3.0_wp**self%n_failures*estimate_of(self%result)/max(estimate, tiny(1.0_wp))   ! of the motion
+      end associate
+      call choose_next(self%scene, self%result, self%top, goal, self%n_failures, self%next, is_there)
+   end subroutine refined_motion_choose
+
+   logical function refined_motion_is_accurate(self) result(is_accurate)
+      class(refined_motion_t), intent(inout) :: self
+
+      is_accurate = self%estimate <= self%scene%accuracy%tolerance*merge(margin, unchecked, self%is_checked)
+   end function refined_motion_is_accurate
+
+   logical function refined_motion_is_over(self) result(is_over)
+      class(refined_motion_t), intent(inout) :: self
+
+      is_over = self%is_ended .or. .not. allocated(self%top%unknowns) .or. self%solver%work > self%scene%accuracy%max_work
+   end function refined_motion_is_over
 
    !> What a rung misses: the estimated error of what the tolerance is for, and a penetration of walls beyond what is allowed as an
    !> error beyond what rungs are made for.
@@ -247,17 +296,6 @@ contains
       result%status = outcome%truncated
       result%certificate%truncation = 1.0_wp
    end subroutine march_lost
-
-   !> Whether rungs have gained nothing for so long that none will: each of the last ones leaves nearly all of the estimate
-   !> before it.
-   pure logical function gains_nothing(estimates)
-      real(wp), intent(in) :: estimates(:)                            !! of the errors of all rungs, in their order
-
-      associate (n => size(estimates))
-         gains_nothing = n > most_idle
-         if (gains_nothing) gains_nothing = all(estimates(n - most_idle + 1:) > idle*estimates(n - most_idle:n - 1))
-      end associate
-   end function gains_nothing
 
    !> Estimated error of a level as the one below shows it. Its motion was off by the difference of the two: where its certificate
    !> said less than that, the one of the upper level counts for more by as much.
@@ -320,44 +358,37 @@ contains
    end function left_after
 
    !> Finds the motion on a small set: on that of a neighbour from its motion, or on the first box, or on others.
-   subroutine find_first(here, scene, result, error, top, start, account)
-      type(scene_t), intent(inout) :: here
-      type(scene_t), intent(in) :: scene
-      type(motion_result_t), intent(out) :: result
-      type(error_t), allocatable, intent(out) :: error
-      type(rung_t), intent(inout) :: top
-      type(rung_t), intent(in), optional :: start
-      type(account_t), intent(inout) :: account
+   subroutine find_first(self)
+      type(refined_motion_t), intent(inout) :: self
       integer, parameter :: n_tries = 3
-      real(wp), allocatable :: none(:)
       type(error_t), allocatable :: trouble
       integer :: i
 
-      if (present(start)) then
-         if (allocated(start%unknowns)) then
-            top = start
-            call take(here, scene, top, start%unknowns, .true., account, result, trouble)
-            if (is_over(result) .or. allocated(top%unknowns)) return
+      associate (scene => self%scene, top => self%top, result => self%result)
+         if (allocated(self%start%unknowns)) then
+            top = self%start
+            call self%solver%take(top, .true., result, trouble)
+            if (has_ended(result) .or. allocated(top%unknowns)) return
          end if
-      end if
-      do i = 1, n_tries
-         top%set = scene%harmonics
-         top%n_samples = scene%torus%n_samples
-         if (i > 1) then
-            if (.not. scene%accuracy%grows_set) exit
-            if (i < n_tries .and. account%work > scene%accuracy%max_work) cycle
-            call other_first(scene, i, top, error)
-            if (allocated(error)) return
-         end if
-         here%may_integrate = scene%may_integrate .and. (scene%start_from_march .or. any(scene%tones%is_unknown) .or. &
-                                                         .not. scene%accuracy%grows_set)
-         call take(here, scene, top, none, .true., account, result, error)
-         if (allocated(error) .or. is_over(result) .or. allocated(top%unknowns)) return
-         if (any(result%status == [outcome%collapsed, outcome%no_motion, outcome%locked, outcome%failed])) exit
-         if (size(scene%laws) == 0) exit
-      end do
-      result%harmonics = top%set
-      result%n_samples = top%n_samples
+         do i = 1, n_tries
+            top%set = scene%harmonics
+            top%n_samples = scene%torus%n_samples
+            if (i > 1) then
+               if (.not. scene%accuracy%grows_set) exit
+               if (i < n_tries .and. self%solver%work > scene%accuracy%max_work) cycle
+               call other_first(scene, i, top, self%error)
+               if (allocated(self%error)) return
+            end if
+            self%solver%here%may_integrate = scene%may_integrate .and. &
+               (scene%start_from_march .or. any(scene%tones%is_unknown) .or. .not. scene%accuracy%grows_set)
+            call self%solver%take(top, .true., result, self%error)
+            if (allocated(self%error) .or. has_ended(result) .or. allocated(top%unknowns)) return
+            if (any(result%status == [outcome%collapsed, outcome%no_motion, outcome%locked, outcome%failed])) exit
+            if (size(scene%laws) == 0) exit
+         end do
+         result%harmonics = top%set
+         result%n_samples = top%n_samples
+      end associate
    end subroutine find_first
 
    !> Residual at which the equations of a rung are solved: far below what its motion may be off by, unless one was asked for.
@@ -369,11 +400,11 @@ contains
    end function solver_tolerance
 
    !> Whether the point has ended.
-   pure logical function is_over(result)
+   pure logical function has_ended(result)
       type(motion_result_t), intent(in) :: result
 
-      is_over = any(result%status == [outcome%interrupted, outcome%timed_out])
-   end function is_over
+      has_ended = any(result%status == [outcome%interrupted, outcome%timed_out])
+   end function has_ended
 
    !> Another lowest rung, where the motion was not found on the first one: a larger box, then a smaller one.
    subroutine other_first(scene, i, rung, error)
@@ -391,101 +422,130 @@ contains
       if (.not. allocated(error)) rung%n_samples = samples_for(rung%set%highest, degree_of(scene))
    end subroutine other_first
 
-   !> Solves the scene on a rung, from a first guess if there is one. Its unknowns are allocated afterwards where that has worked.
-   subroutine take(here, scene, rung, guess, with_rescue, account, result, error)
-      type(scene_t), intent(inout) :: here                            !! on any set
-      type(scene_t), intent(in) :: scene
+   !> Prepares for the levels of a scene.
+   subroutine level_solver_prepare(self, scene)
+      class(level_solver_t), intent(inout) :: self
+      type(scene_t), intent(in), target :: scene
+
+      self%scene => scene
+      self%here = scene
+      associate (here => self%here)
+         here%first_way = first_way%balance
+         here%may_integrate = .false.
+         here%certificate%is_on = .true.
+         here%stability%method = stability_method%off
+         here%solver%tolerance = solver_tolerance(scene)
+         here%solver%krylov_patience = patience_with_products
+         here%solver%rescue_share = 0.0_wp                            ! other sets are left
+         here%certificate%improvement_steps = 0
+         if (allocated(here%output%samples)) here%output%samples = here%output%samples(:0)
+      end associate
+   end subroutine level_solver_prepare
+
+   !> Solves the scene on a level, from the motion in it if there is one. There is one afterwards where that has worked.
+   subroutine level_solver_take(self, rung, with_rescue, result, error)
+      class(level_solver_t), intent(inout) :: self
       type(rung_t), intent(inout) :: rung
-      real(wp), allocatable, intent(in) :: guess(:)
       logical, intent(in) :: with_rescue
-      type(account_t), intent(inout) :: account
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: first_guess(:), found(:)
 
-      if (allocated(guess)) first_guess = guess
-      if (allocated(rung%unknowns)) deallocate (rung%unknowns)
-      call put_on_rung(here, scene, rung, error)
-      if (allocated(error)) return
-      here%solver%rescue = scene%solver%rescue .and. with_rescue
-      here%solver%patience = merge(0, patience, with_rescue)
-      here%solver%krylov_patience = patience_with_products
-      here%solver%rescue_work = min(scene%solver%rescue_work, max(0.0_wp, scene%accuracy%max_work - account%work))
-      if (account%n_rungs > 0) here%solver%rescue_work = share_of_rescue*here%solver%rescue_work
-      here%solver%rescue_share = 0.0_wp                               ! other sets are left
-      call solve_motion(here, result, error, first_guess, found)
-      account%n_rungs = account%n_rungs + 1
-      account%iterations = account%iterations + result%iterations
-      account%evaluations = account%evaluations + result%evaluations
-      account%work = account%work + result%work
-      account%work_beside = account%work_beside + result%work_beside
-      here%solver%preconditioner_level = result%preconditioner_level
-      account%rescue = max(account%rescue, result%rescue)
-      account%setup_seconds = account%setup_seconds + result%setup_seconds
-      account%solver_seconds = account%solver_seconds + result%solver_seconds
-      account%certificate_seconds = account%certificate_seconds + result%certificate_seconds
-      account%certificate_cpu_seconds = account%certificate_cpu_seconds + result%certificate_cpu_seconds
-      if (allocated(error)) return
-      call with_caution(scene, result)
-      if (is_solved(result%status) .and. allocated(found)) call move_alloc(found, rung%unknowns)
-   end subroutine take
+      call move_alloc(rung%unknowns, first_guess)
+      associate (scene => self%scene, solver => self%here%solver)
+         call put_on_rung(self%here, scene, rung, error)
+         if (allocated(error)) return
+         solver%rescue = scene%solver%rescue .and. with_rescue
+         solver%patience = merge(0, patience, with_rescue)
+         solver%rescue_work = min(scene%solver%rescue_work, max(0.0_wp, scene%accuracy%max_work - self%work))
+         if (self%n_levels > 0) solver%rescue_work = share_of_rescue*solver%rescue_work
+         call solve_motion(self%here, result, error, first_guess, found)
+         self%n_levels = self%n_levels + 1
+         self%iterations = self%iterations + result%iterations
+         self%evaluations = self%evaluations + result%evaluations
+         self%work = self%work + result%work
+         self%work_beside = self%work_beside + result%work_beside
+         solver%preconditioner_level = result%preconditioner_level
+         self%rescue = max(self%rescue, result%rescue)
+         self%setup_seconds = self%setup_seconds + result%setup_seconds
+         self%solver_seconds = self%solver_seconds + result%solver_seconds
+         self%certificate_seconds = self%certificate_seconds + result%certificate_seconds
+         self%certificate_cpu_seconds = self%certificate_cpu_seconds + result%certificate_cpu_seconds
+         if (allocated(error)) return
+         call with_caution(scene, result)
+      end associate
+      if (is_answer(result%status) .and. allocated(found)) call move_alloc(found, rung%unknowns)
+   end subroutine level_solver_take
 
-   !> Settles status and estimates of the last rung, and adds what the other rungs went without.
-   subroutine finish(scene, result, top, account, difference)
-      type(scene_t), intent(in) :: scene
+   !> Puts what all levels have taken into a result.
+   pure subroutine level_solver_report(self, result)
+      class(level_solver_t), intent(in) :: self
       type(motion_result_t), intent(inout) :: result
+
+      result%n_rungs = self%n_levels
+      result%iterations = self%iterations
+      result%evaluations = self%evaluations
+      result%work = self%work
+      result%work_beside = self%work_beside
+      result%rescue = self%rescue
+      result%setup_seconds = self%setup_seconds
+      result%solver_seconds = self%solver_seconds
+      result%certificate_seconds = self%certificate_seconds
+      result%certificate_cpu_seconds = self%certificate_cpu_seconds
+   end subroutine level_solver_report
+
+   !> Settles status and estimates of the last level, and adds what the levels went without.
+   subroutine finish(self)
+      type(refined_motion_t), intent(inout) :: self
+
+      associate (scene => self%scene, result => self%result)
+         if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
+            result%status = merge(outcome%converged, outcome%truncated, estimate_of_wanted(result) <= scene%accuracy%tolerance)
+         if (scene%stability%method /= stability_method%off .or. size(scene%output%samples) > 0) &
+            call add_stability(scene, self%top, work_of_stability*(self%solver%work + self%solver%work_beside), result)
+         if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
+            result%message = trim(message_on_outputs(scene%accuracy, max(result%output_estimate, result%output_level_estimate)))
+         result%harmonics = self%top%set
+         result%n_samples = self%top%n_samples
+         result%rung_difference = self%difference
+         if (result%level_estimate <= estimate_of_motion(result)) result%level_estimate = 0.0_wp
+         if (allocated(result%output_estimate)) then
+            where (result%output_level_estimate <= result%output_estimate) result%output_level_estimate = 0.0_wp
+         end if
+         call self%solver%report(result)
+      end associate
+   end subroutine finish
+
+   !> Solves the last level once more, with stability and samples of the motion.
+   subroutine add_stability(scene, top, work_spent, result)
+      type(scene_t), intent(in) :: scene
       type(rung_t), intent(in) :: top
-      type(account_t), intent(in) :: account
-      real(wp), intent(in) :: difference
+      real(wp), intent(in) :: work_spent                              !! on the motion
+      type(motion_result_t), intent(inout) :: result
       type(scene_t) :: here
       type(motion_result_t) :: whole
       type(error_t), allocatable :: error
 
-      if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
-         result%status = merge(outcome%converged, outcome%truncated, estimate_of_wanted(result) <= scene%accuracy%tolerance)
-      if (scene%stability%method /= stability_method%off .or. size(scene%output%samples) > 0) then
-         here = scene
-         here%may_integrate = .false.
-         here%certificate%is_on = .false.
-         here%solver%tolerance = solver_tolerance(scene)
-         here%stability%work_spent = work_of_stability*(account%work + account%work_beside)
-         if (here%stability%method == stability_method%auto) here%stability%fewest_laps = laps_of_verdict
-         call put_on_rung(here, scene, top, error)
-         if (.not. allocated(error)) call solve_motion(here, whole, error, top%unknowns)
-         if (.not. allocated(error) .and. whole%status == outcome%converged) then
-            if (result%status == outcome%converged) then
-               result%stability = whole%stability
-               here%tones%omega = result%frequency
-               call compare_with_refined(here, here%tones, result%certificate, result%stability)
-               call allow_for_growth(result, scene%accuracy%tolerance)
-            end if
-            if (allocated(whole%displacement_samples)) then
-               result%displacement_samples = whole%displacement_samples
-               result%force_samples = whole%force_samples
-               result%corrected_samples = whole%corrected_samples
-            end if
-         end if
+      here = scene
+      here%may_integrate = .false.
+      here%certificate%is_on = .false.
+      here%solver%tolerance = solver_tolerance(scene)
+      here%stability%work_spent = work_spent
+      if (here%stability%method == stability_method%auto) here%stability%fewest_laps = laps_of_verdict
+      call put_on_rung(here, scene, top, error)
+      if (.not. allocated(error)) call solve_motion(here, whole, error, top%unknowns)
+      if (allocated(error) .or. whole%status /= outcome%converged) return
+      if (result%status == outcome%converged) then
+         result%stability = whole%stability
+         here%tones%omega = result%frequency
+         call compare_with_refined(here, here%tones, result%certificate, result%stability)
+         call allow_for_growth(result, scene%accuracy%tolerance)
       end if
-      if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
-         result%message = trim(message_on_outputs(scene%accuracy, max(result%output_estimate, result%output_level_estimate)))
-      result%harmonics = top%set
-      result%n_samples = top%n_samples
-      result%n_rungs = account%n_rungs
-      result%rung_difference = difference
-      if (result%level_estimate <= estimate_of_motion(result)) result%level_estimate = 0.0_wp
-      if (allocated(result%output_estimate)) then
-         where (result%output_level_estimate <= result%output_estimate) result%output_level_estimate = 0.0_wp
-      end if
-      result%iterations = account%iterations
-      result%evaluations = account%evaluations
-      result%work = account%work
-      result%work_beside = account%work_beside
-      result%rescue = account%rescue
-      result%setup_seconds = account%setup_seconds
-      result%solver_seconds = account%solver_seconds
-      result%certificate_seconds = account%certificate_seconds
-      result%certificate_cpu_seconds = account%certificate_cpu_seconds
-   end subroutine finish
+      if (.not. allocated(whole%displacement_samples)) return
+      result%displacement_samples = whole%displacement_samples
+      result%force_samples = whole%force_samples
+      result%corrected_samples = whole%corrected_samples
+   end subroutine add_stability
 
    !> Names the output that is known least.
    function message_on_outputs(accuracy, estimates) result(message)

@@ -15,7 +15,8 @@ module hb_curve_sets
    use hb_kinds, only: wp
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
-   use hb_rung, only: carry, choose_next, choose_smaller, estimate_of, idle, join, least_goal, margin, rung_t
+   use hb_refinement, only: refinable_t, refine, refinement_end
+   use hb_rung, only: carry, choose_next, choose_smaller, estimate_of, join, least_goal, margin, rung_t
    use hb_scene, only: scene_t
    use hb_solver_types, only: report_t
    use hb_watch, only: work_is_over
@@ -23,7 +24,7 @@ module hb_curve_sets
    private
    public :: settle, step_to_tolerance
 
-   integer, parameter :: most_rungs = 12                              ! on one step
+   integer, parameter :: most_levels = 12                             ! of one step
    integer, parameter :: most_stalled = 3                             ! sets on which one step is tried that leads nowhere
    integer, parameter :: most_idle = 2                                ! one after the other that gain nothing
    real(wp), parameter :: goal_ahead = 0.3_wp                         ! of the tolerance: for the points that follow, too
@@ -37,105 +38,256 @@ module hb_curve_sets
       type(known_t) :: known
    end type standing_t
 
+   !> What is refined of a curve. Its set and grid are those of the motion that is followed.
+   type, abstract, extends(refinable_t) :: refined_curve_t
+      class(followed_motion_t), pointer :: motion => null()
+      type(scene_t) :: scene                                          ! in which all tuples of the lowest set are needed
+      type(rung_t) :: next
+      logical :: is_ended = .false.                                   ! there is no further step
+   contains
+      procedure :: prepare => refined_curve_prepare
+      procedure :: choose_for => refined_curve_choose_for
+      procedure :: is_accurate => refined_curve_is_accurate
+      procedure :: is_over => refined_curve_is_over
+   end type refined_curve_t
+
+   !> A step from a point to the next one.
+   type, extends(refined_curve_t) :: refined_step_t
+      type(standing_t) :: here                                        ! at the point, on the level tried last
+      integer :: worst = 1                                            ! of the points that wait, the least accurate
+      logical :: is_stalled = .false.                                 ! on that level there is no way on
+   contains
+      procedure :: solve => refined_step_solve
+      procedure :: choose => refined_step_choose
+      procedure :: is_accurate => refined_step_is_accurate
+   end type refined_step_t
+
+   !> A motion in the plane across a direction.
+   type, extends(refined_curve_t) :: refined_crossing_t
+      real(wp), allocatable :: x(:), direction(:)
+      type(motion_result_t), allocatable :: result
+   contains
+      procedure :: solve => refined_crossing_solve
+      procedure :: choose => refined_crossing_choose
+   end type refined_crossing_t
+
 contains
+
+   ! Steps
 
    !> Goes one step on a set and a grid on which all points found on it are as accurate as is asked for, if there is one.
    subroutine step_to_tolerance(self, error)
       class(followed_motion_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
-      type(standing_t) :: first, here
-      type(scene_t) :: scene                                          ! in which all tuples of the lowest set are needed
-      type(rung_t) :: next
-      real(wp) :: best, estimate
-      integer :: n_idle, n_stalled, worst
-      logical :: is_accurate, is_found
+      type(refined_step_t) :: refined
+      type(standing_t) :: first
+      integer :: ending
 
-      scene = self%scene
-      call need_all_tuples(scene)
-      if (self%estimate <= ample*scene%accuracy%tolerance) call shrink(self, scene, error)
+      call refined%prepare(self)
+      refined%most_failures = most_stalled + 1
+      if (self%estimate <= ample*self%scene%accuracy%tolerance) call shrink(self, refined%scene, error)
       if (allocated(error)) return
       first = standing_at(self)
-      n_idle = 0
-      n_stalled = 0
-      best = huge(1.0_wp)
-      self%n_rungs = 1
-      do
-         here = standing_at(self)
-         call step(self)
-         if (self%curve%status == outcome%stalled .and. n_stalled < most_stalled) then
-            n_stalled = n_stalled + 1
-            call widen(self, scene, here, is_found, error)
-            if (allocated(error)) return
-            self%n_rungs = self%n_rungs + 1
-            if (is_found) cycle
-         end if
-         if (self%curve%status /= outcome%pending) return
-         call describe_all(self, worst, estimate, error)
-         if (allocated(error) .or. work_is_over() .or. self%n_rungs == most_rungs) return
-         is_accurate = estimate <= margin*self%scene%accuracy%tolerance
-         associate (kinds => self%waiting(self%first_waiting:)%kind)
-            if (is_accurate .and. .not. any(kinds == curve_kind%branch .or. kinds == curve_kind%split)) return
-         end associate
-         if (.not. is_accurate) n_idle = merge(n_idle + 1, 0, estimate > idle*best)
-         if (n_idle == most_idle) then                                ! no set helps: the point is told as it is
-            call stand_at(self, first, error)
-            if (allocated(error)) return
-            self%n_rungs = 1
-            call step(self)
-            if (self%curve%status == outcome%pending) call describe_all(self, worst, estimate, error)
-            return
-         end if
-         associate (point => self%waiting(worst))
-            if (is_accurate) then                                     ! the other motions may have what this one has not
-               next = top_at(self, point%x)
-               call fill(next, is_found)
-            else
-               best = min(best, estimate)
-               call choose_next(scene, point%result, top_at(self, point%x), &
-                                max(least_goal*estimate, goal_ahead*self%scene%accuracy%tolerance), 0, next, is_found)
-            end if
-         end associate
-         if (.not. is_found) return
-         call stand_at(self, here, error)
-         if (allocated(error)) return
-         call change_set(self, next, is_found, error)
-         if (allocated(error)) return
-         if (.not. is_found) then
-            call stand_at(self, here, error)
-            if (.not. allocated(error)) call step(self)
-            if (self%curve%status == outcome%pending .and. .not. allocated(error)) call describe_all(self, worst, estimate, error)
-            return
-         end if
-         self%n_rungs = self%n_rungs + 1
-      end do
+      call refine(refined, ending)
+      if (ending == refinement_end%idle) then                         ! no set helps: the point is told as it is
+         call stand_at(self, first, refined%error)
+         self%n_rungs = 1
+         if (.not. allocated(refined%error)) call step_here(refined)
+      end if
+      call move_alloc(refined%error, error)
    end subroutine step_to_tolerance
 
-   !> Goes over to a larger set or a finer grid where there is no way on, at the last point; the curve stays stalled where there is
-   !> none.
-   subroutine widen(self, scene, here, is_found, error)
-      class(followed_motion_t), intent(inout), target :: self
-      type(scene_t), intent(in) :: scene
-      type(standing_t), intent(in) :: here
-      logical, intent(out) :: is_found
-      type(error_t), allocatable, intent(out) :: error
-      type(motion_result_t) :: result
-      type(rung_t) :: next
+   !> Goes the step on the level chosen last, and describes the points found on it.
+   subroutine refined_step_solve(self, is_solved)
+      class(refined_step_t), intent(inout) :: self
+      logical, intent(out) :: is_solved
 
-      is_found = .false.
-      call stand_at(self, here, error)
-      if (allocated(error)) return
-      call self%describe(waiting_t(curve_kind%regular, 0.0_wp, self%curve%x), result, error)
-      if (allocated(error)) return
-      call choose_next(scene, result, top_at(self, self%curve%x), least_goal*estimate_of(result), 0, next, is_found)
-      if (is_found .and. .not. work_is_over()) call change_set(self, next, is_found, error)
-      if (allocated(error)) return
-      if (is_found) then
-         self%curve%step = self%curve%config%first_step
-      else
-         call stand_at(self, here, error)
-         self%curve%status = outcome%stalled
+      is_solved = self%n_levels == 0
+      if (.not. is_solved) then
+         call go_over(self, is_solved)
+         if (allocated(self%error) .or. .not. is_solved) return
       end if
-   end subroutine widen
+      self%motion%n_rungs = self%n_levels + 1
+      self%here = standing_at(self%motion)
+      call step_here(self)
+      associate (status => self%motion%curve%status)
+         self%is_stalled = status == outcome%stalled
+         self%is_ended = .not. (self%is_stalled .or. status == outcome%pending)
+         is_solved = status == outcome%pending
+      end associate
+   end subroutine refined_step_solve
+
+   !> Goes over to the next level at the point of the step; where that fails the step is gone on the one before.
+   subroutine go_over(self, is_found)
+      type(refined_step_t), intent(inout) :: self
+      logical, intent(out) :: is_found
+
+      call stand_at(self%motion, self%here, self%error)
+      if (allocated(self%error)) return
+      call change_set(self%motion, self%next, is_found, self%error)
+      if (allocated(self%error)) return
+      associate (curve => self%motion%curve)
+         if (is_found) then
+            if (self%is_stalled) curve%step = curve%config%first_step
+            return
+         end if
+         self%is_ended = .true.
+         call stand_at(self%motion, self%here, self%error)
+         if (allocated(self%error)) return
+         if (self%is_stalled) then
+            curve%status = outcome%stalled
+         else
+            call step_here(self)
+         end if
+      end associate
+   end subroutine go_over
+
+   !> Goes the step on the set at hand.
+   subroutine step_here(self)
+      type(refined_step_t), intent(inout) :: self
+
+      call step(self%motion)
+      if (self%motion%curve%status == outcome%pending) call describe_all(self%motion, self%worst, self%estimate, self%error)
+   end subroutine step_here
+
+   !> Chooses the next level from the point that is least accurate, or where there is no way on from that where the step begins.
+   subroutine refined_step_choose(self, is_there)
+      class(refined_step_t), intent(inout) :: self
+      logical, intent(out) :: is_there
+      type(motion_result_t) :: result
+
+      associate (motion => self%motion)
+         if (self%is_stalled) then
+            is_there = .false.
+            call stand_at(motion, self%here, self%error)
+            if (allocated(self%error)) return
+            call motion%describe(waiting_t(curve_kind%regular, 0.0_wp, motion%curve%x), result, self%error)
+            if (allocated(self%error)) return
+            call self%choose_for(result, motion%curve%x, 0.0_wp, is_there)
+            if (is_there) return
+            call stand_at(motion, self%here, self%error)
+            motion%curve%status = outcome%stalled
+            return
+         end if
+         associate (point => motion%waiting(self%worst))
+            if (refined_curve_is_accurate(self)) then              ! the other motions may have what this one has not
+               self%next = top_at(motion, point%x)
+               call fill(self%next, is_there)
+            else
+               call self%choose_for(point%result, point%x, goal_ahead, is_there)
+            end if
+         end associate
+      end associate
+   end subroutine refined_step_choose
+
+   !> Branch points are sought on sets without gaps.
+   logical function refined_step_is_accurate(self) result(is_accurate)
+      class(refined_step_t), intent(inout) :: self
+
+      associate (kinds => self%motion%waiting(self%motion%first_waiting:)%kind)
+         is_accurate = refined_curve_is_accurate(self) .and. &
+                       .not. any(kinds == curve_kind%branch .or. kinds == curve_kind%split)
+      end associate
+   end function refined_step_is_accurate
+
+   ! Motions
+
+   !> Takes a motion over to a set and a grid on which it is as accurate as is asked for, if there is one, in the plane across a
+   !> direction. The problem stands on these afterwards.
+   subroutine settle(self, x, direction, error)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), allocatable, intent(inout) :: x(:), direction(:)      !! on the set at hand, before and afterwards
+      type(error_t), allocatable, intent(out) :: error
+      type(refined_crossing_t) :: refined
+
+      call refined%prepare(self)
+      call move_alloc(x, refined%x)
+      call move_alloc(direction, refined%direction)
+      call refine(refined)
+      call move_alloc(refined%x, x)
+      call move_alloc(refined%direction, direction)
+      call move_alloc(refined%error, error)
+   end subroutine settle
+
+   !> Finds the motion on the level chosen last, from that on the one before.
+   subroutine refined_crossing_solve(self, is_solved)
+      class(refined_crossing_t), intent(inout) :: self
+      logical, intent(out) :: is_solved
+      type(rung_t) :: before
+      real(wp), allocatable :: direction(:), x(:)
+
+      associate (motion => self%motion)
+         is_solved = self%n_levels == 0
+         if (.not. is_solved) then
+            before = motion%rung
+            x = carry(before%set, self%next%set, self%x, size(motion%problem%which))
+            direction = carry(before%set, self%next%set, self%direction, size(motion%problem%which))
+            call motion%put_on(self%next, self%error)
+            if (allocated(self%error)) return
+            call motion%find_on_plane(x, direction, is_solved)
+            if (.not. is_solved) then
+               call motion%put_on(before, self%error)
+               return
+            end if
+            call move_alloc(x, self%x)
+            call move_alloc(direction, self%direction)
+         end if
+         motion%n_rungs = self%n_levels + 1
+         call motion%make_curve(self%x, self%direction)
+         if (allocated(self%result)) deallocate (self%result)
+         allocate (self%result)
+         call motion%describe(waiting_t(curve_kind%regular, 0.0_wp, self%x), self%result, self%error)
+         self%estimate = estimate_of(self%result)
+      end associate
+   end subroutine refined_crossing_solve
+
+   subroutine refined_crossing_choose(self, is_there)
+      class(refined_crossing_t), intent(inout) :: self
+      logical, intent(out) :: is_there
+
+      call self%choose_for(self%result, self%x, goal_ahead, is_there)
+   end subroutine refined_crossing_choose
+
+   ! Both
+
+   !> Prepares for levels of a motion that is followed.
+   subroutine refined_curve_prepare(self, motion)
+      class(refined_curve_t), intent(inout) :: self
+      class(followed_motion_t), intent(inout), target :: motion
+
+      self%motion => motion
+      self%scene = motion%scene
+      self%scene%loads = as_amplitudes(spread(spread((1.0_wp, 0.0_wp), 1, self%scene%loads%n_dofs), 2, &
+                                              self%scene%loads%n_harmonics))   ! a tuple with a load is needed
+      self%most_levels = most_levels
+      self%most_idle = most_idle
+   end subroutine refined_curve_prepare
+
+   !> Chooses the next level for one motion.
+   subroutine refined_curve_choose_for(self, result, x, least, is_there)
+      class(refined_curve_t), intent(inout) :: self
+      type(motion_result_t), intent(in) :: result
+      real(wp), intent(in) :: x(:)                                    !! its unknowns
+      real(wp), intent(in) :: least                                   !! of the tolerance: an error that is small enough
+      logical, intent(out) :: is_there
+
+      call choose_next(self%scene, result, top_at(self%motion, x), &
+                       max(least_goal*estimate_of(result), least*self%scene%accuracy%tolerance), 0, self%next, is_there)
+   end subroutine refined_curve_choose_for
+
+   logical function refined_curve_is_accurate(self) result(is_accurate)
+      class(refined_curve_t), intent(inout) :: self
+
+      is_accurate = self%estimate <= margin*self%scene%accuracy%tolerance
+   end function refined_curve_is_accurate
+
+   logical function refined_curve_is_over(self) result(is_over)
+      class(refined_curve_t), intent(inout) :: self
+
+      is_over = self%is_ended .or. work_is_over()
+   end function refined_curve_is_over
+
+   ! Sets
 
    !> Makes the set of one tone one without gaps: where symmetry breaks the branch point depends on tuples that carry nothing.
    subroutine fill(rung, is_new)
@@ -165,55 +317,6 @@ contains
       top = self%rung
       top%unknowns = [x(:self%problem%n_unknowns), 0.0_wp*self%scene%tones%omega]
    end function top_at
-
-   !> Takes a motion over to a set and a grid on which it is as accurate as is asked for, if there is one, in the plane across a
-   !> direction. The problem stands on these afterwards.
-   subroutine settle(self, x, direction, error)
-      class(followed_motion_t), intent(inout), target :: self
-      real(wp), allocatable, intent(inout) :: x(:), direction(:)      !! on the set at hand, before and afterwards
-      type(error_t), allocatable, intent(out) :: error
-      type(scene_t) :: scene                                          ! in which all tuples of the lowest set are needed
-      type(motion_result_t), allocatable :: result
-      type(rung_t) :: before, next
-      real(wp), allocatable :: moved(:), moved_direction(:)
-      real(wp) :: best, estimate
-      integer :: n_idle
-      logical :: is_found
-
-      scene = self%scene
-      call need_all_tuples(scene)
-      n_idle = 0
-      best = huge(1.0_wp)
-      self%n_rungs = 1
-      do
-         if (allocated(result)) deallocate (result)
-         allocate (result)
-         call self%make_curve(x, direction)
-         call self%describe(waiting_t(curve_kind%regular, 0.0_wp, x), result, error)
-         if (allocated(error)) return
-         estimate = estimate_of(result)
-         if (estimate <= margin*scene%accuracy%tolerance .or. self%n_rungs == most_rungs) return
-         n_idle = merge(n_idle + 1, 0, estimate > idle*best)
-         if (n_idle == most_idle .or. work_is_over()) return
-         best = min(best, estimate)
-         call choose_next(scene, result, top_at(self, x), max(least_goal*estimate, goal_ahead*scene%accuracy%tolerance), 0, next, &
-                          is_found)
-         if (.not. is_found) return
-         before = self%rung
-         moved = carry(before%set, next%set, x, size(self%problem%which))
-         moved_direction = carry(before%set, next%set, direction, size(self%problem%which))
-         call self%put_on(next, error)
-         if (allocated(error)) return
-         call self%find_on_plane(moved, moved_direction, is_found)
-         if (.not. is_found) then
-            call self%put_on(before, error)
-            return
-         end if
-         call move_alloc(moved, x)
-         call move_alloc(moved_direction, direction)
-         self%n_rungs = self%n_rungs + 1
-      end do
-   end subroutine settle
 
    !> Goes over to a smaller set or a coarser grid, if one will do.
    subroutine shrink(self, scene, error)
@@ -335,11 +438,4 @@ contains
       call self%renew()
       call self%look_here(self%known)
    end subroutine change_set
-
-   !> Loads every tuple, so that none of the set is left out as one that nothing needs.
-   pure subroutine need_all_tuples(scene)
-      type(scene_t), intent(inout) :: scene
-
-      scene%loads = as_amplitudes(spread(spread((1.0_wp, 0.0_wp), 1, scene%loads%n_dofs), 2, scene%loads%n_harmonics))
-   end subroutine need_all_tuples
 end module hb_curve_sets

@@ -18,6 +18,7 @@ module hb_march_to_tolerance
    use hb_motion, only: solve_motion, status_of_ended
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
+   use hb_refinement, only: refinable_t, refine
    use hb_rung, only: degree_of, distance, estimate_of, is_rigid, put_on_rung, put_on_set, reliable, rung_t
    use hb_scene, only: scene_t, share_of_marched
    use hb_scene_coordinates, only: coordinates_of
@@ -39,6 +40,27 @@ module hb_march_to_tolerance
    real(wp), parameter :: nearly = 0.9_wp                             ! of the tolerance: the error at which a march ends
    real(wp), parameter :: share_of_steps = 1.0e-4_wp                  ! of that: tolerance of the steps
    real(wp), parameter :: share_of_tail = 0.3_wp                      ! of that error, in tuples that are not kept
+
+   !> A motion found by time integration whose candidates for a set are refined.
+   type, extends(refinable_t) :: refined_record_t
+      type(scene_t), pointer :: scene => null()
+      type(scene_t) :: here                                           ! the same on the candidates tried last
+      type(coordinates_t) :: coordinates
+      type(harmonics_t) :: candidates
+      integer :: order = 1                                            ! of their box
+      integer :: room = 0                                             ! tuples of a set
+      integer :: n_found = 0                                          ! motions
+      real(wp) :: work = 0.0_wp, most_work = 0.0_wp
+      type(settled_t) :: settled                                      ! what is said of the best motion, else of the first candidates
+      type(motion_result_t) :: result
+      type(rung_t) :: found
+      logical :: is_ended = .false.                                   ! no box will do better
+   contains
+      procedure :: solve => refined_record_solve
+      procedure :: choose => refined_record_choose
+      procedure :: is_accurate => refined_record_is_accurate
+      procedure :: is_over => refined_record_is_over
+   end type refined_record_t
 
 contains
 
@@ -195,72 +217,95 @@ contains
    !> the best of them. Lines beyond a small box look as if the motion did not repeat, so a larger box has the last word. Without a
    !> motion there is only what is said of it.
    subroutine march(scene, settled, result, found)
-      type(scene_t), intent(in) :: scene
+      type(scene_t), intent(in), target :: scene
       type(settled_t), intent(out) :: settled
       type(motion_result_t), intent(inout) :: result
       type(rung_t), intent(out) :: found                              !! its set and motion
-      type(coordinates_t) :: coordinates
-      type(error_t), allocatable :: error
-      type(harmonics_t) :: candidates
-      type(scene_t) :: here
-      type(motion_result_t) :: candidate
-      type(rung_t) :: found_here
-      type(settled_t) :: trial
-      integer :: n_found, order, room
-      real(wp) :: most, work
+      type(refined_record_t) :: record
 
-      here = scene
-      here%march%aim = nearly*scene%accuracy%tolerance
-      here%march%tolerance = max(scene%march%tolerance, share_of_steps*here%march%aim)
-      here%certificate%truncation = min(scene%certificate%truncation, scene%accuracy%tolerance)
-      coordinates = coordinates_of(scene)
-      room = share_of_marched*scene%accuracy%max_harmonics
-      order = first_order(scene, candidates_of_kept*room)
-      work = 0.0_wp
-      n_found = 0
-      most = 2.0_wp*scene%march%work_limit - result%march_work        ! two methods may take as much
-      do
-         here%march%work_limit = 0.5_wp*max(0.0_wp, most - work)
-         call new_lowest_set(candidates, scene%tones%n_tones, loaded_tuples(scene), error, order)
-         if (allocated(error)) exit
-         if (settled%status /= outcome%pending .and. candidates%n_harmonics > candidates_of_kept*room) exit
-         if (settled%status /= outcome%pending .and. work >= most) then
-            if (n_found == 0) call leave_open(settled, here%harmonics%n_harmonics)
-            exit
-         end if
-         call put_on_set(here, scene, candidates)
-         call scene%callbacks%time_domain_solver%settle(here, coordinates%dofs, trial, error)
-         work = work + trial%work
-         trial%work = work
-         if (allocated(error)) then
-            if (settled%status == outcome%pending) settled%message = "marching: "//error%message
-            exit
-         end if
-         if (n_found == 0) settled = trial
-         if (work_is_over()) exit
-         if (any(trial%status == [outcome%marched, outcome%several])) then
-            candidate = result
-            call keep_lines(here, coordinates, room, trial, candidate, found_here)
-            n_found = n_found + 1
-            if (n_found == 1 .or. estimate_of(candidate) < estimate_of(result)) then
-               settled = trial
-               result = candidate
-               found = found_here
-            end if
-            result%n_rungs = n_found
-            if (estimate_of(result) <= scene%accuracy%tolerance) exit
-            if (trial%change_by_steps > scene%accuracy%tolerance) exit   ! of which a larger box sees nothing
-         else if (all(trial%status /= [outcome%subharmonic, outcome%broadband])) then
-            exit
-         end if
-         order = 2*order
-      end do
-      settled%work = work
-      result%work = work
-      result%march_work = work
+      record%scene => scene
+      record%here = scene
+      record%here%march%aim = nearly*scene%accuracy%tolerance
+      record%here%march%tolerance = max(scene%march%tolerance, share_of_steps*record%here%march%aim)
+      record%here%certificate%truncation = min(scene%certificate%truncation, scene%accuracy%tolerance)
+      record%coordinates = coordinates_of(scene)
+      record%room = share_of_marched*scene%accuracy%max_harmonics
+      record%order = first_order(scene, candidates_of_kept*record%room)
+      record%most_work = 2.0_wp*scene%march%work_limit - result%march_work   ! two methods may take as much
+      record%most_failures = huge(1)
+      record%result = result
+      call new_lowest_set(record%candidates, scene%tones%n_tones, loaded_tuples(scene), record%error, record%order)
+      if (.not. allocated(record%error)) call refine(record)
+      settled = record%settled
+      settled%work = record%work
+      found = record%found
+      result = record%result
+      result%work = record%work
+      result%march_work = record%work
       result%n_motions = settled%n_motions
       if (allocated(settled%message)) result%message = settled%message
    end subroutine march
+
+   !> Marches with the candidates chosen last, and keeps what was found where it is the best so far.
+   subroutine refined_record_solve(self, is_solved)
+      class(refined_record_t), intent(inout) :: self
+      logical, intent(out) :: is_solved
+      type(motion_result_t) :: result
+      type(rung_t) :: found
+      type(settled_t) :: settled
+
+      is_solved = .false.
+      call put_on_set(self%here, self%scene, self%candidates)
+      self%here%march%work_limit = 0.5_wp*max(0.0_wp, self%most_work - self%work)
+      call self%scene%callbacks%time_domain_solver%settle(self%here, self%coordinates%dofs, settled, self%error)
+      self%work = self%work + settled%work
+      settled%work = self%work
+      if (allocated(self%error)) then
+         if (self%n_levels == 0) self%settled%message = "marching: "//self%error%message
+         return
+      end if
+      if (self%n_found == 0) self%settled = settled
+      is_solved = any(settled%status == [outcome%marched, outcome%several])
+      self%is_ended = .not. (is_solved .or. any(settled%status == [outcome%subharmonic, outcome%broadband]))
+      if (work_is_over() .or. .not. is_solved) return
+      result = self%result
+      call keep_lines(self%here, self%coordinates, self%room, settled, result, found)
+      self%n_found = self%n_found + 1
+      if (self%n_found == 1 .or. estimate_of(result) < self%estimate) then
+         self%settled = settled
+         self%result = result
+         self%found = found
+         self%estimate = estimate_of(result)
+      end if
+      self%result%n_rungs = self%n_found
+      self%is_ended = settled%change_by_steps > self%scene%accuracy%tolerance   ! of which a larger box sees nothing
+   end subroutine refined_record_solve
+
+   !> Chooses the candidates in a box of twice the order, as far as there is room and work for them.
+   subroutine refined_record_choose(self, is_there)
+      class(refined_record_t), intent(inout) :: self
+      logical, intent(out) :: is_there
+
+      is_there = .false.
+      self%order = 2*self%order
+      call new_lowest_set(self%candidates, self%scene%tones%n_tones, loaded_tuples(self%scene), self%error, self%order)
+      if (allocated(self%error)) return
+      if (self%candidates%n_harmonics > candidates_of_kept*self%room) return
+      is_there = self%work < self%most_work
+      if (.not. is_there .and. self%n_found == 0) call leave_open(self%settled, self%here%harmonics%n_harmonics)
+   end subroutine refined_record_choose
+
+   logical function refined_record_is_accurate(self) result(is_accurate)
+      class(refined_record_t), intent(inout) :: self
+
+      is_accurate = self%estimate <= self%scene%accuracy%tolerance
+   end function refined_record_is_accurate
+
+   logical function refined_record_is_over(self) result(is_over)
+      class(refined_record_t), intent(inout) :: self
+
+      is_over = self%is_ended .or. work_is_over()
+   end function refined_record_is_over
 
    !> What a box leaves may be lines of the next one, for which no work is left: nothing is known of the motion.
    subroutine leave_open(settled, n_candidates)

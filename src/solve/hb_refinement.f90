@@ -1,0 +1,107 @@
+!> Adaptive refinement: a problem is solved at one discretisation, its error is estimated, the next discretisation is chosen from what
+!> is known then, until the error is as small as is asked for or nothing more is gained.
+!>
+!> What is refined extends `refinable_t`: it solves, chooses and transfers; the loop counts levels, failures and levels that gain
+!> nothing. Users: points and normal modes (hb_accurate_motion), steps and motions of a curve (hb_curve_sets), motions found by time
+!> integration (hb_march_to_tolerance). Source: nested iteration, Hackbusch, Multi-Grid Methods and Applications (1985), chapter 5.
+module hb_refinement
+   use hb_error, only: error_t
+   use hb_kinds, only: wp
+   implicit none
+   private
+   public :: refinable_t, refine, refinement_end
+
+   real(wp), parameter :: idle = 0.8_wp                               ! of the estimate before: a level that gains nothing
+
+   type :: ends_t
+      integer :: pending = 0
+      integer :: accurate = 1                                         !! the estimate is small enough
+      integer :: idle = 2                                             !! levels gain nothing any more
+      integer :: failed = 3                                           !! levels are not solved any more
+      integer :: exhausted = 4                                        !! no further level, or as many as are allowed
+      integer :: stopped = 5                                          !! the problem is over, or there was an error
+   end type ends_t
+
+   type(ends_t), parameter :: refinement_end = ends_t()
+
+   !> A problem at its present discretisation, a level.
+   type, abstract :: refinable_t
+      integer :: most_levels = huge(1)                                !! tried
+      integer :: most_idle = huge(1)                                  !! levels one after the other that gain nothing
+      integer :: most_failures = 1                                    !! levels one after the other that are not solved
+      integer :: n_levels = 0                                         !! tried so far
+      integer :: n_failures = 0                                       !! since the level solved last
+      real(wp) :: estimate = huge(1.0_wp)                             !! of the error of the level solved last
+      type(error_t), allocatable :: error
+   contains
+      procedure(solve_level), deferred :: solve
+      procedure(choose_level), deferred :: choose
+      procedure(ask), deferred :: is_accurate
+      procedure(ask), deferred :: is_over
+   end type refinable_t
+
+   abstract interface
+      !> Solves the problem at the level chosen last, from the solution at hand, and sets `estimate`. Where that fails the solution at
+      !> hand stays.
+      subroutine solve_level(self, is_solved)
+         import :: refinable_t
+         class(refinable_t), intent(inout) :: self
+         logical, intent(out) :: is_solved
+      end subroutine solve_level
+
+      !> Chooses the next level; there may be none.
+      subroutine choose_level(self, is_there)
+         import :: refinable_t
+         class(refinable_t), intent(inout) :: self
+         logical, intent(out) :: is_there
+      end subroutine choose_level
+
+      !> `is_accurate`: whether the level solved last is good enough. `is_over`: whether the budget is spent or work is cancelled.
+      logical function ask(self)
+         import :: refinable_t
+         class(refinable_t), intent(inout) :: self
+      end function ask
+   end interface
+
+contains
+
+   !> Refines a problem from its first level on, and says how that has ended. An error of the problem is left in it.
+   subroutine refine(self, end_of_it)
+      class(refinable_t), intent(inout) :: self
+      integer, intent(out), optional :: end_of_it                     !! one of `refinement_end`
+      integer :: ending, n_idle
+      real(wp) :: before
+      logical :: is_solved, is_there
+
+      self%n_levels = 0
+      self%n_failures = 0
+      n_idle = 0
+      ending = refinement_end%pending
+      self%estimate = huge(1.0_wp)
+      do while (ending == refinement_end%pending)
+         before = self%estimate
+         call self%solve(is_solved)
+         self%n_levels = self%n_levels + 1
+         self%n_failures = merge(0, self%n_failures + 1, is_solved)
+         if (is_solved) then
+            n_idle = merge(n_idle + 1, 0, self%estimate > idle*before)
+            if (self%is_accurate()) ending = refinement_end%accurate
+         end if
+         if (ending /= refinement_end%pending) exit
+         if (self%is_over() .or. allocated(self%error)) then
+            ending = refinement_end%stopped
+         else if (self%n_failures >= self%most_failures) then
+            ending = refinement_end%failed
+         else if (n_idle >= self%most_idle) then
+            ending = refinement_end%idle
+         else if (self%n_levels >= self%most_levels) then
+            ending = refinement_end%exhausted
+         else
+            call self%choose(is_there)
+            if (.not. is_there) ending = refinement_end%exhausted
+            if (allocated(self%error)) ending = refinement_end%stopped
+         end if
+      end do
+      if (present(end_of_it)) end_of_it = ending
+   end subroutine refine
+end module hb_refinement
