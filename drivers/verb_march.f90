@@ -74,7 +74,7 @@ contains
       end if
       document = study%document
       call study%plan%apply(options%point + 1, document)
-      call read_scene(study%scene, document, error, callbacks=run_callbacks())
+      call read_scene(study%scene, document, error, callbacks=run_callbacks(is_followed=allocated(study%plan%curve)))
       call annotate(error, "point "//to_text(options%point))
    end subroutine choose_point
 

@@ -111,6 +111,7 @@ contains
       if (.not. allocated(self%callbacks%stability_finder)) allocate (self%callbacks%stability_finder, source=finder)
       if (.not. allocated(self%callbacks%time_domain_solver)) &
          allocate (self%callbacks%time_domain_solver, source=time_integration_t())
+      self%callbacks%is_followed = self%document%count("curve") > 0
       call self%update(error)
    end subroutine session_read
 

@@ -82,13 +82,14 @@ module hb_scene
       procedure(find_locking), deferred, nopass :: find_locking
    end type time_domain_solver_t
 
-   !> What the solution of a scene calls but does not contain: later layers and callers provide it. Progress and cancellation
-   !> belong to the thread, hb_watch.
+   !> What the solution of a scene calls but does not contain, and what its motion is for: later layers and callers say so. Progress
+   !> and cancellation belong to the thread, hb_watch.
    type :: callbacks_t
       class(model_source_t), allocatable :: models                    !! from where a structure of type `model` comes
       class(stability_finder_t), allocatable :: stability_finder      !! not allocated: stability is not known
       class(time_domain_solver_t), allocatable :: time_domain_solver  !! not allocated: there is no time integration
       real(wp) :: share_of_march = 1.0_wp                             !! of a point, of the work of time integration
+      logical :: is_followed = .false.                                !! the motion is the first one of a curve
    end type callbacks_t
 
    type :: scene_t

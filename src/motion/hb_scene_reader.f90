@@ -119,7 +119,7 @@ contains
       call read_tones(self%tones, document, error)
       if (allocated(error)) return
       call refuse_unknown_tones(document, self%tones%is_unknown)
-      call read_accuracy(self%accuracy, document, self%structure, self%tones%n_tones)
+      call read_accuracy(self%accuracy, document, self%structure, self%tones%n_tones, self%callbacks%is_followed)
       if (self%accuracy%grows_set) then
          call read_lowest_set(self%harmonics, document, wanted_tuples(self, document), error, self%symmetry)
          if (.not. allocated(error) .and. self%harmonics%n_harmonics > self%accuracy%max_harmonics) then
@@ -136,9 +136,9 @@ contains
       call read_certificate(self%certificate, document%optional_group("certificate"))
       if (.not. allocated(self%callbacks%stability_finder)) allocate (self%callbacks%stability_finder, source=floquet_t())
       call read_stability(self%stability, document%optional_group("stability"), &
-                          is_patient=(document%count("curve") > 0 .or. self%accuracy%is_on) .and. self%tones%n_tones == 1)
+                          is_patient=(self%callbacks%is_followed .or. self%accuracy%is_on) .and. self%tones%n_tones == 1)
       call read_output(self, document%optional_group("output"))
-      call read_sampling(self, document%optional_group("sampling"), on_curve=document%count("curve") > 0)
+      call read_sampling(self, document%optional_group("sampling"))
       call check_memory(sizes_of(self), self%memory_limit, error)
       if (allocated(error)) then
          call annotate(error, document%file_name)

@@ -60,11 +60,12 @@ contains
    end subroutine read_solver
 
    !> Reads `&accuracy`: the tolerance, what it is for, what may be spent on it. Without a set in `&harmonics` it is on in any case.
-   subroutine read_accuracy(self, document, structure, n_tones)
+   subroutine read_accuracy(self, document, structure, n_tones, is_followed)
       type(accuracy_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: n_tones
+      logical, intent(in) :: is_followed
       type(properties_t), pointer :: group
       type(string_t), allocatable :: names(:)
       type(error_t), allocatable :: error
@@ -86,7 +87,7 @@ contains
          call new_response(self%outputs(i), names(i)%value, structure, n_tones, error)
          if (allocated(error)) call group%problem("of", error%message)
       end do
-      if (size(names) > 0 .and. document%count("curve") > 0) &
+      if (size(names) > 0 .and. is_followed) &
          call group%problem("of", "is for points and sweeps; leave it out with &curve, whose tolerance is that of the motion")
       call group%get("max_harmonics", self%max_harmonics)
       call group%get("max_samples", self%max_samples)
@@ -95,10 +96,9 @@ contains
    end subroutine read_accuracy
 
    !> Reads `&sampling`: `samples` per tone, whether kinks between them are corrected, effort and wisdom file of FFTW.
-   subroutine read_sampling(self, group, on_curve)
+   subroutine read_sampling(self, group)
       type(scene_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
-      logical, intent(in) :: on_curve                                 !! the motion is followed: samples must not make folds
       integer, allocatable :: samples(:)
       character(:), allocatable :: kinks
       type(error_t), allocatable :: error
@@ -126,7 +126,8 @@ contains
          samples = merge(samples, default_samples(self%harmonics, degree), samples > 0)
       call new_torus(self%torus, samples, self%harmonics, error)
       if (allocated(error)) call group%problem("samples", error%message)
-      kinks = trim(merge("corrected", "plain    ", self%accuracy%is_on .or. on_curve))
+      kinks = "plain"
+      if (self%accuracy%is_on .or. self%callbacks%is_followed) kinks = "corrected"   ! samples must not make folds
       call group%get("kinks", kinks)
       self%torus%corrects_kinks = kinks == "corrected"
 

@@ -14,13 +14,15 @@ contains
    !> Makes the callbacks of a run. Stability may take two seconds in all, which nobody notices, beside what it may take at each
    !> point. Time integration may take as much at all points together as at a single one, but not less than a fortieth of it, a
    !> second.
-   function run_callbacks(n_points) result(callbacks)
+   function run_callbacks(n_points, is_followed) result(callbacks)
       integer, intent(in), optional :: n_points                       !! of the run; default: so many that nothing is left of it
+      logical, intent(in), optional :: is_followed                    !! the motion is the first one of a curve; default: it is not
       type(callbacks_t) :: callbacks
       type(marched_floquet_t) :: finder
       real(wp), parameter :: nanoseconds_of_run = 2.0e9_wp, least_share = 1.0_wp/40.0_wp
 
       allocate (callbacks%models, source=model_file_t())
+      if (present(is_followed)) callbacks%is_followed = is_followed
       if (present(n_points)) then
          finder%work_in_any_case = nanoseconds_of_run/n_points
          callbacks%share_of_march = max(1.0_wp/n_points, least_share)

@@ -78,7 +78,7 @@ contains
       call refuse_hidden(self%plan, self%document, overrides, error)
       if (allocated(error)) return
       call self%plan%apply(1, first)
-      self%callbacks = run_callbacks(self%plan%n_points)
+      self%callbacks = run_callbacks(self%plan%n_points, allocated(self%plan%curve))
       call read_scene(self%scene, first, error, self%available_memory, self%callbacks)
       if (.not. allocated(error)) call self%plan%refuse_tied(first, error)
       if (allocated(error)) return

@@ -48,7 +48,7 @@ contains
       is_torus = from%kind /= curve_kind%flip
       document = study%document
       call plan%apply(from%point, document)
-      call read_scene(scene, document, error, study%available_memory, run_callbacks())
+      call read_scene(scene, document, error, study%available_memory, run_callbacks(is_followed=allocated(plan%curve)))
       if (allocated(error)) return
       call write_complete_text(document, text)
       text = without_sweeps(text)

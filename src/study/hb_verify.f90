@@ -159,7 +159,7 @@ contains
 
       document = stored%study%document
       call stored%study%plan%apply(point, document)
-      call read_scene(scene, document, error, callbacks=run_callbacks())
+      call read_scene(scene, document, error, callbacks=run_callbacks(is_followed=allocated(stored%study%plan%curve)))
       if (allocated(error)) return
       claim%omega = stored%frequency(:, point)
       claim%tuples = stored%tuples
