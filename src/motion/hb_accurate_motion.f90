@@ -85,7 +85,7 @@ contains
    !> estimated error is below the tolerance, `truncated` where the budget came first; a motion that was not found at all has the
    !> status of the attempt on the lowest rung.
    subroutine solve_to_tolerance(scene, result, error, top, start)
-      type(scene_t), intent(in) :: scene
+      type(scene_t), intent(in), target :: scene
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       type(rung_t), intent(out) :: top                                !! the last level; without unknowns where none is solved
@@ -134,10 +134,10 @@ contains
    !> Goes on to a part of the tolerance for the sake of a verdict on stability, as far as `work_of_verdict` goes; without one the
    !> motion stays as it is.
    subroutine refine_for_verdict(scene, part, motion)
-      type(scene_t), intent(in) :: scene
+      type(scene_t), intent(in), target :: scene
       real(wp), intent(in) :: part                                    !! of the tolerance
       type(refined_motion_t), intent(inout) :: motion
-      type(scene_t) :: sharper
+      type(scene_t), target :: sharper
       type(refined_motion_t) :: finer
 
       sharper = scene

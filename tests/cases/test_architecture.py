@@ -307,6 +307,15 @@ HOLDERS = _holders()
 
 
 @SOURCES
+def test_groups_of_studies_are_read_by_studies(path):
+    """What solves one motion takes what it needs as arguments; a caller without an input gets the same."""
+    if floor_of(path) in ("study", "api"):
+        return
+    looked_up = re.findall(r"%\s*(?:count|group|optional_group|required_group)\(\"(curve|sweep)\"", path.read_text(encoding="utf-8"))
+    assert not looked_up
+
+
+@SOURCES
 def test_what_is_pointed_to_is_a_target(path):
     """Where a procedure takes an object and another that points to such, a compiler must know that they may be the same."""
     dummies: dict[str, str] = {}  # attributes by type, of all dummies of a procedure
