@@ -29,8 +29,8 @@ module hb_certificate
    use hb_tones, only: new_tones, tones_t
    use hb_torus, only: fast_size, new_torus, samples_for, torus_t
    use hb_tuple_choice, only: new_doubled_set
-   use hb_two_level, only: clear_kept, improve, residual_of
-   use hb_wide_problem, only: new_wide_problem, wide_problem_t
+   use hb_two_level, only: clear_kept, improve
+   use hb_wide_problem, only: nearer, new_wide_problem, wide_problem_t
    implicit none
    private
    public :: certificate_t, certify, certify_linear, choose_wider_set, near_commensurate, wider_orders, wider_samples
@@ -38,10 +38,8 @@ module hb_certificate
    real(wp), parameter :: smallest_size = 1.0e-6_wp                    ! motion relative to what the loads do to the stiffest
                                                                       ! harmonic, below which nothing moves
    real(wp), parameter :: linear = 0.1_wp                             ! largest error that one linear step tells
-   real(wp), parameter :: nearer = 0.5_wp                             ! a second step, relative to the first
    real(wp), parameter :: unknown = 1.0_wp                            ! an estimate: as large as the motion, perhaps larger
    real(wp), parameter :: accuracy_of_estimates = 1.0e-4_wp           ! solutions with the tangent from products
-   real(wp), parameter :: small_step = 1.0e-2_wp                      ! of the one before
    real(wp), parameter :: accuracy_of_improvement = 1.0e-8_wp
    integer, parameter :: most_iterations = 30                         ! of another solution to compare with
    real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set
@@ -308,7 +306,7 @@ contains
       class(problem_t), pointer :: problem
       real(wp), allocatable :: alias(:), big(:, :), change(:), first(:), r(:), second(:), x(:)
       real(wp) :: size_of_motion
-      logical :: is_lost, is_near
+      logical :: is_lost
 
       if (all(u == 0.0_wp)) return
       self%truncation = huge(1.0_wp)
@@ -327,16 +325,13 @@ contains
       if (allocated(error)) return
       call new_wide_problem(whole, wide, balance, problem, tangent)
       allocate (first(whole%n_unknowns), r(whole%n_unknowns), second(whole%n_unknowns), source=0.0_wp)
-      call find_residual(big, first)
+      call whole%find_residual(big, first, r, is_lost)
       if (is_lost) return
       alias = [r(whole%places), r(size(big) + 1:)]
       call tangent%solve(problem, alias, is_lost)
       if (is_lost) return
       self%aliasing = norm2(alias(:size(u)))/size_of_motion
-      is_near = .false.
-      if (size(balance%omega) > 1) call take_steps_in_blocks()
-      if (is_lost) return
-      if (.not. is_near) call take_steps()
+      call whole%find_two_steps(big, r, has_multipliers(balance), first, second, is_lost)
       if (is_lost) return
       self%truncation = hypot(norm2(on_wide(first)), norm2(on_wide(second)))/size_of_motion
       if (norm2(on_wide(second)) < nearer*norm2(on_wide(first))) then
@@ -347,12 +342,9 @@ contains
       end if
       call keep_step()
       self%n_products = whole%n_products
-      if (present(phase)) then
-         if (acts_rigidly(balance, wide) .or. self%truncation > linear) &
-            call compare_with_half(self, balance%harmonics, phase, u, size_of_motion)
-         return                                                       ! the improvement holds the frequencies
-      end if
-      if (n_steps == 0 .or. present(curve)) return
+      if (acts_rigidly(balance, wide, present(phase)) .or. (present(phase) .and. self%truncation > linear)) &
+         call compare_with_half(self, balance%harmonics, problem, x, size(u), size_of_motion)
+      if (n_steps == 0 .or. present(phase) .or. present(curve)) return ! the improvement holds the frequencies
       self%wider = wide%harmonics
       allocate (self%improved, mold=big)
       call improve(balance, wide, tangent, u, n_steps, self%improved)
@@ -372,56 +364,6 @@ contains
             x = [u]
          end if
       end subroutine choose_problem
-
-      !> Two steps in blocks, from the residual at the motion: where the second one is clearly smaller, harmonics inside and outside
-      !> answer each other so little that a few of them add up to the full step. Rigid walls answer the first one, of harmonics that a
-      !> blow never stops to have, by touching and leaving within it: the second step grows with the set (.0003, .035, .041 at orders 8,
-      !> 20, 30 of the beam against a wall, products .019, .018) while the first stays at the true error (.0054, .0041, .0043; against
-      !> order 45 .0031 at order 20), and counts alone.
-      subroutine take_steps_in_blocks()
-         real(wp) :: r_there(size(r))
-
-         r_there = r
-         call whole%step_in_blocks(r, first)
-         call find_residual(big - on_wide(first), first)
-         if (is_lost) return
-         call whole%step_in_blocks(r, second)
-         is_near = norm2(second) < nearer*norm2(first) .and. .not. whole%is_lost
-         r = r_there
-         if (is_near .or. whole%is_lost .or. .not. has_multipliers(balance)) return
-         second = 0.0_wp
-         is_near = .true.
-      end subroutine take_steps_in_blocks
-
-      !> Two steps with the tangent of the wider set, from the residual at the motion.
-      subroutine take_steps()
-         logical :: is_found
-
-         call whole%find_step(big, r, 0.0_wp, first, is_found)
-         is_lost = .not. is_found
-         if (.not. is_lost) call find_residual(big - on_wide(first), first)
-         if (is_lost) return
-         call whole%find_step(big - on_wide(first), r, small_step*norm2(on_wide(first)), second, is_found)
-         is_lost = .not. is_found
-      end subroutine take_steps
-
-      !> Residual r at `motion`, to which a step `before` has led.
-      subroutine find_residual(motion, before)
-         real(wp), intent(in) :: motion(:, :), before(:)
-         real(wp) :: defect(size(motion, 1), size(motion, 2))
-
-         call residual_of(wide, motion, defect)
-         is_lost = .not. all(ieee_is_finite(defect))                  ! out of the range of a law
-         if (is_lost) return
-         r = 0.0_wp
-         r(:size(motion)) = [defect]
-         associate (n => size(motion), n_more => size(before) - size(motion))
-            if (n_more > 0) r(:n) = r(:n) - matmul(whole%border, before(n + 1:))
-            if (.not. present(phase)) return
-            r(n + 1:) = phase%added_residual(wide, motion)
-            if (allocated(phase%row)) r(n + n_more) = r(n + n_more) - dot_product(whole%forms(n + 1:, n_more), before(n + 1:))
-         end associate
-      end subroutine find_residual
 
       !> The coefficients in a vector of all unknowns.
       function on_wide(vector) result(coefficients)
@@ -473,22 +415,24 @@ contains
    end function amplitudes
 
    !> Whether a law that is not smooth is rigid, or so much stiffer than the structure in the fastest kept harmonic that it acts
-   !> as if it were: such a blow is shorter than what the set can follow.
-   logical function acts_rigidly(balance, wide)
+   !> as if it were: such a blow is shorter than what the set can follow. Where loads set its time the steps see it for longer (the
+   !> paper's beam at stops 10, 100, 1000 times as stiff: 1, .6 to 1.1, .2 to .4 of the error), and that of rigid walls.
+   logical function acts_rigidly(balance, wide, is_free)
       type(balance_t), intent(in) :: balance
       type(balance_t), intent(in) :: wide                             !! has the derivatives of its laws
-      real(wp), parameter :: much = 4.0_wp
+      logical, intent(in) :: is_free                                  !! the motion has tones of its own
+      real(wp), parameter :: much = 4.0_wp, much_of_driven = 30.0_wp
       integer :: fastest, i
 
       associate (set => wide%law_set, stiffness => balance%stiffness)
-         acts_rigidly = has_multipliers(balance)
-         if (acts_rigidly .or. all([(set%laws(i)%law%degree > 0, i=1, size(set%laws))])) return
+         acts_rigidly = has_multipliers(balance) .and. is_free
+         if (has_multipliers(balance) .or. all([(set%laws(i)%law%degree > 0, i=1, size(set%laws))])) return
          fastest = maxloc(abs(balance%frequencies), dim=1)
          do i = 1, set%jacobian%n_pairs
             associate (dof => set%jacobian%row(i), shift => stiffness%pattern%shift)
                if (set%jacobian%column(i) /= dof) cycle
                acts_rigidly = acts_rigidly .or. maxval(abs(set%jacobian%df_dq%values(:, i))) > &
-                              much*abs(stiffness%condensed(shift(dof) + dof, dof, fastest))
+                              merge(much, much_of_driven, is_free)*abs(stiffness%condensed(shift(dof) + dof, dof, fastest))
             end associate
          end do
       end associate
@@ -502,44 +446,60 @@ contains
       has_multipliers = any([(balance%law_set%laws(i)%law%is_multiplier, i=1, size(balance%law_set%laws))])
    end function has_multipliers
 
-   !> Motion of its own against rigid laws, and any that one linear step cannot judge: the change from the solution of half the
-   !> order raises the estimates, or takes their place where they are too large to be believed. A wall that is struck pushes with
-   !> all harmonics alike, and those left out move the place where it is struck by sum 1/j**2 = 1/order: the error falls with the
-   !> first power, so that it is as large as this change. The harmonics just outside show little of that: the force of the
-   !> truncated motion has a width, not the spectrum of a blow. Without a solution the estimates stay.
-   subroutine compare_with_half(self, harmonics, phase, u, size_of_motion)
+   !> Rigid laws and those that act as if they were, and any motion of its own that one linear step cannot judge: the change from
+   !> the solution of half the order raises the estimates, or takes their place where they are too large to be believed. A wall
+   !> that is struck pushes with all harmonics alike, and those left out move the place where it is struck by sum 1/j**2 = 1/order:
+   !> the error falls with the first power, so that it is as large as this change. The harmonics just outside show little of that:
+   !> the force of the truncated motion has a width, not the spectrum of a blow. Without a solution the estimates stay.
+   subroutine compare_with_half(self, harmonics, problem, x, n, size_of_motion)
       type(certificate_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics
-      type(phase_problem_t), intent(inout) :: phase
-      real(wp), intent(in) :: u(:, :)
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in) :: x(:)                                    !! its solution
+      integer, intent(in) :: n                                        !! coefficients among its unknowns
       real(wp), intent(in) :: size_of_motion                          !! [m]
+      real(wp), parameter :: half = 0.5_wp                            ! of the orders
+      real(wp), parameter :: most_rescue = 20.0_wp                    ! work, relative to that of the first attempt
       real(wp), parameter :: same_motion = 0.5_wp                     ! size relative to the motion; less is on the way to the rest
       type(report_t) :: report
       type(solver_config_t) :: config
-      real(wp) :: x(phase%n_unknowns), x_half(phase%n_unknowns)
-      logical :: is_possible
+      real(wp) :: x_half(size(x))
+      logical :: is_held(n), is_high(harmonics%n_coefficients), is_possible, is_there
+      integer :: h, i
 
-      x = phase%unknowns([u])
+      do h = 1, harmonics%n_harmonics
+         is_high(harmonics%cos_at(h)) = any(abs(harmonics%tuples(:, h)) > ceiling(half*harmonics%highest))
+         if (harmonics%sin_at(h) > 0) is_high(harmonics%sin_at(h)) = is_high(harmonics%cos_at(h))
+      end do
+      if (.not. any(is_high)) return
+      is_held = [(is_high, i=1, n/size(is_high))]
       x_half = x
-      call phase%hold_above(harmonics, maxval(sum(abs(harmonics%tuples), dim=1))/2)
-      if (.not. allocated(phase%is_held)) return                      ! order 0
-      where (phase%is_held) x_half(:size(u)) = 0.0_wp
+      where (is_held) x_half(:n) = 0.0_wp
       config%max_iterations = most_iterations
-      call solve_newton(phase, config, x_half, report)
-      call phase%hold_above(harmonics, huge(1))
-      call phase%move_to(x, is_possible)
-      if (report%status /= outcome%converged .or. norm2(x_half(:size(u))) < same_motion*norm2(u)) return
-      x_half = x_half - x
-      associate (first => size(u) + 1, last => size(u) + size(phase%tones), motion => norm2(x_half(:size(u)))/size_of_motion, &
-                 of_tones => self%frequency_error(phase%tones))
-         if (self%truncation > linear) then
-            self%truncation = max(motion, linear)
-            self%frequency_error(phase%tones) = abs(x_half(first:last))
-         else
-            self%truncation = max(self%truncation, motion)
-            self%frequency_error(phase%tones) = max(of_tones, abs(x_half(first:last)))
-         end if
-      end associate
+      config%rescue_work = 0.0_wp
+      config%rescue_share = most_rescue
+      select type (problem)
+      class is (bordered_problem_t)
+         problem%is_held = is_held
+         call solve_newton(problem, config, x_half, report)
+         deallocate (problem%is_held)
+         is_there = report%status == outcome%converged
+         call problem%move_to(x, is_possible)
+      class default
+         call problem%coarse_guess(half, config, x_half, report, is_there)
+      end select
+      if (.not. is_there .or. norm2(x_half(:n)) < same_motion*norm2(x(:n))) return
+      x_half = abs(x_half - x)
+      select type (problem)
+      class is (bordered_problem_t)
+         do i = 1, size(problem%which)
+            if (problem%which(i) > size(self%frequency_error)) cycle
+            associate (of_tone => self%frequency_error(problem%which(i)))
+               of_tone = max(x_half(n + i), merge(0.0_wp, of_tone, self%truncation > linear))
+            end associate
+         end do
+      end select
+      self%truncation = max(norm2(x_half(:n))/size_of_motion, min(self%truncation, linear))
    end subroutine compare_with_half
 
    !> Rigid contact and friction on the finer grid, and the power that each law takes there.

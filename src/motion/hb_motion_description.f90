@@ -95,6 +95,8 @@ contains
       type(certificate_t), intent(in) :: found                        !! its certificate
       type(stability_t), intent(inout) :: stability                   !! its stability
       real(wp), parameter :: exact = 1.0e-6_wp                        ! error of a motion, relative, that multipliers do not feel
+      integer, parameter :: fewest_laps = 5
+      real(wp), parameter :: share_of_laps = 0.25_wp                  ! enough where the exponent is clearly not zero
       type(stability_config_t) :: config
       type(stability_t) :: refined
 
@@ -102,7 +104,7 @@ contains
       if (max(found%truncation, found%aliasing) <= exact .or. stability%is_marched) return
       config = scene%stability
       config%patience = 1.0_wp
-      if (stability%n_laps > 0) config%fewest_laps = stability%n_laps
+      if (stability%n_laps > 0) config%fewest_laps = max(fewest_laps, nint(share_of_laps*stability%n_laps))
       if (stability%n_laps > 0) config%most_laps = stability%n_laps
       call ask_for_stability(scene, config, harmonic_motion_t(found%around%tuples, tones, found%refined), huge(1.0_wp), refined)
       call stability%hold_against(refined)

@@ -31,6 +31,11 @@ CASES = {
         BEAM + "&law type = 'rigid_wall', dof = 'v3', gap = 1.5e-3, augmentation = 1e5 /\n",
         (2, 3, 5, 8, 12, 21),
     ),
+    # steps in the larger set, where it holds what it touches, see .02 to .2 of the error
+    "stop ten thousand times as stiff as the beam": (
+        BEAM + "&law type = 'elastic_stop', dof = 'v3', stiffness = 84e7, gap = 1.5e-3 /\n&sampling samples = 64 /\n",
+        (3, 5, 7, 15),
+    ),
     "cubic spring on the beam": (
         BEAM + "&law type = 'cubic_spring', dof = 'v3', stiffness = 1e10 /\n",
         (1, 2, 3, 5, 7, 9, 15),
