@@ -196,6 +196,7 @@ class Stored:
         self.tuples = file["tuples"][i, :n] if "tuples" in file else file["tuple"][()]
         self.coefficients = np.nan_to_num(file["coefficients"][i][:, : len(self.tuples)])  # (n_dofs, n, 2)
         self.damping = float(np.nan_to_num(file["artificial_damping"][i, 0]))
+        self.better: Motion | None = None  # of a high order, where one was found at the same values
 
     def error(self, is_patient: bool = True) -> float:
         """Relative to the motion at the coordinates of the laws, and of a frequency or a value that was found; NaN where no motion
@@ -219,6 +220,9 @@ class Stored:
             stored = system.shapes @ start
             z = system.shapes @ answer.z if self.workflow.is_autonomous else answer.z
             if system.box.tail(z) < TOLERANCE * (BEYOND if m == 1 else BEYOND_TWO):
+                if not self.workflow.is_autonomous and self.workflow.kind != "curve":
+                    amplitudes = system.all_dofs(answer.z, answer.omega, self.scene.damping)
+                    self.better = Motion(system.box.tuples @ self.omega, amplitudes)
                 return float(np.hypot(system.box.norm(z - stored) / max(system.box.norm(z), 1e-300), change))
         return np.nan
 
@@ -276,11 +280,15 @@ class Stored:
         return answer, abs(answer.value / value - 1)
 
     def error_in_time(self, library) -> tuple[float, bool]:
-        """Of integration in time from the motion, and whether neighbours part from it."""
+        """Of integration in time from the motion, and whether neighbours part from it; not where integration from the motion of a
+        high order remains there, so that only what attracts it is narrower than the error of the stored one."""
         values = self.coefficients
         motion = Motion(self.tuples @ self.omega, (values[..., 0] - 1j * values[..., 1]).T.copy())
         error = error_of(library, self.scene, motion)
-        return error, error > TOLERANCE and neighbours_part(library, self.scene, motion)
+        leaves = error > TOLERANCE and neighbours_part(library, self.scene, motion)
+        if leaves and self.better is not None:
+            leaves = error_of(library, self.scene, self.better) > TOLERANCE
+        return error, leaves
 
 
 def _fast(n: int) -> int:
