@@ -91,21 +91,33 @@ hb_python() {
    if [[ -x /usr/bin/python3 ]]; then echo /usr/bin/python3; else command -v python3; fi
 }
 
-# Python environment in build/venv with the packages of the system and our own two; downloads nothing but scikit-fem, which Debian
-# does not have, and goes on without it.
+# Python environment in build/venv with the packages of the system, and ours as they stand in the tree; downloads nothing but scikit-fem,
+# which Debian does not have, and goes on without it.
 hb_make_venv() {
    hb_say "Python environment in build/venv"
    # a copied or moved tree leaves an environment that points elsewhere, and so does a changed Python
    if ! "$hb_venv/bin/python" -c 'import sys; sys.exit(sys.prefix != sys.argv[1])' "$hb_venv" 2>/dev/null; then
       "$(hb_python)" -m venv --clear --system-site-packages "$hb_venv" || hb_fail "cannot make build/venv"
    fi
-   "$hb_venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-index --no-deps --no-build-isolation \
-      --editable "$hb_root/postproc" --editable "$hb_root/drivers/python" || hb_fail "cannot install our packages into build/venv"
+   hb_place_packages || hb_fail "cannot place our packages into build/venv"
    "$hb_venv/bin/nhbm-post" --version
    "$hb_venv/bin/nhbm-model" --version
    "$hb_venv/bin/python" -c 'import skfem' 2>/dev/null ||
       "$hb_venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --retries 1 --timeout 20 'scikit-fem>=8' ||
       echo "no scikit-fem: 'nhbm-model' makes no examples, and tests with them are left out"
+}
+
+# Names the folders of our packages to the Python of build/venv, and makes the commands of pyproject.toml: pip would need a build backend
+# that Debian does not have.
+hb_place_packages() {
+   local command modules=(nhbm-model=nhbm.command nhbm-post=nhbm_post.__main__) place
+   place=$("$hb_venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))') || return
+   printf '%s\n' "$hb_root/drivers/python/src" "$hb_root/postproc/src" >"$place/nhbm.pth" || return
+   for command in "${modules[@]}"; do
+      printf '#!%s\nimport sys\n\nfrom %s import guarded_main\n\nsys.exit(guarded_main())\n' \
+         "$hb_venv/bin/python" "${command#*=}" >"$hb_venv/bin/${command%%=*}" || return
+      chmod +x "$hb_venv/bin/${command%%=*}" || return
+   done
 }
 
 # Configures and builds a preset: hb_build PRESET JOBS [TARGET [option of cmake]...]

@@ -14,7 +14,7 @@ from conftest import single, walled
 
 from nhbm_post import Results
 from nhbm_post.cli import main
-from nhbm_post.guard import guarded
+from nhbm.guard import guarded
 
 
 def run(capsys, *words):

@@ -56,7 +56,7 @@ def test_index_lists_every_page():
 
 def test_license_is_told_where_it_is_looked_for():
     assert "GNU GENERAL PUBLIC LICENSE\n                       Version 3" in (ROOT / "LICENSE").read_text(encoding="utf-8")
-    for name in ("README.md", "CITATION.cff", "CONTRIBUTING.md", "postproc/pyproject.toml"):
+    for name in ("README.md", "CITATION.cff", "CONTRIBUTING.md", "pyproject.toml"):
         assert "GPL-3.0-or-later" in (ROOT / name).read_text(encoding="utf-8"), name
     version = re.search(r"project\(nhbm VERSION (\S+)", (ROOT / "CMakeLists.txt").read_text(encoding="utf-8")).group(1)
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")

@@ -64,7 +64,7 @@ def commands(path: Path) -> list:
 
 def wrong(program, main, words, good, seconds: float = 1.0, gigabytes: float = 4.0) -> str:
     """Empty when the program read the file or said in a line why not, in time; else what went wrong."""
-    from nhbm_post import guard
+    from nhbm import guard
 
     before = _processor_time()
     with tempfile.TemporaryFile() as err, tempfile.TemporaryFile() as out:

@@ -1,6 +1,6 @@
 """Reads the HDF5 result files of nhbm and draws them."""
 
-__version__ = "0.1.0"
+from nhbm import __version__
 
 from .errors import NhbmPostError, ReaderError, UsageError
 from .reader import Parameter, Results

@@ -2,8 +2,9 @@
 
 import sys
 
+from nhbm.guard import guarded
+
 from .cli import main
-from .guard import guarded
 
 
 def guarded_main() -> int:

@@ -9,9 +9,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from nhbm.guard import written
+
 from .complete_input import groups
 from .errors import ReaderError, UsageError
-from .guard import written
 from .reader import Results, open_file
 from .series import Series
 

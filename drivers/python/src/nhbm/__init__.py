@@ -2,14 +2,13 @@
 element structures, and their files."""
 
 from nhbm.errors import ModelError
-from nhbm.structure import Structure
 
 __version__ = "0.1.0"
-_LATER = {  # what needs more than sparse matrices is imported when it is asked for
+_LATER = {  # what needs NumPy and more is imported when it is asked for
     "Model": "model", "NotConverged": "model", "Peak": "model", "Law": "laws", "law": "laws", "Beam": "groups", "Chain": "groups",
-    "Jeffcott": "groups", "Matrices": "groups", "ModalBeam": "groups", "RotorStator": "groups", "Rotor": "rotors", "Session": "session", "input_keys": "session",
+    "Jeffcott": "groups", "Matrices": "groups", "ModalBeam": "groups", "RotorStator": "groups", "Rotor": "rotors", "Session": "session", "Structure": "structure", "input_keys": "session",
 }  # fmt: skip
-__all__ = ["ModelError", "Structure", "__version__", *_LATER]
+__all__ = ["ModelError", "__version__", *_LATER]
 
 
 def __getattr__(name: str):

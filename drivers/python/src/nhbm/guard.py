@@ -1,1 +1,206 @@
-../../../../postproc/src/nhbm_post/guard.py
+"""Runs a command in a child process: in some damaged files the HDF5 library dies, or goes round for ever, and says nothing. What
+it says reaches the terminal without control characters; a file that it has not finished writing when it ends is removed.
+
+The packages nhbm_post and nhbm share this module.
+"""
+
+from __future__ import annotations
+
+import functools
+import mmap
+import os
+import secrets
+import signal
+import sys
+import traceback
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import h5py
+
+SECONDS, SECONDS_A_BYTE = 0.5, 2.0e-7  # of processor time that one call of the library may take, by the size of the file
+_ROOM = 4096
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_unfinished: mmap.mmap | None = None  # where the child tells the name of the file that it is writing
+
+
+def guarded(main, program: str) -> int:
+    """Exit status of the command; 2 and a line on standard error when the library died in it, or was ended."""
+    global _unfinished
+    if not hasattr(os, "fork"):
+        return main()
+    sys.stdout.flush()
+    place = mmap.mmap(-1, _ROOM)  # shared with the child, which says here what it reads
+    _unfinished = mmap.mmap(-1, _ROOM)
+    signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)  # until both know what to do with them
+    child = os.fork()
+    if child == 0:
+        status = 1
+        for number in _ENDING:
+            signal.signal(number, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
+        sys.stdout, sys.stderr = _Printable(sys.stdout), _Printable(sys.stderr)
+        try:
+            _watch(place)
+            status = main()
+        except SystemExit as end:  # argparse: help, or a mistake that it has told
+            status = end.code if isinstance(end.code, int) else 1
+        except MemoryError:
+            print(f"{program}: there is not enough memory", file=sys.stderr)
+            status = 2
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            try:
+                sys.stdout.flush()
+            except BrokenPipeError:  # the reader has seen enough
+                pass
+            except OSError as error:
+                status = 2
+                print(f"{program}: standard output cannot be written ({error.strerror})", file=sys.stderr)
+            finally:
+                with suppress(OSError):
+                    sys.stderr.flush()
+                os._exit(status)
+    # The child ends of signals; this process then removes what it was writing.
+    before = {number: signal.signal(number, lambda number, _: os.kill(child, number)) for number in _ENDING}
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
+    _, status = os.waitpid(child, 0)
+    left = _unfinished[:].partition(b"\0")[0]
+    if left:
+        with suppress(OSError):
+            os.unlink(left)
+    for number, handler in before.items():
+        signal.signal(number, handler)
+    return _ending(status, program, place[:].partition(b"\0")[0].decode(errors="replace"))
+
+
+@contextmanager
+def written(path):
+    """Gives the name of a new file beside `path` to be written, brings it to the disk and gives it its name: whatever fails or ends
+    the process before, a file that was there stays as it was, and no part of the new one is left. A link stays and leads to it."""
+    path = Path(os.path.realpath(path))
+    if path.exists() and not path.is_file():
+        raise OSError(0, "it is no regular file", str(path))
+    name = str(path.with_name(f"{path.stem[:40]}.{secrets.token_hex(4)}.part{path.suffix}"))
+    _note_unfinished(name)
+    try:
+        descriptor = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        try:
+            if path.exists():
+                os.fchmod(descriptor, path.stat().st_mode & 0o777)
+        finally:
+            os.close(descriptor)
+        yield name
+        _sync(name)
+        os.replace(name, path)
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(name)
+        raise
+    finally:
+        _note_unfinished("")
+    _sync(path.parent)
+
+
+def _sync(path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _note_unfinished(name: str) -> None:
+    """Has the parent process remove a file, should this one end before it can."""
+    if _unfinished is None:
+        return
+    text = os.fsencode(os.path.abspath(name) if name else "")
+    if len(text) < _ROOM:
+        _unfinished[: len(text) + 1] = text + b"\0"
+
+
+def printable(text: str) -> str:
+    """A text from files or command lines as a terminal may get it: what would command it is shown as `\\x1b`."""
+    return "".join(c if c == "\n" or c.isprintable() else _shown(c) for c in text)
+
+
+def _shown(character: str) -> str:
+    code = ord(character)
+    code = code - 0xDC00 if 0xDC80 <= code <= 0xDCFF else code  # a byte of a name that is no UTF-8
+    return f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}"
+
+
+class _Printable:
+    """A stream that passes on what is printable."""
+
+    def __init__(self, stream):
+        self._stream = stream
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+
+    def write(self, text: str) -> int:
+        self._stream.write(printable(text))
+        return len(text)
+
+    def __getattr__(self, name):
+        return getattr(self._stream, name)
+
+
+def _watch(place: mmap.mmap) -> None:
+    """From now on each call that reads says so, and the process is ended by a signal where it takes too long."""
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)
+    is_inside = False
+
+    def watched(call, entry, end):
+        @functools.wraps(call)
+        def reading(self, *args, **kwargs):
+            nonlocal is_inside
+            if is_inside:
+                return end(call(self, *args, **kwargs))
+            is_inside = True
+            signal.setitimer(signal.ITIMER_PROF, SECONDS)
+            try:
+                file, name = entry(self, *args)
+                text = os.fsencode(f"file '{file}'" + (f", at '{name}'" if name else ""))[: _ROOM - 1]
+                place[: len(text) + 1] = text + b"\0"
+                if os.path.isfile(file):
+                    signal.setitimer(signal.ITIMER_PROF, SECONDS + SECONDS_A_BYTE * os.path.getsize(file))
+                return end(call(self, *args, **kwargs))
+            finally:
+                signal.setitimer(signal.ITIMER_PROF, 0.0)
+                is_inside = False
+
+        return reading
+
+    def member(self, name=None):
+        return self.file.filename, name if isinstance(name, str) else self.name
+
+    def attribute(self, name=""):
+        return h5py.h5i.get_file_id(self._id).name.decode(errors="replace"), name
+
+    def itself(value):
+        return value
+
+    for owner, name, entry, end in (
+        (h5py.File, "__init__", lambda self, path, *_: (path, ""), itself),
+        (h5py.Group, "__getitem__", member, itself),
+        (h5py.Group, "__contains__", member, itself),
+        (h5py.Group, "__iter__", member, lambda names: iter(list(names))),
+        (h5py.Dataset, "__getitem__", lambda self, *_: member(self), itself),
+        (h5py.AttributeManager, "__getitem__", attribute, itself),
+        (h5py.AttributeManager, "__contains__", attribute, itself),
+    ):
+        setattr(owner, name, watched(getattr(owner, name), entry, end))
+
+
+def _ending(status: int, program: str, place: str) -> int:
+    if os.WIFEXITED(status):
+        return os.WEXITSTATUS(status)
+    number = os.WTERMSIG(status)
+    if number in (*_ENDING, signal.SIGKILL, signal.SIGPIPE):
+        return 128 + number
+    end = "found no end in it" if number == signal.SIGPROF else f"died of it ({signal.Signals(number).name})"
+    told = f"{place}: HDF5 {end}; the file is damaged" if place else f"ended by {signal.Signals(number).name}"
+    print(printable(f"{program}: {told}"), file=sys.stderr)
+    return 2

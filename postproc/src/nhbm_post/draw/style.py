@@ -9,8 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from nhbm.guard import written
+
 from ..errors import UsageError
-from ..guard import written
 
 # Okabe and Ito, "Color universal design" (2008), in an order that also differs in grey.
 COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000"]
