@@ -1,3 +1,4 @@
+#define _POSIX_C_SOURCE 200809L /* for strdup */
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>

@@ -263,18 +263,27 @@ contains
       if (dof < 1 .or. dof > self%n_dofs) dof = 0
    end function structure_dof_index
 
-   !> Finds a degree of freedom as `dof_index` does; fails with the known labels and the closest one.
+   !> Finds a degree of freedom as `dof_index` does, or the only one of a set such as `disk.x`; fails with the known labels and the closest one.
    pure subroutine structure_find_dof(self, label, dof, error)
       class(structure_t), intent(in) :: self
       character(*), intent(in) :: label
       integer, intent(out) :: dof
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: closest, message
+      integer, allocatable :: dofs(:)
       integer :: number
       logical :: is_number
 
       dof = self%dof_index(label)
       if (dof > 0) return
+      call self%sets%find(label, dofs, error)
+      if (allocated(error)) return
+      if (allocated(dofs)) then
+         if (size(dofs) == 1) dof = dofs(1)
+         if (size(dofs) /= 1) call fail(error, "'"//trim(adjustl(label))//"' stands for "//to_text(size(dofs))// &
+                                        " degrees of freedom; one is needed")
+         return
+      end if
       call parse_integer(trim(adjustl(label)), number, is_number)
       if (is_number) then
          call fail(error, "there is no degree of freedom "//to_text(number)//"; the structure has 1 to "// &
