@@ -55,3 +55,10 @@ def test_lines_are_compared():
     compare(["a", "...", "c"], "a\nb\nc\n", "page")
     with pytest.raises(AssertionError, match="the page has"):
         compare(["c", "a"], "a\nb\nc\n", "page")
+
+
+def test_manual_is_short():
+    """Words of the manual outside of code; theory and validation (docs/why) are no part of it."""
+    manual = [page for folder in ("user", "start", "howto") for page in ROOT.glob(f"docs/{folder}/*.md")]
+    text = " ".join(re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE) for page in manual)
+    assert sum(bool(re.search(r"\w", word)) for word in text.split()) <= 35000
