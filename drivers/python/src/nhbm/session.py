@@ -21,7 +21,15 @@ from nhbm.errors import ModelError
 from nhbm.groups import as_input
 from nhbm.structure import Structure
 
+try:  # the functions of `signal` look each handler up among its enumerations, which takes a third of a small solution
+    from _signal import getsignal as _getsignal
+    from _signal import signal as _signal
+except ImportError:
+    from signal import getsignal as _getsignal
+    from signal import signal as _signal
+
 API = 2
+_MAIN_THREAD = threading.main_thread().ident
 _KINDS = {0: np.dtype(np.float64), 1: np.dtype(np.int32)}
 _ASK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
 _FILL = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
@@ -150,8 +158,8 @@ class _Interrupts:
 
     def __enter__(self) -> None:
         self._handler = None
-        if threading.current_thread() is threading.main_thread() and callable(signal.getsignal(signal.SIGINT)):
-            self._handler = signal.signal(signal.SIGINT, self._note)
+        if threading.get_ident() == _MAIN_THREAD and callable(_getsignal(signal.SIGINT)):
+            self._handler = _signal(signal.SIGINT, self._note)
 
     def _note(self, number, frame) -> None:
         self._session._is_interrupted = True
@@ -161,7 +169,7 @@ class _Interrupts:
     def __exit__(self, *error) -> None:
         if self._handler is None:
             return
-        signal.signal(signal.SIGINT, self._handler)
+        _signal(signal.SIGINT, self._handler)
         if self._session._is_interrupted and error[0] is None:
             self._session._is_interrupted = False
             self._handler(signal.SIGINT, None)
@@ -184,7 +192,8 @@ class Session:
     """
 
     def __init__(self, structures: Callable[[str], Structure] | None = None):
-        self._handle, self._error = ctypes.c_void_p(library().nhbm_new()), _Error()
+        self._library, self._error = library(), _Error()
+        self._handle, self._place = ctypes.c_void_p(self._library.nhbm_new()), ctypes.byref(self._error)
         self._is_interrupted, self._fault = False, None
         self.empty = None  # layout of a motion and a dataset without its values, for nhbm.dataset
         this = weakref.ref(self)  # the library holds callbacks, which must not hold the session
@@ -214,12 +223,14 @@ class Session:
 
     def set_parameter(self, handle: int, value: float) -> None:
         """Sets that number, in the unit of the input."""
-        self._call("set", handle, value)
+        if self._library.nhbm_set(self._handle, handle, value, self._place):
+            self._tell(1)
 
     def solve(self, warm: bool = False) -> None:
         """Finds the motion with the present values, from the last one where `warm`."""
         with _Interrupts(self):
-            self._call("solve", int(warm))
+            code = self._library.nhbm_solve(self._handle, int(warm), self._place)
+            self._tell(code)
 
     def begin_curve(self) -> None:
         """Begins the curve of the group &curve."""
@@ -313,7 +324,10 @@ class Session:
             return 1
 
     def _call(self, name: str, *arguments) -> None:
-        code = getattr(library(), f"nhbm_{name}")(self._handle, *arguments, ctypes.byref(self._error))
+        self._tell(getattr(self._library, f"nhbm_{name}")(self._handle, *arguments, self._place))
+
+    def _tell(self, code: int) -> None:
+        """Raises what a law or a structure has raised while the library was at work, or the error that it describes."""
         fault, self._fault = self._fault or laws.take_fault(), None
         if fault is not None:
             raise fault
