@@ -30,6 +30,7 @@ html_static_path = [os.environ["NHBM_SITE_STATIC"]]
 html_css_files = ["site.css"]
 html_theme_options = {"source_repository": "", "navigation_with_keys": True}
 html_show_sourcelink = False
+html_show_copyright = False
 copybutton_prompt_text = "$ "
 pygments_style = "tango"
 suppress_warnings = ["toc.not_included"]  # docs/README.md is for readers of the files
