@@ -18,7 +18,7 @@ endif()
 
 add_library(hb_flags INTERFACE)
 # The check of recursion takes two threads in one procedure for recursion, that of temporary arrays prints millions of lines; where
-# variables are in registers is told by half of the time of the compiler.
+# variables are in registers is reported by half of the time of the compiler.
 target_compile_options(hb_flags INTERFACE
    $<$<AND:$<CONFIG:Debug>,$<COMPILE_LANG_AND_ID:Fortran,GNU>>:-Og -fno-var-tracking -fcheck=all,no-recursion,no-array-temps -ffpe-trap=invalid,zero,overflow -fbacktrace>
    $<$<AND:$<CONFIG:Release>,$<COMPILE_LANG_AND_ID:Fortran,GNU>>:-O3 -fno-math-errno -fno-trapping-math>)

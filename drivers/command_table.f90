@@ -27,33 +27,33 @@ module command_table
       verb_t("check", "INPUT", "read the input, every point of it, say what it asks for, and compare the derivatives of "// &
          "its laws with differences of their forces"), &
       verb_t("plan", "INPUT", "say how large the result becomes and how long a run takes on many ranks"), &
-      verb_t("march", "INPUT", "follow the motion through time as &march says, write an HDF5 record"), &
-      verb_t("verify", "RESULT", "march from the points of a result file and say whether their motions stay"), &
+      verb_t("integrate", "INPUT", "follow the motion through time as &integration says, write an HDF5 record"), &
+      verb_t("verify", "RESULT", "time integration from the points of a result file and say whether their motions stay"), &
       verb_t("keys", "", "the table of input keys, a row each: group | key | type | unit | default | range | meaning; "// &
          "nhbm keys WORD: rows that have the word, such as jenkins"), &
       verb_t("version", "", "version and commit; also --version"), &
       verb_t("help", "", "this text; nhbm help VERB and nhbm VERB --help tell of one verb")]
 
-   character(*), parameter :: all_verbs = "solve resume info check plan march verify"
+   character(*), parameter :: all_verbs = "solve resume info check plan integrate verify"
 
    type(option_t), parameter :: options(19) = [ &
-      option_t("--output", "-o", "FILE", "solve march", &
+      option_t("--output", "-o", "FILE", "solve integrate", &
          "file of results; default: name of the input, ending in .h5, in the current folder"), &
-      option_t("--overwrite", "", "", "solve march", "replace the file of results if there is one"), &
+      option_t("--overwrite", "", "", "solve integrate", "replace the file of results if there is one"), &
       option_t("--check", "", "", "info", "also compare the results with their checksums"), &
       option_t("--resume", "", "", "solve", "go on with the result file if there is one; the input must be the same"), &
       option_t("--retry", "", "", "solve resume", "when going on: also solve again the points that did not converge"), &
       option_t("--time-limit", "", "SECONDS", "solve resume", &
          "end the run then; points that are left are for nhbm resume"), &
-      option_t("--set", "", "PATH=VALUE", "solve check plan march", "change one input value, such as law(1)%gap=1.5e-3 "// &
+      option_t("--set", "", "PATH=VALUE", "solve check plan integrate", "change one input value, such as law(1)%gap=1.5e-3 "// &
          "or solver%method='broyden'; may be given several times"), &
       option_t("--quiet", "", "", all_verbs, "errors alone: neither progress nor summary; as --log-level quiet"), &
       option_t("--verbose", "", "", all_verbs, "also where the time of each rank went; as --log-level verbose"), &
       option_t("--log-level", "", "LEVEL", all_verbs, &
          "quiet, normal (progress, summary, warnings), verbose, debug (also a line a point)"), &
-      option_t("--point", "", "N", "march", "the point of a sweep to be followed, from 0"), &
+      option_t("--point", "", "N", "integrate", "the point of a sweep to be followed, from 0"), &
       option_t("--points", "", "N,N,...", "verify", "the points to start from; default: all that are solved"), &
-      option_t("--periods", "", "N", "verify", "longest march in periods of the slowest tone"), &
+      option_t("--periods", "", "N", "verify", "longest time integration in periods of the slowest tone"), &
       option_t("--ranks", "", "N,N,...", "plan", "numbers of ranks; default: 1 to 10000 by tens"), &
       option_t("--points", "", "N", "plan", "points, in place of those of the input"), &
       option_t("--cost-from", "", "FILE", "plan", "seconds of a point as in a result file, say of a smaller run"), &
@@ -148,7 +148,7 @@ contains
       end do
       call say([character(120) :: "", &
          "exit status: 0 all points have their motion, 1 some do not (their status is in the file), a derivative is wrong or", &
-         "             marching does not stay on a motion, 2 bad input or file, 3 points are left: a signal or the time", &
+         "             time integration does not stay on a motion, 2 bad input or file, 3 points are left: a signal or the time", &
          "             limit came first; resume solves them.", &
          "SIGINT, SIGTERM, SIGUSR1 or SIGUSR2 end a run at the next step of a solver, a second one at once.", &
          "BLAS works with one thread unless OPENBLAS_NUM_THREADS says otherwise. docs/user/input.md lists the keys of the", &

@@ -22,26 +22,26 @@ module console
 
    !> Writes lines to standard output.
    interface say
-      module procedure say_line, say_lines
+      module procedure print_line, print_lines
    end interface say
 
 contains
 
-   subroutine say_line(text)
+   subroutine print_line(text)
       character(*), intent(in) :: text
 
       call hb_say(printable(text)//c_null_char)
-   end subroutine say_line
+   end subroutine print_line
 
    !> Blanks at their ends are dropped.
-   subroutine say_lines(texts)
+   subroutine print_lines(texts)
       character(*), intent(in) :: texts(:)
       integer :: i
 
       do i = 1, size(texts)
-         call say_line(trim(texts(i)))
+         call print_line(trim(texts(i)))
       end do
-   end subroutine say_lines
+   end subroutine print_lines
 
    !> Writes a message of the program to standard error.
    subroutine complain(text)

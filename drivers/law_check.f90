@@ -118,7 +118,7 @@ contains
       are_the_same = maxval(abs(pack(a, is_number) - pack(b, is_number))) <= rounding*maxval(abs(pack(a, is_number)))
    end function are_the_same
 
-   !> Whether the law is told this kind of motion: 1 displacement, 2 rate, 3 reaction.
+   !> Whether the law is reported this kind of motion: 1 displacement, 2 rate, 3 reaction.
    pure logical function depends_on(law, kind_of_motion)
       class(law_t), intent(in) :: law
       integer, intent(in) :: kind_of_motion

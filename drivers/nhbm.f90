@@ -20,7 +20,7 @@ program nhbm
    use hb_version, only: git_commit, program_version
    use verb_check, only: run_check
    use verb_info, only: run_info
-   use verb_march, only: run_march
+   use verb_integrate, only: run_integrate
    use verb_plan, only: run_plan
    use verb_solve, only: run_resume, run_solve
    use verb_verify, only: run_verify
@@ -64,9 +64,9 @@ program nhbm
    comm = world()
    status = success
    if (.not. allocated(error)) call run_verb()
-   call tell_error(bad_input)
+   call report_error(bad_input)
    call finish_output(error)
-   call tell_error(max(status, bad_input))
+   call report_error(max(status, bad_input))
    call wait_for_points()                                             ! a signal of mpirun has no news any more
    flush (error_unit)
    if (.not. can_end_library()) call hb_leave(int(max(status, bad_input), c_int))   ! HDF5 would die when MPI ends
@@ -85,13 +85,13 @@ contains
    end subroutine expect_signals
 
    !> Says what went wrong, if anything did, and has the program end with this status.
-   subroutine tell_error(status_of_error)
+   subroutine report_error(status_of_error)
       integer, intent(in) :: status_of_error
 
       if (.not. allocated(error)) return
       status = status_of_error
       if (rank_of(comm) == 0) call complain(error%message)
-   end subroutine tell_error
+   end subroutine report_error
 
    subroutine run_verb()
       character(:), allocatable :: closest, verb
@@ -126,17 +126,17 @@ contains
    !> Prints the rows of the table of input keys, or those that have a word.
    subroutine tell_keys()
       integer :: i
-      logical :: is_told
+      logical :: is_reported
 
-      is_told = .false.
+      is_reported = .false.
       do i = 1, n_key_rows()
          if (allocated(options%input)) then
             if (index(lower(key_row(i)), lower(options%input)) == 0) cycle
          end if
          call say(trim(key_row(i)))
-         is_told = .true.
+         is_reported = .true.
       end do
-      if (.not. is_told) call fail(error, "no row of the table of keys has '"//options%input//"'; nhbm keys prints all")
+      if (.not. is_reported) call fail(error, "no row of the table of keys has '"//options%input//"'; nhbm keys prints all")
    end subroutine tell_keys
 
    subroutine run_known_verb(verb)
@@ -155,8 +155,8 @@ contains
       else if (verb == "verify") then
          call run_verify(options, comm, all_right, error)
          if (.not. all_right) status = not_all_right
-      else if (verb == "march") then
-         call run_march(options, comm, error)
+      else if (verb == "integrate") then
+         call run_integrate(options, comm, error)
       else
          call run_solve(options, comm, status, error)
       end if

@@ -15,10 +15,10 @@ module verb_check
    use hb_mpi, only: comm_t, rank_of
    use hb_modes, only: modes_t, new_modes
    use hb_natural_frequencies, only: natural_frequencies
-   use hb_scene, only: scene_t
-   use hb_scene_basis, only: find_basis
-   use hb_scene_coordinates, only: coordinates_of
-   use hb_scene_warnings, only: commensurate_text, has_no_load
+   use hb_model, only: model_t
+   use hb_model_basis, only: find_basis
+   use hb_model_coordinates, only: coordinates_of
+   use hb_model_warnings, only: commensurate_text, has_no_load
    use hb_structure, only: structure_t
    use hb_study, only: study_t
    use hb_text, only: number_of, to_text
@@ -56,7 +56,7 @@ contains
       end do
       if (rank_of(comm) > 0) return
       call describe(study)
-      call check_laws(study%scene%laws, study%scene%tones%n_tones, all_right)
+      call check_laws(study%model%laws, study%model%tones%n_tones, all_right)
       call write_doubts(study, doubts)
       if (.not. all_right) return
       if (doubts%n_commensurate + doubts%n_without_load > 0) then
@@ -72,18 +72,18 @@ contains
       integer, intent(in) :: point
       type(doubts_t), intent(inout) :: doubts
       type(error_t), allocatable, intent(out) :: error
-      type(scene_t) :: scene
+      type(model_t) :: model
       character(:), allocatable :: text
 
-      call study%read_point(point, scene, error)
+      call study%read_point(point, model, error)
       if (allocated(error)) return
-      text = commensurate_text(scene%tones, scene%certificate%commensurability)
+      text = commensurate_text(model%tones, model%certificate%commensurability)
       if (len(text) > 0) then
          if (doubts%n_commensurate == 0 .and. study%plan%n_points > 1) text = study%plan%describe(point)//": "//text
          if (doubts%n_commensurate == 0) doubts%first_commensurate = text
          doubts%n_commensurate = doubts%n_commensurate + 1
       end if
-      if (has_no_load(scene)) doubts%n_without_load = doubts%n_without_load + 1
+      if (has_no_load(model)) doubts%n_without_load = doubts%n_without_load + 1
    end subroutine check_point
 
    !> Prints what is doubtful, a line for each kind.
@@ -114,8 +114,8 @@ contains
       type(coordinates_t) :: coordinates
       integer :: i
 
-      associate (scene => study%scene)
-         coordinates = coordinates_of(scene)
+      associate (model => study%model)
+         coordinates = coordinates_of(model)
          if (allocated(study%plan%curve)) then
             call say("points      "//number_of(study%plan%n_points/study%plan%n_fastest(), "curve")//" of up to "// &
                to_text(study%plan%n_fastest()))
@@ -126,39 +126,39 @@ contains
             call say("swept       "//study%plan%parameters(i)%describe())
          end do
          if (allocated(study%plan%curve)) call say("curve       "//study%plan%curve%describe())
-         call say("structure   "//number_of(scene%structure%n_dofs, "degree")//" of freedom")
-         call describe_frequencies(scene%structure)
-         tones = tone_text(scene, 1)
-         samples = to_text(scene%torus%n_samples(1))
-         do i = 2, scene%tones%n_tones
-            tones = tones//", "//tone_text(scene, i)
-            samples = samples//" x "//to_text(scene%torus%n_samples(i))
+         call say("structure   "//number_of(model%structure%n_dofs, "degree")//" of freedom")
+         call describe_frequencies(model%structure)
+         tones = tone_text(model, 1)
+         samples = to_text(model%torus%n_samples(1))
+         do i = 2, model%tones%n_tones
+            tones = tones//", "//tone_text(model, i)
+            samples = samples//" x "//to_text(model%torus%n_samples(i))
          end do
          call say("tones       "//tones)
-         call describe_accuracy(scene)
-         call say("harmonics   "//to_text(scene%harmonics%n_harmonics)//on_lowest(scene%accuracy%grows_set))
-         call say("samples     "//samples//on_lowest(scene%accuracy%refines_grid .and. scene%accuracy%is_on))
-         call say("unknowns    "//to_text(scene%harmonics%n_coefficients*coordinates%n))
-         call describe_symmetry(scene, coordinates%n)
-         call describe_memory(scene)
-         do i = 1, size(scene%laws)
-            call say("law         "//scene%laws(i)%law%label)
+         call describe_accuracy(model)
+         call say("harmonics   "//to_text(model%harmonics%n_harmonics)//on_lowest(model%accuracy%grows_set))
+         call say("samples     "//samples//on_lowest(model%accuracy%refines_grid .and. model%accuracy%is_on))
+         call say("unknowns    "//to_text(model%harmonics%n_coefficients*coordinates%n))
+         call describe_symmetry(model, coordinates%n)
+         call describe_memory(model)
+         do i = 1, size(model%laws)
+            call say("law         "//model%laws(i)%law%label)
          end do
       end associate
    end subroutine describe
 
    !> Says how accurate motions are to be, and what may be spent on it.
-   subroutine describe_accuracy(scene)
-      type(scene_t), intent(in) :: scene
+   subroutine describe_accuracy(model)
+      type(model_t), intent(in) :: model
 
-      associate (accuracy => scene%accuracy)
+      associate (accuracy => model%accuracy)
          if (.not. accuracy%is_on) return
          call say("accuracy    "//to_text(accuracy%tolerance)//" of the motion that the laws feel; at most "// &
                   to_text(accuracy%max_harmonics)//" harmonics, "//to_text(accuracy%max_samples)//" samples")
       end associate
    end subroutine describe_accuracy
 
-   !> What is behind a size that only the lowest rung has.
+   !> What is behind a size that only the lowest level has.
    pure function on_lowest(is_chosen) result(text)
       logical, intent(in) :: is_chosen
       character(:), allocatable :: text
@@ -223,39 +223,39 @@ contains
    end function list_text
 
    !> Says how many unknowns are left where the motion is sought among odd ones.
-   subroutine describe_symmetry(scene, n_coordinates)
-      type(scene_t), intent(in) :: scene
+   subroutine describe_symmetry(model, n_coordinates)
+      type(model_t), intent(in) :: model
       integer, intent(in) :: n_coordinates
       type(basis_t) :: basis
       type(error_t), allocatable :: error
       logical :: is_odd
 
-      call find_basis(basis, is_odd, scene, error)
+      call find_basis(basis, is_odd, model, error)
       if (is_odd) call say("symmetry    odd motions, "//to_text(basis%harmonics%n_coefficients*n_coordinates)//" unknowns")
    end subroutine describe_symmetry
 
    !> Says what the memory of a point is estimated at, and what takes most of it.
-   subroutine describe_memory(scene)
-      type(scene_t), intent(in) :: scene
+   subroutine describe_memory(model)
+      type(model_t), intent(in) :: model
       type(memory_estimate_t) :: bytes
       character(:), allocatable :: text
 
-      bytes = estimate_memory(sizes_of(scene))
+      bytes = estimate_memory(sizes_of(model))
       text = amount(bytes%usual())
       if (bytes%worst() > bytes%usual()) text = text//", "//amount(bytes%worst())//" if the first attempt at a solution fails"
-      if (scene%memory_limit < huge(1.0_wp)) text = text//" for each process; "//amount(scene%memory_limit)//" are free"
+      if (model%memory_limit < huge(1.0_wp)) text = text//" for each process; "//amount(model%memory_limit)//" are free"
       call say("memory      "//text)
       call say("            most for: "//trim(memory_text(bytes)))
    end subroutine describe_memory
    !> Frequency of a tone, or that it is unknown.
-   function tone_text(scene, i) result(text)
-      type(scene_t), intent(in) :: scene
+   function tone_text(model, i) result(text)
+      type(model_t), intent(in) :: model
       integer, intent(in) :: i
       character(:), allocatable :: text
 
-      text = to_text(scene%tones%omega(i))//" rad/s"
-      if (.not. scene%tones%is_unknown(i)) return
-      if (scene%tones%omega(i) > 0.0_wp) then
+      text = to_text(model%tones%omega(i))//" rad/s"
+      if (.not. model%tones%is_unknown(i)) return
+      if (model%tones%omega(i) > 0.0_wp) then
          text = "unknown, first guess "//text
       else
          text = "unknown"

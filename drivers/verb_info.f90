@@ -16,7 +16,7 @@ module verb_info
    use hb_results_record, only: message_of, open_points, read_record, read_units, record_t
    use hb_row_checks, only: fail_where_damaged
    use hb_run_summary, only: count_kept, found_frequency, run_summary_t, stability_text
-   use hb_scene_tones, only: read_tones
+   use hb_model_tones, only: read_tones
    use hb_study, only: read_input
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
    use hb_text, only: number_of, string_t, to_text
@@ -60,7 +60,7 @@ contains
             call write_times(record, plan)
             if (options%wants_check .and. .not. allocated(error)) call record%check_rows(options%input, error)
             call write_rest(record, options%input)
-            if (allocated(record%is_damaged) .and. .not. allocated(error)) call tell_damage(record, options%input, error)
+            if (allocated(record%is_damaged) .and. .not. allocated(error)) call report_damage(record, options%input, error)
             if (size(open_points(record, .false.)) > 0) status = incomplete
          end if
       end if
@@ -121,8 +121,8 @@ contains
       do i = 1, size(lines)
          call write_fact("", lines(i)%value)
       end do
-      n = count(record%rescue > 0)
-      if (n > 0) call write_fact("", number_of(n, "point")//" needed more than the first attempt at a solution (see 'rescue')")
+      n = count(record%fallback > 0)
+      if (n > 0) call write_fact("", number_of(n, "point")//" needed more than the first attempt at a solution (see 'fallback')")
       n = count(record%is_near_commensurate > 0)
       if (n > 0) call write_fact("", number_of(n, "point")//" where a low-order combination of the tones nearly vanishes")
    end subroutine write_statuses
@@ -271,14 +271,14 @@ contains
    end subroutine write_rest
 
    !> Fails where rows are damaged, with their points.
-   subroutine tell_damage(record, path, error)
+   subroutine report_damage(record, path, error)
       type(record_t), intent(in) :: record
       character(*), intent(in) :: path
       type(error_t), allocatable, intent(out) :: error
 
       call fail_where_damaged(path, record%is_damaged, error)
       if (.not. allocated(error)) call write_fact("checked", "all rows are as they were written")
-   end subroutine tell_damage
+   end subroutine report_damage
 
    subroutine write_fact(name, text)
       character(*), intent(in) :: name, text

@@ -3,7 +3,7 @@ module verb_plan
    use arguments, only: arguments_t, read_numbers
    use console, only: say
    use hb_error, only: annotate, error_t, fail
-   use hb_file_place, only: check_source
+   use hb_file_location, only: check_source
    use hb_hdf5, only: h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, rank_of
@@ -43,7 +43,7 @@ contains
       call row_of_study(study, bytes_per_point, n_datasets)
       call say(rounded(n_points)//" points of "//to_text(nint(bytes_per_point))//" B in "//to_text(n_datasets)// &
          " datasets: "//rounded(n_points*bytes_per_point/bytes_per_gigabyte)//" GB")
-      task = merge(study%scene%chain%length, 1, study%scene%chain%is_on)
+      task = merge(study%model%chain%length, 1, study%model%chain%is_on)
       if (allocated(study%plan%curve)) task = line                    ! curves are drawn as a whole
       if (mean > 0.0_wp) call write_times(ranks, n_points, task, mean, most)
    end subroutine run_plan

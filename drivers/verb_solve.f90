@@ -8,7 +8,7 @@ module verb_solve
    use hb_error, only: error_t
    use hb_failure_kinds, only: status_lines
    use hb_next_step, only: run_names_t
-   use hb_file_place, only: check_source
+   use hb_file_location, only: check_source
    use hb_interruption, only: interruption
    use hb_kinds, only: wp
    use hb_memory, only: available_memory
@@ -17,8 +17,8 @@ module verb_solve
    use hb_progress, only: log_level
    use hb_results_record, only: read_record, record_t, statuses_of
    use hb_run_summary, only: answers_text, found_frequency, number_answered, number_solved, run_summary_t, stability_text
-   use hb_scene, only: scene_t
-   use hb_scene_warnings, only: commensurate_text, frozen_speed_text, model_text
+   use hb_model, only: model_t
+   use hb_model_warnings, only: commensurate_text, frozen_speed_text, model_text
    use hb_signals, only: signal_caught, signal_name
    use hb_stability, only: stability_method
    use hb_study, only: new_study, study_t
@@ -30,7 +30,7 @@ module verb_solve
    use hb_text_file, only: read_text_file
    use hb_timing, only: timing_lines
    use hb_version, only: git_commit, program_version
-   use result_place, only: place_result
+   use result_location, only: place_result
    implicit none
    private
    public :: load_study, run_resume, run_solve
@@ -81,7 +81,7 @@ contains
       integer, intent(out), optional :: n_rows                        !! points of the file that are not unused
       type(run_options_t) :: how
       type(run_summary_t) :: summary
-      logical :: is_told
+      logical :: is_reported
 
       how%path = path
       how%overwrite = options%overwrite
@@ -91,11 +91,11 @@ contains
       how%time_limit = options%time_limit
       how%status_of_exit = incomplete
       status = success
-      is_told = rank_of(comm) == 0 .and. options%level >= log_level%normal
-      if (is_told) call say("nhbm "//options%verb//" "//options%input//": "// &
+      is_reported = rank_of(comm) == 0 .and. options%level >= log_level%normal
+      if (is_reported) call say("nhbm "//options%verb//" "//options%input//": "// &
          room_text(study)//" on "//number_of(size_of(comm), "rank")//", "// &
-         number_of(study%scene%tones%n_tones, "tone")//", "//set_text(study))
-      if (is_told .and. study%n_chains() > 0 .and. study%n_chains() < size_of(comm)) call say("note: "// &
+         number_of(study%model%tones%n_tones, "tone")//", "//set_text(study))
+      if (is_reported .and. study%n_chains() > 0 .and. study%n_chains() < size_of(comm)) call say("note: "// &
          number_of(study%n_chains(), "chain")//" of points for "//number_of(size_of(comm), "rank")// &
          "; a smaller &solver chain_length makes more of them")
       call run_study(study, how, comm, summary, error)
@@ -103,8 +103,8 @@ contains
       if (number_answered(summary) + summary%counts(outcome%unused) < summary%n_points) status = not_all_right
       if (summary%n_left > 0) status = incomplete
       if (present(n_rows)) n_rows = summary%n_points - summary%counts(outcome%unused)
-      if (is_told) call write_summary(summary, study, path)
-      if (is_told .and. options%level >= log_level%verbose) call write_times(summary)
+      if (is_reported) call write_summary(summary, study, path)
+      if (is_reported .and. options%level >= log_level%verbose) call write_times(summary)
       if (rank_of(comm) == 0 .and. status == incomplete) call complain(reason(summary)//": "// &
          number_of(summary%n_left, "point")//trim(merge(" is ", " are", summary%n_left == 1))// &
          " left; nhbm resume "//path//" solves "//merge("it  ", "them", summary%n_left == 1))
@@ -297,10 +297,10 @@ contains
       call say(answers_text(summary)//"; results in "//path)
       call write_others(study, path)
       if (allocated(study%plan%curve)) call write_curves(study, path)
-      if (summary%n_rescued > 0) call say(number_of(summary%n_rescued, "point")// &
-         " needed more than the first attempt at a solution (see 'rescue' in the results)")
-      do i = 1, study%scene%tones%n_tones
-         if (study%scene%tones%is_unknown(i)) call say("unknown "//found_frequency(summary, i))
+      if (summary%n_by_fallback > 0) call say(number_of(summary%n_by_fallback, "point")// &
+         " needed more than the first attempt at a solution (see 'fallback' in the results)")
+      do i = 1, study%model%tones%n_tones
+         if (study%model%tones%is_unknown(i)) call say("unknown "//found_frequency(summary, i))
       end do
       if (summary%n_certified > 0) then
          write (estimates, "(a, es7.1, a, es7.1, a)") "largest estimated relative error: ", summary%truncation, &
@@ -311,11 +311,11 @@ contains
             call say(trim(estimates))
          end if
       end if
-      if (number_solved(summary) > 0 .and. study%scene%stability%method /= stability_method%off &
-          .and. .not. study%scene%normal_mode%is_asked) &
+      if (number_solved(summary) > 0 .and. study%model%stability%method /= stability_method%off &
+          .and. .not. study%model%normal_mode%is_asked) &
          call say(stability_text(summary%n_stable, summary%n_unstable, number_solved(summary))//" (see 'is_stable')")
       if (summary%n_too_costly > 0) call say("the stability of "//number_of(summary%n_too_costly, "point")// &
-         " would take longer than the run may: &stability method = 'march' computes it")
+         " would take longer than the run may: &stability method = 'integration' computes it")
       if (summary%n_jumps > 0) call say(number_of(summary%n_jumps, "jump")// &
          " between neighbours to another branch of motions (see 'branch'), the first to "//study%plan%describe(summary%first_jump))
       if (summary%n_near_commensurate > 0) call say("warning: in "// &
@@ -351,11 +351,11 @@ contains
       integer, intent(in) :: point                                    !! from 1
       character(:), allocatable :: text
       type(error_t), allocatable :: error
-      type(scene_t) :: scene
+      type(model_t) :: model
 
-      call study%read_point(point, scene, error)
+      call study%read_point(point, model, error)
       text = ""
-      if (.not. allocated(error)) text = commensurate_text(scene%tones, scene%certificate%commensurability)
+      if (.not. allocated(error)) text = commensurate_text(model%tones, model%certificate%commensurability)
       if (len(text) == 0) text = "such tones are hard to tell from commensurate ones"
       if (len(study%plan%describe(point)) > 0) then
          text = "first at "//study%plan%describe(point)//": "//text
@@ -429,7 +429,7 @@ contains
       if (rank_of(comm) > 0) call new_study(study, name, text, overrides, error, memory)
       call share_error(comm, error)
       if (allocated(error) .or. rank_of(comm) > 0) return
-      warning = model_text(study%scene, study%document)
+      warning = model_text(study%model, study%document)
       if (len(warning) > 0) call say("warning: "//warning)
       warning = frozen_speed_text(study%plan, study%document)
       if (len(warning) > 0) call say("warning: "//warning)
@@ -448,9 +448,9 @@ contains
       character(:), allocatable :: text
 
       text = number_of(size(study%tuples, 2), "harmonic")
-      if (study%scene%accuracy%is_on) then
-         if (study%scene%accuracy%grows_set) text = "harmonics"
-         text = text//" for a tolerance of "//to_text(study%scene%accuracy%tolerance)
+      if (study%model%accuracy%is_on) then
+         if (study%model%accuracy%grows_set) text = "harmonics"
+         text = text//" for a tolerance of "//to_text(study%model%accuracy%tolerance)
       end if
    end function set_text
 end module verb_solve

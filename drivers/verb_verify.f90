@@ -1,10 +1,10 @@
-!> `nhbm verify`: marches from points of a result file and says whether their motions stay where they are.
+!> `nhbm verify`: time integrations from points of a result file and says whether their motions stay where they are.
 module verb_verify
    use arguments, only: arguments_t, read_numbers
    use console, only: say
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_march_verdict, only: verdict, verdict_names, verdict_text
+   use hb_integration_verdict, only: verdict, verdict_names, verdict_text
    use hb_mpi, only: comm_t, max_over, rank_of, sum_over
    use hb_outcome, only: outcome_text
    use hb_progress, only: log_level
@@ -16,7 +16,7 @@ module verb_verify
 
 contains
 
-   !> Runs the verb; `all_right` tells whether marching agrees with every point.
+   !> Runs the verb; `all_right` tells whether time integration agrees with every point.
    subroutine run_verify(options, comm, all_right, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm

@@ -7,12 +7,12 @@ program wall
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome_text
    use hb_properties, only: properties_t
-   use hb_scene, only: scene_t
-   use hb_scene_reader, only: read_scene
+   use hb_model, only: model_t
+   use hb_model_reader, only: read_model
    implicit none
    type(document_t), target :: document
    type(properties_t), pointer :: group
-   type(scene_t) :: scene
+   type(model_t) :: model
    type(motion_result_t) :: motion
    type(error_t), allocatable :: error
    integer :: dof, tone
@@ -43,10 +43,10 @@ program wall
    call group%set("gap", 1.5e-3_wp)                                   ! [m]
    call group%set("augmentation", 1.0e5_wp)                           ! [N/m]
 
-   call read_scene(scene, document, error)
-   if (.not. allocated(error)) call solve_motion(scene, motion, error)
+   call read_model(model, document, error)
+   if (.not. allocated(error)) call solve_motion(model, motion, error)
    if (allocated(error)) error stop error%message
-   call scene%structure%find_dof("v3", dof, error)
+   call model%structure%find_dof("v3", dof, error)
    print "(a)", outcome_text(motion%status)
-   print "(a, es21.14, a)", "cos tau_1 at midspan: ", motion%coefficients(1, scene%harmonics%index_of([1, 0]), dof), " m"
+   print "(a, es21.14, a)", "cos tau_1 at midspan: ", motion%coefficients(1, model%harmonics%index_of([1, 0]), dof), " m"
 end program wall

@@ -50,7 +50,7 @@ MASS = """\
 ! Written by random_contact.py.
 !
 ! Hard, because the motion is that of an impact oscillator near its resonance. About every fourth of these problems has no single
-! two-tone motion: marched from three initial states the motions are still apart after 360 s (docs/why/hard.md, with the list of
+! two-tone motion: integrated from three initial states the motions are still apart after 360 s (docs/why/hard.md, with the list of
 ! the points that do not converge). Three of the drawn pairs of tones are nearly commensurate, which `nhbm check` tells.
 !
 ! label: long

@@ -17,13 +17,13 @@ TUPLES = np.array([[0, 0], [0, 1], [1, 0]])
 TRUTH = np.array([[0.1, 0.0], [0.5, 0.0], [1.0, 0.0]])
 
 
-def write_ladder(path, errors, status=None):
+def write_order_sequence(path, errors, status=None):
     """Two methods at the orders; what is off is the cosine of the first tone."""
     n = errors.size
     text = h5py.string_dtype()
     size = np.sqrt(TRUTH[0, 0] ** 2 + 0.5 * (TRUTH[1:, 0] ** 2).sum())
     with h5py.File(path, "w") as file:
-        file.attrs.update(schema_version=SCHEMA_VERSION, title="ladder")
+        file.attrs.update(schema_version=SCHEMA_VERSION, title="order_sequence")
         file["point"] = np.arange(n, dtype=np.int32)
         file["tone"] = np.arange(1, 3, dtype=np.int32)
         file["dof"] = np.array(["x0", "x1"], dtype=text)
@@ -52,9 +52,9 @@ def write_ladder(path, errors, status=None):
 
 
 @pytest.fixture
-def ladder(tmp_path):
+def order_sequence(tmp_path):
     """Errors fall by e**-N and N**-3, times grow with the square and the first power; the last point is not solved."""
-    return write_ladder(tmp_path / "ladder.h5", np.concatenate([np.exp(-ORDERS), ORDERS**-3.0]))
+    return write_order_sequence(tmp_path / "order_sequence.h5", np.concatenate([np.exp(-ORDERS), ORDERS**-3.0]))
 
 
 @pytest.fixture
@@ -64,53 +64,53 @@ def table(tmp_path):
     return path
 
 
-def test_curves_are_the_methods(ladder):
-    curves = Bench(ladder).curves("order")
+def test_curves_are_the_methods(order_sequence):
+    curves = Bench(order_sequence).curves("order")
     assert [curve.label for curve in curves] == ["newton", "broyden"]
     assert [curve.points.tolist() for curve in curves] == [[0, 1, 2, 3], [4, 5, 6, 7]]
 
 
-def test_errors_against_a_table(ladder, table):
-    errors = Bench(ladder).errors(read_reference(str(table)), only_known=True)
+def test_errors_against_a_table(order_sequence, table):
+    errors = Bench(order_sequence).errors(read_reference(str(table)), only_known=True)
     np.testing.assert_allclose(errors[:7], np.concatenate([np.exp(-ORDERS), ORDERS**-3.0])[:7], rtol=1e-9)
     assert np.isnan(errors[7]), "not solved"
 
 
-def test_errors_against_a_point_of_a_file(ladder):
-    with h5py.File(ladder, "a") as file:
+def test_errors_against_a_point_of_a_file(order_sequence):
+    with h5py.File(order_sequence, "a") as file:
         file["coefficients"][3, 1] = TRUTH
-    errors = Bench(ladder).errors(read_reference(f"{ladder}@3"))
+    errors = Bench(order_sequence).errors(read_reference(f"{order_sequence}@3"))
     assert errors[3] == 0.0
     np.testing.assert_allclose(errors[:3], np.exp(-ORDERS[:3]), rtol=1e-9)
-    for text, message in ((str(ladder), "choose one"), (f"{ladder}@9", "no point 9"), (f"{ladder}@7", "not solved")):
+    for text, message in ((str(order_sequence), "choose one"), (f"{order_sequence}@9", "no point 9"), (f"{order_sequence}@7", "not solved")):
         with pytest.raises(UsageError, match=message):
             read_reference(text)
 
 
-def test_points_by_tolerance_have_tuples_of_their_own(ladder, table):
-    with h5py.File(ladder, "a") as file:
+def test_points_by_tolerance_have_tuples_of_their_own(order_sequence, table):
+    with h5py.File(order_sequence, "a") as file:
         values = file["coefficients"][()]
         del file["coefficients"], file["tuple"], file["n_harmonics"]
         room = np.full((8, 2, 2, 2), np.nan)
         file["coefficients"] = np.concatenate([values[:, :, ::-1], room], axis=2)
         file["tuples"] = np.tile(np.concatenate([TUPLES[::-1], np.zeros((2, 2), dtype=int)]), (8, 1, 1))
         file["n_harmonics"] = np.full(8, 3)
-    errors = Bench(ladder).errors(read_reference(str(table)), only_known=True)
+    errors = Bench(order_sequence).errors(read_reference(str(table)), only_known=True)
     np.testing.assert_allclose(errors[:4], np.exp(-ORDERS), rtol=1e-9)
-    assert Bench(ladder).errors(read_reference(f"{ladder}@0"))[0] == 0.0
+    assert Bench(order_sequence).errors(read_reference(f"{order_sequence}@0"))[0] == 0.0
 
 
 def test_points_of_the_finest_set_are_the_reference(tmp_path):
-    path = write_ladder(tmp_path / "ladder.h5", np.concatenate([np.exp(-ORDERS), ORDERS**-3.0]) * np.tile([1, 1, 1, 0], 2), [1] * 8)
+    path = write_order_sequence(tmp_path / "order_sequence.h5", np.concatenate([np.exp(-ORDERS), ORDERS**-3.0]) * np.tile([1, 1, 1, 0], 2), [1] * 8)
     errors = Bench(path).errors()
     assert np.isnan(errors[[3, 7]]).all()
     np.testing.assert_allclose(errors[:3], np.exp(-ORDERS[:3]), rtol=1e-9)
 
 
-def test_what_one_set_lacks_counts_as_zero_in_the_union(ladder, table):
+def test_what_one_set_lacks_counts_as_zero_in_the_union(order_sequence, table):
     table.write_text("dof,tuple 1,tuple 2,cos,sin\nx1,1,0,1.0,0\n")
     reference = read_reference(str(table))
-    known, union = (Bench(ladder).errors(reference, only_known=which)[0] for which in (True, False))
+    known, union = (Bench(order_sequence).errors(reference, only_known=which)[0] for which in (True, False))
     assert known < union and union == pytest.approx(np.sqrt(known**2 + (0.1**2 + 0.5 * 0.5**2) / 0.5))
 
 
@@ -147,25 +147,25 @@ def test_cost_looks_at_the_larger_half():
     assert cost_exponent(n, seconds).exponent == pytest.approx(3.0)
 
 
-def test_commands_draw_and_print_rates(ladder, table, capsys):
+def test_commands_draw_and_print_rates(order_sequence, table, capsys):
     for command, *options in (("work-precision", "--reference", table), ("convergence", "--reference", table), ("cost",)):
-        assert main([command, str(ladder), *map(str, options)]) == 0
-        assert ladder.with_name(f"ladder_{command}.png").stat().st_size > 10_000
+        assert main([command, str(order_sequence), *map(str, options)]) == 0
+        assert order_sequence.with_name(f"order_sequence_{command}.png").stat().st_size > 10_000
     out = capsys.readouterr().out
     assert "newton: error ~ exp(-1 harmonics%order)" in out
     assert "broyden: error ~ harmonics%order^-3" in out
     assert "newton: time ~ unknowns^2" in out
 
 
-def test_pictures_say_what_they_leave_out(ladder, table):
-    bench = Bench(ladder)
+def test_pictures_say_what_they_leave_out(order_sequence, table):
+    bench = Bench(order_sequence)
     fig = draw.draw_work_precision(bench, draw.Errors(bench.errors(read_reference(str(table)))))
     text = " ".join(t.get_text() for t in fig.texts)
     assert "1 of 8 points not solved" in text and "hollow" in text
 
 
-def test_improved_curves_need_an_improvement(ladder):
-    bench = Bench(ladder)
+def test_improved_curves_need_an_improvement(order_sequence):
+    bench = Bench(order_sequence)
     errors, none = np.exp(-np.tile(ORDERS, 2)), np.full(8, np.nan)
     with pytest.raises(UsageError, match="improvement_steps"):
         draw.draw_work_precision(bench, draw.Errors(errors, none))
@@ -174,8 +174,8 @@ def test_improved_curves_need_an_improvement(ladder):
     assert [curve.label for curve, _ in rates] == ["newton", "newton, improved", "broyden"]
 
 
-def test_exponents_are_those_of_the_kernels(ladder):
-    exponents = dict(draw.draw_bench(Bench(ladder), "n_unknowns")[1])
+def test_exponents_are_those_of_the_kernels(order_sequence):
+    exponents = dict(draw.draw_bench(Bench(order_sequence), "n_unknowns")[1])
     assert exponents["tangent"].exponent == pytest.approx(2.0, abs=1e-9)
     assert exponents["residual"].exponent == pytest.approx(1.0, abs=1e-9)
     assert 7 not in exponents["solution"].points
@@ -187,44 +187,44 @@ def change(path, **columns):
             file[name][...] = values
 
 
-def test_what_has_no_place_on_logarithmic_axes_is_told(ladder, capsys):
+def test_what_has_no_place_on_logarithmic_axes_is_told(order_sequence, capsys):
     times = np.array([0.0, 1e-7, 4e-7, 16e-7] * 2)
-    change(ladder, kernel_tangent_seconds=times, harmonics_order=[0.0, 2.0, 4.0, 8.0] * 2)
-    assert main(["bench", str(ladder), "--over", "harmonics%order"]) == 0
+    change(order_sequence, kernel_tangent_seconds=times, harmonics_order=[0.0, 2.0, 4.0, 8.0] * 2)
+    assert main(["bench", str(order_sequence), "--over", "harmonics%order"]) == 0
     told = capsys.readouterr().out
     assert "2 points with harmonics%order = 0 or less not drawn: the axis is logarithmic" in told
-    fig, _, notes = draw.draw_bench(Bench(ladder), "n_unknowns")
+    fig, _, notes = draw.draw_bench(Bench(order_sequence), "n_unknowns")
     assert notes == ["2 points of tangent with a time of 0 not drawn"]
     assert any(notes[0] in text.get_text() for text in fig.texts)
 
 
-def test_noise_makes_no_exponent(ladder, capsys):
-    change(ladder, kernel_residual_seconds=[1e-6, 3e-6, 1e-6, 2.5e-6] * 2, n_harmonics=[100, 101, 102, 103] * 2)
-    exponents = dict(draw.draw_bench(Bench(ladder), "n_unknowns")[1])
+def test_noise_makes_no_exponent(order_sequence, capsys):
+    change(order_sequence, kernel_residual_seconds=[1e-6, 3e-6, 1e-6, 2.5e-6] * 2, n_harmonics=[100, 101, 102, 103] * 2)
+    exponents = dict(draw.draw_bench(Bench(order_sequence), "n_unknowns")[1])
     assert not exponents["residual"] and "scatter too much" in exponents["residual"].reason
     assert exponents["tangent"].exponent == pytest.approx(2.0, abs=1e-9)
-    exponents = dict(draw.draw_bench(Bench(ladder), "n_harmonics")[1])
+    exponents = dict(draw.draw_bench(Bench(order_sequence), "n_harmonics")[1])
     assert not any(exponents.values()) and "the sizes span a factor of 1.03 alone" in exponents["tangent"].reason
-    assert main(["bench", str(ladder), "--over", "n_harmonics"]) == 0
+    assert main(["bench", str(order_sequence), "--over", "n_harmonics"]) == 0
     assert "tangent: no exponent, the sizes span" in capsys.readouterr().out
 
 
-def test_sizes_by_column_and_by_path(ladder):
-    data = Bench(ladder)
+def test_sizes_by_column_and_by_path(order_sequence):
+    data = Bench(order_sequence)
     assert data.varying() == "harmonics%order"
     np.testing.assert_array_equal(data.column("harmonics%order"), data.column("order"))
     with pytest.raises(ReaderError, match="sizes of this file"):
         data.column("n_nothing")
 
 
-def test_files_are_joined(ladder):
-    assert Bench(ladder, ladder).n_points == 16
+def test_files_are_joined(order_sequence):
+    assert Bench(order_sequence, order_sequence).n_points == 16
 
 
-def test_command_draws_kernels(ladder, capsys):
-    assert main(["bench", str(ladder), "--also", str(ladder), "--over", "harmonics%order"]) == 0
+def test_command_draws_kernels(order_sequence, capsys):
+    assert main(["bench", str(order_sequence), "--also", str(order_sequence), "--over", "harmonics%order"]) == 0
     assert "tangent: time ~ n^" in capsys.readouterr().out
-    assert ladder.with_name("ladder_bench.png").exists()
+    assert order_sequence.with_name("order_sequence_bench.png").exists()
 
 
 def test_other_files_are_refused(sweep):

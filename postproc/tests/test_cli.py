@@ -113,7 +113,7 @@ def test_response_writes_a_pdf(sweep, tmp_path, capsys):
 
 def test_time_overlays_points_files_and_records(sweep, tmp_path, capsys):
     other = single(tmp_path / "other.h5", 2)
-    record = tmp_path / "march.csv"
+    record = tmp_path / "integration.csv"
     t = np.linspace(0.0, 30.0, 400)
     record.write_text("t,v1,v3\n" + "\n".join(f"{a},0,{1e-3 * np.cos(a)}" for a in t))
     status, _, err = run(
@@ -138,25 +138,25 @@ def test_time_overlays_points_files_and_records(sweep, tmp_path, capsys):
     assert (tmp_path / "sweep_time.png").stat().st_size > 5000
 
 
-def march_record(path, t, x, dof="v3"):
+def integration_record(path, t, x, dof="v3"):
     with h5py.File(path, "w") as file:
-        file.attrs["kind"], file.attrs["method"] = "march", "runge_kutta_4"
+        file.attrs["kind"], file.attrs["method"] = "integration", "runge_kutta_4"
         file["time"], file["displacement"], file["dof"] = t, x[None, :], [dof]
     return path
 
 
-def test_time_lays_a_march_below_with_the_difference(sweep, tmp_path, capsys, monkeypatch):
+def test_time_lays_an_integration_below_with_the_difference(sweep, tmp_path, capsys, monkeypatch):
     t = np.linspace(5.0, 30.0, 4000)
     with Results(sweep) as results:
         series = results.series(1, "v3")
-    record = march_record(tmp_path / "march.h5", t, series.evaluate(t) + 2e-9 * np.cos(t))
+    record = integration_record(tmp_path / "integration.h5", t, series.evaluate(t) + 2e-9 * np.cos(t))
     drawn = []
     monkeypatch.setattr("nhbm_post.draw.save", lambda fig, *_: drawn.append(fig) or tmp_path / "x.png")
-    status, _, err = run(capsys, "time", sweep, "--point", 1, "--dof", "v3", "--march", record)
+    status, _, err = run(capsys, "time", sweep, "--point", 1, "--dof", "v3", "--integration", record)
     assert (status, err) == (0, "")
     motion, difference = drawn[0].axes
-    assert "marching, runge kutta 4" in [text.get_text() for text in motion.get_legend().get_texts()]
-    assert difference.get_title("left") == "difference to marching, runge kutta 4: largest 2 nm"
+    assert "time integration, runge kutta 4" in [text.get_text() for text in motion.get_legend().get_texts()]
+    assert difference.get_title("left") == "difference to time integration, runge kutta 4: largest 2 nm"
     assert motion.get_xlim()[1] == pytest.approx(30.0)
 
 
@@ -196,9 +196,9 @@ def test_unconverged_points_are_drawn_only_when_told(sweep, capsys):
         (["time", "FILE", "--point", "0,a"], "'0,a' is no list of points"),
         (["time", "FILE", "--overlay", "none.csv"], "none.csv: cannot be read as text"),
         (["time", "FILE", "--overlay", "FILE", "--dof", "v9"], "stored: v1, v3"),
-        (["time", "FILE", "--march", "none.h5"], "cannot be read as a record"),
-        (["time", "FILE", "--march", "FILE"], "is no record of nhbm march"),
-        (["time", "FILE", "--march", "FILE", "--of", "force"], "--march compares motions"),
+        (["time", "FILE", "--integration", "none.h5"], "cannot be read as a record"),
+        (["time", "FILE", "--integration", "FILE"], "is no record of nhbm integrate"),
+        (["time", "FILE", "--integration", "FILE", "--of", "force"], "--integration compares motions"),
         (["response", "FILE", "--over", "x"], "no swept parameter 'x'"),
         (["response", "FILE", "--measure", "harmonic"], "belong together"),
         (["response", "FILE", "--tuple", "1"], "has 2 tones"),

@@ -61,7 +61,7 @@ contains
       type(handle_t), pointer :: handle
 
       call c_f_pointer(model, handle)
-      handle%session%callbacks%models = c_structures_t(fill, context)
+      handle%session%callbacks%fe_models = c_structures_t(fill, context)
    end subroutine nhbm_structures
 
    integer(c_int) function nhbm_read(model, text, name, error) bind(c, name="nhbm_read") result(code)
@@ -298,8 +298,8 @@ contains
       type(error_t), allocatable :: none
 
       call c_f_pointer(model, handle)
-      handle%session%watch%ask = wants_end
-      handle%session%watch%context = context
+      handle%session%cancellation%ask = wants_end
+      handle%session%cancellation%context = context
       code = told(none, wrong_use, error)
    end function nhbm_ask
 

@@ -5,7 +5,7 @@ module hb_c_structures
    use hb_c_text, only: c_text
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
-   use hb_model, only: model_source_t, model_t
+   use hb_fe_model, only: fe_model_source_t, fe_model_t
    use hb_sparse, only: new_sparse, sparse_t
    use hb_structure, only: label_length, unit_length
    use hb_text, only: split, string_t, to_text
@@ -14,7 +14,7 @@ module hb_c_structures
    public :: c_structures_t
 
    !> Asks the program: fill(context, file, structure).
-   type, extends(model_source_t) :: c_structures_t
+   type, extends(fe_model_source_t) :: c_structures_t
       type(c_funptr) :: fill = c_null_funptr
       type(c_ptr) :: context = c_null_ptr
    contains
@@ -23,7 +23,7 @@ module hb_c_structures
 
    !> struct nhbm_structure: what has been said so far, and what is wrong with it.
    type :: described_t
-      type(model_t) :: model
+      type(fe_model_t) :: fe_model
       integer :: n_nodes = 0
       type(error_t), allocatable :: error
    end type described_t
@@ -37,10 +37,10 @@ module hb_c_structures
 
 contains
 
-   subroutine c_structures_fetch(self, name, model, error)
+   subroutine c_structures_fetch(self, name, fe_model, error)
       class(c_structures_t), intent(in) :: self
       character(*), intent(in) :: name
-      type(model_t), intent(out) :: model
+      type(fe_model_t), intent(out) :: fe_model
       type(error_t), allocatable, intent(out) :: error
       procedure(fill_structure), pointer :: fill
       type(described_t), target :: structure
@@ -58,15 +58,16 @@ contains
          call move_alloc(structure%error, error)
       else if (code /= 0) then
          call fail(error, "structure '"//name//"' was refused with "//to_text(int(code)))
-      else if (structure%model%n_dofs == 0 .or. structure%model%mass%n_rows == 0 .or. structure%model%stiffness%n_rows == 0) then
+      else if (structure%fe_model%n_dofs == 0 .or. structure%fe_model%mass%n_rows == 0 .or. structure%fe_model%stiffness%n_rows == &
+         0) then
          call fail(error, "degrees of freedom, mass and stiffness must be given")
       end if
       call annotate(error, "structure '"//name//"'")
       if (allocated(error)) return
-      model = structure%model
-      deallocate (model%labels, model%units)                          ! gfortran 12 loses their lengths
-      call move_alloc(structure%model%labels, model%labels)
-      call move_alloc(structure%model%units, model%units)
+      fe_model = structure%fe_model
+      deallocate (fe_model%labels, fe_model%units)                    ! gfortran 12 loses their lengths
+      call move_alloc(structure%fe_model%labels, fe_model%labels)
+      call move_alloc(structure%fe_model%units, fe_model%units)
    end subroutine c_structures_fetch
 
    integer(c_int) function nhbm_structure_dofs(structure, labels, units, up_to) bind(c, name="nhbm_structure_dofs") result(code)
@@ -78,20 +79,20 @@ contains
 
       call c_f_pointer(structure, d)
       words = words_of(c_text(labels))
-      d%model%n_dofs = size(words)
-      allocate (character(label_length) :: d%model%labels(size(words)))
-      allocate (character(unit_length) :: d%model%units(size(words)))
-      d%model%units = "m"
+      d%fe_model%n_dofs = size(words)
+      allocate (character(label_length) :: d%fe_model%labels(size(words)))
+      allocate (character(unit_length) :: d%fe_model%units(size(words)))
+      d%fe_model%units = "m"
       do i = 1, size(words)
-         d%model%labels(i) = words(i)%value
+         d%fe_model%labels(i) = words(i)%value
       end do
       words = words_of(c_text(units))
-      if (size(words) > 0 .and. size(words) /= d%model%n_dofs) call fail(d%error, to_text(size(words))//" units for "// &
-                                                                         to_text(d%model%n_dofs)//" labels")
-      do i = 1, min(size(words), d%model%n_dofs)
-         d%model%units(i) = words(i)%value
+      if (size(words) > 0 .and. size(words) /= d%fe_model%n_dofs) call fail(d%error, to_text(size(words))//" units for "// &
+                                                                         to_text(d%fe_model%n_dofs)//" labels")
+      do i = 1, min(size(words), d%fe_model%n_dofs)
+         d%fe_model%units(i) = words(i)%value
       end do
-      d%model%up_to = up_to
+      d%fe_model%up_to = up_to
       code = code_of(d)
    end function nhbm_structure_dofs
 
@@ -107,23 +108,23 @@ contains
 
       call c_f_pointer(structure, d)
       word = c_text(name)
-      associate (n => d%model%n_dofs)
+      associate (n => d%fe_model%n_dofs)
          call new_sparse(matrix, n, int(starts(:n + 1)), int(columns(:starts(n + 1))), real(values(:starts(n + 1)), wp), error)
       end associate
       call annotate(error, "matrix '"//word//"'")
       if (.not. allocated(error)) then
          select case (word)
-         case ("mass"); d%model%mass = matrix
-         case ("stiffness"); d%model%stiffness = matrix
-         case ("damping"); d%model%damping = matrix
-         case ("gyroscopic"); d%model%gyroscopic = matrix
-         case ("structural"); d%model%structural = matrix
-         case ("gyroscopic_by_speed"); d%model%speeds(1)%gyroscopic = matrix
-         case ("stiffness_by_speed"); d%model%speeds(1)%stiffness = matrix
-         case ("stiffness_by_speed_squared"); d%model%speeds(1)%stiffness_squared = matrix
-         case ("gyroscopic_by_speed_2"); d%model%speeds(2)%gyroscopic = matrix
-         case ("stiffness_by_speed_2"); d%model%speeds(2)%stiffness = matrix
-         case ("stiffness_by_speed_squared_2"); d%model%speeds(2)%stiffness_squared = matrix
+         case ("mass"); d%fe_model%mass = matrix
+         case ("stiffness"); d%fe_model%stiffness = matrix
+         case ("damping"); d%fe_model%damping = matrix
+         case ("gyroscopic"); d%fe_model%gyroscopic = matrix
+         case ("structural"); d%fe_model%structural = matrix
+         case ("gyroscopic_by_speed"); d%fe_model%speeds(1)%gyroscopic = matrix
+         case ("stiffness_by_speed"); d%fe_model%speeds(1)%stiffness = matrix
+         case ("stiffness_by_speed_squared"); d%fe_model%speeds(1)%stiffness_squared = matrix
+         case ("gyroscopic_by_speed_2"); d%fe_model%speeds(2)%gyroscopic = matrix
+         case ("stiffness_by_speed_2"); d%fe_model%speeds(2)%stiffness = matrix
+         case ("stiffness_by_speed_squared_2"); d%fe_model%speeds(2)%stiffness_squared = matrix
          case default
             call fail(error, "there is no matrix '"//word//"'; known: mass, stiffness, damping, gyroscopic, structural, "// &
                       "gyroscopic_by_speed, stiffness_by_speed, stiffness_by_speed_squared, and these with _2 for a second speed")
@@ -143,7 +144,7 @@ contains
       type(error_t), allocatable :: error
 
       call c_f_pointer(structure, d)
-      call d%model%vectors%add(c_text(name), int(dofs(:n)), real(values(:n), wp), d%model%n_dofs, error)
+      call d%fe_model%vectors%add(c_text(name), int(dofs(:n)), real(values(:n), wp), d%fe_model%n_dofs, error)
       if (allocated(error)) call move_alloc(error, d%error)
       code = code_of(d)
    end function nhbm_structure_vector
@@ -159,16 +160,16 @@ contains
 
       call c_f_pointer(structure, d)
       words = words_of(c_text(directions))
-      if (size(words) /= d%model%n_dofs) then
-         call fail(d%error, to_text(size(words))//" directions for "//to_text(d%model%n_dofs)//" degrees of freedom")
-      else if (any(nodes(:d%model%n_dofs) < -1 .or. nodes(:d%model%n_dofs) >= n_nodes)) then
+      if (size(words) /= d%fe_model%n_dofs) then
+         call fail(d%error, to_text(size(words))//" directions for "//to_text(d%fe_model%n_dofs)//" degrees of freedom")
+      else if (any(nodes(:d%fe_model%n_dofs) < -1 .or. nodes(:d%fe_model%n_dofs) >= n_nodes)) then
          call fail(d%error, "nodes of degrees of freedom must be 0 to "//to_text(int(n_nodes) - 1)//", or -1 for none")
       else
          d%n_nodes = int(n_nodes)
-         d%model%sets%node_of = int(nodes(:d%model%n_dofs)) + 1
-         allocate (d%model%sets%direction(size(words)))
+         d%fe_model%sets%node_of = int(nodes(:d%fe_model%n_dofs)) + 1
+         allocate (d%fe_model%sets%direction(size(words)))
          do i = 1, size(words)
-            d%model%sets%direction(i) = words(i)%value
+            d%fe_model%sets%direction(i) = words(i)%value
          end do
       end if
       code = code_of(d)
@@ -182,8 +183,8 @@ contains
       type(error_t), allocatable :: error
 
       call c_f_pointer(structure, d)
-      if (allocated(d%model%sets%node_of)) then
-         call d%model%sets%add(c_text(name), int(nodes(:n)), d%n_nodes, error)
+      if (allocated(d%fe_model%sets%node_of)) then
+         call d%fe_model%sets%add(c_text(name), int(nodes(:n)), d%n_nodes, error)
       else
          call fail(error, "set '"//c_text(name)//"': nhbm_structure_nodes comes before")
       end if

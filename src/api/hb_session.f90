@@ -1,4 +1,4 @@
-!> A model that is solved in process, again and again with other values: an input without files, its present scene, and the motion
+!> A model that is solved in process, again and again with other values: an input without files, its present model, and the motion
 !> found last, from which the next one may start.
 !>
 !> What a point of a sweep is in a run is a call of `solve` here, and a curve comes point by point; numbers are the same to the last
@@ -13,11 +13,11 @@ module hb_session
    use hb_curve_request, only: curve_request_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
-   use hb_integration, only: integrate_scene, integration_t
-   use hb_kept_linear_part, only: kept_linear_parts_t
+   use hb_integration, only: integrate_model, integration_t
+   use hb_cached_linear_part, only: cached_linear_parts_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
-   use hb_marched_floquet, only: marched_floquet_t
+   use hb_integrated_floquet, only: integrated_floquet_t
    use hb_motion, only: solve_motion
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: motion_result_t
@@ -26,27 +26,27 @@ module hb_session
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: is_solved, outcome
    use hb_parameter_path, only: identifier
-   use hb_rung, only: rung_t
-   use hb_scene, only: scene_t, callbacks_t
-   use hb_scene_reader, only: group_names, read_scene, update_scene
-   use hb_scene_tones, only: read_tones
+   use hb_level, only: level_t
+   use hb_model, only: model_t, callbacks_t
+   use hb_model_reader, only: group_names, read_model, update_model
+   use hb_model_tones, only: read_tones
    use hb_time_columns, only: find_record_column, find_verdict_column
    use hb_time_integration, only: time_integration_t
    use hb_tones, only: tones_t
    use hb_verification, only: claim_t, verdict_t, verify_motion
-   use hb_watch, only: verdict, watch_t
+   use hb_cancellation, only: verdict, cancellation_t
    implicit none
    private
-   public :: session_t, session_watch_t
+   public :: session_t, session_cancellation_t
 
    !> Ends what is under way when somebody wants that.
-   type, extends(watch_t) :: session_watch_t
+   type, extends(cancellation_t) :: session_cancellation_t
       type(c_funptr) :: ask = c_null_funptr                           !! wants_end(context) of nhbm.h; null: nobody ever does
       type(c_ptr) :: context = c_null_ptr
       real(wp), private :: asked = -huge(1.0_wp)                      ! [s] when it was asked last
    contains
-      procedure :: wants_end => session_watch_wants_end
-   end type session_watch_t
+      procedure :: wants_end => session_cancellation_wants_end
+   end type session_cancellation_t
 
    abstract interface
       integer(c_int) function wants_end(context) bind(c)
@@ -58,17 +58,17 @@ module hb_session
    !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`.
    type :: session_t
       type(document_t) :: document
-      type(scene_t) :: scene
+      type(model_t) :: model
       type(motion_result_t) :: result                                 !! of the last `solve`, or the last point of a curve
       logical :: has_curve = .false.                                  !! `next` may give a further point
       type(integration_t), allocatable :: record                      !! of the last `integrate`, if `verify` was not called since
       type(verdict_t) :: verdict                                      !! of the last `verify`
-      type(session_watch_t) :: watch
+      type(session_cancellation_t) :: cancellation
       type(column_view_t) :: column                                   !! looked up last
       type(parameter_t), allocatable :: parameters(:)                 !! that have been resolved
       type(callbacks_t) :: callbacks                                   !! `models` is where structures come from
       type(neighbour_t), private :: neighbour
-      type(kept_linear_parts_t), private :: kept
+      type(cached_linear_parts_t), private :: kept
       type(curve_plan_t), private :: plan
       type(curve_request_t), private :: request
       class(motion_curve_t), allocatable, private :: curve
@@ -99,10 +99,10 @@ contains
       character(*), intent(in) :: name                                !! for messages
       character(*), intent(in) :: text
       type(error_t), allocatable, intent(out) :: error
-      type(marched_floquet_t) :: finder
+      type(integrated_floquet_t) :: finder
 
       call self%destroy()
-      self%scene%is_read = .false.
+      self%model%is_read = .false.
       if (allocated(self%parameters)) deallocate (self%parameters)
       allocate (self%parameters(0))
       call read_namelist(self%document, name, text, error)
@@ -142,7 +142,7 @@ contains
       number = size(self%parameters)
    end subroutine session_resolve
 
-   !> Sets a number that has been looked up, in the unit of the input. What is wrong with it is told by the next solution.
+   !> Sets a number that has been looked up, in the unit of the input. What is wrong with it is reported by the next solution.
    subroutine session_set_number(self, number, value, error)
       class(session_t), intent(inout) :: self
       integer, intent(in) :: number                                   !! that `resolve` gave
@@ -159,13 +159,13 @@ contains
       end associate
    end subroutine session_set_number
 
-   !> Brings the scene to the present values. Fails with all that is wrong with them.
+   !> Brings the model to the present values. Fails with all that is wrong with them.
    subroutine session_update(self, error)
       class(session_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
       logical :: is_new
 
-      call update_scene(self%scene, self%document, is_new, error, callbacks=self%callbacks)
+      call update_model(self%model, self%document, is_new, error, callbacks=self%callbacks)
    end subroutine session_update
 
    !> The input with all keys that may be given, and their values.
@@ -177,13 +177,13 @@ contains
    end subroutine session_complete_input
 
    !> Solves the model with its present values, from the motion found last where one is wanted and there is one. What does not
-   !> converge is told by the status of the result; an error is one of the model.
+   !> converge is reported by the status of the result; an error is one of the model.
    subroutine session_solve(self, is_warm, error)
       class(session_t), intent(inout), target :: self
       logical, intent(in) :: is_warm
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: failure
-      type(rung_t) :: before, rung
+      type(level_t) :: before, level
       real(wp), allocatable :: start(:), unknowns(:)
       real(wp) :: started
       real(wp), parameter :: here = 0.0_wp                            ! neighbours are not told apart by a value
@@ -192,26 +192,26 @@ contains
       call self%update(error)
       if (allocated(error)) return
       if (.not. is_warm) call self%neighbour%forget()
-      self%scene%chain%is_on = is_warm
-      call self%watch%enter(self%scene%solver%time_limit)
-      if (self%scene%accuracy%is_on) then
-         call self%neighbour%predict_rung(here, self%scene, before)
-         call solve_to_tolerance(self%scene, self%result, failure, rung, before)
-         if (allocated(rung%unknowns)) unknowns = rung%unknowns
+      self%model%chain%is_on = is_warm
+      call self%cancellation%enter(self%model%solver%time_limit)
+      if (self%model%accuracy%is_on) then
+         call self%neighbour%predict_level(here, self%model, before)
+         call solve_to_tolerance(self%model, self%result, failure, level, before)
+         if (allocated(level%unknowns)) unknowns = level%unknowns
       else
-         if (is_warm) call self%neighbour%predict(here, self%scene%harmonics%tuples, .false., start)
-         call solve_motion(self%scene, self%result, failure, start, unknowns, self%kept)
-         rung%set = self%scene%harmonics
+         if (is_warm) call self%neighbour%predict(here, self%model%harmonics%tuples, .false., start)
+         call solve_motion(self%model, self%result, failure, start, unknowns, self%kept)
+         level%set = self%model%harmonics
       end if
-      call self%watch%leave()
+      call self%cancellation%leave()
       call self%neighbour%forget()
       if (allocated(failure)) then
          self%result%status = outcome%failed
          self%result%message = failure%message
       else if (allocated(unknowns)) then
-         call self%neighbour%keep(here, rung%set%tuples, unknowns, rung%n_samples)
+         call self%neighbour%keep(here, level%set%tuples, unknowns, level%n_samples)
       end if
-      if (self%watch%verdict == verdict%interrupted) self%result%status = outcome%interrupted
+      if (self%cancellation%verdict == verdict%interrupted) self%result%status = outcome%interrupted
       self%result%solve_seconds = wall_clock() - started
    end subroutine session_solve
 
@@ -231,7 +231,7 @@ contains
       if (allocated(error)) return
       call self%plan%set(self%document, self%plan%start)
       call self%update(error)
-      if (.not. allocated(error)) call self%plan%make_request(self%scene, self%document, self%request, error)
+      if (.not. allocated(error)) call self%plan%make_request(self%model, self%document, self%request, error)
       if (allocated(error)) return
       call new_motion_curve(self%curve, self%request)
       self%has_curve = .true.
@@ -248,39 +248,39 @@ contains
          call fail(error, "the curve has no further point")
          return
       end if
-      limit = self%scene%solver%time_limit
+      limit = self%model%solver%time_limit
       if (allocated(self%request%over)) limit = huge(1.0_wp)          ! begins with a whole curve, each point with the limit
-      call self%watch%enter(limit)
+      call self%cancellation%enter(limit)
       if (self%has_begun) then
          call self%curve%next(self%result, error)
       else
-         call self%curve%begin(self%scene, self%document, self%request, self%result, error)
+         call self%curve%begin(self%model, self%document, self%request, self%result, error)
       end if
-      call self%watch%leave()
+      call self%cancellation%leave()
       self%has_begun = .true.
       self%has_curve = .not. (allocated(error) .or. self%curve%is_done)
-      if (self%watch%verdict /= verdict%interrupted) return
+      if (self%cancellation%verdict /= verdict%interrupted) return
       self%result%status = outcome%interrupted
       self%has_curve = .false.
       if (allocated(error)) deallocate (error)
    end subroutine session_next
 
-   !> Integrates the model through time with its present values, as `&march` says. What is interrupted leaves no record.
+   !> Integrates the model through time with its present values, as `&integration` says. What is interrupted leaves no record.
    subroutine session_integrate(self, error)
       class(session_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
 
       if (allocated(self%record)) deallocate (self%record)
       call self%update(error)
-      if (.not. allocated(error) .and. len(self%scene%march%record) > 0) &
-         call fail(error, "&march: continue: result files are not read here")
+      if (.not. allocated(error) .and. len(self%model%integration%record) > 0) &
+         call fail(error, "&integration: continue: result files are not read here")
       if (allocated(error)) return
       allocate (self%record)
-      call self%watch%enter(huge(1.0_wp))
-      call integrate_scene(self%record, self%scene, error)
-      call self%watch%leave()
+      call self%cancellation%enter(huge(1.0_wp))
+      call integrate_model(self%record, self%model, error)
+      call self%cancellation%leave()
       if (allocated(error)) deallocate (self%record)
-      if (self%watch%verdict == verdict%interrupted .and. allocated(error)) deallocate (error)
+      if (self%cancellation%verdict == verdict%interrupted .and. allocated(error)) deallocate (error)
    end subroutine session_integrate
 
    !> Integrates from the motion that `solve` has found last, and from beside it, until it is clear whether it stays there.
@@ -289,7 +289,7 @@ contains
       integer, intent(in) :: n_periods                                !! of the slowest tone, at most; 0: by the decay
       type(error_t), allocatable, intent(out) :: error
       type(document_t), target :: document
-      type(scene_t) :: scene
+      type(model_t) :: model
       type(claim_t) :: claim
 
       if (allocated(self%record)) deallocate (self%record)
@@ -300,14 +300,14 @@ contains
             return
          end if
          document = self%document
-         call read_scene(scene, document, error, callbacks=self%callbacks)
+         call read_model(model, document, error, callbacks=self%callbacks)
          if (allocated(error)) return
-         if (size(motion%coefficients, 3) /= scene%structure%n_dofs) then
+         if (size(motion%coefficients, 3) /= model%structure%n_dofs) then
             call fail(error, "time integration starts from all degrees of freedom; solve without &output dofs")
             return
          end if
          claim%omega = motion%frequency
-         claim%tuples = scene%harmonics%tuples
+         claim%tuples = model%harmonics%tuples
          if (allocated(motion%harmonics%tuples)) claim%tuples = motion%harmonics%tuples
          claim%amplitudes = cmplx(motion%coefficients(1, :, :), -motion%coefficients(2, :, :), wp)
          claim%estimate = ieee_value(1.0_wp, ieee_quiet_nan)
@@ -318,12 +318,12 @@ contains
             claim%spread = motion%certificate%aliasing
             claim%frequency_estimates = motion%certificate%frequency_error
          end if
-         claim%is_averaged = any(motion%status == [outcome%marched, outcome%several]) .and. .not. scene%accuracy%grows_set
+         claim%is_averaged = any(motion%status == [outcome%time_domain, outcome%several]) .and. .not. model%accuracy%grows_set
       end associate
-      call self%watch%enter(huge(1.0_wp))
-      call verify_motion(scene, claim, n_periods, self%verdict, error)
-      call self%watch%leave()
-      if (self%watch%verdict == verdict%interrupted .and. allocated(error)) deallocate (error)
+      call self%cancellation%enter(huge(1.0_wp))
+      call verify_motion(model, claim, n_periods, self%verdict, error)
+      call self%cancellation%leave()
+      if (self%cancellation%verdict == verdict%interrupted .and. allocated(error)) deallocate (error)
    end subroutine session_verify
 
    !> Looks a column of the record up, or of the verdict where `verify` was called last: `column` has it then.
@@ -333,7 +333,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (allocated(self%record)) then
-         call find_record_column(self%column, name, self%record, self%scene, error)
+         call find_record_column(self%column, name, self%record, self%model, error)
       else
          call find_verdict_column(self%column, name, self%verdict, error)
       end if
@@ -345,17 +345,17 @@ contains
       character(*), intent(in) :: name                                !! empty: `column%names` are listed
       type(error_t), allocatable, intent(out) :: error
 
-      self%column%has_accuracy = self%scene%accuracy%is_on
+      self%column%has_accuracy = self%model%accuracy%is_on
       self%column%has_own_tuples = .true.
-      self%column%has_improved = self%scene%certificate%improvement_steps > 0
-      self%column%has_surfaces = size(self%scene%output%samples) > 0
+      self%column%has_improved = self%model%certificate%improvement_steps > 0
+      self%column%has_surfaces = size(self%model%output%samples) > 0
       if (allocated(self%result%curve)) then
          self%column%curve_path = self%plan%path
          self%column%curve_column = identifier(self%plan%path)
          self%column%curve_units = self%plan%units
       end if
-      if (.not. allocated(self%result%harmonics%tuples)) self%result%harmonics = self%scene%harmonics
-      call self%column%look_up(name, self%result, size(self%scene%accuracy%outputs), error)
+      if (.not. allocated(self%result%harmonics%tuples)) self%result%harmonics = self%model%harmonics
+      call self%column%look_up(name, self%result, size(self%model%accuracy%outputs), error)
    end subroutine session_look_up
 
    !> Labels of the degrees of freedom along the axes `dof`, `law_dof` and `state_dof`, of the laws along `law`, and of their
@@ -371,10 +371,10 @@ contains
          return
       end if
       select case (axis)
-      case ("dof"); labels = [character(64) :: self%scene%structure%labels(self%scene%output%dofs)]
-      case ("law_dof"); labels = [character(64) :: self%scene%structure%labels(law_dofs_of(self%scene%laws))]
-      case ("law"); labels = [(adjustl([character(64) :: self%scene%laws(i)%law%label]), i=1, size(self%scene%laws))]
-      case ("state_dof"); labels = [character(64) :: self%scene%structure%labels]
+      case ("dof"); labels = [character(64) :: self%model%structure%labels(self%model%output%dofs)]
+      case ("law_dof"); labels = [character(64) :: self%model%structure%labels(law_dofs_of(self%model%laws))]
+      case ("law"); labels = [(adjustl([character(64) :: self%model%laws(i)%law%label]), i=1, size(self%model%laws))]
+      case ("state_dof"); labels = [character(64) :: self%model%structure%labels]
       case default; labels = [character(64) ::]
       end select
    end function session_labels_along
@@ -397,8 +397,8 @@ contains
    end subroutine session_destroy
 
    !> Asks every twentieth of a second, which nobody notices and costs nothing.
-   logical function session_watch_wants_end(self) result(wants)
-      class(session_watch_t), intent(inout) :: self
+   logical function session_cancellation_wants_end(self) result(wants)
+      class(session_cancellation_t), intent(inout) :: self
       real(wp), parameter :: interval = 0.05_wp
       procedure(wants_end), pointer :: ask
       real(wp) :: now
@@ -410,5 +410,5 @@ contains
       self%asked = now
       call c_f_procpointer(self%ask, ask)
       wants = ask(self%context) /= 0
-   end function session_watch_wants_end
+   end function session_cancellation_wants_end
 end module hb_session

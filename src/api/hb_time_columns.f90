@@ -4,7 +4,7 @@ module hb_time_columns
    use hb_error, only: error_t, fail
    use hb_integration, only: integration_t
    use hb_kinds, only: wp
-   use hb_scene, only: scene_t
+   use hb_model, only: model_t
    use hb_verification, only: verdict_t
    implicit none
    private
@@ -13,34 +13,34 @@ module hb_time_columns
 contains
 
    !> Looks a column of a record up. Fails for a name that there is not.
-   subroutine find_record_column(column, name, record, scene, error)
+   subroutine find_record_column(column, name, record, model, error)
       class(column_view_t), intent(inout) :: column
       character(*), intent(in) :: name                                !! empty: names are listed
       type(integration_t), intent(in) :: record
-      type(scene_t), intent(in) :: scene
+      type(model_t), intent(in) :: model
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
       call begin(column, name)
-      associate (r => record%record, judgement => record%judgement, state => record%state)
+      associate (r => record%record, assessment => record%assessment, state => record%state)
          call put(column, "time", "s", "time", shape(r%time), r%time)
          call put(column, "displacement", "m", "dof time", shape(r%displacement), [r%displacement])
          call put(column, "velocity", "m/s", "dof time", shape(r%velocity), [r%velocity])
          call put(column, "force", "N", "law_coordinate time", shape(r%force), [r%force])
          call put(column, "cpu_seconds", "s", "", [integer ::], [r%cpu_seconds])
          call put(column, "frequency", "rad/s", "tone", shape(record%omega), record%omega)
-         call put_integers(column, "tuple", "harmonic tone", shape(scene%harmonics%tuples), [scene%harmonics%tuples])
-         call put(column, "coefficients", "m", "dof harmonic component", [2, shape(judgement%coefficients)], &
-                  pairs_of(judgement%coefficients))
-         call put(column, "spread", "m", "dof harmonic", shape(judgement%spread), [judgement%spread])
-         if (scene%march%n_peaks > 0) then
-            call put(column, "peak_frequency", "rad/s", "dof peak", shape(judgement%frequencies), [judgement%frequencies])
-            call put(column, "peak_coefficients", "m", "dof peak component", [2, shape(judgement%amplitudes)], &
-                     pairs_of(judgement%amplitudes))
+         call put_integers(column, "tuple", "harmonic tone", shape(model%harmonics%tuples), [model%harmonics%tuples])
+         call put(column, "coefficients", "m", "dof harmonic component", [2, shape(assessment%coefficients)], &
+                  pairs_of(assessment%coefficients))
+         call put(column, "spread", "m", "dof harmonic", shape(assessment%spread), [assessment%spread])
+         if (model%integration%n_peaks > 0) then
+            call put(column, "peak_frequency", "rad/s", "dof peak", shape(assessment%frequencies), [assessment%frequencies])
+            call put(column, "peak_coefficients", "m", "dof peak component", [2, shape(assessment%amplitudes)], &
+                     pairs_of(assessment%amplitudes))
          end if
          if (allocated(record%motion)) then
             call put_integers(column, "start_motion", "start", shape(record%motion), record%motion)
-            associate (n => shape(judgement%spread), motions => record%motions)
+            associate (n => shape(assessment%spread), motions => record%motions)
                call put(column, "motion_coefficients", "m", "motion dof harmonic component", [2, n, size(motions)], &
                         [(pairs_of(motions(i)%coefficients), i=1, size(motions))])
                call put(column, "motion_spread", "m", "motion dof harmonic", [n, size(motions)], &
@@ -63,13 +63,13 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       call begin(column, name)
-      call put_integers(column, "march_verdict", "", [integer ::], [verdict%kind])
-      call put(column, "march_first_difference", "1", "", [integer ::], [verdict%first_difference])
-      call put(column, "march_difference", "1", "", [integer ::], [verdict%difference])
-      call put(column, "march_limit", "1", "", [integer ::], [verdict%limit])
-      call put(column, "march_growth", "1/s", "", [integer ::], [verdict%growth])
-      call put(column, "march_duration", "s", "", [integer ::], [verdict%duration])
-      if (allocated(verdict%drift)) call put(column, "march_drift", "rad/s", "tone", shape(verdict%drift), verdict%drift)
+      call put_integers(column, "integration_verdict", "", [integer ::], [verdict%kind])
+      call put(column, "integration_first_difference", "1", "", [integer ::], [verdict%first_difference])
+      call put(column, "integration_difference", "1", "", [integer ::], [verdict%difference])
+      call put(column, "integration_limit", "1", "", [integer ::], [verdict%limit])
+      call put(column, "integration_growth", "1/s", "", [integer ::], [verdict%growth])
+      call put(column, "integration_duration", "s", "", [integer ::], [verdict%duration])
+      if (allocated(verdict%drift)) call put(column, "integration_drift", "rad/s", "tone", shape(verdict%drift), verdict%drift)
       call finish(column, error)
    end subroutine find_verdict_column
 

@@ -1,6 +1,6 @@
 !> nhbm for programs in Fortran: the one module that they use.
 !>
-!>     type(model_t), target :: model
+!>     type(fe_model_t), target :: model
 !>     type(error_t), allocatable :: error
 !>     call model%read("my model", text, error)                   ! the text of an input (docs/user/input.md)
 !>     call model%resolve("tones%frequency", frequency, error)
@@ -17,15 +17,16 @@
 module nhbm
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_model, only: structure_data_t => model_t, structure_source_t => model_source_t
+   use hb_fe_model, only: structure_data_t => fe_model_t, structure_source_t => fe_model_source_t
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome, outcome_names
-   use hb_session, only: model_t => session_t
+   use hb_session, only: fe_model_t => session_t
    use hb_sparse, only: new_sparse, sparse_t
    use hb_user_library, only: forget_law, give_law, law_api => api_version, law_info_t, law_samples_t, law_step_t
    use hb_version, only: program_version
    implicit none
    private
-   public :: error_t, forget_law, give_law, law_api, law_info_t, law_samples_t, law_step_t, model_t, motion_result_t, new_sparse, &
+   public :: error_t, forget_law, give_law, law_api, law_info_t, law_samples_t, law_step_t, fe_model_t, motion_result_t, &
+      new_sparse, &
       outcome, outcome_names, program_version, sparse_t, structure_data_t, structure_source_t, wp
 end module nhbm

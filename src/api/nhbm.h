@@ -103,7 +103,7 @@ int nhbm_set_text(nhbm_model *model, const char *path, const char *values, nhbm_
 /* Looks a number up once, such as "tones%frequency(1)" or "law(stop)%gap"; `handle` is what nhbm_set takes. */
 int nhbm_parameter(nhbm_model *model, const char *path, int *handle, nhbm_error *error);
 
-/* Sets that number, in the unit of the input. What is wrong with it is told by the next solution. */
+/* Sets that number, in the unit of the input. What is wrong with it is reported by the next solution. */
 int nhbm_set(nhbm_model *model, int handle, double value, nhbm_error *error);
 
 enum nhbm_start {
@@ -134,13 +134,13 @@ int nhbm_column_of(nhbm_model *model, const char *name, nhbm_column *column, nhb
 /* Names of all columns, with blanks between. */
 const char *nhbm_column_names(nhbm_model *model);
 
-/* Integrates the model through time as the group &march says, which must give the duration. nhbm_time_column_of then has the record by the
- * names of the file that `nhbm march` writes (docs/user/schema.md). */
+/* Integrates the model through time as the group &integration says, which must give the duration. nhbm_time_column_of then has the record by the
+ * names of the file that `nhbm integrate` writes (docs/user/schema.md). */
 int nhbm_integrate(nhbm_model *model, nhbm_error *error);
 
 /* Integrates from the motion that nhbm_solve has found last, and from beside it, until it is clear whether it stays there, over at most so
- * many periods of the slowest tone (0: as many as its decay takes). nhbm_time_column_of then has what `nhbm verify` writes: march_verdict,
- * march_difference, ... */
+ * many periods of the slowest tone (0: as many as its decay takes). nhbm_time_column_of then has what `nhbm verify` writes:
+ * integration_verdict, integration_difference, ... */
 int nhbm_verify(nhbm_model *model, int n_periods, nhbm_error *error);
 
 /* As nhbm_column_of and nhbm_column_names, of whichever of the two was called last. */

@@ -6,7 +6,7 @@ module hb_amplitude_flow
    use hb_outcome, only: outcome
    use hb_limit_cycle_search, only: first_amplitude, last_amplitude, neutral, path_point_t, search_t
    use hb_text, only: to_text
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: follow_flow

@@ -1,10 +1,10 @@
-!> The harmonic balance of a scene: R(u) = S u + F_nl(u) - F_ext at the coordinates on which laws act.
+!> The harmonic balance of a model: R(u) = S u + F_nl(u) - F_ext at the coordinates on which laws act.
 !>
 !> Forces are evaluated on the torus and projected back (alternating frequency/time); the tangent is the exact derivative
 !> of this discrete residual. Unknowns u(n_coefficients, n_dofs) are cosines and sines, degree of freedom by degree of
 !> freedom. Source: docs/why/theory.md, sections 3 to 5.
 !>
-!> Forces with memory depend on all samples; their columns of the tangent come from the march that found them.
+!> Forces with memory depend on all samples; their columns of the tangent come from the time integration that found them.
 !>
 !> Glossary: u unknowns, S condensed dynamic stiffness, s reaction = F_ext - S u, q motion and v rate on the samples.
 module hb_balance
@@ -16,7 +16,7 @@ module hb_balance
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
-   use hb_kept_linear_part, only: kept_linear_part_t
+   use hb_cached_linear_part, only: cached_linear_part_t
    use hb_linear_part, only: linear_part_t, new_linear_part
    use hb_preconditioner, only: preconditioner_t, unit_work
    use hb_problem, only: deformation, problem_t
@@ -29,13 +29,13 @@ module hb_balance
    private
    public :: balance_t, new_balance
 
-   integer, parameter :: fewest_to_climb = 100                        ! unknowns from where fewer harmonics pay as the first way
+   integer, parameter :: fewest_to_continue_in_order = 100            ! unknowns from where fewer harmonics pay as the first way
 
    !> Owner of outside resources: call `destroy`.
    type, extends(problem_t) :: balance_t
       type(harmonics_t) :: harmonics
       type(linear_part_t), allocatable :: stiffness
-      type(kept_linear_part_t), pointer :: kept_wide => null()        !! linear part of its certificate, if that is to be kept
+      type(cached_linear_part_t), pointer :: cached_wide => null()    !! linear part of its certificate, if that is to be kept
       real(wp), allocatable :: omega(:)                               !! base frequencies [rad/s], (n_tones)
       real(wp), allocatable :: frequencies(:)                         !! j.omega [rad/s], (n_harmonics)
       real(wp), allocatable :: xi(:)                                  !! artificial damping, negative, per tone [1/s], (n_tones)
@@ -79,7 +79,7 @@ module hb_balance
       procedure :: set_parameters => balance_set_parameters
       procedure :: parameter_derivative => balance_parameter_derivative
       procedure :: update_regular_preconditioner => balance_update_regular_preconditioner
-      procedure :: lowest_rung => balance_lowest_rung
+      procedure :: lowest_level => balance_lowest_level
       procedure :: coarse_guess => balance_coarse_guess
       procedure :: linear_solution => balance_linear_solution
       procedure :: stuck_solution => balance_stuck_solution
@@ -165,12 +165,12 @@ module hb_balance
 
    end interface
 
-   ! The ladder; bodies in hb_balance_coarse
+   ! the sequence of orders; bodies in hb_balance_coarse
    interface
-      pure module function balance_lowest_rung(self) result(share)
+      pure module function balance_lowest_level(self) result(share)
          class(balance_t), intent(in) :: self
          real(wp) :: share
-      end function balance_lowest_rung
+      end function balance_lowest_level
 
       module subroutine balance_coarse_guess(self, share, config, x, report, is_found)
          class(balance_t), intent(inout) :: self
@@ -289,7 +289,7 @@ contains
       self%n_unknowns = harmonics%n_coefficients*self%n_dofs
       self%has_products = .true.
       self%can_be_damped = .not. any([(laws(i)%law%is_multiplier, i=1, size(laws))]) ! it led to other motions there
-      self%climbs_first = self%n_unknowns >= fewest_to_climb .and. &
+      self%continues_in_order_first = self%n_unknowns >= fewest_to_continue_in_order .and. &
          any([(laws(i)%law%degree == 0 .and. .not. laws(i)%law%is_multiplier, i=1, size(laws))])
       self%largest_dense = largest_dense_tangent(laws)
       self%load_factor = 1.0_wp
@@ -418,7 +418,7 @@ contains
       call self%law_set%differentiate(error)
       if (.not. allocated(error)) call self%tangent_product%prepare(self%law_set, self%effort, error)
       is_ready = .not. allocated(error)
-      if (allocated(error)) call move_alloc(error, self%trouble)
+      if (allocated(error)) call move_alloc(error, self%failure)
    end subroutine balance_linearise
 
    subroutine balance_apply_tangent(self, x, product)
@@ -438,7 +438,7 @@ contains
 
       call self%stiffness%find_reaction(self%harmonics, u, 0.0_wp, self%reaction)
       call self%tangent_product%apply(self%law_set, u, self%reaction, self%frequencies, self%force, error)
-      if (allocated(error)) call move_alloc(error, self%trouble)
+      if (allocated(error)) call move_alloc(error, self%failure)
       product = self%law_set%factor*self%force - self%reaction
       if (self%stiffness%has_supports) call self%stiffness%add_supports(self%harmonics, u, product)
    end subroutine apply_tangent_to
@@ -469,7 +469,7 @@ contains
       end if
       if (.not. allocated(error)) return
       jacobian = 0.0_wp                                               ! singular: no solver goes on
-      call move_alloc(error, self%trouble)
+      call move_alloc(error, self%failure)
    end subroutine balance_tangent_of
 
    !> The motion without any law; where the structure is free to move, that on its weak supports.

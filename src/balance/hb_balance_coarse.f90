@@ -1,7 +1,7 @@
-!> The ladder: the balance of half the orders is solved first, and that of half of these before it.
+!> the sequence of orders: the balance of half the orders is solved first, and that of half of these before it.
 !>
-!> Contact that comes and goes on the way from the linear motion is settled on the lowest rung, by whatever it takes, where a
-!> step costs next to nothing; each further rung takes a few steps from the one below it.
+!> Contact that comes and goes on the way from the linear motion is settled on the lowest level, by whatever it takes, where a
+!> step costs next to nothing; each further level takes a few steps from the one below it.
 !> Source: docs/why/theory.md, section 6.4.
 submodule (hb_balance) hb_balance_coarse
    use hb_harmonics, only: new_harmonics
@@ -24,7 +24,7 @@ contains
       type(error_t), allocatable :: error
 
       is_found = .false.
-      kept = rung_of(self, share)
+      kept = level_of(self, share)
       if (size(kept) == 0) return
       call make_coarse(self, kept, coarse, error)
       if (.not. allocated(error)) then
@@ -41,7 +41,7 @@ contains
    end procedure balance_coarse_guess
 
    !> The share of the orders that leaves the lowest order in the tone of highest order, and all that drives the motion.
-   module procedure balance_lowest_rung
+   module procedure balance_lowest_level
       integer :: h
 
       share = 1.0_wp
@@ -53,10 +53,10 @@ contains
                share = max(share, maxval(real(abs(set%tuples(:, h)), wp)/max(1, set%highest)))
          end do
       end associate
-   end procedure balance_lowest_rung
+   end procedure balance_lowest_level
 
    !> Harmonics of a smaller set, those of a share of the orders; none where that is no smaller.
-   pure function rung_of(self, share) result(kept)
+   pure function level_of(self, share) result(kept)
       class(balance_t), intent(in) :: self
       real(wp), intent(in) :: share
       integer, allocatable :: kept(:)
@@ -67,7 +67,7 @@ contains
                      [(all(abs(set%tuples(:, h)) <= ceiling((share - rounding)*set%highest)), h=1, set%n_harmonics)])
          if (size(kept) == set%n_harmonics) kept = kept(:0)
       end associate
-   end function rung_of
+   end function level_of
 
    !> The balance of the harmonics `kept`, on a grid that is finer than they need by as much as the whole one is.
    subroutine make_coarse(self, kept, coarse, error)

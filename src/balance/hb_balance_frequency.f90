@@ -58,7 +58,7 @@ contains
       end associate
    end procedure balance_set_parameters
 
-   !> Exact; zero, with the reason in `trouble`, where there is none.
+   !> Exact; zero, with the reason in `failure`, where there is none.
    module procedure balance_parameter_derivative
       type(error_t), allocatable :: error
       real(wp), dimension(self%harmonics%n_coefficients, self%n_dofs) :: u, column
@@ -75,7 +75,7 @@ contains
       end if
       derivative = 0.0_wp
       if (allocated(error)) then
-         call move_alloc(error, self%trouble)
+         call move_alloc(error, self%failure)
       else
          derivative = reshape(column, [size(column)])
       end if
@@ -99,10 +99,10 @@ contains
       if (allocated(error)) call self%move(omega, xi, error_of_return)   ! without damping is better than nothing
       call self%update_preconditioner(level, is_strongest)
       if (.not. allocated(error)) call self%move(omega, xi, error)
-      if (allocated(error)) call move_alloc(error, self%trouble)
+      if (allocated(error)) call move_alloc(error, self%failure)
    end procedure balance_update_regular_preconditioner
 
-   !> Changes base frequencies and artificial damping; scales, first Jacobian and what laws were told by the structure stay, and
+   !> Changes base frequencies and artificial damping; scales, first Jacobian and what laws were reported by the structure stay, and
    !> so does a preconditioner until its next update. Products need `linearise` anew.
    !>
    !> Fails where the stiffness was made without slopes or its interior is singular at the new frequencies.
@@ -174,7 +174,7 @@ contains
    !> Derivative of the residual by base frequency m at fixed coefficients, exact for the discrete equations:
    !> dR/domega_m = j_m (dS/dw u - dP/dw) + the projection of df/dv dv/domega_m + df/ds ds/domega_m + df/domega_m.
    !>
-   !> What laws were told by the structure (`prepare`) stays. Fails where the stiffness was made without slopes, for a tone
+   !> What laws were reported by the structure (`prepare`) stays. Fails where the stiffness was made without slopes, for a tone
    !> that does not exist, where the states of a law with memory do not repeat, and out of memory. docs/why/theory.md, section 5.6.
    module procedure balance_frequency_derivative
       real(wp) :: turns(self%harmonics%n_harmonics)                   ! j_m, the derivative of j.omega

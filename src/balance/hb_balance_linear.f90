@@ -1,4 +1,4 @@
-!> What laws and solvers are told by the linear part of the balance: stiffness felt, scales, rounding.
+!> What laws and solvers are reported by the linear part of the balance: stiffness felt, scales, rounding.
 submodule (hb_balance) hb_balance_linear
    implicit none
 

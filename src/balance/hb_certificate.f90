@@ -52,7 +52,7 @@ module hb_certificate
       real(wp), allocatable :: frequency_error(:)                     !! of unknown tones, by both [rad/s], (n_tones)
       real(wp) :: parameter_error = 0.0_wp                            !! of the value along which a curve runs, by both
       type(defects_t) :: defects                                      !! of rigid walls and rigid friction, on the finer grid
-      real(wp) :: impact = 0.0_wp                                     !! energy of the hardest blow against a rigid wall, relative
+      real(wp) :: impact = 0.0_wp                                     !! energy of the hardest impact against a rigid wall, relative
                                                                       !! to that of the motion there
       real(wp) :: power_in = 0.0_wp                                   !! mean power of the loads [W]
       real(wp) :: power_damping = 0.0_wp                              !! mean loss in the structure [W]
@@ -123,7 +123,7 @@ contains
          call balance%all_dofs(u, c)
          call find_structure_powers(self, structure, balance%frequencies, loads, c)
       end if
-      if (associated(balance%kept_wide)) call balance%kept_wide%give_back(wide%stiffness)
+      if (associated(balance%cached_wide)) call balance%cached_wide%give_back(wide%stiffness)
       call wide%destroy()
 
    contains
@@ -134,8 +134,8 @@ contains
          type(amplitudes_t) :: wide_loads
 
          wide_loads = loads%in_set(balance%harmonics, set)
-         if (associated(balance%kept_wide)) then
-            call balance%kept_wide%take(structure, balance%stiffness%coordinates, set%frequencies(balance%omega), wide_loads, &
+         if (associated(balance%cached_wide)) then
+            call balance%cached_wide%take(structure, balance%stiffness%coordinates, set%frequencies(balance%omega), wide_loads, &
                                         linear, error, of_interior=n_steps > 0 .or. keeps_all(self, balance))
          else
             call new_dynamic_stiffness(stiffness, structure, balance%stiffness%coordinates, set%frequencies(balance%omega), &
@@ -267,7 +267,7 @@ contains
       call new_balance(fine, balance%harmonics, grid, balance%omega, linear, balance%law_set%laws, effort, error)
       if (.not. allocated(error)) then
          config%max_iterations = most_iterations
-         config%rescue = .false.
+         config%fallback = .false.
          x = reshape(u, [size(u)])
          call solve(fine, config, 0.0_wp*x, x, report)
          if (report%status == outcome%converged) then
@@ -415,8 +415,8 @@ contains
    end function amplitudes
 
    !> Whether a law that is not smooth is rigid, or so much stiffer than the structure in the fastest kept harmonic that it acts
-   !> as if it were: such a blow is shorter than what the set can follow. Where loads set its time the steps see it for longer (the
-   !> paper's beam at stops 10, 100, 1000 times as stiff: 1, .6 to 1.1, .2 to .4 of the error), and that of rigid walls.
+   !> as if it were: such an impact is shorter than what the set can follow. Where loads set its time the steps see it for longer
+   !> (the paper's beam at stops 10, 100, 1000 times as stiff: 1, .6 to 1.1, .2 to .4 of the error), and that of rigid walls.
    logical function acts_rigidly(balance, wide, is_free)
       type(balance_t), intent(in) :: balance
       type(balance_t), intent(in) :: wide                             !! has the derivatives of its laws
@@ -446,11 +446,11 @@ contains
       has_multipliers = any([(balance%law_set%laws(i)%law%is_multiplier, i=1, size(balance%law_set%laws))])
    end function has_multipliers
 
-   !> Rigid laws and those that act as if they were, and any motion of its own that one linear step cannot judge: the change from
+   !> Rigid laws and those that act as if they were, and any motion of its own that one linear step cannot check: the change from
    !> the solution of half the order raises the estimates, or takes their place where they are too large to be believed. A wall
    !> that is struck pushes with all harmonics alike, and those left out move the place where it is struck by sum 1/j**2 = 1/order:
    !> the error falls with the first power, so that it is as large as this change. The harmonics just outside show little of that:
-   !> the force of the truncated motion has a width, not the spectrum of a blow. Without a solution the estimates stay.
+   !> the force of the truncated motion has a width, not the spectrum of an impact. Without a solution the estimates stay.
    subroutine compare_with_half(self, harmonics, problem, x, n, size_of_motion)
       type(certificate_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics
@@ -459,7 +459,7 @@ contains
       integer, intent(in) :: n                                        !! coefficients among its unknowns
       real(wp), intent(in) :: size_of_motion                          !! [m]
       real(wp), parameter :: half = 0.5_wp                            ! of the orders
-      real(wp), parameter :: most_rescue = 20.0_wp                    ! work, relative to that of the first attempt
+      real(wp), parameter :: most_fallback = 20.0_wp                  ! work, relative to that of the first attempt
       real(wp), parameter :: same_motion = 0.5_wp                     ! size relative to the motion; less is on the way to the rest
       type(report_t) :: report
       type(solver_config_t) :: config
@@ -476,8 +476,8 @@ contains
       x_half = x
       where (is_held) x_half(:n) = 0.0_wp
       config%max_iterations = most_iterations
-      config%rescue_work = 0.0_wp
-      config%rescue_share = most_rescue
+      config%fallback_work = 0.0_wp
+      config%fallback_share = most_fallback
       select type (problem)
       class is (bordered_problem_t)
          problem%is_held = is_held

@@ -19,7 +19,7 @@ module hb_coarse_tangent
       integer, allocatable :: kept(:)                                 !! (set%n_harmonics) their numbers in the full set
       logical :: is_usable = .false.                                  !! factorised, and not singular
       integer, private :: n = 0                                       ! unknowns
-      integer, private :: reach = 0                                   ! of the band
+      integer, private :: half_bandwidth = 0                          ! of the band
       logical, private :: is_banded = .false.
       real(wp), allocatable, private :: matrix(:, :), rhs(:)
       integer, allocatable, private :: pivots(:)
@@ -34,50 +34,50 @@ contains
 
    !> Makes room for the harmonics `kept` of `full`, in ascending order, of `n_dofs` degrees of freedom that are coupled up to
    !> `reach` apart.
-   subroutine new_coarse_tangent(self, full, kept, n_dofs, reach)
+   subroutine new_coarse_tangent(self, full, kept, n_dofs, half_bandwidth)
       type(coarse_tangent_t), intent(out) :: self
       type(harmonics_t), intent(in) :: full
-      integer, intent(in) :: kept(:), n_dofs, reach
+      integer, intent(in) :: kept(:), n_dofs, half_bandwidth
       type(error_t), allocatable :: error
 
       self%kept = kept
       call new_harmonics(self%set, full%tuples(:, kept), error)       ! cannot fail: part of a set that exists
       self%n = self%set%n_coefficients*n_dofs
-      self%reach = (reach + 1)*self%set%n_coefficients - 1
-      self%is_banded = is_better_as_band(self%n, self%reach)
+      self%half_bandwidth = (half_bandwidth + 1)*self%set%n_coefficients - 1
+      self%is_banded = is_better_as_band(self%n, self%half_bandwidth)
       if (self%is_banded) then
-         allocate (self%matrix(3*self%reach + 1, self%n))
+         allocate (self%matrix(3*self%half_bandwidth + 1, self%n))
       else
          allocate (self%matrix(self%n, self%n))
       end if
       allocate (self%rhs(self%n), self%pivots(self%n))
    end subroutine new_coarse_tangent
 
-   pure logical function is_better_as_band(n, reach)
-      integer, intent(in) :: n, reach
+   pure logical function is_better_as_band(n, half_bandwidth)
+      integer, intent(in) :: n, half_bandwidth
 
-      is_better_as_band = 2*(3*reach + 1) <= n
+      is_better_as_band = 2*(3*half_bandwidth + 1) <= n
    end function is_better_as_band
 
    !> Multiplications and additions that the factors of `n_coefficients` of `n_dofs` degrees of freedom take.
-   pure real(wp) function factor_work(n_coefficients, n_dofs, reach)
+   pure real(wp) function factor_work(n_coefficients, n_dofs, half_bandwidth)
       integer, intent(in) :: n_coefficients, n_dofs
-      integer, intent(in) :: reach                                    !! between coupled degrees of freedom
+      integer, intent(in) :: half_bandwidth                           !! between coupled degrees of freedom
       real(wp) :: band, n
 
       n = real(n_coefficients, wp)*n_dofs
-      band = real(reach + 1, wp)*n_coefficients
+      band = real(half_bandwidth + 1, wp)*n_coefficients
       factor_work = 2.0_wp/3.0_wp*n**3
       if (6*band <= n) factor_work = 4*n*band**2
    end function factor_work
 
    !> Numbers that these factors hold.
-   pure real(wp) function factor_memory(n_coefficients, n_dofs, reach)
-      integer, intent(in) :: n_coefficients, n_dofs, reach
+   pure real(wp) function factor_memory(n_coefficients, n_dofs, half_bandwidth)
+      integer, intent(in) :: n_coefficients, n_dofs, half_bandwidth
       real(wp) :: band, n
 
       n = real(n_coefficients, wp)*n_dofs
-      band = real(reach + 1, wp)*n_coefficients
+      band = real(half_bandwidth + 1, wp)*n_coefficients
       factor_memory = min(n, 3*band)*n
    end function factor_memory
 
@@ -99,7 +99,7 @@ contains
       m = self%set%n_coefficients
       do column = 1, m
          row = (i - 1)*m
-         if (self%is_banded) row = row + 2*self%reach + 1 - ((k - 1)*m + column)
+         if (self%is_banded) row = row + 2*self%half_bandwidth + 1 - ((k - 1)*m + column)
          associate (entries => self%matrix(row + 1:row + m, (k - 1)*m + column))
             entries = entries + block(:, column)
          end associate
@@ -113,7 +113,7 @@ contains
 
       if (.not. all(ieee_is_finite(self%matrix))) return              ! LAPACK must not meet NaN where exceptions stop it
       if (self%is_banded) then
-         call dgbtrf(self%n, self%n, self%reach, self%reach, self%matrix, size(self%matrix, 1), self%pivots, info)
+         call dgbtrf(self%n, self%n, self%half_bandwidth, self%half_bandwidth, self%matrix, size(self%matrix, 1), self%pivots, info)
       else
          call dgetrf(self%n, self%n, self%matrix, self%n, self%pivots, info)
       end if
@@ -136,7 +136,8 @@ contains
          end do
       end do
       if (self%is_banded) then
-         call dgbtrs("N", self%n, self%reach, self%reach, 1, self%matrix, size(self%matrix, 1), self%pivots, self%rhs, self%n, &
+         call dgbtrs("N", self%n, self%half_bandwidth, self%half_bandwidth, 1, self%matrix, size(self%matrix, 1), self%pivots, &
+            self%rhs, self%n, &
                      info)
       else
          call dgetrs("N", self%n, 1, self%matrix, self%n, self%pivots, self%rhs, self%n, info)

@@ -9,7 +9,7 @@ module hb_dense_tangent
    use hb_linear_part, only: linear_part_t
    use hb_hysteresis_tangent, only: width
    use hb_projected_laws, only: projected_laws_t, slope
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: dense_tangent_t

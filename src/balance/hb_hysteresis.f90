@@ -37,7 +37,7 @@ module hb_hysteresis
       procedure :: prepare_response => hysteresis_prepare_response
       procedure :: n_blocks => hysteresis_n_blocks
       procedure :: find_block_response => hysteresis_find_block_response
-      procedure :: trouble => hysteresis_trouble
+      procedure :: failure => hysteresis_failure
       procedure :: add_spring_forces => hysteresis_add_spring_forces
       procedure :: add_mean_slope => hysteresis_add_mean_slope
    end type hysteresis_t
@@ -73,7 +73,7 @@ contains
 
       associate (path => self%sliders%path, states => self%sliders%states)
          call gather_path(self, characteristic, samples, path)
-         call self%sliders%march(self%law, characteristic)
+         call self%sliders%integration(self%law, characteristic)
          if (characteristic%n_slice == 1) then                        ! all samples form one line: their forces at once
             z = transpose(path(1, :, path_part%at_end, :))
             s = transpose(states(1, :, :))
@@ -150,7 +150,7 @@ contains
          allocate (self%f_along(size(along%f%values, 1), size(self%law%shape, 2)))
       end if
       call gather_path(self, characteristic, along, self%derivative%path)
-      call self%derivative%march(self%sliders, self%law, characteristic, weight_slope)
+      call self%derivative%integration(self%sliders, self%law, characteristic, weight_slope)
       if (.not. self%derivative%repeats) then
          call fail(error, "law '"//self%law%label//"': the derivative of its memory does not repeat "// &
                    "from round to round of the torus")
@@ -235,14 +235,14 @@ contains
    end subroutine hysteresis_find_block_response
 
    !> What is wrong with the states after `evaluate`; empty when they repeat.
-   pure function hysteresis_trouble(self) result(text)
+   pure function hysteresis_failure(self) result(text)
       class(hysteresis_t), intent(in) :: self
       character(merge(0, 140 + len(self%law%label), self%sliders%repeats)) :: text
 
       if (self%sliders%repeats) return
       text = "the sliders of law '"//self%law%label//"' do not come back to their places within "// &
              to_text(self%sliders%rounds)//" rounds of the torus: they hardly slip"
-   end function hysteresis_trouble
+   end function hysteresis_failure
 
    !> Adds the largest forces that the springs of the law would have without their sliders.
    subroutine hysteresis_add_spring_forces(self, forces)

@@ -1,5 +1,5 @@
 !> How the force of one hysteretic law responds to each coefficient of its motion: the exact derivative of the discrete
-!> march over the torus.
+!> time integration over the torus.
 !>
 !> Columns belong to the motions exp(i j.tau) of a coordinate; real and imaginary part are those of cos and sin. They take
 !> the steps of the states, from rest and through all rounds, with every step replaced by its derivative, then

@@ -2,7 +2,7 @@
 !>
 !> A coordinate that has mass and strikes a rigid wall needs such a law, restitution for instance: the equations do not say with
 !> what speed it leaves. A truncated series hides this, for its speed does not jump. What the choice decides on is the energy of
-!> the blow, m v**2/2 with the mass m = 1/(w^T M**-1 w) that the structure has at the coordinate w^T x and the speed v at which it
+!> the impact, m v**2/2 with the mass m = 1/(w^T M**-1 w) that the structure has at the coordinate w^T x and the speed v at which it
 !> meets the wall. Source: docs/why/theory.md, section 7.
 module hb_impact
    use hb_balance, only: balance_t
@@ -18,8 +18,8 @@ module hb_impact
 
 contains
 
-   !> Energy of the hardest blow against a rigid wall, m v**2, relative to the mean of m z'**2 + k z**2 with the static stiffness k
-   !> of the structure against the coordinate z; 0 where nothing is struck. The forces of the laws are those of the motion.
+   !> Energy of the hardest impact against a rigid wall, m v**2, relative to the mean of m z'**2 + k z**2 with the static stiffness
+   !> k of the structure against the coordinate z; 0 where nothing is struck. The forces of the laws are those of the motion.
    real(wp) function impact_energy(structure, balance, u)
       type(structure_t), intent(in) :: structure
       type(balance_t), intent(inout) :: balance                       !! after `evaluate`; its samples are others at the end

@@ -1,4 +1,4 @@
-!> The coordinates on which the unknowns of a scene stand: what its laws feel, not all degrees of freedom that these touch.
+!> The coordinates on which the unknowns of a model stand: what its laws feel, not all degrees of freedom that these touch.
 !>
 !> Three stops on a beam by its modes are three coordinates. Laws that hang together by degrees of freedom form a part; in each part
 !> the coordinates of rigid laws come first and as they are, so that each has its reaction, then degrees of freedom that are
@@ -6,7 +6,7 @@
 !> Source: docs/why/theory.md, section 4.
 module hb_law_coordinates
    use hb_coordinates, only: coordinates_t, dofs_as_coordinates, new_coordinates, softness
-   use hb_dynamic_stiffness, only: condensed_reach
+   use hb_dynamic_stiffness, only: condensed_half_bandwidth
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_structure, only: structure_t
@@ -60,7 +60,7 @@ contains
       end do
    end function laws_at
 
-   !> Finds the coordinates of the laws of a scene.
+   !> Finds the coordinates of the laws of a model.
    subroutine new_law_coordinates(self, structure, laws, wanted)
       type(coordinates_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
@@ -199,17 +199,17 @@ contains
 
       is_worth_it = size(self%dofs) < narrowest
       if (is_worth_it) return
-      is_worth_it = work(self%n, condensed_reach(structure, self)) <= &
-                    work(size(self%dofs), condensed_reach(structure, dofs_as_coordinates(self%dofs)))
+      is_worth_it = work(self%n, condensed_half_bandwidth(structure, self)) <= &
+                    work(size(self%dofs), condensed_half_bandwidth(structure, dofs_as_coordinates(self%dofs)))
 
    contains
 
       !> Of a harmonic: transforms and laws for each coordinate, factors of a block.
-      pure real(wp) function work(n, reach)
-         integer, intent(in) :: n, reach
+      pure real(wp) function work(n, half_bandwidth)
+         integer, intent(in) :: n, half_bandwidth
          real(wp), parameter :: of_transforms = 1.0e3_wp
 
-         work = n*(of_transforms + real(min(n, 3*reach + 1), wp)**2)
+         work = n*(of_transforms + real(min(n, 3*half_bandwidth + 1), wp)**2)
       end function work
    end function is_worth_it
 end module hb_law_coordinates

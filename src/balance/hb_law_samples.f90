@@ -1,4 +1,4 @@
-!> Samples of what all laws of a scene see and do on one torus: of a motion, or the derivatives of these along one direction, of
+!> Samples of what all laws of a model see and do on one torus: of a motion, or the derivatives of these along one direction, of
 !> the motion or by a base frequency while all coefficients stay. Source: docs/why/theory.md, sections 5.3, 5.6 and 6.6.
 module hb_law_samples
    use hb_error, only: error_t

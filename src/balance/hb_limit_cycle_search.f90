@@ -17,9 +17,9 @@ module hb_limit_cycle_search
    use hb_solver_types, only: report_t, solver_config_t
    implicit none
    private
-   public :: climb_orders, dead, first_amplitude, fundamental, last_amplitude, neutral, new_search, path_point_t, search_t
+   public :: continue_in_order, dead, first_amplitude, fundamental, last_amplitude, neutral, new_search, path_point_t, search_t
 
-   real(wp), parameter :: first_amplitude = 1.0e-3_wp                 !! of a search, relative to the length of the scene
+   real(wp), parameter :: first_amplitude = 1.0e-3_wp                 !! of a search, relative to the length of the model
    real(wp), parameter :: last_amplitude = 1.0e3_wp                   !! likewise
    real(wp), parameter :: neutral = 1.0e-9_wp                         !! |xi|/omega of a motion neither driven nor damped
    real(wp), parameter :: dead = 1.0e-3_wp                            !! of a motion, or of that before: a tone that has died out
@@ -65,7 +65,7 @@ module hb_limit_cycle_search
 
 contains
 
-   !> Search on a balance with slopes. Rescues and Broyden's linear Jacobian are switched off: they know nothing of a
+   !> Search on a balance with slopes. Fallbacks and Broyden's linear Jacobian are switched off: they know nothing of a
    !> base motion that must not be found.
    subroutine new_search(self, balance, base, tones, modes, phase_dofs, length, config)
       type(search_t), intent(out) :: self
@@ -84,7 +84,7 @@ contains
       self%phase_dofs = phase_dofs
       self%length = length
       self%config = config
-      self%config%rescue = .false.
+      self%config%fallback = .false.
       self%config%repeats_tangent = .false.                           ! of several motions the way decides which is found
       self%config%start_with_tangent = .true.
    end subroutine new_search
@@ -198,7 +198,7 @@ contains
       call self%report%add(report)
       if (report%status /= outcome%converged .and. is_first) then
          x = problem%unknowns([point%u])
-         call climb_orders(problem, self%balance%harmonics, config, x, report)
+         call continue_in_order(problem, self%balance%harmonics, config, x, report)
          call self%report%add(report)
       end if
       is_solved = report%status == outcome%converged
@@ -227,7 +227,7 @@ contains
 
    !> Newton's method with the harmonics up to order 1, 2, 4, ... only, each from the one before, then with all. Order 1 is
    !> close to the linear mode with the stiffness that the laws have on average.
-   subroutine climb_orders(problem, harmonics, config, x, report)
+   subroutine continue_in_order(problem, harmonics, config, x, report)
       type(phase_problem_t), intent(inout) :: problem
       type(harmonics_t), intent(in) :: harmonics
       type(solver_config_t), intent(in) :: config
@@ -250,7 +250,7 @@ contains
          order = 2*order
       end do
       call problem%hold_above(harmonics, huge(order))
-   end subroutine climb_orders
+   end subroutine continue_in_order
 
    !> Solves without artificial damping from a point nearby; found is a motion in which every unknown tone lives.
    subroutine search_try_motion(self, point, is_found)

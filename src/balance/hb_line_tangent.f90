@@ -1,4 +1,5 @@
-!> How the force of a law with memory responds to the coefficients of its motion under one tone, without a march for each of them.
+!> How the force of a law with memory responds to the coefficients of its motion under one tone, without a time integration for each
+!> of them.
 !>
 !> Under one tone the samples form a single line in time. A slider that is pushed moves with the bound that pushes it; one
 !> that sticks stays where it was pushed last. So the derivative of the force is a product with the motion at the same
@@ -15,7 +16,7 @@ module hb_line_tangent
    private
    public :: line_tangent_t, new_line_tangent
 
-   integer, parameter :: most_runs = 64                               ! of sticking, beyond which each is marched
+   integer, parameter :: most_runs = 64                               ! of sticking, beyond which each is integrated
 
    !> Complex numbers of all harmonics: sums of exp(i j.tau).
    type :: line_tangent_t

@@ -1,8 +1,8 @@
 !> Nonlinear normal modes: periodic motion of a prescribed amplitude or energy, continued from a linear mode.
 !>
 !> The frequency and one artificial damping xi (forces -xi M x', negative damping) are unknown beside the coefficients; the
-!> conditions are an amplitude or an energy, and a phase. xi makes up for the damping of the scene; without any it comes out as
-!> zero, and takes up the equation that a conservative scene has too many. Source: docs/why/theory.md, section 6.5; Krack,
+!> conditions are an amplitude or an energy, and a phase. xi makes up for the damping of the model; without any it comes out as
+!> zero, and takes up the equation that a conservative model has too many. Source: docs/why/theory.md, section 6.5; Krack,
 !> Computers and
 !> Structures 154 (2015) 59-71.
 module hb_normal_mode
@@ -14,7 +14,7 @@ module hb_normal_mode
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_phase, only: coefficient_form, new_phase_problem, peak_form, peak_rate_form, shift_form
-   use hb_limit_cycle_search, only: climb_orders, fundamental, path_point_t, search_t
+   use hb_limit_cycle_search, only: continue_in_order, fundamental, path_point_t, search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_text, only: to_text
@@ -277,7 +277,7 @@ contains
       end if
       x = search%phase%unknowns([u])
       if (by_orders) then
-         call climb_orders(search%phase, search%balance%harmonics, config, x, report)
+         call continue_in_order(search%phase, search%balance%harmonics, config, x, report)
       else
          call solve(search%phase, config, x, x, report)
       end if

@@ -1,4 +1,4 @@
-!> Whether the equations of a scene are odd: a motion of the opposite sign, half a period later in every tone, then is a motion
+!> Whether the equations of a model are odd: a motion of the opposite sign, half a period later in every tone, then is a motion
 !> as well.
 !>
 !> Laws with f(-q, -v) = -f(q, v) and loads of odd tuples alone allow motions u(tau + pi) = -u(tau), all phases shifted, whose

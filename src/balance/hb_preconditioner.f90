@@ -40,17 +40,18 @@ contains
       type(linear_part_t), intent(in) :: linear
       type(projected_laws_t), intent(in) :: laws
       type(block_pattern_t) :: before
-      integer :: law, n_before, reach
+      integer :: law, n_before, half_bandwidth
 
       before = self%pattern
       n_before = self%n_harmonics
       self%n_harmonics = laws%transform%harmonics%n_harmonics
       self%needs_reaction = laws%needs_reaction
       law = max(0, maxval(abs(laws%jacobian%row - laws%jacobian%column)), laws%memory_reach())
-      reach = max(linear%pattern%reach, law)
-      if (laws%needs_reaction) reach = linear%pattern%reach + law
-      call new_block_pattern(self%pattern, linear%n_law, min(linear%n_law, reach))
-      if (self%n_harmonics == n_before .and. self%pattern%n == before%n .and. self%pattern%reach == before%reach) return
+      half_bandwidth = max(linear%pattern%half_bandwidth, law)
+      if (laws%needs_reaction) half_bandwidth = linear%pattern%half_bandwidth + law
+      call new_block_pattern(self%pattern, linear%n_law, min(linear%n_law, half_bandwidth))
+      if (self%n_harmonics == n_before .and. self%pattern%n == before%n .and. self%pattern%half_bandwidth == &
+         before%half_bandwidth) return
       if (allocated(self%alone)) deallocate (self%alone)
       if (allocated(self%coupled)) deallocate (self%coupled)
    end subroutine preconditioner_prepare
@@ -160,11 +161,11 @@ contains
          return
       end if
       possible = size(coupling)
-      do while (factor_memory(2*possible, self%pattern%n, self%pattern%reach) > most_memory .and. possible > 0)
+      do while (factor_memory(2*possible, self%pattern%n, self%pattern%half_bandwidth) > most_memory .and. possible > 0)
          possible = possible - max(1, possible/32)
       end do
       most = possible
-      do while (factor_work(2*most, self%pattern%n, self%pattern%reach) > unit_work*8.0_wp**level .and. most > 0)
+      do while (factor_work(2*most, self%pattern%n, self%pattern%half_bandwidth) > unit_work*8.0_wp**level .and. most > 0)
          most = most - max(1, most/32)
       end do
       is_strongest = most == possible
@@ -177,7 +178,7 @@ contains
       end if
       if (size(kept) == 0) return
       allocate (self%coupled)
-      call new_coarse_tangent(self%coupled, set, kept, self%pattern%n, self%pattern%reach)
+      call new_coarse_tangent(self%coupled, set, kept, self%pattern%n, self%pattern%half_bandwidth)
    end subroutine choose_coupled
 
    !> Numbers of the largest values, at most `most` of them, in ascending order; of equal ones all or none.

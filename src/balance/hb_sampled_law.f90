@@ -153,10 +153,10 @@ contains
    end subroutine sampled_law_differentiate
 
    !> Remembers what the law says when its forces or derivatives are not finite, for the message of the point.
-   subroutine sampled_law_listen(self, with_derivatives, complaint, is_given_up)
+   subroutine sampled_law_listen(self, with_derivatives, error_text, is_given_up)
       class(sampled_law_t), intent(in) :: self
       logical, intent(in) :: with_derivatives
-      character(:), allocatable, intent(inout) :: complaint           !! the first one stays, unless this law cannot go on
+      character(:), allocatable, intent(inout) :: error_text          !! the first one stays, unless this law cannot go on
       logical, intent(inout) :: is_given_up                           !! true where the law cannot go on
       character(:), allocatable :: text
       logical :: is_fatal, is_finite
@@ -172,7 +172,7 @@ contains
       if (is_finite) return
       call self%law%explain(self%z, self%v, text, is_fatal)
       if (len(text) == 0) text = "forces or derivatives are not finite"
-      if (is_fatal .or. .not. allocated(complaint)) complaint = "law '"//self%law%label//"': "//text
+      if (is_fatal .or. .not. allocated(error_text)) error_text = "law '"//self%law%label//"': "//text
       is_given_up = is_fatal
    end subroutine sampled_law_listen
 

@@ -1,8 +1,8 @@
-!> All laws of a scene on the samples of one torus: their forces, derivatives of these, their response to a direction or to single
+!> All laws of a model on the samples of one torus: their forces, derivatives of these, their response to a direction or to single
 !> coefficients of the motion, and what holds of them on the torus as a whole.
 !>
 !> Explicit laws come first; a multiplier law then sees the reaction p = s - (explicit forces) that equilibrium asks of it
-!> at each sample, s = (loads - S u)(tau). Laws with memory are explicit; their states come from marching along time.
+!> at each sample, s = (loads - S u)(tau). Laws with memory are explicit; their states come from time integration along time.
 !> Source: docs/why/theory.md, sections 5.3 to 5.5.
 module hb_sampled_laws
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
@@ -30,7 +30,7 @@ module hb_sampled_laws
       logical :: has_memory = .false.                                 !! then samples hold the steps of time before each
       type(characteristic_t) :: characteristic                        !! steps along time, for laws with memory
       type(law_box_t), allocatable :: laws(:)
-      character(:), allocatable :: complaint                          !! why a law had no finite force so far
+      character(:), allocatable :: error_text                         !! why a law had no finite force so far
       logical :: is_given_up = .false.                                !! a law cannot go on: all forces are NaN from then on
       type(law_samples_t) :: samples                                  !! of the motion
       type(law_samples_t) :: along                                    !! of a direction, made at their first use
@@ -49,7 +49,7 @@ module hb_sampled_laws
       procedure :: differentiate_along => sampled_laws_differentiate_along
       procedure :: memory_reach => sampled_laws_memory_reach
       procedure :: memory_rounds => sampled_laws_memory_rounds
-      procedure :: memory_trouble => sampled_laws_memory_trouble
+      procedure :: memory_failure => sampled_laws_memory_failure
       procedure :: full_stick => sampled_laws_full_stick
       procedure :: all_stick => sampled_laws_all_stick
       procedure :: spring_forces => sampled_laws_spring_forces
@@ -77,7 +77,7 @@ contains
       self%has_memory = has_memory(laws)
       if (self%has_memory) call new_characteristic(self%characteristic, torus, omega)
       self%is_given_up = .false.
-      if (allocated(self%complaint)) deallocate (self%complaint)
+      if (allocated(self%error_text)) deallocate (self%error_text)
       self%laws = laws
       call set_phases(self%laws, torus)
       call set_frequencies(self%laws, omega)
@@ -182,7 +182,7 @@ contains
       if (self%is_given_up) return
       do i = 1, size(self%laws)
          if (allocated(self%sampled(i)%hysteresis)) cycle
-         call self%sampled(i)%listen(.false., self%complaint, self%is_given_up)
+         call self%sampled(i)%listen(.false., self%error_text, self%is_given_up)
          if (self%is_given_up) return
       end do
    end subroutine sampled_laws_listen
@@ -228,7 +228,7 @@ contains
                      if (with_derivatives) then
                         call law%differentiate()
                         call self%jacobian%add(law)
-                        call law%listen(with_derivatives, self%complaint, self%is_given_up)
+                        call law%listen(with_derivatives, self%error_text, self%is_given_up)
                      else
                         call law%evaluate()
                      end if
@@ -340,7 +340,7 @@ contains
    end function sampled_laws_memory_rounds
 
    !> What is wrong with the memory of a law after `evaluate`; empty when the states of all laws repeat.
-   pure function sampled_laws_memory_trouble(self) result(text)
+   pure function sampled_laws_memory_failure(self) result(text)
       class(sampled_laws_t), intent(in) :: self
       character(300) :: text
       integer :: i
@@ -348,10 +348,10 @@ contains
       text = ""
       do i = 1, size(self%laws)
          if (.not. allocated(self%sampled(i)%hysteresis)) cycle
-         text = self%sampled(i)%hysteresis%trouble()
+         text = self%sampled(i)%hysteresis%failure()
          if (text /= "") return
       end do
-   end function sampled_laws_memory_trouble
+   end function sampled_laws_memory_failure
 
    !> Largest forces [N] that the springs of laws with memory would have without their sliders: errors of rounding are units
    !> in their last place.

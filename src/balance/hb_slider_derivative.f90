@@ -1,5 +1,5 @@
 !> How the states of one hysteretic law respond to one direction, of the motion or by a base frequency: the exact derivative of
-!> the discrete march over the torus.
+!> the discrete time integration over the torus.
 !>
 !> A direction of the motion changes the paths of the steps; a frequency changes these, and the weights by which states are
 !> interpolated at their starts. The derivative takes the steps of the states, from rest and through all rounds, then
@@ -22,7 +22,7 @@ module hb_slider_derivative
       real(wp), allocatable, private :: start(:, :), first(:, :)      ! (n_slice, n_states)
       real(wp), allocatable, private :: low(:, :, :), high(:, :, :)   ! of those of clamped sliders, as states
    contains
-      procedure :: march => slider_derivative_march
+      procedure :: integration => slider_derivative_integration
       procedure :: force => slider_derivative_force
       procedure, private :: load_from_rest => slider_derivative_load_from_rest
       procedure, private :: go_round => slider_derivative_go_round
@@ -42,7 +42,7 @@ contains
    end subroutine new_slider_derivative
 
    !> Finds the derivatives of the states from those of the paths; these must have their own path and `rounds`.
-   subroutine slider_derivative_march(self, sliders, law, characteristic, weight_slope)
+   subroutine slider_derivative_integration(self, sliders, law, characteristic, weight_slope)
       class(slider_derivative_t), intent(inout) :: self
       type(slider_states_t), intent(inout) :: sliders
       class(hysteretic_law_t), intent(in) :: law
@@ -92,7 +92,7 @@ contains
             if (self%repeats) return
          end do
       end subroutine repeat_rounds
-   end subroutine slider_derivative_march
+   end subroutine slider_derivative_integration
 
    !> Finds how the places to which sliders are clamped change along the direction.
    subroutine find_clamps(self, sliders)
@@ -193,7 +193,7 @@ contains
       end subroutine add_shift
    end subroutine slider_derivative_go_round
 
-   !> Derivatives of the forces, at the samples of the torus, after `march`.
+   !> Derivatives of the forces, at the samples of the torus, after `integration`.
    subroutine slider_derivative_force(self, sliders, law, characteristic, df)
       class(slider_derivative_t), intent(in) :: self
       type(slider_states_t), intent(in) :: sliders

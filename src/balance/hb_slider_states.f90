@@ -18,7 +18,7 @@ module hb_slider_states
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_slider, only: pushed_by
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: slider_states_t, most_rounds, new_slider_states, repeat_tolerance
@@ -41,7 +41,7 @@ module hb_slider_states
       real(wp), allocatable :: ds_ds_old(:, :, :, :)                  !! (n_slice, n_states, n_states, n_steps)
       real(wp), allocatable :: ds_dpath(:, :, :, :, :)                !! (n_slice, n_states, n_coordinates, n_path_parts, n_steps)
       real(wp), allocatable :: before(:, :)                           !! first slice before the last round, (n_slice, n_states)
-      logical :: is_clamped = .false.                                 !! the next three are those of the last `march`
+      logical :: is_clamped = .false.                                 !! the next three are those of the last `integration`
       real(wp), allocatable :: low(:, :, :), high(:, :, :)            !! as states
       integer, allocatable :: pusher(:, :, :)                         !! in the last round, of `pushed_by`, as states
       real(wp), allocatable :: low_slope(:, :, :, :, :), high_slope(:, :, :, :, :)   !! by the path, as ds_dpath; from
@@ -49,7 +49,7 @@ module hb_slider_states
       logical, private :: has_slopes = .false.
       real(wp), allocatable, private :: start(:, :)                   ! (n_slice, n_states)
    contains
-      procedure :: march => slider_states_march
+      procedure :: integration => slider_states_integration
       procedure :: differentiable => slider_states_differentiable
       procedure :: load_from_rest => slider_states_load_from_rest
       procedure :: go_round => slider_states_go_round
@@ -84,8 +84,8 @@ contains
       end associate
    end subroutine slider_states_differentiable
 
-   !> Finds the states that repeat on the path. A motion that is not finite ends the rounds; it is not judged here.
-   subroutine slider_states_march(self, law, characteristic)
+   !> Finds the states that repeat on the path. A motion that is not finite ends the rounds; it is not assessed here.
+   subroutine slider_states_integration(self, law, characteristic)
       class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
@@ -114,7 +114,7 @@ contains
          end if
       end do
       self%full_stick = largest_move <= rounding
-   end subroutine slider_states_march
+   end subroutine slider_states_integration
 
    !> States of the first slice after loading from rest straight to its motion; their derivatives if asked for.
    subroutine slider_states_load_from_rest(self, law, with_derivatives)
@@ -229,7 +229,7 @@ contains
       end do
    end subroutine find_clamps
 
-   !> Finds how `low` and `high` depend on the path, once after each `march`.
+   !> Finds how `low` and `high` depend on the path, once after each `integration`.
    subroutine slider_states_find_clamp_slopes(self, law)
       class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law
@@ -281,7 +281,7 @@ contains
    end subroutine slider_states_go_clamped_round
 
    !> Mean over all samples of how the force follows the motion within a step: the spring where sliders stick, nothing where
-   !> they slip. After `march`.
+   !> they slip. After `integration`.
    subroutine slider_states_mean_slope(self, law, characteristic, slope)
       class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law

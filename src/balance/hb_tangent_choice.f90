@@ -9,11 +9,11 @@ module hb_tangent_choice
 
    integer, parameter :: with_smooth_laws = 40                        ! few products each step, few steps
    integer, parameter :: with_kinks = 120                             ! steps that are not quite exact cost a step or two more
-   integer, parameter :: with_memory = 250                            ! each product marches along time
+   integer, parameter :: with_memory = 250                            ! each product integrates along time
 
 contains
 
-   !> Unknowns up to which the dense tangent is the cheaper, of the laws of a scene: the largest of what each asks for. Walls and
+   !> Unknowns up to which the dense tangent is the cheaper, of the laws of a model: the largest of what each asks for. Walls and
    !> rigid friction, whose steps have to be exact, ask for the most.
    pure integer function largest_dense_tangent(laws)
       type(law_box_t), intent(in) :: laws(:)

@@ -11,7 +11,7 @@ module hb_two_level
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_tangent_solver, only: tangent_solver_t
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: clear_kept, improve, residual_of

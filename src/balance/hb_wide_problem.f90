@@ -2,7 +2,7 @@
 !>
 !> Nothing of the size of the wider set is factorised. In its place stand the exact tangent of the solution and, of each harmonic
 !> outside, the tangent with the mean slopes of the laws: M. GMRES solves M**-1 J s = M**-1 r with the exact tangent J of the wider
-!> balance, so that what is left of the equations is told as a part of the step; M**-1 r itself is the step in blocks. Unknown
+!> balance, so that what is left of the equations is reported as a part of the step; M**-1 r itself is the step in blocks. Unknown
 !> frequencies and what a curve moves along stay unknown. Source: docs/why/theory.md, section 7.
 module hb_wide_problem
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
@@ -105,9 +105,9 @@ contains
 
    !> Two steps of Newton's method from a motion, of several tones in blocks where the second is clearly smaller than the first:
    !> harmonics inside and outside answer each other so little then that a few of them add up to the full step. Rigid walls answer the
-   !> first one, of harmonics that a blow never stops to have, by touching and leaving within it: the second step grows with the set
-   !> (.0003, .035, .041 at orders 8, 20, 30 of the beam against a wall, products .019, .018) while the first stays at the true error
-   !> (.0054, .0041, .0043; against order 45 .0031 at order 20), and counts alone.
+   !> first one, of harmonics that an impact never stops to have, by touching and leaving within it: the second step grows with the
+   !> set (.0003, .035, .041 at orders 8, 20, 30 of the beam against a wall, products .019, .018) while the first stays at the true
+   !> error (.0054, .0041, .0043; against order 45 .0031 at order 20), and counts alone.
    subroutine wide_problem_find_two_steps(self, motion, r, is_rigid, first, second, is_lost)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)

@@ -250,7 +250,7 @@ contains
    end function suits
 
    !> What is wrong with a value that does not suit, with blanks behind it.
-   pure function complaint(value, kind, limits) result(text)
+   pure function error_text(value, kind, limits) result(text)
       type(value_t), intent(in) :: value
       integer, intent(in) :: kind
       type(limits_t), intent(in) :: limits
@@ -282,7 +282,7 @@ contains
          limit_text = to_text(limit)
          if (kind == kind_of%whole) limit_text = to_text(nint(limit))
       end function limit_text
-   end function complaint
+   end function error_text
 
    !> What a key needs, for messages, with blanks behind it.
    pure function what(kind, extents) result(text)
@@ -328,7 +328,7 @@ contains
             do k = 1, size(order)
                found(k) = values(order(k))%number
                if (suits(values(order(k)), kind, limits)) cycle
-               call value_problem(self, i_key, order(k), element_at(k, extents), trim(complaint(values(order(k)), kind, limits)))
+               call value_problem(self, i_key, order(k), element_at(k, extents), trim(error_text(values(order(k)), kind, limits)))
                deallocate (found)
                exit
             end do

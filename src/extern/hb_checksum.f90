@@ -5,7 +5,7 @@ module hb_checksum
    use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: checksum, checksum_rows, library_mark
+   public :: checksum, checksum_rows, library_fingerprint
 
    interface
       integer(c_int32_t) function hb_add_to_checksum(so_far, bytes, n_bytes) bind(c, name="hb_add_to_checksum")
@@ -81,7 +81,7 @@ contains
    end subroutine checksum_rows
 
    !> What tells a shared library from another one, by a function of it that is loaded: its checksum and length.
-   function library_mark(address) result(text)
+   function library_fingerprint(address) result(text)
       type(c_funptr), intent(in) :: address
       character(60) :: text
       integer(c_int32_t) :: sum
@@ -90,5 +90,5 @@ contains
       text = "unknown"
       if (hb_checksum_of_library(address, sum, n_bytes) /= 0) return
       write (text, "(a, z8.8, a, i0, a)") "CRC-32 ", sum, ", ", n_bytes, " bytes"
-   end function library_mark
+   end function library_fingerprint
 end module hb_checksum

@@ -38,7 +38,7 @@ static const size_t n_crashes = sizeof crashes / sizeof crashes[0];
 #endif
 
 static atomic_llong row_under_way = -1;
-static hb_crash_place_t place;
+static hb_crash_location_t place;
 static int descriptor = -1;
 static pid_t watched_process;
 
@@ -273,11 +273,11 @@ void hb_lower_guard(void)
    let_go();
 }
 
-int hb_watch_crashes(const char *path, const hb_crash_place_t *where)
+int hb_detect_crashes(const char *path, const hb_crash_location_t *where)
 {
    static int is_exit_caught = 0;
 
-   hb_end_watch();
+   hb_end_cancellation();
    if (where->status_offset < 0 || where->message_length > MAX_TEXT) return -1;
    descriptor = open(path, O_WRONLY | O_CLOEXEC);
    if (descriptor < 0) return -1;
@@ -300,7 +300,7 @@ void hb_end_point(void)
    atomic_store(&row_under_way, -1);
 }
 
-void hb_end_watch(void)
+void hb_end_cancellation(void)
 {
    hb_end_point();
    if (descriptor < 0) return;

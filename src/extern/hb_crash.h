@@ -3,8 +3,8 @@
 
    The same handler guards calls of libraries that die of damaged files: hb_raise_guard before, hb_lower_guard behind.
 
-   In the order of use: hb_watch_crashes when the file is open, hb_begin_point and hb_end_point around the solution of each
-   point, hb_end_watch. A point costs two stores. With the address sanitizer, signals are left to that. */
+   In the order of use: hb_detect_crashes when the file is open, hb_begin_point and hb_end_point around the solution of each
+   point, hb_end_cancellation. A point costs two stores. With the address sanitizer, signals are left to that. */
 #ifndef HB_CRASH_H
 #define HB_CRASH_H
 
@@ -17,12 +17,12 @@ typedef struct {
    long long message_length;
    int status;               /* that a crashed point gets */
    int exit_status;          /* of the process, where it is exit() that ends it within a point */
-} hb_crash_place_t;
+} hb_crash_location_t;
 
 /* Opens the file for notes of its own and catches SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT and exit(). A signal that was
    noted is handed on to whoever caught it before, or ends the process as if nobody did. Returns 0, or -1 where nothing will
    be noted because the file cannot be opened or a handler cannot be set. */
-int hb_watch_crashes(const char *path, const hb_crash_place_t *place);
+int hb_detect_crashes(const char *path, const hb_crash_location_t *place);
 
 /* The point of that row, from 0, is being solved from here on. */
 void hb_begin_point(long long row);
@@ -33,8 +33,8 @@ void hb_end_point(void);
 /* Notes that the point under way ends the process by `cause`; returns the exit status for that, 0 where no point is under way. */
 int hb_end_within_point(const char *cause);
 
-/* Ends what hb_watch_crashes has begun; safe to call twice. */
-void hb_end_watch(void);
+/* Ends what hb_detect_crashes has begun; safe to call twice. */
+void hb_end_cancellation(void);
 
 /* From here on, should this process receive one of these signals, it writes `text`, cut to 1024 bytes, to standard error and ends
    at once with `exit_status`; a point under way is noted as crashed. The same when it has worked for `seconds` of its own time,

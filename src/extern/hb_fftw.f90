@@ -1,5 +1,5 @@
 !> FFTW 3 behind a few types: aligned memory, batched real n-dimensional plans, complex ones along an axis, wisdom. Nobody
-!> else touches FFTW. Threads may solve a scene each: whoever touches the store or has FFTW plan holds a lock (hb_lock.h).
+!> else touches FFTW. Threads may solve a model each: whoever touches the store or has FFTW plan holds a lock (hb_lock.h).
 !>
 !> Source of the interfaces: FFTW 3.3 manual, chapter "Calling FFTW from Modern Fortran".
 module hb_fftw
@@ -61,7 +61,7 @@ module hb_fftw
       procedure :: to_spectrum => axis_plan_to_spectrum
    end type axis_plan_t
 
-   !> A pair of plans as it is kept from scene to scene: planning takes longer than many a solution.
+   !> A pair of plans as it is kept from model to model: planning takes longer than many a solution.
    type :: stored_plan_t
       integer, allocatable :: key(:)                                  ! kind, flags, n_batch, n_samples or what shapes an axis
       type(c_ptr) :: backward = c_null_ptr

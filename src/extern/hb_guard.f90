@@ -3,7 +3,7 @@
 module hb_guard
    use, intrinsic :: iso_c_binding, only: c_char, c_double, c_int, c_null_char, c_size_t
    use hb_kinds, only: int64, wp
-   use hb_outside_code, only: watch_outside_code
+   use hb_outside_code, only: cancellation_outside_code
    use hb_printable, only: printable
    implicit none
    private
@@ -55,7 +55,7 @@ contains
 
    !> Has calls of the user's own libraries and their loader guarded from here on.
    subroutine guard_outside_code()
-      call watch_outside_code(guard_words, lower_guard)
+      call cancellation_outside_code(guard_words, lower_guard)
    end subroutine guard_outside_code
 
    subroutine guard_words(text)

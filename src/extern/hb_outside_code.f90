@@ -4,7 +4,7 @@
 module hb_outside_code
    implicit none
    private
-   public :: begin_outside_code, end_outside_code, watch_outside_code
+   public :: begin_outside_code, end_outside_code, cancellation_outside_code
 
    abstract interface
       subroutine begin_hook(text)
@@ -21,13 +21,13 @@ module hb_outside_code
 contains
 
    !> Has `before_it` called before each such call, and `after_it` after it.
-   subroutine watch_outside_code(before_it, after_it)
+   subroutine cancellation_outside_code(before_it, after_it)
       procedure(begin_hook) :: before_it
       procedure(end_hook) :: after_it
 
       before => before_it
       after => after_it
-   end subroutine watch_outside_code
+   end subroutine cancellation_outside_code
 
    !> A call of such code begins; `text` is what the user should know if the process ends within.
    subroutine begin_outside_code(text)

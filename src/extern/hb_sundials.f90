@@ -12,7 +12,7 @@ module hb_sundials
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_text, only: to_text
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: cvode_t, new_cvode, ode_t

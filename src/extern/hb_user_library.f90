@@ -4,7 +4,7 @@ module hb_user_library
       ieee_set_halting_mode, ieee_value
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_procpointer, c_funptr, c_int, c_loc, &
       c_null_char, c_null_funptr, c_null_ptr, c_ptr
-   use hb_checksum, only: library_mark
+   use hb_checksum, only: library_fingerprint
    use hb_dynamic_library, only: dynamic_library_t, open_library
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
@@ -69,7 +69,7 @@ module hb_user_library
       procedure :: evaluate => user_library_evaluate
       procedure :: advance => user_library_advance
       procedure :: has_touched => user_library_has_touched
-      procedure :: mark => user_library_mark
+      procedure :: mark => user_library_fingerprint
    end type user_library_t
 
    abstract interface
@@ -187,13 +187,13 @@ contains
    end subroutine open_law
 
    !> What tells the library from another one: checksum and length; laws of the program have none.
-   function user_library_mark(self) result(text)
+   function user_library_fingerprint(self) result(text)
       class(user_library_t), intent(in) :: self
       character(60) :: text
 
       text = "of the program"
-      if (.not. self%is_given) text = library_mark(self%evaluate_function)
-   end function user_library_mark
+      if (.not. self%is_given) text = library_fingerprint(self%evaluate_function)
+   end function user_library_fingerprint
 
    !> Calls the user's function and gives its return code. It gets copies, so that it cannot change what others rely on, and
    !> what it does not write stays NaN. Its floating-point exceptions do not stop the program: what they leave behind is seen in

@@ -5,7 +5,7 @@
 !> E. Sander and J. A. Yorke, Quantitative quasiperiodicity, Nonlinearity 30 (2017) 4111-4140.
 module hb_birkhoff
    use hb_kinds, only: wp
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: average_at, bump_weights, coefficients_at

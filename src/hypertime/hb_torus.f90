@@ -36,7 +36,7 @@ contains
       integer :: m
 
       if (size(n_samples) /= harmonics%n_tones) then
-         call fail(error, "samples are given for "//to_text(size(n_samples))//" tones, the scene has "// &
+         call fail(error, "samples are given for "//to_text(size(n_samples))//" tones, the model has "// &
             to_text(harmonics%n_tones))
          return
       end if

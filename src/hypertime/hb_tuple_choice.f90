@@ -25,7 +25,7 @@ contains
       if (n_tones <= size(lowest_orders)) lowest_order = lowest_orders(n_tones)
    end function lowest_order
 
-   !> Makes the lowest set: a small box and the tuples that a scene is loaded in.
+   !> Makes the lowest set: a small box and the tuples that a model is loaded in.
    subroutine new_lowest_set(self, n_tones, loaded, error, order)
       type(harmonics_t), intent(out) :: self
       integer, intent(in) :: n_tones

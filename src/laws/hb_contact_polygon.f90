@@ -42,20 +42,20 @@ module hb_contact_polygon
 
 contains
 
-   !> Polygon of half planes; `trouble` says why there is none.
-   pure subroutine new_contact_polygon(self, normals, distances, pushes, trouble)
+   !> Polygon of half planes; `failure` says why there is none.
+   pure subroutine new_contact_polygon(self, normals, distances, pushes, failure)
       type(contact_polygon_t), intent(out) :: self
       real(wp), intent(in) :: normals(:, :)                           !! n_i, not zero, (n_contacts, 2)
       real(wp), intent(in) :: distances(:)                            !! h_i, (n_contacts)
       real(wp), intent(in) :: pushes(:, :)                            !! c_i, as normals
-      character(:), allocatable, intent(out) :: trouble               !! empty when all is well
+      character(:), allocatable, intent(out) :: failure               !! empty when all is well
       integer, allocatable :: kept(:)
       real(wp) :: c(2), d(2), determinant
       integer :: i, k, n
 
       n = size(distances)
-      call intersect(normals, distances, kept, trouble)
-      if (len(trouble) > 0) return
+      call intersect(normals, distances, kept, failure)
+      if (len(failure) > 0) return
       self%contact = pack(kept, kept <= n)                            ! the others are sides of the box
       self%n_edges = size(self%contact)
       self%is_joined = pack(cshift(kept, 1) <= n, kept <= n)
@@ -68,14 +68,14 @@ contains
          c = self%push(i, :)
          d = self%push(k, :)
          if (dot_product(self%normal(i, :), c) <= rounding*norm2(self%normal(i, :))*norm2(c)) then
-            trouble = "contact "//to_text(self%contact(i))//" does not open its gap when it pushes: too much friction"
+            failure = "contact "//to_text(self%contact(i))//" does not open its gap when it pushes: too much friction"
             return
          end if
          if (.not. self%is_joined(i)) cycle
          self%corner(i, :) = crossing(self%normal(i, :), self%distance(i), self%normal(k, :), self%distance(k))
          determinant = cross(c, d)
          if (determinant <= rounding*norm2(c)*norm2(d)) then
-            trouble = "friction turns the pushes of contacts "//to_text(self%contact(i))//" and "// &
+            failure = "friction turns the pushes of contacts "//to_text(self%contact(i))//" and "// &
                       to_text(self%contact(k))//" past each other, so that their reaction is not unique; "// &
                       "give them friction coefficients that differ less"
             return
@@ -86,18 +86,18 @@ contains
    end subroutine new_contact_polygon
 
    !> Half planes that bound the intersection, counterclockwise; numbers above size(distances) are sides of a far box.
-   pure subroutine intersect(normals, distances, kept, trouble)
+   pure subroutine intersect(normals, distances, kept, failure)
       real(wp), intent(in) :: normals(:, :)                           !! (n_contacts, 2)
       real(wp), intent(in) :: distances(:)                            !! (n_contacts)
       integer, allocatable, intent(out) :: kept(:)
-      character(:), allocatable, intent(out) :: trouble
+      character(:), allocatable, intent(out) :: failure
       real(wp), parameter :: sides(4, 2) = reshape([1.0_wp, 0.0_wp, -1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, -1.0_wp], [4, 2])
       real(wp), allocatable :: h(:), length(:), n(:, :)
       real(wp) :: center(2), scale
       integer, allocatable :: order(:), queue(:)
       integer :: first, i, last
 
-      trouble = ""
+      failure = ""
       length = norm2(normals, dim=2)
       scale = maxval(abs(distances/length))
       if (scale <= 0.0_wp) scale = 1.0_wp
@@ -140,7 +140,7 @@ contains
       if (i > size(kept) .and. size(kept) > 2) then
          if (all(matmul(n, center) < h - rounding*scale)) return
       end if
-      trouble = "the gaps leave no room to move"
+      failure = "the gaps leave no room to move"
 
    contains
 

@@ -2,8 +2,8 @@
 !> friction slider.
 !>
 !> On the torus time runs along the characteristic d tau/dt = omega. The law knows one step of it: the state at a sample from
-!> the state one step earlier and the path of its coordinates in between. Marching over the torus is the task of hb_slider_states.
-!> Source: docs/why/theory.md, section 5.5.
+!> the state one step earlier and the path of its coordinates in between. Time integration over the torus is the task of
+!> hb_slider_states. Source: docs/why/theory.md, section 5.5.
 module hb_hysteretic_law
    use hb_kinds, only: wp
    use hb_law, only: law_box_t, law_t
@@ -91,7 +91,7 @@ contains
       end do
    end subroutine advance_step_by_step
 
-   !> Bounds of the sliders at one moment, and their rates of change: time marching stops where a slider begins or ends to slip.
+   !> Bounds of the sliders at one moment, and their rates of change: time integration stops where a slider begins or ends to slip.
    pure subroutine hysteretic_law_bounds(self, z, v, lower, upper, lower_rate, upper_rate)
       class(hysteretic_law_t), intent(in) :: self
       real(wp), intent(in) :: z(:), v(:)                              !! [m], [m/s], (n_coordinates)
@@ -104,7 +104,7 @@ contains
       upper_rate = 0.0_wp
    end subroutine hysteretic_law_bounds
 
-   !> Forces after loading from rest straight to z; this is how the march over the torus starts.
+   !> Forces after loading from rest straight to z; this is how the time integration over the torus starts.
    subroutine hysteretic_law_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(hysteretic_law_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)

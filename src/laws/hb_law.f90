@@ -21,14 +21,14 @@ module hb_law
       real(wp) :: slip = 0.0_wp                                       !! what exact friction would take beyond the reaction [W]
    end type defects_t
 
-   !> How time marching holds the coordinate of a rigid law: at a wall, or where friction sticks.
+   !> How time integration holds the coordinate of a rigid law: at a wall, or where friction sticks.
    type :: hold_t
       integer :: coordinate = 0                                       !! of all laws, for the method
       logical :: is_wall = .false.                                    !! else friction
       real(wp) :: gap = 0.0_wp                                        !! of the wall [m]
       logical :: two_sided = .false.
       real(wp) :: limit = 0.0_wp                                      !! of friction [N]
-      character(:), allocatable :: trouble                            !! why no method can, and what to do; not allocated: it can
+      character(:), allocatable :: failure                            !! why no method can, and what to do; not allocated: it can
    end type hold_t
 
    !> Kinks of the force along one combination z = form . coordinates: it is smooth but for the sum over k of
@@ -70,7 +70,7 @@ module hb_law
       procedure :: defects => law_defects
       procedure :: potential => law_potential
       procedure :: explain => law_explain
-      procedure :: mark => law_mark
+      procedure :: mark => law_fingerprint
       procedure :: has_touched_inputs => law_has_touched_inputs
       procedure :: hold => law_hold
       procedure :: switches => law_switches
@@ -188,12 +188,12 @@ contains
    end subroutine law_explain
 
    !> What tells code from outside of nhbm from other code: its name and a checksum; empty for laws of its own.
-   function law_mark(self) result(text)
+   function law_fingerprint(self) result(text)
       class(law_t), intent(in) :: self
       character(300) :: text
 
       text = ""
-   end function law_mark
+   end function law_fingerprint
 
    !> Whether `evaluate` writes to what it is only to read, as code from outside may.
    logical function law_has_touched_inputs(self, z, v) result(has_touched)
@@ -203,15 +203,15 @@ contains
       has_touched = .false.
    end function law_has_touched_inputs
 
-   !> How time marching holds a law that needs the reaction; not at all unless the law says how.
+   !> How time integration holds a law that needs the reaction; not at all unless the law says how.
    function law_hold(self) result(hold)
       class(law_t), intent(in) :: self
       type(hold_t) :: hold
 
-      hold%trouble = "no method of &march knows how to hold law '"//self%label//"', which is rigid"
+      hold%failure = "no method of &integration knows how to hold law '"//self%label//"', which is rigid"
    end function law_hold
 
-   !> The functions whose zeros are kinks of the force; time marching stops where one of them changes its sign.
+   !> The functions whose zeros are kinks of the force; time integration stops where one of them changes its sign.
    pure subroutine law_switches(self, z, v, values)
       class(law_t), intent(in) :: self
       real(wp), intent(in) :: z(:), v(:)                              !! coordinates [m] and rates [m/s], (n_coordinates)

@@ -58,7 +58,7 @@ contains
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp), allocatable :: arms(:), friction(:), gaps(:), shares(:), stiffness(:)
-      character(:), allocatable :: frame, trouble
+      character(:), allocatable :: frame, failure
       integer :: n_blades, n_diameters, tone
       real(wp) :: augmentation
       logical :: is_rigid
@@ -86,8 +86,8 @@ contains
       if (any([size(gaps), size(stiffness), size(friction), size(shares)] /= n_blades) .or. size(arms) /= 2) return
       call new_blade_contact(self, n_diameters, gaps, stiffness, friction, arms, shares)
       if (is_rigid) then
-         call make_rigid(self, augmentation, trouble)
-         if (len(trouble) > 0) call group%problem("contact", trouble)
+         call make_rigid(self, augmentation, failure)
+         if (len(failure) > 0) call group%problem("contact", failure)
       end if
       if (tone < 1 .or. size(self%dofs) /= 4) return
       call set_turns(self, tone, merge([n_diameters, n_diameters], [0, n_diameters], frame == "stationary"))

@@ -69,14 +69,14 @@ contains
       self%kinks = [(kink_t(-shapes(i, :), -self%pushes(i, :), [gaps(i)], [stiffness(i)]), i=1, size(gaps))]
    end subroutine new_contact_table
 
-   !> Makes the contacts rigid; `trouble` says why these cannot be.
-   pure subroutine make_rigid(self, augmentation, trouble)
+   !> Makes the contacts rigid; `failure` says why these cannot be.
+   pure subroutine make_rigid(self, augmentation, failure)
       class(contact_table_t), intent(inout) :: self
       real(wp), intent(in) :: augmentation                            !! eps [N/m], 0: chosen from the structure
-      character(:), allocatable, intent(out) :: trouble               !! empty when all is well
+      character(:), allocatable, intent(out) :: failure               !! empty when all is well
 
       if (.not. allocated(self%rigid)) allocate (self%rigid)
-      call new_rigid_contacts(self%rigid, self%shapes, self%pushes, self%gaps, augmentation, trouble)
+      call new_rigid_contacts(self%rigid, self%shapes, self%pushes, self%gaps, augmentation, failure)
       self%is_multiplier = .true.
    end subroutine make_rigid
 
@@ -117,7 +117,7 @@ contains
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       real(wp), allocatable :: friction(:), friction_shapes(:, :), gaps(:), shapes(:, :), stiffness(:)
-      character(:), allocatable :: trouble
+      character(:), allocatable :: failure
       integer, allocatable :: turns(:)
       integer :: i, n, tone
       real(wp) :: augmentation
@@ -145,8 +145,8 @@ contains
       if (size(gaps) == n .and. size(stiffness) == n .and. size(friction) == n) then
          call new_contact_table(self, shapes, gaps, stiffness, friction, friction_shapes)
          if (is_rigid .and. all(norm2(shapes, dim=2) > 0.0_wp)) then
-            call make_rigid(self, augmentation, trouble)
-            if (len(trouble) > 0) call group%problem("contact", trouble)
+            call make_rigid(self, augmentation, failure)
+            if (len(failure) > 0) call group%problem("contact", failure)
          end if
       end if
       if (.not. allocated(turns)) return
@@ -196,7 +196,7 @@ contains
       real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
       real(wp), intent(out), contiguous :: f(:, :)
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
-      logical :: is_told
+      logical :: is_reported
 
       if (.not. allocated(self%turns)) then                           ! absent derivatives are not handed on: sanitizers mind
          if (present(df_dz)) then
@@ -206,9 +206,9 @@ contains
          end if
          return
       end if
-      is_told = allocated(self%cosine)
-      if (is_told) is_told = size(self%cosine, 1) == size(z, 1)
-      if (.not. is_told) then                                         ! without phases of these samples: no force is known
+      is_reported = allocated(self%cosine)
+      if (is_reported) is_reported = size(self%cosine, 1) == size(z, 1)
+      if (.not. is_reported) then                                     ! without phases of these samples: no force is known
          f = ieee_value(1.0_wp, ieee_quiet_nan)
          if (present(df_dz)) df_dz = f(1, 1)
          if (present(df_dp)) df_dp = f(1, 1)
@@ -320,7 +320,7 @@ contains
       end do
    end subroutine press
 
-   !> Takes eps of rigid contacts from the structure unless the user gave it, for a scene at rest: its static stiffness.
+   !> Takes eps of rigid contacts from the structure unless the user gave it, for a model at rest: its static stiffness.
    subroutine contact_table_prepare(self, static_stiffness)
       class(contact_table_t), intent(inout) :: self
       real(wp), intent(in) :: static_stiffness
@@ -385,7 +385,7 @@ contains
       f = forces(1, :)
    end subroutine contact_table_evaluate_held
 
-   !> Coordinates at one moment in the frame of the contacts; its phase must have been told.
+   !> Coordinates at one moment in the frame of the contacts; its phase must have been reported.
    pure function seen_by_contacts(self, z) result(seen)
       class(contact_table_t), intent(in) :: self
       real(wp), intent(in) :: z(:)                                    !! [m], (n_coordinates)
@@ -403,7 +403,7 @@ contains
       class(contact_table_t), intent(in) :: self
       type(hold_t) :: hold
 
-      hold%trouble = "no method of &march holds rigid contacts of a table or of blades: for marching give law '"// &
+      hold%failure = "no method of &integration holds rigid contacts of a table or of blades: for time integration give law '"// &
                      self%label//"' contact = 'elastic' and a large stiffness"
    end function contact_table_hold
 

@@ -51,18 +51,18 @@ contains
       real(wp), intent(in), contiguous :: s_old(:, :), path(:, :, :)
       real(wp), intent(out), contiguous :: s_new(:, :)
       real(wp), intent(out), contiguous, optional :: ds_ds_old(:, :, :), ds_dpath(:, :, :, :)
-      real(wp) :: leash(2), by_leash(2, 2), by_displacement(2, 2), displacement(2)
+      real(wp) :: elongation(2), by_elongation(2, 2), by_displacement(2, 2), displacement(2)
       integer :: c, i
 
       if (present(ds_dpath)) ds_dpath = 0.0_wp
       do i = 1, size(s_old, 1)
-         leash = path(i, :, path_part%at_start) - s_old(i, :)
+         elongation = path(i, :, path_part%at_start) - s_old(i, :)
          displacement = path(i, :, path_part%at_end) - path(i, :, path_part%at_start)
-         call drag(self%limit/self%stiffness, displacement, leash, by_leash, by_displacement)
-         s_new(i, :) = path(i, :, path_part%at_end) - leash
+         call drag(self%limit/self%stiffness, displacement, elongation, by_elongation, by_displacement)
+         s_new(i, :) = path(i, :, path_part%at_end) - elongation
          if (.not. (present(ds_ds_old) .and. present(ds_dpath))) cycle
-         ds_ds_old(i, :, :) = by_leash
-         ds_dpath(i, :, :, path_part%at_start) = by_displacement - by_leash
+         ds_ds_old(i, :, :) = by_elongation
+         ds_dpath(i, :, :, path_part%at_start) = by_displacement - by_elongation
          ds_dpath(i, :, :, path_part%at_end) = -by_displacement
          do c = 1, 2
             ds_dpath(i, c, c, path_part%at_end) = ds_dpath(i, c, c, path_part%at_end) + 1.0_wp
@@ -73,46 +73,46 @@ contains
    !> Leash after a straight displacement of its end, and its derivatives by the leash before and by the displacement.
    !>
    !> A leash longer than it may be, as interpolation may give it, is cut first. Until it is taut the slider stays.
-   pure subroutine drag(longest, displacement, leash, by_leash, by_displacement)
+   pure subroutine drag(longest, displacement, elongation, by_elongation, by_displacement)
       real(wp), intent(in) :: longest                                 !! [m], > 0
       real(wp), intent(in) :: displacement(2)                         !! [m]
-      real(wp), intent(inout) :: leash(2)                             !! [m]
-      real(wp), intent(out) :: by_leash(2, 2), by_displacement(2, 2)  !! last axis: the component differentiated by
+      real(wp), intent(inout) :: elongation(2)                        !! [m]
+      real(wp), intent(out) :: by_elongation(2, 2), by_displacement(2, 2) !! last axis: the component differentiated by
       real(wp) :: cut(2, 2), length
       integer :: c
 
       cut = reshape([1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [2, 2])
-      length = norm2(leash)
+      length = norm2(elongation)
       if (length > longest) then
          do c = 1, 2
-            cut(:, c) = longest/length*(cut(:, c) - leash*leash(c)/length**2)
+            cut(:, c) = longest/length*(cut(:, c) - elongation*elongation(c)/length**2)
          end do
-         leash = longest/length*leash
+         elongation = longest/length*elongation
       end if
-      if (norm2(leash + displacement) <= longest .or. .not. any(abs(displacement) > 0.0_wp)) then
-         leash = leash + displacement
-         by_leash = cut
+      if (norm2(elongation + displacement) <= longest .or. .not. any(abs(displacement) > 0.0_wp)) then
+         elongation = elongation + displacement
+         by_elongation = cut
          by_displacement = reshape([1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [2, 2])
       else
-         call drag_taut(longest, displacement, leash, by_leash, by_displacement)
-         by_leash = matmul(by_leash, cut)
+         call drag_taut(longest, displacement, elongation, by_elongation, by_displacement)
+         by_elongation = matmul(by_elongation, cut)
       end if
    end subroutine drag
 
    !> Drags the slider by a leash that becomes taut on the way, and is not too long before; with its derivatives as `drag`.
-   pure subroutine drag_taut(longest, displacement, leash, by_leash, by_displacement)
+   pure subroutine drag_taut(longest, displacement, elongation, by_elongation, by_displacement)
       real(wp), intent(in) :: longest, displacement(2)
-      real(wp), intent(inout) :: leash(2)
-      real(wp), intent(out) :: by_leash(2, 2), by_displacement(2, 2)
+      real(wp), intent(inout) :: elongation(2)
+      real(wp), intent(out) :: by_elongation(2, 2), by_displacement(2, 2)
       ! Derivatives by leash(1:2) and displacement(1:2) are carried along: d_x(4) or d_x(2, 4) for each x.
-      real(wp) :: d_leash(2, 4), d_displacement(2, 4), a, b, c, root, share, d_share(4), length, d_length(4), e(2), d_e(2, 4)
+      real(wp) :: d_elongation(2, 4), d_displacement(2, 4), a, b, c, root, share, d_share(4), length, d_length(4), e(2), d_e(2, 4)
       real(wp) :: taut(2), d_taut(2, 4), cosine, sine, d_cosine(4), d_sine(4), t, d_t(4), slid, d_slid(4)
       integer :: k
 
-      d_leash = 0.0_wp
+      d_elongation = 0.0_wp
       d_displacement = 0.0_wp
       do k = 1, 2
-         d_leash(k, k) = 1.0_wp
+         d_elongation(k, k) = 1.0_wp
          d_displacement(k, k + 2) = 1.0_wp
       end do
       length = norm2(displacement)
@@ -124,8 +124,8 @@ contains
 
       ! |leash + share way| = longest: a share**2 + 2 b share + c = 0
       a = length**2
-      b = dot_product(leash, displacement)
-      c = min(dot_product(leash, leash) - longest**2, 0.0_wp)
+      b = dot_product(elongation, displacement)
+      c = min(dot_product(elongation, elongation) - longest**2, 0.0_wp)
       root = sqrt(b**2 - a*c)
       if (b > 0.0_wp) then
          share = -c/(b + root)
@@ -133,11 +133,11 @@ contains
          share = (root - b)/a
       end if
       share = min(max(share, 0.0_wp), 1.0_wp)
-      taut = leash + share*displacement
+      taut = elongation + share*displacement
       d_share = 0.0_wp
-      if (root > epsilon(1.0_wp)*length*longest) d_share = -matmul(taut, d_leash + share*d_displacement)/root
+      if (root > epsilon(1.0_wp)*length*longest) d_share = -matmul(taut, d_elongation + share*d_displacement)/root
       do k = 1, 4
-         d_taut(:, k) = d_leash(:, k) + share*d_displacement(:, k) + displacement*d_share(k)
+         d_taut(:, k) = d_elongation(:, k) + share*d_displacement(:, k) + displacement*d_share(k)
       end do
 
       ! The tractrix: angle of the leash to the displacement, from where it is taut
@@ -153,9 +153,9 @@ contains
       sine = 2.0_wp*t/(1.0_wp + t**2)
       d_cosine = -2.0_wp*sine/(1.0_wp + t**2)*d_t
       d_sine = 2.0_wp*cosine/(1.0_wp + t**2)*d_t
-      leash = longest*[cosine*e(1) - sine*e(2), cosine*e(2) + sine*e(1)]
-      by_leash(1, :) = longest*(d_cosine(:2)*e(1) + cosine*d_e(1, :2) - d_sine(:2)*e(2) - sine*d_e(2, :2))
-      by_leash(2, :) = longest*(d_cosine(:2)*e(2) + cosine*d_e(2, :2) + d_sine(:2)*e(1) + sine*d_e(1, :2))
+      elongation = longest*[cosine*e(1) - sine*e(2), cosine*e(2) + sine*e(1)]
+      by_elongation(1, :) = longest*(d_cosine(:2)*e(1) + cosine*d_e(1, :2) - d_sine(:2)*e(2) - sine*d_e(2, :2))
+      by_elongation(2, :) = longest*(d_cosine(:2)*e(2) + cosine*d_e(2, :2) + d_sine(:2)*e(1) + sine*d_e(1, :2))
       by_displacement(1, :) = longest*(d_cosine(3:)*e(1) + cosine*d_e(1, 3:) - d_sine(3:)*e(2) - sine*d_e(2, 3:))
       by_displacement(2, :) = longest*(d_cosine(3:)*e(2) + cosine*d_e(2, 3:) + d_sine(3:)*e(1) + sine*d_e(1, 3:))
    end subroutine drag_taut

@@ -30,7 +30,7 @@ module hb_law_user
       procedure :: frequency_slope => user_law_frequency_slope
       procedure :: evaluate => user_law_evaluate
       procedure :: explain => user_law_explain
-      procedure :: mark => user_law_mark
+      procedure :: mark => user_law_fingerprint
       procedure :: has_touched_inputs => user_law_has_touched_inputs
    end type user_law_t
 
@@ -144,12 +144,12 @@ contains
    end subroutine user_law_explain
 
    !> Its name, and what tells the library from another one.
-   function user_law_mark(self) result(text)
+   function user_law_fingerprint(self) result(text)
       class(user_law_t), intent(in) :: self
       character(300) :: text
 
       text = self%name//", "//self%library%mark()
-   end function user_law_mark
+   end function user_law_fingerprint
 
    !> Asks the library once more: whether it writes to what it is only to read.
    logical function user_law_has_touched_inputs(self, z, v) result(has_touched)

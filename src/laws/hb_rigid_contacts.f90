@@ -30,34 +30,34 @@ module hb_rigid_contacts
 
 contains
 
-   !> Rigid contacts; `trouble` says why these cannot be rigid.
-   pure subroutine new_rigid_contacts(self, shapes, pushes, gaps, augmentation, trouble)
+   !> Rigid contacts; `failure` says why these cannot be rigid.
+   pure subroutine new_rigid_contacts(self, shapes, pushes, gaps, augmentation, failure)
       type(rigid_contacts_t), intent(out) :: self
       real(wp), intent(in) :: shapes(:, :)                            !! a_i, no row zero, (n_contacts, n_coordinates)
       real(wp), intent(in) :: pushes(:, :)                            !! a_i + mu_i b_i, as shapes
       real(wp), intent(in) :: gaps(:)                                 !! [m], (n_contacts)
       real(wp), intent(in) :: augmentation                            !! eps [N/m], 0: as proposed
-      character(:), allocatable, intent(out) :: trouble               !! empty when all is well
+      character(:), allocatable, intent(out) :: failure               !! empty when all is well
 
       self%is_given = augmentation > 0.0_wp
       if (self%is_given) self%augmentation = augmentation
-      call find_plane(self, shapes, trouble)
-      if (len(trouble) > 0) return
+      call find_plane(self, shapes, failure)
+      if (len(failure) > 0) return
       call new_contact_polygon(self%polygon, -matmul(shapes, transpose(self%plane)), gaps, &
-                               -matmul(pushes, transpose(self%plane)), trouble)
-      if (len(trouble) == 0) self%force = -pushes(self%polygon%contact, :)
+                               -matmul(pushes, transpose(self%plane)), failure)
+      if (len(failure) == 0) self%force = -pushes(self%polygon%contact, :)
    end subroutine new_rigid_contacts
 
    !> Orthonormal basis of the shapes: the longest, then what is left of the one that is farthest from it, both turned so that
    !> the first one lies along a coordinate as far as it can. Coordinates that do not mix then do so not even by rounding.
-   pure subroutine find_plane(self, shapes, trouble)
+   pure subroutine find_plane(self, shapes, failure)
       type(rigid_contacts_t), intent(inout) :: self
       real(wp), intent(in) :: shapes(:, :)
-      character(:), allocatable, intent(out) :: trouble
+      character(:), allocatable, intent(out) :: failure
       real(wp) :: left(size(shapes, 1), size(shapes, 2)), largest, reach(size(shapes, 2)), turn(2)
       integer :: i, k, pass
 
-      trouble = ""
+      failure = ""
       allocate (self%plane(2, size(shapes, 2)), source=0.0_wp)
       left = shapes
       largest = sqrt(maxval(sum(left**2, dim=2)))
@@ -73,7 +73,7 @@ contains
       k = findloc(reach >= maxval(reach) - dependent, .true., dim=1)
       turn = self%plane(:, k)/reach(k)
       self%plane = matmul(reshape([turn(1), -turn(2), turn(2), turn(1)], [2, 2]), self%plane)
-      if (sqrt(maxval(sum(left**2, dim=2))) > dependent*largest) trouble = "rigid contacts may feel two independent "// &
+      if (sqrt(maxval(sum(left**2, dim=2))) > dependent*largest) failure = "rigid contacts may feel two independent "// &
          "combinations of 'dofs', and these feel more (blades with different 'shares' do)"
    end subroutine find_plane
 

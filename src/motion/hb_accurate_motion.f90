@@ -1,55 +1,55 @@
-!> The motion of a scene to an accuracy: sets of harmonics and grids grow, rung by rung, until the estimated error is below the
+!> The motion of a model to an accuracy: sets of harmonics and grids grow, level by level, until the estimated error is below the
 !> tolerance.
 !>
-!> The lowest rung is a small box, where the motion is found by whatever it takes. From there the certificate tells what the
+!> The lowest level is a small box, where the motion is found by whatever it takes. From there the certificate tells what the
 !> tuples carry that a set lacks, and what its grid does to the motion: the set takes those that matter and drops those that
-!> do not, the grid is refined, and each rung starts from the solution of the one below it. How far two rungs are apart shows
+!> do not, the grid is refined, and each level starts from the solution of the one below it. How far two levels are apart shows
 !> what the estimate of the lower one was worth: where it was too small, that of the upper one counts for more. Nothing of this way
 !> lowers an estimate, and what it adds is stored by itself. Source: docs/why/accuracy.md;
 !> nested iteration as in Hackbusch, Multi-Grid Methods and Applications (1985), chapter 5.
 module hb_accurate_motion
    use hb_error, only: error_t
-   use hb_first_way, only: first_way
+   use hb_primary_method, only: primary_method
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_march_to_tolerance, only: loaded_tuples, march_from_balance, march_to_tolerance, marches_first
-   use hb_marched_result, only: is_lost
+   use hb_integrate_to_tolerance, only: loaded_tuples, integrate_from_balance, integrate_to_tolerance, integrates_first
+   use hb_integrated_result, only: is_lost
    use hb_motion, only: solve_motion
    use hb_motion_description, only: allow_for_growth, compare_with_refined
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: is_answer => is_solved, outcome
    use hb_refinement, only: refinable_t, refine
-   use hb_rung, only: choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, &
-      least_goal, margin, most_failures, put_on_rung, reliable, rung_t, trim_set, with_caution
-   use hb_scene, only: accuracy_t, scene_t
+   use hb_level, only: choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, &
+      least_goal, margin, most_failures, put_on_level, reliable, level_t, trim_set, with_caution
+   use hb_model, only: accuracy_t, model_t
    use hb_stability, only: stability_method, stability_verdict => verdict
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order, new_lowest_set
-   use hb_watch, only: watch_t, work_is_over
+   use hb_cancellation, only: cancellation_t, work_is_over
    implicit none
    private
    public :: calibrate_outputs, estimate_by_levels, left_after, solve_to_tolerance
 
    integer, parameter :: most_levels = 25
    integer, parameter :: most_idle = 4                                ! levels one after the other that gain nothing
-   real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second rung
-   real(wp), parameter :: share_of_rescue = 0.2_wp                    ! of the work of rescues, for each rung but the first
-   real(wp), parameter :: work_of_stability = 1.5_wp                  ! at most, times that of all rungs
-   integer, parameter :: laps_of_verdict = 25                         ! for exponents, where they are far from zero
-   integer, parameter :: patience_with_products = 16                  ! until the preconditioner gets stronger: rungs are many
+   real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second level
+   real(wp), parameter :: share_of_fallback = 0.2_wp                  ! of the work of fallbacks, for each level but the first
+   real(wp), parameter :: work_of_stability = 1.5_wp                  ! at most, times that of all levels
+   integer, parameter :: periods_of_verdict = 25                      ! for exponents, where they are far from zero
+   integer, parameter :: patience_with_products = 16                  ! until the preconditioner gets stronger: levels are many
    real(wp), parameter :: share_of_residual = 1.0e-4_wp               ! of the tolerance: where equations are solved well enough
    integer, parameter :: most_refinements = 2                         ! for a verdict on stability
    real(wp), parameter :: clear_change = 1.0e-4_wp                    ! of multipliers by the errors of the motion
-   real(wp), parameter :: work_of_verdict = 4.0_wp                    ! beyond which no rung is begun, times that so far
+   real(wp), parameter :: work_of_verdict = 4.0_wp                    ! beyond which no level is begun, times that so far
    real(wp), parameter :: least_work_of_verdict = 5.0e7_wp
-   integer, parameter :: patience = 3                                 ! steps from the rung below that gain nothing
-   real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by the one of the rung before
+   integer, parameter :: patience = 3                                 ! steps from the level below that gain nothing
+   real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by the one of the level before
 
    !> Solves the levels of a point, and counts what that has taken.
    type :: level_solver_t
-      type(scene_t), pointer :: scene => null()
-      type(scene_t) :: here                                           ! the same on the set of a level
-      integer :: iterations = 0, evaluations = 0, n_levels = 0, rescue = 0
+      type(model_t), pointer :: model => null()
+      type(model_t) :: here                                           ! the same on the set of a level
+      integer :: iterations = 0, evaluations = 0, n_levels = 0, fallback = 0
       real(wp) :: work = 0.0_wp, work_beside = 0.0_wp                 ! as in a result
       real(wp) :: setup_seconds = 0.0_wp, solver_seconds = 0.0_wp, certificate_seconds = 0.0_wp, certificate_cpu_seconds = 0.0_wp
    contains
@@ -60,11 +60,11 @@ module hb_accurate_motion
 
    !> A motion whose set and grid are refined: the level solved last, the one it was compared with, the best one.
    type, extends(refinable_t) :: refined_motion_t
-      type(scene_t), pointer :: scene => null()
+      type(model_t), pointer :: model => null()
       type(level_solver_t) :: solver                                  ! of all levels of the point
-      type(rung_t) :: start                                           ! of a neighbour; without unknowns there is none
-      type(rung_t) :: top                                             ! solved last; without unknowns none is solved
-      type(rung_t) :: next, best_top
+      type(level_t) :: start                                          ! of a neighbour; without unknowns there is none
+      type(level_t) :: top                                            ! solved last; without unknowns none is solved
+      type(level_t) :: next, best_top
       type(motion_result_t) :: result, best
       real(wp) :: own_estimate = 0.0_wp                               ! of the motion solved last, by itself
       real(wp), allocatable :: own_outputs(:)                         ! likewise, estimates of outputs
@@ -81,36 +81,36 @@ module hb_accurate_motion
 
 contains
 
-   !> Solves a scene to the tolerance that it asks for. The result has the set of its own, and status `converged` where the
+   !> Solves a model to the tolerance that it asks for. The result has the set of its own, and status `converged` where the
    !> estimated error is below the tolerance, `truncated` where the budget came first; a motion that was not found at all has the
-   !> status of the attempt on the lowest rung.
-   subroutine solve_to_tolerance(scene, result, error, top, start)
-      type(scene_t), intent(in), target :: scene
+   !> status of the attempt on the lowest level.
+   subroutine solve_to_tolerance(model, result, error, top, start)
+      type(model_t), intent(in), target :: model
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
-      type(rung_t), intent(out) :: top                                !! the last level; without unknowns where none is solved
-      type(rung_t), intent(in), optional :: start                     !! of a neighbour
-      type(watch_t), target :: watch
+      type(level_t), intent(out) :: top                               !! the last level; without unknowns where none is solved
+      type(level_t), intent(in), optional :: start                    !! of a neighbour
+      type(cancellation_t), target :: cancellation
       type(refined_motion_t) :: motion
       integer :: i
 
-      call watch%enter(scene%solver%time_limit)
+      call cancellation%enter(model%solver%time_limit)
       if (present(start)) motion%start = start
-      call solve_by_levels(motion, scene)
-      do i = 1, merge(most_refinements, 0, scene%accuracy%grows_set .and. .not. allocated(motion%error))
-         if (work_is_over() .or. .not. is_denied(scene, motion%result)) exit
-         call refine_for_verdict(scene, 10.0_wp**(-i), motion)
+      call solve_by_levels(motion, model)
+      do i = 1, merge(most_refinements, 0, model%accuracy%grows_set .and. .not. allocated(motion%error))
+         if (work_is_over() .or. .not. is_denied(model, motion%result)) exit
+         call refine_for_verdict(model, 10.0_wp**(-i), motion)
       end do
       result = motion%result
       top = motion%top
       if (allocated(motion%error)) call move_alloc(motion%error, error)
-      call watch%leave()
+      call cancellation%leave()
    end subroutine solve_to_tolerance
 
    !> Whether the errors of the motion leave open whether it is stable: they move its largest multiplier as far as the unit circle
    !> or, of several tones under laws with kinks, its largest exponent to zero, or it has no periodic motion next to it.
-   pure logical function is_denied(scene, result)
-      type(scene_t), intent(in) :: scene
+   pure logical function is_denied(model, result)
+      type(model_t), intent(in) :: model
       type(motion_result_t), intent(in) :: result
       real(wp), parameter :: twice = 2.0_wp
       real(wp) :: unit
@@ -123,7 +123,7 @@ contains
             unit = 1.0_wp
             if (size(result%frequency) > 1) unit = minval(result%frequency)
             is_denied = found%verdict == stability_verdict%unknown .and. found%estimate > clear_change*unit .and. &
-               any([(scene%laws(i)%law%n_switches + scene%laws(i)%law%n_states > 0, i=1, size(scene%laws))])
+               any([(model%laws(i)%law%n_switches + model%laws(i)%law%n_states > 0, i=1, size(model%laws))])
             return
          end if
          is_denied = found%estimate > clear_change .and. (found%verdict == stability_verdict%unknown .or. &
@@ -133,18 +133,18 @@ contains
 
    !> Goes on to a part of the tolerance for the sake of a verdict on stability, as far as `work_of_verdict` goes; without one the
    !> motion stays as it is.
-   subroutine refine_for_verdict(scene, part, motion)
-      type(scene_t), intent(in), target :: scene
+   subroutine refine_for_verdict(model, part, motion)
+      type(model_t), intent(in), target :: model
       real(wp), intent(in) :: part                                    !! of the tolerance
       type(refined_motion_t), intent(inout) :: motion
-      type(scene_t), target :: sharper
+      type(model_t), target :: sharper
       type(refined_motion_t) :: finer
 
-      sharper = scene
+      sharper = model
       sharper%may_integrate = .false.
-      sharper%accuracy%tolerance = part*scene%accuracy%tolerance
+      sharper%accuracy%tolerance = part*model%accuracy%tolerance
       finer%solver = motion%solver
-      sharper%accuracy%max_work = min(scene%accuracy%max_work, max(least_work_of_verdict, work_of_verdict*finer%solver%work))
+      sharper%accuracy%max_work = min(model%accuracy%max_work, max(least_work_of_verdict, work_of_verdict*finer%solver%work))
       finer%start = motion%top
       call solve_by_levels(finer, sharper)
       motion%solver = finer%solver
@@ -155,24 +155,25 @@ contains
    end subroutine refine_for_verdict
 
    !> Refines a motion from the first level to that of the tolerance.
-   subroutine solve_by_levels(self, scene)
+   subroutine solve_by_levels(self, model)
       type(refined_motion_t), intent(inout) :: self
-      type(scene_t), intent(in), target :: scene
+      type(model_t), intent(in), target :: model
       logical :: is_done
 
-      self%scene => scene
+      self%model => model
       self%most_levels = most_levels
       self%most_idle = most_idle
       self%most_failures = most_failures
-      if (scene%has_time_domain() .and. .not. allocated(self%start%unknowns)) then
-         if (marches_first(scene)) then
-            call march_to_tolerance(scene, self%result, is_done)
-            self%top%set = scene%harmonics
-            self%top%n_samples = scene%torus%n_samples
-            if (is_done .and. (self%result%status /= outcome%truncated .or. scene%first_way == first_way%march)) return
+      if (model%has_time_domain() .and. .not. allocated(self%start%unknowns)) then
+         if (integrates_first(model)) then
+            call integrate_to_tolerance(model, self%result, is_done)
+            self%top%set = model%harmonics
+            self%top%n_samples = model%torus%n_samples
+            if (is_done .and. (self%result%status /= outcome%truncated .or. model%primary_method == &
+               primary_method%integration)) return
          end if
       end if
-      call self%solver%prepare(scene)
+      call self%solver%prepare(model)
       call refine(self)
       if (allocated(self%error) .or. .not. allocated(self%top%unknowns) .or. self%result%status == outcome%interrupted) return
       if (self%best_estimate < self%estimate) then                    ! what came after it made it worse, as far as one knows
@@ -182,10 +183,10 @@ contains
       end if
       call finish(self)
       associate (result => self%result)
-         if (result%status == outcome%truncated .and. scene%has_time_domain() .and. result%stability%growth <= 1.0_wp) &
-            call march_from_balance(scene, result, self%top)
-         if (scene%accuracy%grows_set .and. scene%chain%is_on .and. result%status == outcome%converged) &
-            call trim_set(scene, self%top)
+         if (result%status == outcome%truncated .and. model%has_time_domain() .and. result%stability%growth <= 1.0_wp) &
+            call integrate_from_balance(model, result, self%top)
+         if (model%accuracy%grows_set .and. model%chain%is_on .and. result%status == outcome%converged) &
+            call trim_set(model, self%top)
       end associate
    end subroutine solve_by_levels
 
@@ -194,19 +195,19 @@ contains
       class(refined_motion_t), intent(inout) :: self
       logical, intent(out) :: is_solved
       type(motion_result_t) :: trial
-      type(error_t), allocatable :: trouble
+      type(error_t), allocatable :: failure
 
       if (self%n_levels == 0) then
          call find_first(self)
          self%solver%here%may_integrate = .false.
-         if (.not. allocated(self%error) .and. self%scene%has_time_domain()) call march_lost(self%scene, self%result)
+         if (.not. allocated(self%error) .and. self%model%has_time_domain()) call integration_lost(self%model, self%result)
          is_solved = .not. allocated(self%error) .and. allocated(self%top%unknowns)
          if (.not. is_solved) return
          self%is_checked = allocated(self%start%unknowns) .and. self%solver%n_levels == 1   ! as the neighbour was
          self%own_estimate = estimate_of_motion(self%result)
          self%own_outputs = estimates_of_outputs(self%result)
       else
-         call self%solver%take(self%next, self%n_failures == most_failures - 1, trial, trouble)
+         call self%solver%take(self%next, self%n_failures == most_failures - 1, trial, failure)
          is_solved = allocated(self%next%unknowns) .and. is_answer(trial%status)
          self%is_ended = has_ended(trial)
          if (trial%status == outcome%interrupted) self%result%status = outcome%interrupted
@@ -215,7 +216,7 @@ contains
          self%top = self%next
          self%result = trial
       end if
-      self%estimate = missing_in(self%scene, self%result)
+      self%estimate = missing_in(self%model, self%result)
    end subroutine refined_motion_solve
 
    !> Compares the motion of the next level with the one below it, which raises its estimate where it must, and keeps that one where
@@ -226,16 +227,16 @@ contains
       real(wp) :: raw
       real(wp), allocatable :: outputs_raw(:)
 
-      associate (scene => self%scene, top => self%top, next => self%next)
-         self%difference = distance(top, next, any(scene%tones%is_unknown))
+      associate (model => self%model, top => self%top, next => self%next)
+         self%difference = distance(top, next, any(model%tones%is_unknown))
          self%is_checked = self%own_estimate < reliable
          raw = estimate_of_motion(trial)
          outputs_raw = estimates_of_outputs(trial)
          if (self%is_checked) &
             trial%level_estimate = max(trial%level_estimate, estimate_by_levels(raw, self%own_estimate, self%difference))
-         if (is_rigid(scene)) trial%level_estimate = max(trial%level_estimate, min(1.0_wp, &
-            self%difference*left_after(top%set%n_harmonics, next%set%n_harmonics, scene%tones%n_tones)))
-         call calibrate_outputs(scene, trial, next%set, self%result, top%set, self%own_outputs)
+         if (is_rigid(model)) trial%level_estimate = max(trial%level_estimate, min(1.0_wp, &
+            self%difference*left_after(top%set%n_harmonics, next%set%n_harmonics, model%tones%n_tones)))
+         call calibrate_outputs(model, trial, next%set, self%result, top%set, self%own_outputs)
          if (self%is_checked .and. max(self%estimate, self%difference) < self%best_estimate .and. size(outputs_raw) == 0) then
             self%best = self%result
             self%best_top = top
@@ -251,51 +252,51 @@ contains
       logical, intent(out) :: is_there
       real(wp) :: goal
 
-      associate (accuracy => self%scene%accuracy, estimate => self%estimate)
+      associate (accuracy => self%model%accuracy, estimate => self%estimate)
          goal = max(least_goal*estimate, margin*accuracy%tolerance)
          if (estimate <= margin*accuracy%tolerance) goal = max(0.3_wp*estimate, least_goal*accuracy%tolerance)
          goal = goal*3.0_wp**self%n_failures*estimate_of(self%result)/max(estimate, tiny(1.0_wp))   ! of the motion
       end associate
-      call choose_next(self%scene, self%result, self%top, goal, self%n_failures, self%next, is_there)
+      call choose_next(self%model, self%result, self%top, goal, self%n_failures, self%next, is_there)
    end subroutine refined_motion_choose
 
    logical function refined_motion_is_accurate(self) result(is_accurate)
       class(refined_motion_t), intent(inout) :: self
 
-      is_accurate = self%estimate <= self%scene%accuracy%tolerance*merge(margin, unchecked, self%is_checked)
+      is_accurate = self%estimate <= self%model%accuracy%tolerance*merge(margin, unchecked, self%is_checked)
    end function refined_motion_is_accurate
 
    logical function refined_motion_is_over(self) result(is_over)
       class(refined_motion_t), intent(inout) :: self
 
-      is_over = self%is_ended .or. .not. allocated(self%top%unknowns) .or. self%solver%work > self%scene%accuracy%max_work
+      is_over = self%is_ended .or. .not. allocated(self%top%unknowns) .or. self%solver%work > self%model%accuracy%max_work
    end function refined_motion_is_over
 
-   !> What a rung misses: the estimated error of what the tolerance is for, and a penetration of walls beyond what is allowed as an
-   !> error beyond what rungs are made for.
-   pure real(wp) function missing_in(scene, result)
-      type(scene_t), intent(in) :: scene
+   !> What a level misses: the estimated error of what the tolerance is for, and a penetration of walls beyond what is allowed as an
+   !> error beyond what levels are made for.
+   pure real(wp) function missing_in(model, result)
+      type(model_t), intent(in) :: model
       type(motion_result_t), intent(in) :: result
 
-      missing_in = max(estimate_of_wanted(result), margin*scene%accuracy%tolerance*result%penetration_share)
+      missing_in = max(estimate_of_wanted(result), margin*model%accuracy%tolerance*result%penetration_share)
    end function missing_in
 
-   !> Marches to the tolerance what was marched on the lowest set, of whose harmonics beyond averages say nothing, and what was not
-   !> found at all: lines that averages do not part, or only in hours, a fit may.
-   subroutine march_lost(scene, result)
-      type(scene_t), intent(in) :: scene
+   !> Integrates to the tolerance what was integrated on the lowest set, of whose harmonics beyond averages say nothing, and what
+   !> was not found at all: lines that averages do not part, or only in hours, a fit may.
+   subroutine integration_lost(model, result)
+      type(model_t), intent(in) :: model
       type(motion_result_t), intent(inout) :: result
-      logical :: is_done, is_marched
+      logical :: is_done, is_integrated
 
-      is_marched = any(result%status == [outcome%marched, outcome%several])
-      if (.not. is_marched) then
-         if (.not. (is_lost(result%status) .and. scene%solver%rescue .and. scene%solver%rescue_by_march)) return
+      is_integrated = any(result%status == [outcome%time_domain, outcome%several])
+      if (.not. is_integrated) then
+         if (.not. (is_lost(result%status) .and. model%solver%fallback .and. model%solver%fallback_by_integration)) return
       end if
-      call march_to_tolerance(scene, result, is_done)
-      if (is_done .or. .not. (is_marched .and. scene%accuracy%grows_set)) return
+      call integrate_to_tolerance(model, result, is_done)
+      if (is_done .or. .not. (is_integrated .and. model%accuracy%grows_set)) return
       result%status = outcome%truncated
       result%certificate%truncation = 1.0_wp
-   end subroutine march_lost
+   end subroutine integration_lost
 
    !> Estimated error of a level as the one below shows it. Its motion was off by the difference of the two: where its certificate
    !> said less than that, the one of the upper level counts for more by as much.
@@ -315,12 +316,12 @@ contains
    end function estimates_of_outputs
 
    !> Finds the estimates of outputs that the levels show, as `estimate_by_levels` does, each by its own difference.
-   subroutine calibrate_outputs(scene, upper, upper_set, lower, lower_set, estimates_below)
-      type(scene_t), intent(in) :: scene
+   subroutine calibrate_outputs(model, upper, upper_set, lower, lower_set, estimates_below)
+      type(model_t), intent(in) :: model
       type(motion_result_t), intent(inout) :: upper
       type(motion_result_t), intent(in) :: lower
       type(harmonics_t), intent(in) :: upper_set, lower_set
-      real(wp), intent(in) :: estimates_below(:)                      !! of the lower rung, as its certificate had them
+      real(wp), intent(in) :: estimates_below(:)                      !! of the lower level, as its certificate had them
       complex(wp), allocatable :: below(:, :), above(:, :)
       real(wp) :: difference, left
       integer :: i
@@ -328,14 +329,14 @@ contains
       if (.not. (allocated(upper%outputs) .and. allocated(lower%outputs))) return
       below = lower%outputs
       above = upper%outputs
-      if (any(scene%tones%is_unknown)) then                           ! phases are free
+      if (any(model%tones%is_unknown)) then                           ! phases are free
          below = abs(below)
          above = abs(above)
       end if
       left = 0.0_wp
-      if (is_rigid(scene)) left = left_after(lower_set%n_harmonics, upper_set%n_harmonics, scene%tones%n_tones)
+      if (is_rigid(model)) left = left_after(lower_set%n_harmonics, upper_set%n_harmonics, model%tones%n_tones)
       do i = 1, size(estimates_below)
-         difference = scene%accuracy%outputs(i)%distance(lower_set, below(:, i), upper_set, above(:, i))
+         difference = model%accuracy%outputs(i)%distance(lower_set, below(:, i), upper_set, above(:, i))
          associate (estimate => upper%output_estimate(i), by_levels => upper%output_level_estimate(i))
             if (estimates_below(i) < reliable) &
                by_levels = max(by_levels, estimate_by_levels(estimate, estimates_below(i), difference))
@@ -344,10 +345,10 @@ contains
       end do
    end subroutine calibrate_outputs
 
-   !> What is left of the error after a rung, relative to the difference that it made, where the error falls with the first power of
-   !> the order only: forces of rigid laws have all harmonics. Of two sets of about one size nothing is concluded beyond a bound.
+   !> What is left of the error after a level, relative to the difference that it made, where the error falls with the first power
+   !> of the order only: forces of rigid laws have all harmonics. Of two sets of about one size nothing is concluded beyond a bound.
    pure real(wp) function left_after(n_below, n_above, n_tones) result(share)
-      integer, intent(in) :: n_below, n_above                         !! tuples of the two rungs
+      integer, intent(in) :: n_below, n_above                         !! tuples of the two levels
       integer, intent(in) :: n_tones
       real(wp), parameter :: largest_share = 2.0_wp
       real(wp) :: shrinking
@@ -361,42 +362,42 @@ contains
    subroutine find_first(self)
       type(refined_motion_t), intent(inout) :: self
       integer, parameter :: n_tries = 3
-      type(error_t), allocatable :: trouble
+      type(error_t), allocatable :: failure
       integer :: i
 
-      associate (scene => self%scene, top => self%top, result => self%result)
+      associate (model => self%model, top => self%top, result => self%result)
          if (allocated(self%start%unknowns)) then
             top = self%start
-            call self%solver%take(top, .true., result, trouble)
+            call self%solver%take(top, .true., result, failure)
             if (has_ended(result) .or. allocated(top%unknowns)) return
          end if
          do i = 1, n_tries
-            top%set = scene%harmonics
-            top%n_samples = scene%torus%n_samples
+            top%set = model%harmonics
+            top%n_samples = model%torus%n_samples
             if (i > 1) then
-               if (.not. scene%accuracy%grows_set) exit
-               if (i < n_tries .and. self%solver%work > scene%accuracy%max_work) cycle
-               call other_first(scene, i, top, self%error)
+               if (.not. model%accuracy%grows_set) exit
+               if (i < n_tries .and. self%solver%work > model%accuracy%max_work) cycle
+               call other_first(model, i, top, self%error)
                if (allocated(self%error)) return
             end if
-            self%solver%here%may_integrate = scene%may_integrate .and. &
-               (scene%start_from_march .or. any(scene%tones%is_unknown) .or. .not. scene%accuracy%grows_set)
+            self%solver%here%may_integrate = model%may_integrate .and. &
+               (model%start_from_integration .or. any(model%tones%is_unknown) .or. .not. model%accuracy%grows_set)
             call self%solver%take(top, .true., result, self%error)
             if (allocated(self%error) .or. has_ended(result) .or. allocated(top%unknowns)) return
             if (any(result%status == [outcome%collapsed, outcome%no_motion, outcome%locked, outcome%failed])) exit
-            if (size(scene%laws) == 0) exit
+            if (size(model%laws) == 0) exit
          end do
          result%harmonics = top%set
          result%n_samples = top%n_samples
       end associate
    end subroutine find_first
 
-   !> Residual at which the equations of a rung are solved: far below what its motion may be off by, unless one was asked for.
-   pure real(wp) function solver_tolerance(scene) result(tolerance)
-      type(scene_t), intent(in) :: scene
+   !> Residual at which the equations of a level are solved: far below what its motion may be off by, unless one was asked for.
+   pure real(wp) function solver_tolerance(model) result(tolerance)
+      type(model_t), intent(in) :: model
 
-      tolerance = scene%solver%tolerance
-      if (.not. scene%solver%has_tolerance) tolerance = max(tolerance, share_of_residual*scene%accuracy%tolerance)
+      tolerance = model%solver%tolerance
+      if (.not. model%solver%has_tolerance) tolerance = max(tolerance, share_of_residual*model%accuracy%tolerance)
    end function solver_tolerance
 
    !> Whether the point has ended.
@@ -406,59 +407,59 @@ contains
       has_ended = any(result%status == [outcome%interrupted, outcome%timed_out])
    end function has_ended
 
-   !> Another lowest rung, where the motion was not found on the first one: a larger box, then a smaller one.
-   subroutine other_first(scene, i, rung, error)
-      type(scene_t), intent(in) :: scene
+   !> Another lowest level, where the motion was not found on the first one: a larger box, then a smaller one.
+   subroutine other_first(model, i, level, error)
+      type(model_t), intent(in) :: model
       integer, intent(in) :: i                                        !! number of the try, from 2
-      type(rung_t), intent(inout) :: rung
+      type(level_t), intent(inout) :: level
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: loaded(:, :)
       integer :: order
 
-      order = lowest_order(scene%tones%n_tones)
+      order = lowest_order(model%tones%n_tones)
       order = merge(order + (order + 1)/2, max(1, order - 2), i == 2)
-      loaded = loaded_tuples(scene)
-      call new_lowest_set(rung%set, scene%tones%n_tones, loaded, error, order)
-      if (.not. allocated(error)) rung%n_samples = samples_for(rung%set%highest, degree_of(scene))
+      loaded = loaded_tuples(model)
+      call new_lowest_set(level%set, model%tones%n_tones, loaded, error, order)
+      if (.not. allocated(error)) level%n_samples = samples_for(level%set%highest, degree_of(model))
    end subroutine other_first
 
-   !> Prepares for the levels of a scene.
-   subroutine level_solver_prepare(self, scene)
+   !> Prepares for the levels of a model.
+   subroutine level_solver_prepare(self, model)
       class(level_solver_t), intent(inout) :: self
-      type(scene_t), intent(in), target :: scene
+      type(model_t), intent(in), target :: model
 
-      self%scene => scene
-      self%here = scene
+      self%model => model
+      self%here = model
       associate (here => self%here)
-         here%first_way = first_way%balance
+         here%primary_method = primary_method%balance
          here%may_integrate = .false.
          here%certificate%is_on = .true.
          here%stability%method = stability_method%off
-         here%solver%tolerance = solver_tolerance(scene)
+         here%solver%tolerance = solver_tolerance(model)
          here%solver%krylov_patience = patience_with_products
-         here%solver%rescue_share = 0.0_wp                            ! other sets are left
+         here%solver%fallback_share = 0.0_wp                          ! other sets are left
          here%certificate%improvement_steps = 0
          if (allocated(here%output%samples)) here%output%samples = here%output%samples(:0)
       end associate
    end subroutine level_solver_prepare
 
-   !> Solves the scene on a level, from the motion in it if there is one. There is one afterwards where that has worked.
-   subroutine level_solver_take(self, rung, with_rescue, result, error)
+   !> Solves the model on a level, from the motion in it if there is one. There is one afterwards where that has worked.
+   subroutine level_solver_take(self, level, with_fallback, result, error)
       class(level_solver_t), intent(inout) :: self
-      type(rung_t), intent(inout) :: rung
-      logical, intent(in) :: with_rescue
+      type(level_t), intent(inout) :: level
+      logical, intent(in) :: with_fallback
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: first_guess(:), found(:)
 
-      call move_alloc(rung%unknowns, first_guess)
-      associate (scene => self%scene, solver => self%here%solver)
-         call put_on_rung(self%here, scene, rung, error)
+      call move_alloc(level%unknowns, first_guess)
+      associate (model => self%model, solver => self%here%solver)
+         call put_on_level(self%here, model, level, error)
          if (allocated(error)) return
-         solver%rescue = scene%solver%rescue .and. with_rescue
-         solver%patience = merge(0, patience, with_rescue)
-         solver%rescue_work = min(scene%solver%rescue_work, max(0.0_wp, scene%accuracy%max_work - self%work))
-         if (self%n_levels > 0) solver%rescue_work = share_of_rescue*solver%rescue_work
+         solver%fallback = model%solver%fallback .and. with_fallback
+         solver%patience = merge(0, patience, with_fallback)
+         solver%fallback_work = min(model%solver%fallback_work, max(0.0_wp, model%accuracy%max_work - self%work))
+         if (self%n_levels > 0) solver%fallback_work = share_of_fallback*solver%fallback_work
          call solve_motion(self%here, result, error, first_guess, found)
          self%n_levels = self%n_levels + 1
          self%iterations = self%iterations + result%iterations
@@ -466,15 +467,15 @@ contains
          self%work = self%work + result%work
          self%work_beside = self%work_beside + result%work_beside
          solver%preconditioner_level = result%preconditioner_level
-         self%rescue = max(self%rescue, result%rescue)
+         self%fallback = max(self%fallback, result%fallback)
          self%setup_seconds = self%setup_seconds + result%setup_seconds
          self%solver_seconds = self%solver_seconds + result%solver_seconds
          self%certificate_seconds = self%certificate_seconds + result%certificate_seconds
          self%certificate_cpu_seconds = self%certificate_cpu_seconds + result%certificate_cpu_seconds
          if (allocated(error)) return
-         call with_caution(scene, result)
+         call with_caution(model, result)
       end associate
-      if (is_answer(result%status) .and. allocated(found)) call move_alloc(found, rung%unknowns)
+      if (is_answer(result%status) .and. allocated(found)) call move_alloc(found, level%unknowns)
    end subroutine level_solver_take
 
    !> Puts what all levels have taken into a result.
@@ -482,12 +483,12 @@ contains
       class(level_solver_t), intent(in) :: self
       type(motion_result_t), intent(inout) :: result
 
-      result%n_rungs = self%n_levels
+      result%n_levels = self%n_levels
       result%iterations = self%iterations
       result%evaluations = self%evaluations
       result%work = self%work
       result%work_beside = self%work_beside
-      result%rescue = self%rescue
+      result%fallback = self%fallback
       result%setup_seconds = self%setup_seconds
       result%solver_seconds = self%solver_seconds
       result%certificate_seconds = self%certificate_seconds
@@ -498,16 +499,16 @@ contains
    subroutine finish(self)
       type(refined_motion_t), intent(inout) :: self
 
-      associate (scene => self%scene, result => self%result)
+      associate (model => self%model, result => self%result)
          if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
-            result%status = merge(outcome%converged, outcome%truncated, estimate_of_wanted(result) <= scene%accuracy%tolerance)
-         if (scene%stability%method /= stability_method%off .or. size(scene%output%samples) > 0) &
-            call add_stability(scene, self%top, work_of_stability*(self%solver%work + self%solver%work_beside), result)
+            result%status = merge(outcome%converged, outcome%truncated, estimate_of_wanted(result) <= model%accuracy%tolerance)
+         if (model%stability%method /= stability_method%off .or. size(model%output%samples) > 0) &
+            call add_stability(model, self%top, work_of_stability*(self%solver%work + self%solver%work_beside), result)
          if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
-            result%message = trim(message_on_outputs(scene%accuracy, max(result%output_estimate, result%output_level_estimate)))
+            result%message = trim(message_on_outputs(model%accuracy, max(result%output_estimate, result%output_level_estimate)))
          result%harmonics = self%top%set
          result%n_samples = self%top%n_samples
-         result%rung_difference = self%difference
+         result%level_difference = self%difference
          if (result%level_estimate <= estimate_of_motion(result)) result%level_estimate = 0.0_wp
          if (allocated(result%output_estimate)) then
             where (result%output_level_estimate <= result%output_estimate) result%output_level_estimate = 0.0_wp
@@ -517,29 +518,29 @@ contains
    end subroutine finish
 
    !> Solves the last level once more, with stability and samples of the motion.
-   subroutine add_stability(scene, top, work_spent, result)
-      type(scene_t), intent(in) :: scene
-      type(rung_t), intent(in) :: top
+   subroutine add_stability(model, top, work_spent, result)
+      type(model_t), intent(in) :: model
+      type(level_t), intent(in) :: top
       real(wp), intent(in) :: work_spent                              !! on the motion
       type(motion_result_t), intent(inout) :: result
-      type(scene_t) :: here
+      type(model_t) :: here
       type(motion_result_t) :: whole
       type(error_t), allocatable :: error
 
-      here = scene
+      here = model
       here%may_integrate = .false.
       here%certificate%is_on = .false.
-      here%solver%tolerance = solver_tolerance(scene)
+      here%solver%tolerance = solver_tolerance(model)
       here%stability%work_spent = work_spent
-      if (here%stability%method == stability_method%auto) here%stability%fewest_laps = laps_of_verdict
-      call put_on_rung(here, scene, top, error)
+      if (here%stability%method == stability_method%auto) here%stability%fewest_periods = periods_of_verdict
+      call put_on_level(here, model, top, error)
       if (.not. allocated(error)) call solve_motion(here, whole, error, top%unknowns)
       if (allocated(error) .or. whole%status /= outcome%converged) return
       if (result%status == outcome%converged) then
          result%stability = whole%stability
          here%tones%omega = result%frequency
          call compare_with_refined(here, here%tones, result%certificate, result%stability)
-         call allow_for_growth(result, scene%accuracy%tolerance)
+         call allow_for_growth(result, model%accuracy%tolerance)
       end if
       if (.not. allocated(whole%displacement_samples)) return
       result%displacement_samples = whole%displacement_samples

@@ -1,6 +1,6 @@
 !> What the message of a point says that was not solved: what to try, and how far each way came that was tried.
 !>
-!> What to try follows from how the attempts ended and from what makes a scene hard: contact much stiffer than the structure,
+!> What to try follows from how the attempts ended and from what makes a model hard: contact much stiffer than the structure,
 !> sliders that hardly slide, tones that are nearly commensurate.
 module hb_advice
    use hb_balance, only: balance_t
@@ -9,8 +9,8 @@ module hb_advice
    use hb_kinds, only: wp
    use hb_law, only: law_t
    use hb_outcome, only: outcome, outcome_name
-   use hb_scene, only: scene_t
-   use hb_solver_types, only: report_t, rescue, rescue_names
+   use hb_model, only: model_t
+   use hb_solver_types, only: report_t, fallback, fallback_names
    use hb_text, only: to_text
    implicit none
    private
@@ -20,7 +20,7 @@ module hb_advice
    real(wp), parameter :: hardly_sliding = 1.5_wp                     ! motion relative to what a slider sticks over
    real(wp), parameter :: far = 1.0e3_wp                              ! motion relative to a law's length: its contact is closed
 
-   !> What makes a scene hard, as far as it is known.
+   !> What makes a model hard, as far as it is known.
    type :: circumstances_t
       character(:), allocatable :: contact                            !! label of the law that is stiffest
       real(wp) :: stiffness_ratio = 0.0_wp                            !! its stiffness over that of the structure at its coordinate
@@ -29,14 +29,14 @@ module hb_advice
       integer, allocatable :: combination(:)                          !! of tones, nearly zero; not allocated: none
       real(wp) :: combination_frequency = 0.0_wp                      !! [rad/s]
       logical :: is_neighbour_used = .false.                          !! first guesses come from neighbours already
-      logical :: is_march_used = .false.                              !! or from marching
+      logical :: is_integration_used = .false.                        !! or from time integration
    end type circumstances_t
 
 contains
 
-   !> Looks at a scene and at the last point reached, on its balance.
-   subroutine find_circumstances(scene, balance, u, found)
-      type(scene_t), intent(in) :: scene
+   !> Looks at a model and at the last point reached, on its balance.
+   subroutine find_circumstances(model, balance, u, found)
+      type(model_t), intent(in) :: model
       type(balance_t), intent(inout) :: balance
       real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
       type(circumstances_t), intent(out) :: found
@@ -44,11 +44,11 @@ contains
       integer :: i
       integer, allocatable :: combination(:)
 
-      found%is_neighbour_used = scene%chain%is_on
-      found%is_march_used = scene%start_from_march
+      found%is_neighbour_used = model%chain%is_on
+      found%is_integration_used = model%start_from_integration
       call balance%sample(u)
-      do i = 1, size(scene%laws)
-         associate (law => scene%laws(i)%law, set => balance%law_set)
+      do i = 1, size(model%laws)
+         associate (law => model%laws(i)%law, set => balance%law_set)
             length = law%length_scale
             if (law%n_states > 0) then
                if (length <= 0.0_wp) cycle
@@ -64,9 +64,9 @@ contains
             end if
          end associate
       end do
-      if (scene%tones%n_tones < 2 .or. any(scene%tones%is_unknown)) return
-      call near_commensurate(scene%tones, combination, frequency)
-      if (frequency > scene%certificate%commensurability*maxval(scene%tones%omega)) return
+      if (model%tones%n_tones < 2 .or. any(model%tones%is_unknown)) return
+      call near_commensurate(model%tones, combination, frequency)
+      if (frequency > model%certificate%commensurability*maxval(model%tones%omega)) return
       found%combination = combination
       found%combination_frequency = frequency
    end subroutine find_circumstances
@@ -116,8 +116,8 @@ contains
          if (any(report%status == [outcome%diverged, outcome%not_finite])) &
             call add(text, "smaller loads first: a sweep from there with first_guess = 'neighbour'")
          if (size_of_attempts(report) == 1 .and. report%status /= outcome%timed_out) &
-            call add(text, "&solver rescue = .true. tries other ways")
-         if (is_out_of_work(report)) call add(text, "a rescue met its budget: raise &solver rescue_work")
+            call add(text, "&solver fallback = .true. tries other ways")
+         if (is_out_of_work(report)) call add(text, "a fallback met its budget: raise &solver fallback_work")
          if (len(text) == 0 .or. report%status == outcome%stalled) &
             call add(text, "another first guess (of several motions one): "//trim(guesses(c)))
       end associate
@@ -142,7 +142,7 @@ contains
 
       text = "a &start"
       if (.not. circumstances%is_neighbour_used) text = "'neighbour' or a &start"
-      if (.not. circumstances%is_march_used) text = "first_guess = 'march', "//trim(text)
+      if (.not. circumstances%is_integration_used) text = "first_guess = 'integration', "//trim(text)
    end function guesses
 
    pure integer function size_of_attempts(report)
@@ -182,7 +182,7 @@ contains
 
       do i = 1, size_of_attempts(report)
          if (i == 1) text = text//"; least residuals: direct "
-         if (i > 1) text = text//", "//trim(rescue_names(report%attempts(i)%kind))//" "
+         if (i > 1) text = text//", "//trim(fallback_names(report%attempts(i)%kind))//" "
          text = text//rounded(report%attempts(i)%best)
          if (i == 1 .or. report%attempts(i)%status /= report%attempts(1)%status) &
             text = text//" "//outcome_name(report%attempts(i)%status)

@@ -1,7 +1,7 @@
-!> A scene with unknown tones: where the search for its motion starts, and the search.
+!> A model with unknown tones: where the search for its motion starts, and the search.
 !>
-!> A motion known from elsewhere, a neighbouring point or a march, comes in as `scene%start` with its frequencies as the first
-!> guesses `scene%tones%omega`; it is tried before any mode.
+!> A motion known from elsewhere, a neighbouring point or a time integration, comes in as `model%start` with its frequencies as the
+!> first guesses `model%tones%omega`; it is tried before any mode.
 module hb_autonomous
    use hb_balance, only: balance_t, new_balance
    use hb_base_motion, only: base_motion_t, find_base_motion
@@ -15,12 +15,12 @@ module hb_autonomous
    use hb_law_coordinates, only: laws_at
    use hb_normal_mode, only: find_mode_of_energy, find_normal_mode
    use hb_outcome, only: outcome
-   use hb_scene, only: scene_t
+   use hb_model, only: model_t
    use hb_limit_cycle_search, only: new_search, search_t
    use hb_self_excitation, only: search_from_modes
    use hb_text, only: to_text
    use hb_torus, only: default_samples, new_torus, torus_t
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: autonomous_start_t, find_motion, find_start
@@ -38,23 +38,23 @@ module hb_autonomous
 contains
 
    !> Finds the motion without the unknown tones, its modes, and the frequencies from which to start.
-   subroutine find_start(self, scene, basis, coordinates, error)
+   subroutine find_start(self, model, basis, coordinates, error)
       type(autonomous_start_t), intent(out) :: self
-      type(scene_t), intent(in) :: scene
+      type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates                  !! of its laws
       type(error_t), allocatable, intent(out) :: error
       type(balance_t) :: balance
       integer :: h, m
 
-      associate (tones => scene%tones)
+      associate (tones => model%tones)
          self%tones = pack([(m, m=1, tones%n_tones)], tones%is_unknown)
          self%has_motion = any([(any(basis%harmonics%tuples(self%tones, h) /= 0) .and. &
-                                 .not. scene%start%is_zero_at(basis%places(h)), h=1, basis%harmonics%n_harmonics)])
+                                 .not. model%start%is_zero_at(basis%places(h)), h=1, basis%harmonics%n_harmonics)])
          self%omega = tones%omega
          where (self%omega <= 0.0_wp) self%omega = 1.0_wp             ! any: the base motion does not know these tones
-         call new_base_balance(balance, scene, basis, coordinates, self%omega, error)
-         if (.not. allocated(error)) call find_base_motion(self%base, scene%structure, balance, basis%harmonics, scene%solver, &
+         call new_base_balance(balance, model, basis, coordinates, self%omega, error)
+         if (.not. allocated(error)) call find_base_motion(self%base, model%structure, balance, basis%harmonics, model%solver, &
                                                            error)
          call balance%destroy()
          if (allocated(error)) then
@@ -62,7 +62,7 @@ contains
             deallocate (error)                                         ! without modes the start must do
             allocate (self%modes(0))
          else
-            call choose_modes(self, scene)
+            call choose_modes(self, model)
          end if
          do m = 1, size(self%tones)
             if (tones%omega(self%tones(m)) > 0.0_wp) cycle
@@ -77,9 +77,9 @@ contains
    end subroutine find_start
 
    !> The balance over the tuples without unknown tones, with the mean in any case. Fails where the interior is singular.
-   subroutine new_base_balance(balance, scene, basis, coordinates, omega, error)
+   subroutine new_base_balance(balance, model, basis, coordinates, omega, error)
       type(balance_t), intent(inout) :: balance
-      type(scene_t), intent(in) :: scene
+      type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates                  !! of its laws
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), > 0, any of unknown tones
@@ -90,7 +90,7 @@ contains
       integer, allocatable :: tuples(:, :), kept(:)
       integer :: h, samples(size(omega))
 
-      associate (harmonics => basis%harmonics, is_unknown => scene%tones%is_unknown)
+      associate (harmonics => basis%harmonics, is_unknown => model%tones%is_unknown)
          kept = pack([(h, h=1, harmonics%n_harmonics)], [(all(harmonics%tuples(:, h) == 0 .or. .not. is_unknown), &
                                                           h=1, harmonics%n_harmonics)])
          tuples = harmonics%tuples(:, kept)
@@ -104,38 +104,38 @@ contains
       call new_torus(grid, samples, set, error)
       if (allocated(error)) return
       grid%corrects_kinks = basis%torus%corrects_kinks
-      call new_dynamic_stiffness(stiffness, scene%structure, coordinates, set%frequencies(omega), &
-                                 scene%loads%in_set(scene%harmonics, set), error)
-      if (.not. allocated(error)) call new_balance(balance, set, grid, omega, stiffness, laws_at(coordinates, scene%laws), &
-                                                  scene%planning, error)
+      call new_dynamic_stiffness(stiffness, model%structure, coordinates, set%frequencies(omega), &
+                                 model%loads%in_set(model%harmonics, set), error)
+      if (.not. allocated(error)) call new_balance(balance, set, grid, omega, stiffness, laws_at(coordinates, model%laws), &
+                                                  model%planning, error)
    end subroutine new_base_balance
 
    !> Modes from which the unknown tones start: nearest to the first guess of a frequency; without one, that of a normal mode
    !> by its number, else those that grow most, by frequency.
-   subroutine choose_modes(self, scene)
+   subroutine choose_modes(self, model)
       type(autonomous_start_t), intent(inout) :: self
-      type(scene_t), intent(in) :: scene
+      type(model_t), intent(in) :: model
       logical :: is_free(self%base%modes%n_modes), is_grown(self%base%modes%n_modes)
       integer :: i, m, mode(size(self%tones))
 
       is_free = .true.
       is_free(self%base%n_linear + 1:) = .false.
-      if (.not. scene%normal_mode%is_asked) is_free = is_free .and. self%base%is_at_laws
+      if (.not. model%normal_mode%is_asked) is_free = is_free .and. self%base%is_at_laws
       mode = 0
-      associate (modes => self%base%modes, guess => scene%tones%omega)
+      associate (modes => self%base%modes, guess => model%tones%omega)
          do m = 1, size(mode)
             if (guess(self%tones(m)) <= 0.0_wp) cycle
             mode(m) = minloc(abs(modes%frequency - guess(self%tones(m))), mask=is_free, dim=1)
             if (mode(m) > 0) is_free(mode(m)) = .false.
          end do
-         if (scene%normal_mode%is_asked .and. mode(1) == 0) then
-            mode(1) = max(1, scene%normal_mode%mode)
+         if (model%normal_mode%is_asked .and. mode(1) == 0) then
+            mode(1) = max(1, model%normal_mode%mode)
             if (mode(1) > self%base%n_linear) mode(1) = 0
-         else if (scene%normal_mode%mode > 0) then
-            mode(1) = merge(scene%normal_mode%mode, 0, scene%normal_mode%mode <= self%base%n_linear)
+         else if (model%normal_mode%mode > 0) then
+            mode(1) = merge(model%normal_mode%mode, 0, model%normal_mode%mode <= self%base%n_linear)
          end if
          is_grown = .false.
-         do i = 1, count(mode == 0 .and. .not. scene%normal_mode%is_asked)
+         do i = 1, count(mode == 0 .and. .not. model%normal_mode%is_asked)
             m = maxloc(modes%growth, mask=is_free, dim=1)
             if (m == 0) exit
             is_free(m) = .false.
@@ -152,8 +152,8 @@ contains
 
    !> Looks for the motion on a balance with slopes at the frequencies of the start. Afterwards u is what the status of the
    !> report in `search` says, and the balance stands at its frequencies.
-   subroutine find_motion(scene, start, balance, u, search)
-      type(scene_t), intent(in) :: scene
+   subroutine find_motion(model, start, balance, u, search)
+      type(model_t), intent(in) :: model
       type(autonomous_start_t), intent(in) :: start
       type(balance_t), intent(inout), target :: balance
       real(wp), intent(inout) :: u(:, :)                              !! [m], (n_coefficients, n_dofs): the start given
@@ -164,22 +164,22 @@ contains
       logical :: is_found
 
       length = 0.0_wp
-      do i = 1, size(scene%laws)
-         length = max(length, scene%laws(i)%law%length_scale)
+      do i = 1, size(model%laws)
+         length = max(length, model%laws(i)%law%length_scale)
       end do
       if (length <= 0.0_wp) length = maxval(norm2(start%base%u, dim=1))
       if (length <= 0.0_wp) length = 1.0_wp
       call new_search(search, balance, start%base, start%tones, start%modes, &
-                      [(balance%stiffness%coordinates%number_of(scene%phase_dofs(i)), i=1, size(scene%phase_dofs))], length, &
-                      scene%solver)
+                      [(balance%stiffness%coordinates%number_of(model%phase_dofs(i)), i=1, size(model%phase_dofs))], length, &
+                      model%solver)
       u = u + start%base%u
-      if (scene%normal_mode%has_energy) then
-         call new_energy(energy, scene%structure, constant_load(scene), balance, start%base%u)
-         call find_mode_of_energy(search, energy, scene%normal_mode%energy, start%has_motion, u)
+      if (model%normal_mode%has_energy) then
+         call new_energy(energy, model%structure, constant_load(model), balance, start%base%u)
+         call find_mode_of_energy(search, energy, model%normal_mode%energy, start%has_motion, u)
          return
-      else if (scene%normal_mode%is_asked) then
-         call find_normal_mode(search, scene%normal_mode%amplitude, scene%normal_mode%is_peak, &
-                               balance%stiffness%coordinates%number_of(scene%normal_mode%dof), start%has_motion, u)
+      else if (model%normal_mode%is_asked) then
+         call find_normal_mode(search, model%normal_mode%amplitude, model%normal_mode%is_peak, &
+                               balance%stiffness%coordinates%number_of(model%normal_mode%dof), start%has_motion, u)
          return
       end if
       is_found = .false.
@@ -204,10 +204,10 @@ contains
          real(wp), allocatable :: spare_u(:, :), spare_omega(:)
          integer :: best, k
          logical :: is_neutral, runs_away
-         character(:), allocatable :: driven, spare_message, trouble
+         character(:), allocatable :: driven, spare_message, failure
          type(error_t), allocatable :: error
 
-         associate (modes => start%base%modes, guess => scene%tones%omega(start%tones(1)))
+         associate (modes => start%base%modes, guess => model%tones%omega(start%tones(1)))
             merit = modes%growth
             if (guess > 0.0_wp) merit = -abs(modes%frequency - guess)
          end associate
@@ -229,7 +229,7 @@ contains
                spare_message = search%message
             end if
             if (search%report%status == outcome%stalled) then
-               trouble = search%message
+               failure = search%message
             else if (search%is_driven) then
                driven = search%message
                runs_away = search%runs_away
@@ -245,9 +245,9 @@ contains
             search%message = spare_message
             if (is_found) return
          end if
-         if (allocated(trouble)) then
+         if (allocated(failure)) then
             search%report%status = outcome%stalled
-            search%message = trouble
+            search%message = failure
             return
          end if
          if (allocated(driven)) then
@@ -260,13 +260,13 @@ contains
    end subroutine find_motion
 
    !> Constant forces on all degrees of freedom [N], the loads in the zero tuple.
-   pure function constant_load(scene) result(load)
-      type(scene_t), intent(in) :: scene
-      real(wp) :: load(scene%structure%n_dofs)
+   pure function constant_load(model) result(load)
+      type(model_t), intent(in) :: model
+      real(wp) :: load(model%structure%n_dofs)
       integer :: h
 
       load = 0.0_wp
-      h = scene%harmonics%index_of(spread(0, 1, scene%tones%n_tones))
-      if (h > 0) load = real(scene%loads%of(h))
+      h = model%harmonics%index_of(spread(0, 1, model%tones%n_tones))
+      if (h > 0) load = real(model%loads%of(h))
    end function constant_load
 end module hb_autonomous

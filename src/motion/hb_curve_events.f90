@@ -7,7 +7,7 @@ module hb_curve_events
    use hb_kinds, only: wp
    use hb_motion_description, only: stability_of
    use hb_response, only: response_t
-   use hb_scene_problem, only: scene_problem_t
+   use hb_model_problem, only: model_problem_t
    use hb_stability, only: stability_t
    implicit none
    private
@@ -38,7 +38,7 @@ module hb_curve_events
 
    !> What a function of the motion decides.
    type, abstract, extends(event_t) :: motion_event_t
-      type(scene_problem_t), pointer :: problem => null()
+      type(model_problem_t), pointer :: problem => null()
    end type motion_event_t
 
    !> Where a response does not change along the curve.
@@ -60,7 +60,7 @@ module hb_curve_events
    !> Where a function of the multipliers is zero.
    type, extends(motion_event_t) :: bifurcation_event_t
       integer :: bifurcation = 0                                      ! hb_bifurcation
-      logical :: is_marched = .false.                                 ! of the motion that repeats when it is marched
+      logical :: is_integrated = .false.                              ! of the motion that repeats when it is integrated
    contains
       procedure :: value => bifurcation_event_value
    end type bifurcation_event_t
@@ -80,7 +80,7 @@ contains
       real(wp), intent(in) :: x(:)
       type(stability_t) :: there
 
-      call find_stability(self%problem, x, sharp, there, self%is_marched)
+      call find_stability(self%problem, x, sharp, there, self%is_integrated)
       value = ieee_value(value, ieee_quiet_nan)
       if (allocated(there%multipliers)) value = bifurcation_value(self%bifurcation, there%multipliers)
    end function bifurcation_event_value
@@ -105,7 +105,7 @@ contains
 
    !> The motion at a point of the curve, at all degrees of freedom; not allocated where the parameters are refused.
    subroutine find_motion(problem, x, c)
-      type(scene_problem_t), intent(inout), target :: problem
+      type(model_problem_t), intent(inout), target :: problem
       real(wp), intent(in) :: x(:)
       complex(wp), allocatable, intent(out) :: c(:, :)
       logical :: is_possible
@@ -113,23 +113,23 @@ contains
       call problem%move(x, is_possible)
       if (.not. is_possible) return
       associate (balance => problem%balance)
-         allocate (c(problem%scene%structure%n_dofs, balance%harmonics%n_harmonics))
+         allocate (c(problem%model%structure%n_dofs, balance%harmonics%n_harmonics))
          call balance%all_dofs(reshape(x(:problem%n_unknowns), [balance%harmonics%n_coefficients, balance%n_dofs]), c)
       end associate
    end subroutine find_motion
 
    !> Smallest and largest value of each switch of the laws, (2, any), hb_grazing.
    subroutine find_extremes(problem, x, extremes)
-      type(scene_problem_t), intent(inout), target :: problem
+      type(model_problem_t), intent(inout), target :: problem
       real(wp), intent(in) :: x(:)
       real(wp), allocatable, intent(out) :: extremes(:, :)
       complex(wp), allocatable :: c(:, :)
       integer :: i
 
       allocate (extremes(2, 0))
-      if (all([(problem%scene%laws(i)%law%n_switches == 0, i=1, size(problem%scene%laws))])) return
+      if (all([(problem%model%laws(i)%law%n_switches == 0, i=1, size(problem%model%laws))])) return
       call find_motion(problem, x, c)
-      if (allocated(c)) call extremes_of_switches(problem%scene%laws, problem%balance%harmonics%tuples, problem%balance%omega, c, &
+      if (allocated(c)) call extremes_of_switches(problem%model%laws, problem%balance%harmonics%tuples, problem%balance%omega, c, &
                                                   extremes)
    end subroutine find_extremes
 
@@ -188,7 +188,7 @@ contains
 
    !> Slope of the square of a response along a direction, by a difference of fourth order.
    real(wp) function slope_at(problem, response, x, direction) result(slope)
-      type(scene_problem_t), intent(inout), target :: problem
+      type(model_problem_t), intent(inout), target :: problem
       type(response_t), intent(in) :: response
       real(wp), intent(in) :: x(:), direction(:)
       real(wp), parameter :: apart = 1.0e-3_wp
@@ -201,14 +201,14 @@ contains
 
    !> Square of a response.
    real(wp) function square_at(problem, response, x) result(square)
-      type(scene_problem_t), intent(inout), target :: problem
+      type(model_problem_t), intent(inout), target :: problem
       type(response_t), intent(in) :: response
       real(wp), intent(in) :: x(:)
       complex(wp), allocatable :: c(:, :)
-      real(wp) :: u(problem%scene%harmonics%n_coefficients, problem%balance%n_dofs)
+      real(wp) :: u(problem%model%harmonics%n_coefficients, problem%balance%n_dofs)
       integer :: h, i
 
-      associate (set => problem%scene%harmonics)
+      associate (set => problem%model%harmonics)
          i = response%column
          if (i > 0) then
             u = reshape(x(:size(u)), shape(u))
@@ -222,14 +222,14 @@ contains
    end function square_at
 
    !> Stability of the motion at a point of the curve; without multipliers where they are not looked for, or not found.
-   subroutine find_stability(problem, x, tolerance, stability, is_marched)
-      type(scene_problem_t), intent(inout), target :: problem
+   subroutine find_stability(problem, x, tolerance, stability, is_integrated)
+      type(model_problem_t), intent(inout), target :: problem
       real(wp), intent(in) :: x(:), tolerance
       type(stability_t), intent(out) :: stability
-      logical, intent(in), optional :: is_marched                     !! that of the motion that repeats when it is marched
+      logical, intent(in), optional :: is_integrated                  !! that of the motion that repeats when it is integrated
       complex(wp), allocatable :: c(:, :)
 
       call find_motion(problem, x, c)
-      if (allocated(c)) call stability_of(problem%scene, problem%balance, c, tolerance, stability, is_marched)
+      if (allocated(c)) call stability_of(problem%model, problem%balance, c, tolerance, stability, is_integrated)
    end subroutine find_stability
 end module hb_curve_events

@@ -8,11 +8,11 @@ module hb_curve_origin
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: two_pi, wp
-   use hb_motion_result, only: curve_place_t
+   use hb_motion_result, only: curve_position_t
    use hb_problem, only: problem_t
-   use hb_rung, only: degree_of, join, needed_samples, rung_of, rung_t
-   use hb_scene, only: scene_t
-   use hb_scene_problem, only: scene_problem_t
+   use hb_level, only: degree_of, join, needed_samples, level_of, level_t
+   use hb_model, only: model_t
+   use hb_model_problem, only: model_problem_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_tuple_choice, only: new_doubled_set
    implicit none
@@ -22,7 +22,7 @@ module hb_curve_origin
    type :: curve_origin_t
       logical :: is_torus = .false.                                   !! a tone joins, the last one; else the period doubles
       integer :: multiple = 1                                         !! of entries of tuples: 2 where the period doubles
-      type(rung_t) :: rung                                            !! the wider set, and its grid
+      type(level_t) :: level                                          !! the wider set, and its grid
       real(wp), allocatable :: u(:, :)                                !! motion in the wider set, (n_coefficients, n_coordinates)
       real(wp), allocatable :: further(:)                             !! frequencies of unknown tones there, and the value
       real(wp) :: angle = 0.0_wp                                      !! of the pair of multipliers, where a tone joins [rad]
@@ -30,14 +30,14 @@ module hb_curve_origin
 
 contains
 
-   !> Takes the motion of a point on another curve over into the set of a scene, or one around it where sets are chosen by a
+   !> Takes the motion of a point on another curve over into the set of a model, or one around it where sets are chosen by a
    !> tolerance. Fails where it does not fit.
-   subroutine new_curve_origin(self, is_torus, place, tuples, scene, error)
+   subroutine new_curve_origin(self, is_torus, place, tuples, model, error)
       type(curve_origin_t), intent(out) :: self
       logical, intent(in) :: is_torus                                 !! else the period doubles
-      type(curve_place_t), intent(in) :: place                        !! on the other curve
+      type(curve_position_t), intent(in) :: place                     !! on the other curve
       integer, intent(in) :: tuples(:, :)                             !! on the other curve, (its tones, its harmonics)
-      type(scene_t), intent(in) :: scene                              !! with the wider set
+      type(model_t), intent(in) :: model                              !! with the wider set
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: other
       real(wp), allocatable :: old(:, :)
@@ -48,18 +48,18 @@ contains
       if (allocated(error)) return
       self%is_torus = is_torus
       self%multiple = merge(1, 2, is_torus)
-      n_further = 1 + count(scene%tones%is_unknown) - merge(1, 0, is_torus)
+      n_further = 1 + count(model%tones%is_unknown) - merge(1, 0, is_torus)
       n = size(place%unknowns)
       n_coordinates = (n - n_further)/other%n_coefficients
       if (n_coordinates < 1 .or. n /= n_coordinates*other%n_coefficients + n_further .or. &
-          scene%harmonics%n_tones /= other%n_tones + merge(1, 0, is_torus)) then
+          model%harmonics%n_tones /= other%n_tones + merge(1, 0, is_torus)) then
          call fail(error, "its motion does not fit the tones, harmonics and laws of this input")
          return
       end if
-      call choose_rung(self%rung, other, is_torus, scene, error, place%n_samples)
+      call choose_level(self%level, other, is_torus, model, error, place%n_samples)
       if (allocated(error)) return
       old = reshape(place%unknowns(:n - n_further), [other%n_coefficients, n_coordinates])
-      associate (set => self%rung%set)
+      associate (set => self%level%set)
          allocate (self%u(set%n_coefficients, n_coordinates), source=0.0_wp)
          do h = 1, other%n_harmonics
             if (is_torus) then
@@ -74,8 +74,8 @@ contains
       end associate
       associate (found => place%unknowns(n - n_further + 1:n - 1), value => place%unknowns(n), angle => place%angle)
          if (is_torus) then
-            first = scene%tones%omega(1)
-            if (scene%tones%is_unknown(1)) first = found(1)
+            first = model%tones%omega(1)
+            if (model%tones%is_unknown(1)) first = found(1)
             self%further = [found, angle/two_pi*first, value]
             self%angle = angle
          else
@@ -84,21 +84,21 @@ contains
       end associate
    end subroutine new_curve_origin
 
-   !> Set and grid of the other motions: those of the scene or, where a tolerance rules them, what the motion there has and what
+   !> Set and grid of the other motions: those of the model or, where a tolerance rules them, what the motion there has and what
    !> comes to it.
-   subroutine choose_rung(rung, other, is_torus, scene, error, n_samples)
-      type(rung_t), intent(out) :: rung
+   subroutine choose_level(level, other, is_torus, model, error, n_samples)
+      type(level_t), intent(out) :: level
       type(harmonics_t), intent(in) :: other
       logical, intent(in) :: is_torus
-      type(scene_t), intent(in) :: scene
+      type(model_t), intent(in) :: model
       type(error_t), allocatable, intent(out) :: error
       integer, intent(in), optional :: n_samples(:)
       type(harmonics_t) :: wide
       integer :: entries(other%n_tones + 1, other%n_harmonics)
       logical :: is_new
 
-      rung = rung_of(scene)
-      if (scene%accuracy%grows_set) then
+      level = level_of(model)
+      if (model%accuracy%grows_set) then
          if (is_torus) then
             entries = 0
             entries(:other%n_tones, :) = other%tuples
@@ -107,26 +107,26 @@ contains
             call new_doubled_set(wide, other, error)
          end if
          if (allocated(error)) return
-         rung%unknowns = [spread(0.0_wp, 1, rung%set%n_coefficients), 0.0_wp*scene%tones%omega]
-         call join(rung, wide, is_new)
-         deallocate (rung%unknowns)
-         if (rung%set%n_harmonics > scene%accuracy%max_harmonics) then
+         level%unknowns = [spread(0.0_wp, 1, level%set%n_coefficients), 0.0_wp*model%tones%omega]
+         call join(level, wide, is_new)
+         deallocate (level%unknowns)
+         if (level%set%n_harmonics > model%accuracy%max_harmonics) then
             call fail(error, "the other motions begin with more tuples than &accuracy max_harmonics allows")
             return
          end if
       end if
-      if (.not. (scene%accuracy%is_on .and. scene%accuracy%refines_grid)) return
-      rung%n_samples = max(rung%n_samples, needed_samples(rung%set%highest, degree_of(scene)))
+      if (.not. (model%accuracy%is_on .and. model%accuracy%refines_grid)) return
+      level%n_samples = max(level%n_samples, needed_samples(level%set%highest, degree_of(model)))
       if (.not. present(n_samples)) return
-      associate (old => rung%n_samples(:other%n_tones))
+      associate (old => level%n_samples(:other%n_tones))
          old = max(old, merge(1, 2, is_torus)*n_samples)
       end associate
-   end subroutine choose_rung
+   end subroutine choose_level
 
    !> Direction of the other motions at the origin, where the problem stands, and the frequency of a tone that joins, to which it is
-   !> moved. The scene from which the origin was made may have had another base frequency.
+   !> moved. The model from which the origin was made may have had another base frequency.
    subroutine find_direction(problem, origin, joined, direction, is_found)
-      type(scene_problem_t), intent(inout) :: problem
+      type(model_problem_t), intent(inout) :: problem
       type(curve_origin_t), intent(in) :: origin
       real(wp), intent(out) :: joined                                 !! [rad/s]; 0 without one
       real(wp), intent(out) :: direction(:)                           !! of length 1 in units of x_scale
@@ -138,12 +138,12 @@ contains
       joined = 0.0_wp
       if (origin%is_torus) then
          joined = origin%angle/two_pi*problem%balance%omega(1)
-         call problem%set_parameters([problem%scene%harmonics%n_tones], [joined], is_found)
+         call problem%set_parameters([problem%model%harmonics%n_tones], [joined], is_found)
          if (.not. is_found) return
       end if
       call iterate(problem, origin, direction, is_found)
       if (.not. (origin%is_torus .and. is_found)) return
-      associate (set => problem%scene%harmonics)
+      associate (set => problem%model%harmonics)
          u = reshape(direction/problem%x_scale, shape(u))
          most = -1.0_wp
          largest = 0
@@ -164,14 +164,14 @@ contains
 
    !> The null vector among the harmonics that the origin does not have.
    subroutine iterate(problem, origin, direction, is_found)
-      type(scene_problem_t), intent(inout) :: problem
+      type(model_problem_t), intent(inout) :: problem
       type(curve_origin_t), intent(in) :: origin
       real(wp), intent(out) :: direction(:)
       logical, intent(out) :: is_found
       logical :: is_further(size(origin%u, 1))
       integer :: h
 
-      associate (set => problem%scene%harmonics, u => origin%u)
+      associate (set => problem%model%harmonics, u => origin%u)
          is_further = .false.
          do h = 1, set%n_harmonics
             if (origin%is_torus) then

@@ -16,10 +16,10 @@ module hb_curve_sets
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
    use hb_refinement, only: refinable_t, refine, refinement_end
-   use hb_rung, only: carry, choose_next, choose_smaller, estimate_of, join, least_goal, margin, rung_t
-   use hb_scene, only: scene_t
+   use hb_level, only: carry, choose_next, choose_smaller, estimate_of, join, least_goal, margin, level_t
+   use hb_model, only: model_t
    use hb_solver_types, only: report_t
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: settle, step_to_tolerance
@@ -32,7 +32,7 @@ module hb_curve_sets
 
    !> The curve at one of its points.
    type :: standing_t
-      type(rung_t) :: rung
+      type(level_t) :: level
       type(curve_t) :: curve
       real(wp) :: largest = 0.0_wp
       type(known_t) :: known
@@ -41,8 +41,8 @@ module hb_curve_sets
    !> What is refined of a curve. Its set and grid are those of the motion that is followed.
    type, abstract, extends(refinable_t) :: refined_curve_t
       class(followed_motion_t), pointer :: motion => null()
-      type(scene_t) :: scene                                          ! in which all tuples of the lowest set are needed
-      type(rung_t) :: next
+      type(model_t) :: model                                          ! in which all tuples of the lowest set are needed
+      type(level_t) :: next
       logical :: is_ended = .false.                                   ! there is no further step
    contains
       procedure :: prepare => refined_curve_prepare
@@ -85,13 +85,13 @@ contains
 
       call refined%prepare(self)
       refined%most_failures = most_stalled + 1
-      if (self%estimate <= ample*self%scene%accuracy%tolerance) call shrink(self, refined%scene, error)
+      if (self%estimate <= ample*self%model%accuracy%tolerance) call shrink(self, refined%model, error)
       if (allocated(error)) return
       first = standing_at(self)
       call refine(refined, ending)
-      if (ending == refinement_end%idle) then                         ! no set helps: the point is told as it is
+      if (ending == refinement_end%idle) then                         ! no set helps: the point is reported as it is
          call stand_at(self, first, refined%error)
-         self%n_rungs = 1
+         self%n_levels = 1
          if (.not. allocated(refined%error)) call step_here(refined)
       end if
       call move_alloc(refined%error, error)
@@ -107,7 +107,7 @@ contains
          call go_over(self, is_solved)
          if (allocated(self%error) .or. .not. is_solved) return
       end if
-      self%motion%n_rungs = self%n_levels + 1
+      self%motion%n_levels = self%n_levels + 1
       self%here = standing_at(self%motion)
       call step_here(self)
       associate (status => self%motion%curve%status)
@@ -213,13 +213,13 @@ contains
    subroutine refined_crossing_solve(self, is_solved)
       class(refined_crossing_t), intent(inout) :: self
       logical, intent(out) :: is_solved
-      type(rung_t) :: before
+      type(level_t) :: before
       real(wp), allocatable :: direction(:), x(:)
 
       associate (motion => self%motion)
          is_solved = self%n_levels == 0
          if (.not. is_solved) then
-            before = motion%rung
+            before = motion%level
             x = carry(before%set, self%next%set, self%x, size(motion%problem%which))
             direction = carry(before%set, self%next%set, self%direction, size(motion%problem%which))
             call motion%put_on(self%next, self%error)
@@ -232,7 +232,7 @@ contains
             call move_alloc(x, self%x)
             call move_alloc(direction, self%direction)
          end if
-         motion%n_rungs = self%n_levels + 1
+         motion%n_levels = self%n_levels + 1
          call motion%make_curve(self%x, self%direction)
          if (allocated(self%result)) deallocate (self%result)
          allocate (self%result)
@@ -256,9 +256,9 @@ contains
       class(followed_motion_t), intent(inout), target :: motion
 
       self%motion => motion
-      self%scene = motion%scene
-      self%scene%loads = as_amplitudes(spread(spread((1.0_wp, 0.0_wp), 1, self%scene%loads%n_dofs), 2, &
-                                              self%scene%loads%n_harmonics))   ! a tuple with a load is needed
+      self%model = motion%model
+      self%model%loads = as_amplitudes(spread(spread((1.0_wp, 0.0_wp), 1, self%model%loads%n_dofs), 2, &
+                                              self%model%loads%n_harmonics))   ! a tuple with a load is needed
       self%most_levels = most_levels
       self%most_idle = most_idle
    end subroutine refined_curve_prepare
@@ -271,14 +271,14 @@ contains
       real(wp), intent(in) :: least                                   !! of the tolerance: an error that is small enough
       logical, intent(out) :: is_there
 
-      call choose_next(self%scene, result, top_at(self%motion, x), &
-                       max(least_goal*estimate_of(result), least*self%scene%accuracy%tolerance), 0, self%next, is_there)
+      call choose_next(self%model, result, top_at(self%motion, x), &
+                       max(least_goal*estimate_of(result), least*self%model%accuracy%tolerance), 0, self%next, is_there)
    end subroutine refined_curve_choose_for
 
    logical function refined_curve_is_accurate(self) result(is_accurate)
       class(refined_curve_t), intent(inout) :: self
 
-      is_accurate = self%estimate <= margin*self%scene%accuracy%tolerance
+      is_accurate = self%estimate <= margin*self%model%accuracy%tolerance
    end function refined_curve_is_accurate
 
    logical function refined_curve_is_over(self) result(is_over)
@@ -290,48 +290,48 @@ contains
    ! Sets
 
    !> Makes the set of one tone one without gaps: where symmetry breaks the branch point depends on tuples that carry nothing.
-   subroutine fill(rung, is_new)
-      type(rung_t), intent(inout) :: rung
+   subroutine fill(level, is_new)
+      type(level_t), intent(inout) :: level
       logical, intent(out) :: is_new
       type(harmonics_t) :: box
       type(error_t), allocatable :: error
 
       is_new = .false.
-      if (rung%set%n_tones > 1 .or. is_without_gaps(rung)) return
-      call new_box(box, rung%set%highest, .false., error)
-      if (.not. allocated(error)) call join(rung, box, is_new)
+      if (level%set%n_tones > 1 .or. is_without_gaps(level)) return
+      call new_box(box, level%set%highest, .false., error)
+      if (.not. allocated(error)) call join(level, box, is_new)
    end subroutine fill
 
-   pure logical function is_without_gaps(rung)
-      type(rung_t), intent(in) :: rung
+   pure logical function is_without_gaps(level)
+      type(level_t), intent(in) :: level
 
-      is_without_gaps = rung%set%n_tones == 1 .and. rung%set%n_harmonics == rung%set%highest(1) + 1
+      is_without_gaps = level%set%n_tones == 1 .and. level%set%n_harmonics == level%set%highest(1) + 1
    end function is_without_gaps
 
    !> The set at hand with a motion in it.
    function top_at(self, x) result(top)
       class(followed_motion_t), intent(in) :: self
       real(wp), intent(in) :: x(:)
-      type(rung_t) :: top
+      type(level_t) :: top
 
-      top = self%rung
-      top%unknowns = [x(:self%problem%n_unknowns), 0.0_wp*self%scene%tones%omega]
+      top = self%level
+      top%unknowns = [x(:self%problem%n_unknowns), 0.0_wp*self%model%tones%omega]
    end function top_at
 
    !> Goes over to a smaller set or a coarser grid, if one will do.
-   subroutine shrink(self, scene, error)
+   subroutine shrink(self, model, error)
       class(followed_motion_t), intent(inout), target :: self
-      type(scene_t), intent(in) :: scene
+      type(model_t), intent(in) :: model
       type(error_t), allocatable, intent(out) :: error
       type(standing_t) :: here
-      type(rung_t) :: smaller
+      type(level_t) :: smaller
       real(wp) :: ahead
       logical :: is_filled, is_found, is_smaller
 
       smaller = top_at(self, self%curve%x)
-      call choose_smaller(scene, smaller, is_smaller)
-      if (is_without_gaps(self%rung)) call fill(smaller, is_filled)   ! so it stays behind a branch point
-      if (.not. is_smaller .or. 2*smaller%set%n_harmonics > self%rung%set%n_harmonics) return   ! a little less is not worth it
+      call choose_smaller(model, smaller, is_smaller)
+      if (is_without_gaps(self%level)) call fill(smaller, is_filled)  ! so it stays behind a branch point
+      if (.not. is_smaller .or. 2*smaller%set%n_harmonics > self%level%set%n_harmonics) return  ! a little less is not worth it
       here = standing_at(self)
       associate (direction => self%curve%direction)
          ahead = direction(size(direction))
@@ -339,7 +339,7 @@ contains
       call change_set(self, smaller, is_found, error)
       if (allocated(error)) return
       associate (direction => self%curve%direction)
-         if (is_found) is_found = ahead*direction(size(direction)) > 0.0_wp   ! else a fold would be told twice
+         if (is_found) is_found = ahead*direction(size(direction)) > 0.0_wp   ! else a fold would be reported twice
       end associate
       if (.not. is_found) call stand_at(self, here, error)
    end subroutine shrink
@@ -372,7 +372,7 @@ contains
       class(followed_motion_t), intent(in) :: self
       type(standing_t) :: here
 
-      here%rung = self%rung
+      here%level = self%level
       here%curve = self%curve
       here%largest = self%largest
       here%known = self%known
@@ -385,7 +385,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(report_t) :: report
 
-      call self%put_on(here%rung, error)
+      call self%put_on(here%level, error)
       if (allocated(error)) return
       call self%carry_start()
       report = self%curve%report
@@ -400,30 +400,30 @@ contains
    end subroutine stand_at
 
    !> Takes the curve at its point over to another set and grid; `is_found` is false where the motion is not found there.
-   subroutine change_set(self, rung, is_found, error)
+   subroutine change_set(self, level, is_found, error)
       class(followed_motion_t), intent(inout), target :: self
-      type(rung_t), intent(in) :: rung
+      type(level_t), intent(in) :: level
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
       type(report_t) :: report
       real(wp), allocatable :: direction(:), x(:)
-      real(wp) :: step, unevenness
-      logical :: is_at_branch_point, is_uneven
+      real(wp) :: step, roughness
+      logical :: is_at_branch_point, is_rough
 
       step = self%curve%step
       report = self%curve%report
-      x = carry(self%rung%set, rung%set, self%curve%x, size(self%problem%which))
-      direction = carry(self%rung%set, rung%set, self%curve%direction, size(self%problem%which))
+      x = carry(self%level%set, level%set, self%curve%x, size(self%problem%which))
+      direction = carry(self%level%set, level%set, self%curve%direction, size(self%problem%which))
       is_found = .false.
-      call self%put_on(rung, error)
+      call self%put_on(level, error)
       if (allocated(error)) return
       is_at_branch_point = self%has_left_branch() .and. self%length <= 0.0_wp   ! there are two tangents
       is_found = is_at_branch_point
-      unevenness = self%unevenness                                    ! a curve that goes on from a stored row has that of the start
-      is_uneven = self%is_uneven
+      roughness = self%roughness                                      ! a curve that goes on from a stored row has that of the start
+      is_rough = self%is_rough
       if (.not. is_found) call self%find_on_plane(x, direction, is_found)
-      self%unevenness = unevenness
-      self%is_uneven = is_uneven
+      self%roughness = roughness
+      self%is_rough = is_rough
       if (.not. is_found) return
       call self%make_curve(x, direction)
       if (is_at_branch_point) then

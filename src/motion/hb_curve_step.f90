@@ -7,7 +7,7 @@ module hb_curve_step
    use hb_curve_events, only: bifurcation_event_t, branch_event_t, count_event_t, find_stability, fold_event_t, graze_event_t, &
       n_outside, on_circle, peak_event_t, sharp, square_at, value_event_t
    use hb_curve_request, only: curve_kind
-   use hb_followed_motion, only: at_end, followed_motion_t, known_t, most_slack, waiting_t
+   use hb_followed_motion, only: at_end, followed_motion_t, known_t, most_tolerance_factor, waiting_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_stability, only: stability_method, stability_t
@@ -57,10 +57,10 @@ contains
       integer :: n_branch_points
       logical :: is_lost, is_near, is_possible, is_short, is_taken
 
-      if (allocated(self%problem%complaint)) deallocate (self%problem%complaint)
+      if (allocated(self%problem%error_text)) deallocate (self%problem%error_text)
       call self%problem%move(self%curve%x, is_possible)
       call self%problem%renew()                                       ! a stored curve, too, goes on from there
-      self%slack = 1.0_wp
+      self%tolerance_factor = 1.0_wp
       call self%put_conditions()
       associate (curve => self%curve)
          do
@@ -69,8 +69,8 @@ contains
             n_branch_points = curve%n_branch_points
             call curve%advance()
             if (curve%status == outcome%stalled) call try_end(self)
-            if (curve%status == outcome%stalled .and. self%is_uneven .and. self%slack < most_slack) then
-               self%slack = 10.0_wp*self%slack
+            if (curve%status == outcome%stalled .and. self%is_rough .and. self%tolerance_factor < most_tolerance_factor) then
+               self%tolerance_factor = 10.0_wp*self%tolerance_factor
                call self%renew()
                curve%status = outcome%pending
                curve%step = curve%config%first_step
@@ -93,7 +93,7 @@ contains
                self%first_waiting = 1
                call self%look_here(known)
                call look_back(self, known, curve%n_branch_points > n_branch_points, is_lost)
-               if (is_short .or. self%is_uneven .or. .not. is_lost) exit
+               if (is_short .or. self%is_rough .or. .not. is_lost) exit
                self%waiting = [waiting_t ::]
             end if
             call curve%retreat()
@@ -145,10 +145,10 @@ contains
       logical :: is_on_curve
 
       has_leapt = .false.
-      if (self%curve%last_step <= shortest_leap*self%curve%config%longest_step .or. self%is_uneven) return
+      if (self%curve%last_step <= shortest_leap*self%curve%config%longest_step .or. self%is_rough) return
       if (size(self%problem%which) > 1) return                                ! tones of the motion's own have no given phases
       n_middles = 0
-      associate (curve => self%curve, set => self%problem%scene%harmonics, n => self%problem%n_unknowns)
+      associate (curve => self%curve, set => self%problem%model%harmonics, n => self%problem%n_unknowns)
          size_of_motion = maxval(abs(curve%x(:n)/self%weights))
          do h = 1, set%n_harmonics
             do d = 0, self%problem%balance%n_dofs - 1
@@ -178,7 +178,7 @@ contains
       pure complex(wp) function coefficient_of(x)
          real(wp), intent(in) :: x(:)
 
-         associate (set => self%problem%scene%harmonics)
+         associate (set => self%problem%model%harmonics)
             associate (c => d*set%n_coefficients + set%cos_at(h), s => d*set%n_coefficients + set%sin_at(h))
                coefficient_of = cmplx(x(c)/self%weights(c), x(s)/self%weights(s), wp)
             end associate
@@ -197,7 +197,7 @@ contains
       search%known = known
       search%has_branched = has_branched
       associate (curve => self%curve)
-         if (self%is_uneven) curve%corrector%tolerance = 10.0_wp*curve%corrector%tolerance   ! of many points
+         if (self%is_rough) curve%corrector%tolerance = 10.0_wp*curve%corrector%tolerance    ! of many points
          call find_fold(self, search)
          if (has_branched) call find_branch(self, search)
          call find_peaks(self, search)
@@ -297,7 +297,7 @@ contains
       do i = 0, size(grazes)
          piece%ends = [0.0_wp, self%curve%last_step]
          piece%stability = [self%known%stability, search%known%stability]
-         associate (tolerance => self%problem%scene%stability%tolerance, length => self%curve%last_step)
+         associate (tolerance => self%problem%model%stability%tolerance, length => self%curve%last_step)
             if (i > 0) call look_at(self, grazes(i) + beside*length, tolerance, piece%ends(1), piece%stability(1))
             if (i < size(grazes)) call look_at(self, grazes(i + 1) - beside*length, tolerance, piece%ends(2), piece%stability(2))
          end associate
@@ -324,7 +324,7 @@ contains
       type(stability_t) :: better
       real(wp) :: same_place
 
-      if (minval(abs(abs(there%multipliers) - 1.0_wp)) > uncertain*self%problem%scene%stability%tolerance) return
+      if (minval(abs(abs(there%multipliers) - 1.0_wp)) > uncertain*self%problem%model%stability%tolerance) return
       call look_at(self, place, sharp, same_place, better)
       if (allocated(better%multipliers)) there%multipliers = better%multipliers
    end subroutine make_certain
@@ -446,7 +446,7 @@ contains
       if (.not. is_there) self%waiting = self%waiting(:size(self%waiting) - 1)
    end subroutine add_bifurcation
 
-   !> Moves the bifurcation found last to where it is of the motion that repeats when it is marched: near a kink of a law the
+   !> Moves the bifurcation found last to where it is of the motion that repeats when it is integrated: near a kink of a law the
    !> multipliers of a truncated motion are off to first order in what is cut off.
    subroutine sharpen(self, kind, piece, is_there)
       class(followed_motion_t), intent(inout), target :: self
@@ -454,27 +454,27 @@ contains
       real(wp), intent(in) :: piece(2)                                !! of the step, on which that is looked for
       logical, intent(out) :: is_there                                !! false: that motion has none there, as far as is known
       real(wp), parameter :: widths(4) = [1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp, 1.0_wp]   ! of the step
-      type(bifurcation_event_t) :: marched
+      type(bifurcation_event_t) :: integrated
       real(wp) :: ends(2), place, values(2), x(size(self%curve%x))
       integer :: i, k
       logical :: is_on_curve
 
       associate (problem => self%problem, curve => self%curve, found => self%waiting(size(self%waiting)))
-         is_there = problem%scene%stability%method /= stability_method%march .or. problem%scene%tones%n_tones > 1
-         if (.not. is_there) is_there = all([(problem%scene%laws(i)%law%n_switches + problem%scene%laws(i)%law%n_states == 0, &
-                                              i=1, size(problem%scene%laws))])
+         is_there = problem%model%stability%method /= stability_method%integration .or. problem%model%tones%n_tones > 1
+         if (.not. is_there) is_there = all([(problem%model%laws(i)%law%n_switches + problem%model%laws(i)%law%n_states == 0, &
+                                              i=1, size(problem%model%laws))])
          if (is_there) return
-         marched = bifurcation_event_t(kind_of(kind), .false., on_circle, self%problem, kind, .true.)
+         integrated = bifurcation_event_t(kind_of(kind), .false., on_circle, self%problem, kind, .true.)
          do i = 1, size(widths)
             ends = min(max(found%place + widths(i)*curve%last_step*[-1.0_wp, 1.0_wp], piece(1)), piece(2))
             do k = 1, 2
                call curve%point_at(ends(k), x, is_on_curve)
                if (.not. is_on_curve) return
-               values(k) = marched%value(curve, x)
+               values(k) = integrated%value(curve, x)
                if (ieee_is_nan(values(k))) return
             end do
             if (.not. values(1)*values(2) < 0.0_wp) cycle
-            call curve%find_zero(marched, ends, values, x, place, is_there)
+            call curve%find_zero(integrated, ends, values, x, place, is_there)
             if (.not. is_there) return
             found%place = place
             found%x = x
@@ -559,7 +559,7 @@ contains
       self%waiting = [self%waiting, waiting_t(kind, place, x)]
    end subroutine add
 
-   !> What rounding, or unevenness of the residual, leaves of a function that is zero.
+   !> What rounding, or roughness of the residual, leaves of a function that is zero.
    pure real(wp) function rounding_of(self)
       class(followed_motion_t), intent(in) :: self
 
@@ -578,7 +578,7 @@ contains
    pure logical function tells_all(self)
       class(followed_motion_t), intent(in) :: self
 
-      associate (set => self%problem%scene%harmonics)
+      associate (set => self%problem%model%harmonics)
          tells_all = abs(self%curve%orientation) > 0.0_wp .and. set%n_harmonics == set%highest(1) + 1
       end associate
    end function tells_all

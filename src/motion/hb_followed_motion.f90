@@ -19,26 +19,27 @@ module hb_followed_motion
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_phase, only: coefficient_form, peak_form, peak_rate_form, shift_form
-   use hb_rung, only: carry, estimate_of, put_on_rung, rung_t, with_caution
-   use hb_scene, only: scene_t
-   use hb_scene_problem, only: new_scene_problem, scene_problem_t
-   use hb_scene_symmetry, only: half_of_odd, is_solved_odd
+   use hb_level, only: carry, estimate_of, put_on_level, level_t, with_caution
+   use hb_model, only: model_t
+   use hb_model_problem, only: new_model_problem, model_problem_t
+   use hb_model_symmetry, only: half_of_odd, is_solved_odd
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
    implicit none
    private
-   public :: at_end, followed_motion_t, known_t, least_motion, most_slack, n_further, origin_t, reported_extreme_t, waiting_t
+   public :: at_end, followed_motion_t, known_t, least_motion, most_tolerance_factor, n_further, origin_t, reported_extreme_t, &
+      waiting_t
 
    integer, parameter :: most_corrections = 10
    real(wp), parameter :: least_motion = 1.0e-3_wp                    !! relative to the linear one: smaller is no unit of length
    real(wp), parameter :: at_end = 1.0e-4_wp                          !! of the range: a lost curve so near to a value is at it
-   real(wp), parameter :: most_slack = 1.0e4_wp                       !! by which a tolerance grows where the residual is uneven
+   real(wp), parameter :: most_tolerance_factor = 1.0e4_wp            !! by which a tolerance grows where the residual is rough
 
    !> A motion with the direction of a curve there.
    type :: origin_t
       logical :: is_apart = .false.                                   !! from the curves before; else another curve crosses there
       real(wp), allocatable :: x(:), direction(:)
-      type(rung_t) :: rung                                            !! set and grid of both
+      type(level_t) :: level                                          !! set and grid of both
    end type origin_t
 
    !> A point that was found and is not yet reported.
@@ -67,14 +68,14 @@ module hb_followed_motion
    !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`.
    type :: followed_motion_t
       type(curve_request_t) :: request
-      type(scene_t) :: scene                                          !! at the start, as it was read
+      type(model_t) :: model                                          !! at the start, as it was read
       type(document_t) :: document
       real(wp), allocatable :: further(:)                             !! unknowns beside those of the balance, at the start
-      type(rung_t) :: rung                                            !! set and grid at hand
+      type(level_t) :: level                                          !! set and grid at hand
       real(wp) :: estimate = huge(1.0_wp)                             !! of the error at the point of the curve; huge: not known
-      integer :: n_rungs = 1                                          !! that the last step has taken
-      type(scene_problem_t) :: problem
-      type(scene_problem_t), allocatable :: odd_problem               !! of odd motions alone, where the equations are odd
+      integer :: n_levels = 1                                         !! that the last step has taken
+      type(model_problem_t) :: problem
+      type(model_problem_t), allocatable :: odd_problem               !! of odd motions alone, where the equations are odd
       integer, allocatable :: odd_places(:)                           !! of its unknowns among those of the problem
       type(curve_t) :: curve
       type(known_t) :: known                                          !! at its point
@@ -87,9 +88,9 @@ module hb_followed_motion
       type(origin_t) :: start                                         !! the same on the set at hand
       real(wp) :: length = 0.0_wp                                     !! of this way so far
       type(reported_extreme_t), allocatable :: reported(:)            !! on this way
-      real(wp) :: unevenness = 0.0_wp                                 !! of the residual over frequencies, at the start of this way
-      logical :: is_uneven = .false.                                  !! more than the tolerance allows
-      real(wp) :: slack = 1.0_wp                                      !! by which it may have grown on the way
+      real(wp) :: roughness = 0.0_wp                                  !! of the residual over frequencies, at the start of this way
+      logical :: is_rough = .false.                                   !! more than the tolerance allows
+      real(wp) :: tolerance_factor = 1.0_wp                           !! by which it may have grown on the way
       logical :: has_collapsed = .false.                              !! the motion of an unknown tone has died out
       logical :: is_closed = .false.                                  !! this way has come back to its start
       integer :: first_waiting = 1
@@ -115,23 +116,23 @@ module hb_followed_motion
 contains
 
    !> Unknowns beside those of the balance: frequencies, artificial damping, and the value that moves.
-   pure integer function n_further(scene)
-      type(scene_t), intent(in) :: scene
+   pure integer function n_further(model)
+      type(model_t), intent(in) :: model
 
-      n_further = 1 + count(scene%tones%is_unknown)
-      if (scene%normal_mode%is_asked) n_further = n_further + 1
+      n_further = 1 + count(model%tones%is_unknown)
+      if (model%normal_mode%is_asked) n_further = n_further + 1
    end function n_further
 
    !> Makes the problem of the curve on a set and a grid, at its start.
-   subroutine followed_motion_put_on(self, rung, error)
+   subroutine followed_motion_put_on(self, level, error)
       class(followed_motion_t), intent(inout), target :: self
-      type(rung_t), intent(in) :: rung
+      type(level_t), intent(in) :: level
       type(error_t), allocatable, intent(out) :: error
-      type(scene_t) :: found
+      type(model_t) :: found
       integer, allocatable :: which(:)
       integer :: i, n_unknown
 
-      found = self%scene
+      found = self%model
       associate (tones => found%tones)
          n_unknown = count(tones%is_unknown)
          which = pack([(i, i=1, tones%n_tones)], tones%is_unknown)
@@ -139,17 +140,17 @@ contains
          if (found%normal_mode%is_asked) which = [which, tones%n_tones + which]
       end associate
       if (found%accuracy%is_on) then
-         call put_on_rung(found, self%scene, rung, error)
+         call put_on_level(found, self%model, level, error)
          if (allocated(error)) return
          found%certificate%is_on = .true.
          found%certificate%truncation = found%accuracy%tolerance
          found%certificate%aliasing = found%accuracy%tolerance
          call self%problem%destroy()
       end if
-      call new_scene_problem(self%problem, found, self%document, self%request%moving, self%request%start, &
+      call new_model_problem(self%problem, found, self%document, self%request%moving, self%request%start, &
                              self%request%available_memory, error)
       if (allocated(error)) return
-      self%rung = rung_t(rung%set, rung%n_samples)
+      self%level = level_t(level%set, level%n_samples)
       self%problem%which = [which, self%problem%own]
       self%weights = self%problem%x_scale
       call make_odd_problem(self, found, error)
@@ -163,12 +164,12 @@ contains
 
    !> The problem of odd motions alone on the set at hand, where a given frequency moves and the equations are odd: other values may
    !> break the symmetry. Sliders may be held off their middle by odd motions, whose forces then are not odd.
-   subroutine make_odd_problem(self, scene, error)
+   subroutine make_odd_problem(self, model, error)
       class(followed_motion_t), intent(inout), target :: self
-      type(scene_t), intent(in) :: scene                              !! on the set at hand
+      type(model_t), intent(in) :: model                              !! on the set at hand
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: odd
-      type(scene_t) :: reduced
+      type(model_t) :: reduced
       integer :: h, i, m, n
       integer, allocatable :: rows(:)
 
@@ -176,18 +177,18 @@ contains
          call self%odd_problem%destroy()
          deallocate (self%odd_problem)
       end if
-      if (.not. (self%problem%moves_frequency .and. is_solved_odd(scene)) .or. has_memory(scene%laws) .or. &
-          any(scene%tones%is_unknown)) return
-      call new_of_parity(odd, scene%harmonics, 1, error)
-      if (allocated(error) .or. odd%n_harmonics == scene%harmonics%n_harmonics) return
-      reduced = scene
-      call put_on_rung(reduced, scene, rung_t(odd, scene%torus%n_samples), error)
+      if (.not. (self%problem%moves_frequency .and. is_solved_odd(model)) .or. has_memory(model%laws) .or. &
+          any(model%tones%is_unknown)) return
+      call new_of_parity(odd, model%harmonics, 1, error)
+      if (allocated(error) .or. odd%n_harmonics == model%harmonics%n_harmonics) return
+      reduced = model
+      call put_on_level(reduced, model, level_t(odd, model%torus%n_samples), error)
       if (allocated(error)) return
-      reduced%torus = half_of_odd(scene)
+      reduced%torus = half_of_odd(model)
       allocate (self%odd_problem)
-      call new_scene_problem(self%odd_problem, reduced, self%document, self%request%moving, self%request%start, &
+      call new_model_problem(self%odd_problem, reduced, self%document, self%request%moving, self%request%start, &
                              self%request%available_memory, error)
-      associate (set => scene%harmonics)
+      associate (set => model%harmonics)
          allocate (rows(0))
          do h = 1, set%n_harmonics
             if (modulo(sum(set%tuples(:, h)), 2) == 0) cycle
@@ -214,7 +215,7 @@ contains
       config%kink_step = 1.0e-4_wp*config%longest_step
       config%angle = 0.12_wp
       config%growth = 2.0_wp
-      corrector = self%problem%scene%solver
+      corrector = self%problem%model%solver
       corrector%max_iterations = most_corrections
       corrector%line_search = .false.
       self%curve%x = x
@@ -223,7 +224,7 @@ contains
       call self%put_conditions()
       bordered = self%curve%problem
       units = self%curve%units
-      if (self%is_uneven) config%shortest_step = 1.0e-3_wp*config%longest_step   ! no step is as short as to help
+      if (self%is_rough) config%shortest_step = 1.0e-3_wp*config%longest_step    ! no step is as short as to help
       call new_curve(self%curve, bordered, x, direction, units, config, corrector)
       call self%keep_symmetry()
    end subroutine followed_motion_make_curve
@@ -288,19 +289,19 @@ contains
       call self%put_conditions()
       self%curve%problem%values = matmul(x, self%curve%problem%forms)
       call self%curve%problem%rescale()
-      corrector = self%problem%scene%solver
+      corrector = self%problem%model%solver
       associate (u => x(:self%problem%n_unknowns))
-         self%unevenness = self%problem%unevenness(u)
-         self%is_uneven = 10.0_wp*self%unevenness > corrector%tolerance
-         corrector%tolerance = max(corrector%tolerance, 2.0_wp*self%problem%rounding_level(u), 10.0_wp*self%unevenness)
+         self%roughness = self%problem%roughness(u)
+         self%is_rough = 10.0_wp*self%roughness > corrector%tolerance
+         corrector%tolerance = max(corrector%tolerance, 2.0_wp*self%problem%rounding_level(u), 10.0_wp*self%roughness)
       end associate
       corrector%max_iterations = 2*most_corrections
-      self%slack = 1.0_wp
+      self%tolerance_factor = 1.0_wp
       do
          call solve_newton(self%curve%problem, corrector, x, report)
          is_found = report%status == outcome%converged
-         if (is_found .or. .not. self%is_uneven .or. self%slack >= most_slack) exit
-         self%slack = 10.0_wp*self%slack
+         if (is_found .or. .not. self%is_rough .or. self%tolerance_factor >= most_tolerance_factor) exit
+         self%tolerance_factor = 10.0_wp*self%tolerance_factor
          corrector%tolerance = 10.0_wp*corrector%tolerance
          x = self%curve%x
       end do
@@ -335,11 +336,11 @@ contains
    subroutine followed_motion_put_conditions(self)
       class(followed_motion_t), intent(inout) :: self
       integer :: dof, h, i, n
-      real(wp) :: scale(self%problem%scene%harmonics%n_coefficients, self%problem%balance%n_dofs)
+      real(wp) :: scale(self%problem%model%harmonics%n_coefficients, self%problem%balance%n_dofs)
 
       n = self%problem%n_unknowns
       scale = reshape(self%weights, shape(scale))
-      associate (mode => self%problem%scene%normal_mode, set => self%problem%scene%harmonics, which => self%problem%which, &
+      associate (mode => self%problem%model%normal_mode, set => self%problem%model%harmonics, which => self%problem%which, &
                  forms => self%curve%problem%forms, n_dofs => self%problem%balance%n_dofs)
          if (mode%is_asked) then
             dof = self%problem%balance%stiffness%coordinates%number_of(mode%dof)
@@ -363,11 +364,11 @@ contains
    !> Whether the motion of an unknown tone has gone through zero on the step: what follows is its mirror image.
    logical function followed_motion_is_mirrored(self) result(is_mirrored)
       class(followed_motion_t), intent(in) :: self
-      real(wp), dimension(self%problem%scene%harmonics%n_coefficients, self%problem%balance%n_dofs) :: before, u
+      real(wp), dimension(self%problem%model%harmonics%n_coefficients, self%problem%balance%n_dofs) :: before, u
       integer :: h, i
 
       is_mirrored = .false.
-      associate (set => self%problem%scene%harmonics, which => self%problem%which)
+      associate (set => self%problem%model%harmonics, which => self%problem%which)
          u = reshape(self%curve%x(:size(u))/self%weights, shape(u))
          before = reshape(self%curve%last_x(:size(u))/self%weights, shape(u))
          do i = 1, size(which) - 1
@@ -401,8 +402,8 @@ contains
       associate (n => self%problem%n_unknowns, curve => self%curve)
          self%largest = max(self%largest, norm2(curve%x(:n)/self%weights))
          curve%units = [self%weights*self%largest, self%problem%parameter_scales(self%problem%which)]
-         curve%corrector%tolerance = max(self%problem%scene%solver%tolerance, 2.0_wp*self%problem%rounding_level(curve%x(:n)), &
-                                         10.0_wp*self%slack*self%unevenness)
+         curve%corrector%tolerance = max(self%problem%model%solver%tolerance, 2.0_wp*self%problem%rounding_level(curve%x(:n)), &
+                                         10.0_wp*self%tolerance_factor*self%roughness)
       end associate
    end subroutine followed_motion_renew
 
@@ -414,7 +415,7 @@ contains
 
       associate (x => self%curve%x, peaks => self%request%peaks)
          known%slopes = [(slope_at(self%problem, peaks(i), x, self%curve%direction), i=1, size(peaks))]
-         call find_stability(self%problem, x, self%problem%scene%stability%tolerance, known%stability)
+         call find_stability(self%problem, x, self%problem%model%stability%tolerance, known%stability)
          call find_extremes(self%problem, x, known%extremes)
       end associate
    end subroutine followed_motion_look_here
@@ -424,8 +425,8 @@ contains
       class(followed_motion_t), intent(inout) :: self
 
       associate (outset => self%outset, n => size(self%problem%which))
-         self%start%x = carry(outset%rung%set, self%rung%set, outset%x, n)
-         self%start%direction = carry(outset%rung%set, self%rung%set, outset%direction, n)
+         self%start%x = carry(outset%level%set, self%level%set, outset%x, n)
+         self%start%direction = carry(outset%level%set, self%level%set, outset%direction, n)
       end associate
    end subroutine followed_motion_carry_start
 
@@ -441,28 +442,28 @@ contains
 
       n = self%problem%n_unknowns
       call self%problem%move(point%x, is_possible)
-      associate (balance => self%problem%balance, scene => self%problem%scene)
+      associate (balance => self%problem%balance, model => self%problem%model)
          call self%problem%residual(point%x(:n), r)
          result%residual = self%problem%norm(r)
          result%status = outcome%converged
          if (allocated(point%stability)) result%stability = point%stability
          result%frequency = balance%omega
-         if (scene%normal_mode%is_asked) result%artificial_damping = balance%xi
-         result%n_harmonics = scene%harmonics%n_harmonics
+         if (model%normal_mode%is_asked) result%artificial_damping = balance%xi
+         result%n_harmonics = model%harmonics%n_harmonics
          result%n_unknowns = n
-         if (scene%certificate%is_on) call put_across(self, point)
-         call describe_motion(scene, whole_basis(scene%harmonics, scene%torus), balance, &
-                              reshape(point%x(:n), [scene%harmonics%n_coefficients, balance%n_dofs]), result, error, &
+         if (model%certificate%is_on) call put_across(self, point)
+         call describe_motion(model, whole_basis(model%harmonics, model%torus), balance, &
+                              reshape(point%x(:n), [model%harmonics%n_coefficients, balance%n_dofs]), result, error, &
                               curve=self%curve%problem)
       end associate
       if (allocated(self%curve%problem%units_across)) deallocate (self%curve%problem%units_across)
-      if (allocated(error) .or. .not. self%scene%accuracy%is_on) return
-      call with_caution(self%scene, result)
+      if (allocated(error) .or. .not. self%model%accuracy%is_on) return
+      call with_caution(self%model, result)
       if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
-         result%status = merge(outcome%converged, outcome%truncated, estimate_of(result) <= self%scene%accuracy%tolerance)
-      result%harmonics = self%rung%set
-      result%n_samples = self%rung%n_samples
-      result%n_rungs = self%n_rungs
+         result%status = merge(outcome%converged, outcome%truncated, estimate_of(result) <= self%model%accuracy%tolerance)
+      result%harmonics = self%level%set
+      result%n_samples = self%level%n_samples
+      result%n_levels = self%n_levels
    end subroutine followed_motion_describe
 
    !> Makes the last equation the plane across the tangent at a point, in units of the motion there: how the curve came to it does

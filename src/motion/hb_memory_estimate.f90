@@ -1,9 +1,9 @@
-!> How much memory a point takes, from the sizes of its scene alone, before anything large is allocated.
+!> How much memory a point takes, from the sizes of its model alone, before anything large is allocated.
 !>
 !> Counted is what lives at the same time in the worst moment, array by array as hb_balance, hb_sampled_laws, the solvers and
 !> hb_certificate allocate it. A point first stands in its balance (linear part, samples); on top of that comes the
-!> costliest of three: the tangent of the direct attempt, the rescue, the certificate with its own wider balance. Products
-!> with a tangent bring their preconditioner, which a hard problem makes stronger; the strongest one counts as rescue.
+!> costliest of three: the tangent of the direct attempt, the fallback, the certificate with its own wider balance. Products
+!> with a tangent bring their preconditioner, which a hard problem makes stronger; the strongest one counts as fallback.
 module hb_memory_estimate
    use hb_certificate, only: wider_orders, wider_samples
    use hb_coarse_tangent, only: most_memory
@@ -29,7 +29,7 @@ module hb_memory_estimate
       real(wp) :: linear = 0                                          !! loads, condensed stiffness, transfer to the interior
       real(wp) :: samples = 0                                         !! on the torus: motions, forces, spectra, derivatives
       real(wp) :: tangent = 0                                         !! of the direct attempt, with the vectors of the solver
-      real(wp) :: rescue = 0     !! instead of the tangent, when the direct attempt fails or is hard
+      real(wp) :: fallback = 0   !! instead of the tangent, when the direct attempt fails or is hard
       real(wp) :: certificate = 0                                     !! wider balance, beside the tangent
       real(wp) :: results = 0                                         !! of a point, surfaces with their balance
    contains
@@ -60,17 +60,17 @@ contains
       tangent = real_bytes*(n*n + 12*n + table_size(s%highest)*6.5_wp)
       certificate = real_bytes*n*n
       if (s%solver%method == method%broyden) tangent = tangent + 2*real_bytes*n*s%solver%memory
-      if (s%solver%rescue) bytes%rescue = max(2*real_bytes*n*n + real_bytes*(20*n + table_size(s%highest)*6.5_wp), &
+      if (s%solver%fallback) bytes%fallback = max(2*real_bytes*n*n + real_bytes*(20*n + table_size(s%highest)*6.5_wp), &
                                               real_bytes*(n*n + 2*n*s%solver%memory))
       if (from_products(s)) then
          certificate = gmres_bytes(s) + preconditioner_bytes(s, .false.)
          strongest = gmres_bytes(s) + preconditioner_bytes(s, .true.)
          if (any(s%solver%method == [method%auto, method%krylov])) then
             tangent = certificate
-            if (n - s%n_coordinates > largest_affordable) bytes%rescue = 0  ! dense ones are not tried
-            bytes%rescue = max(strongest, bytes%rescue + preconditioner_bytes(s, .false.))
+            if (n - s%n_coordinates > largest_affordable) bytes%fallback = 0 ! dense ones are not tried
+            bytes%fallback = max(strongest, bytes%fallback + preconditioner_bytes(s, .false.))
          else if (s%has_certificate) then
-            bytes%rescue = max(strongest, bytes%rescue)
+            bytes%fallback = max(strongest, bytes%fallback)
          end if
       end if
       bytes%tangent = tangent
@@ -96,7 +96,7 @@ contains
       class(memory_estimate_t), intent(in) :: self
 
       memory_estimate_worst = max(self%usual(), of_program + self%structure + self%linear + self%samples + self%results + &
-                                  self%rescue)
+                                  self%fallback)
    end function memory_estimate_worst
 
    !> Fails for sizes that need more than `limit` bytes or cannot be counted; the message names the main parts and what
@@ -137,11 +137,11 @@ contains
       type(memory_estimate_t), intent(in) :: bytes
       character(250) :: text
       character(11), parameter :: names(7) = [character(11) :: &
-         "structure", "linear part", "samples", "tangent", "rescue", "certificate", "results"]
+         "structure", "linear part", "samples", "tangent", "fallback", "certificate", "results"]
       real(wp) :: parts(7)
       integer :: i, k
 
-      parts = [bytes%structure, bytes%linear, bytes%samples, bytes%tangent, bytes%rescue, bytes%certificate, &
+      parts = [bytes%structure, bytes%linear, bytes%samples, bytes%tangent, bytes%fallback, bytes%certificate, &
                bytes%results]
       text = ""
       do k = 1, size(parts)
@@ -163,8 +163,8 @@ contains
 
       text = ""
       other = s
-      other%solver%rescue = .false.
-      call offer("&solver rescue = .false.")
+      other%solver%fallback = .false.
+      call offer("&solver fallback = .false.")
       other%has_certificate = .false.
       call offer("the same and &certificate is_on = .false.")
       too_little = 0
@@ -253,7 +253,7 @@ contains
       integer, allocatable :: samples(:)
 
       n = unknowns(s, s%n_harmonics)
-      band = (s%reach + 1)*2*s%n_harmonics
+      band = (s%half_bandwidth + 1)*2*s%n_harmonics
       factors = min(n, 3*band)*n
       if (.not. is_strongest) then
          if (6*band <= n) then

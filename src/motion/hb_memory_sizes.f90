@@ -1,18 +1,18 @@
-!> The sizes of a scene on which the memory of a point depends.
+!> The sizes of a model on which the memory of a point depends.
 module hb_memory_sizes
    use hb_basis, only: basis_t, whole_basis
    use hb_block_pattern, only: block_pattern_t, new_block_pattern
    use hb_coordinates, only: coordinates_t
-   use hb_dynamic_stiffness, only: condensed_reach
+   use hb_dynamic_stiffness, only: condensed_half_bandwidth
    use hb_error, only: error_t
    use hb_hysteretic_law, only: n_path_parts
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_law_coordinates, only: laws_at
    use hb_hysteresis_tangent, only: width
-   use hb_scene, only: scene_t
-   use hb_scene_basis, only: find_basis
-   use hb_scene_coordinates, only: coordinates_of
+   use hb_model, only: model_t
+   use hb_model_basis, only: find_basis
+   use hb_model_coordinates, only: coordinates_of
    use hb_solver_types, only: solver_config_t
    use hb_structure, only: structure_t
    use hb_tangent_choice, only: largest_dense_tangent
@@ -26,7 +26,7 @@ module hb_memory_sizes
       real(wp) :: n_dofs = 0, n_law_dofs = 0, n_coordinates = 0       !! of the structure; on which laws act; what they feel
       real(wp) :: n_entries = 0, bandwidth = 0                        !! of its matrices
       real(wp) :: n_rows = 0, n_factor_rows = 0                       !! of condensed stiffness and its factors, in memory
-      real(wp) :: reach = 0, n_tangent_rows = 0                       !! of the tangent of one harmonic; rows of its factors
+      real(wp) :: half_bandwidth = 0, n_tangent_rows = 0              !! of the tangent of one harmonic; rows of its factors
       real(wp) :: n_harmonics = 0
       real(wp) :: n_pairs = 0                                         !! coupled by laws
       real(wp) :: laws_per_sample = 0, derivatives_per_sample = 0     !! real numbers that laws keep for themselves
@@ -45,10 +45,10 @@ module hb_memory_sizes
 
 contains
 
-   !> What the memory of a scene depends on; laws from the first that has a problem on, and a grid with one, do
+   !> What the memory of a model depends on; laws from the first that has a problem on, and a grid with one, do
    !> not count. Neighbours may ask for all tuples. Scans the matrices of the structure once.
-   type(sizes_t) function sizes_of(scene) result(self)
-      type(scene_t), intent(in) :: scene
+   type(sizes_t) function sizes_of(model) result(self)
+      type(model_t), intent(in) :: model
       type(basis_t) :: basis
       type(torus_t) :: torus
       type(error_t), allocatable :: error
@@ -58,33 +58,33 @@ contains
       integer :: i, n
       logical :: is_odd
 
-      do n = 0, size(scene%laws) - 1
-         if (.not. (allocated(scene%laws(n + 1)%law%dofs) .and. allocated(scene%laws(n + 1)%law%shape))) exit
+      do n = 0, size(model%laws) - 1
+         if (.not. (allocated(model%laws(n + 1)%law%dofs) .and. allocated(model%laws(n + 1)%law%shape))) exit
       end do
-      torus = scene%torus
-      if (.not. allocated(torus%n_samples)) torus%n_samples = default_samples(scene%harmonics, 1)
-      basis = whole_basis(scene%harmonics, torus)
-      if (allocated(scene%torus%n_samples) .and. n == size(scene%laws) .and. .not. scene%chain%is_on) then
-         call find_basis(basis, is_odd, scene, error)
+      torus = model%torus
+      if (.not. allocated(torus%n_samples)) torus%n_samples = default_samples(model%harmonics, 1)
+      basis = whole_basis(model%harmonics, torus)
+      if (allocated(model%torus%n_samples) .and. n == size(model%laws) .and. .not. model%chain%is_on) then
+         call find_basis(basis, is_odd, model, error)
          associate (last => basis%torus%n_samples(size(torus%n_samples)))
             if (basis%torus%is_half) last = last/2
          end associate
       end if
-      coordinates = coordinates_of(scene, n)
-      laws = laws_at(coordinates, scene%laws(:n))
-      self%n_dofs = scene%structure%n_dofs
+      coordinates = coordinates_of(model, n)
+      laws = laws_at(coordinates, model%laws(:n))
+      self%n_dofs = model%structure%n_dofs
       self%n_law_dofs = size(coordinates%dofs)
       self%n_coordinates = coordinates%n
       self%n_harmonics = basis%harmonics%n_harmonics
       self%highest = basis%harmonics%highest
       self%samples = basis%torus%n_samples
-      self%n_stored_dofs = size(scene%output%dofs)
-      self%stored_samples = scene%output%samples
-      self%solver = scene%solver
-      self%has_certificate = scene%certificate%is_on .and. n > 0
-      self%has_unknown_tones = any(scene%tones%is_unknown)
+      self%n_stored_dofs = size(model%output%dofs)
+      self%stored_samples = model%output%samples
+      self%solver = model%solver
+      self%has_certificate = model%certificate%is_on .and. n > 0
+      self%has_unknown_tones = any(model%tones%is_unknown)
       self%largest_dense = largest_dense_tangent(laws)
-      call scan_structure(self, scene%structure)
+      call scan_structure(self, model%structure)
       allocate (n_laws_on(coordinates%n), source=0)
       do i = 1, n
          n_laws_on(laws(i)%law%dofs) = n_laws_on(laws(i)%law%dofs) + 1
@@ -93,7 +93,7 @@ contains
          call add_law(self, laws, i, n_laws_on)
       end do
       self%n_pairs = min(self%n_pairs, self%n_coordinates**2)
-      call find_bands(self, scene%structure, laws, coordinates)
+      call find_bands(self, model%structure, laws, coordinates)
    end function sizes_of
 
    !> How far coordinates are coupled, see hb_block_pattern and hb_balance.
@@ -109,21 +109,21 @@ contains
       if (n == 0) return
       self%n_rows = n
       self%n_factor_rows = n
-      self%reach = n - 1
+      self%half_bandwidth = n - 1
       self%n_tangent_rows = n
-      if (any(coordinates%dofs < 1 .or. coordinates%dofs > structure%n_dofs)) return  ! of a scene that is refused anyway
+      if (any(coordinates%dofs < 1 .or. coordinates%dofs > structure%n_dofs)) return  ! of a model that is refused anyway
       span = 0
       do i = 1, size(laws)
          span = max(span, maxval(laws(i)%law%dofs) - minval(laws(i)%law%dofs))
       end do
-      linear = condensed_reach(structure, coordinates)
+      linear = condensed_half_bandwidth(structure, coordinates)
       call new_block_pattern(pattern, n, linear)
       self%n_rows = pattern%n_rows
-      self%n_factor_rows = merge(3*pattern%reach + 1, n, pattern%is_banded)
+      self%n_factor_rows = merge(3*pattern%half_bandwidth + 1, n, pattern%is_banded)
       if (self%needs_reaction) span = linear + 2*span                 ! of the law, and of a neighbour that it answers to
       call new_block_pattern(pattern, n, min(n, max(linear, span)))
-      self%reach = pattern%reach
-      self%n_tangent_rows = merge(3*pattern%reach + 1, n, pattern%is_banded)
+      self%half_bandwidth = pattern%half_bandwidth
+      self%n_tangent_rows = merge(3*pattern%half_bandwidth + 1, n, pattern%is_banded)
    end subroutine find_bands
 
    !> Counts entries and bandwidth.

@@ -9,9 +9,9 @@ module hb_motion_columns
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_curve_request, only: curve_kind_names
    use hb_kinds, only: wp
-   use hb_motion_result, only: curve_place_t, motion_result_t
+   use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_outcome, only: outcome_names
-   use hb_solver_types, only: rescue_names
+   use hb_solver_types, only: fallback_names
    use hb_stability, only: stability_method_names
    implicit none
    private
@@ -90,7 +90,7 @@ contains
       call t%integer("status", "1", "", "outcome of the point", m%status, outcome_names)
       call t%text("message", "1", "message_byte", "why the point failed", m%message)
       call t%integer("iterations", "1", "", "iterations of the solver", m%iterations)
-      call t%integer("rescue", "1", "", "what the solver needed beside the direct attempt", m%rescue, rescue_names)
+      call t%integer("fallback", "1", "", "what the solver needed beside the direct attempt", m%fallback, fallback_names)
       call t%integer("evaluations", "1", "", "evaluations of the residual", m%evaluations)
       call t%real("residual", "1", "", "norm of the balance relative to the scale of the forces", m%residual)
       call t%real("solve_seconds", "s", "", "wall time of the point", m%solve_seconds)
@@ -104,8 +104,9 @@ contains
          "1 where the motion was sought among those of odd tuples alone, the equations being odd", merge(1, 0, m%is_odd))
       call t%integer("n_full_stick", "1", "", &
          "friction laws that slip nowhere: the solution from rest, one of many", m%n_full_stick)
-      call t%integer("n_motions", "1", "", "motions in which marching from several starts ends; 0: not tried", m%n_motions)
-      call t%integer("is_marched_first", "1", "", "1 where marching was tried before the balance", merge(1, 0, m%is_marched_first))
+      call t%integer("n_motions", "1", "", "motions in which time integration from several starts ends; 0: not tried", m%n_motions)
+      call t%integer("is_integrated_first", "1", "", "1 where time integration was tried before the balance", merge(1, 0, &
+         m%is_integrated_first))
       call t%real("frequency", "rad/s", "tone", "base frequencies", m%frequency)
       call t%real("artificial_damping", "1/s", "tone", &
          "xi of a normal mode: the forces -xi M dx/dt that keep up its amplitude", m%artificial_damping)
@@ -117,8 +118,8 @@ contains
       type(motion_result_t), intent(in) :: m
 
       t%is_there = t%has_accuracy
-      call t%integer("n_rungs", "1", "", "sets and grids that were solved until the tolerance was met", m%n_rungs)
-      call t%real("rung_difference", "1", "", "difference of the last two of them, relative to the motion", m%rung_difference)
+      call t%integer("n_levels", "1", "", "sets and grids that were solved until the tolerance was met", m%n_levels)
+      call t%real("level_difference", "1", "", "difference of the last two of them, relative to the motion", m%level_difference)
       call t%real("level_estimate", "1", "", &
          "estimated error as this difference shows it, where it is more than by the motion alone; else 0", m%level_estimate)
       call t%integer("grid", "1", "tone", "samples of each tone", m%n_samples)
@@ -126,7 +127,7 @@ contains
       call t%real("output_estimate", "1", "output", &
          "estimated error of each output that the tolerance is for, relative to it", m%output_estimate)
       call t%real("output_level_estimate", "1", "output", &
-         "estimated error of each output as the difference of rungs shows it, where it is more; else 0", m%output_level_estimate)
+         "estimated error of each output as the difference of levels shows it, where it is more; else 0", m%output_level_estimate)
    end subroutine accuracy_columns
 
    !> `tuples` where each point chooses its own, improved coefficients with `&certificate improvement_steps`.
@@ -172,7 +173,7 @@ contains
             "estimated error by the finite number of samples, relative to the motion", found%aliasing)
          call t%real("penetration", "m", "", "largest penetration into a rigid wall", found%defects%penetration)
          call t%real("impact_estimate", "1", "", &
-            "energy of the hardest blow against a rigid wall, relative to that of the motion there", found%impact)
+            "energy of the hardest impact against a rigid wall, relative to that of the motion there", found%impact)
          call t%real("tension", "N", "", "largest pull that a rigid wall would have to exert", found%defects%tension)
          call t%real("complementarity", "N m", "", "largest product of reaction and gap of a rigid wall", &
             found%defects%complementarity)
@@ -229,7 +230,7 @@ contains
    subroutine curve_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
-      type(curve_place_t) :: place
+      type(curve_position_t) :: place
       integer :: n
 
       t%is_there = t%has_curve

@@ -19,14 +19,14 @@ module hb_motion_curve
    use hb_followed_motion, only: at_end, followed_motion_t, least_motion, n_further, origin_t, reported_extreme_t, waiting_t
    use hb_kinds, only: wp
    use hb_motion, only: solve_motion
-   use hb_motion_result, only: curve_place_t, motion_result_t
+   use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_motions_apart, only: look_apart
    use hb_outcome, only: outcome
-   use hb_rung, only: estimate_of, join, reliable, rung_of, rung_t
-   use hb_scene, only: scene_t
+   use hb_level, only: estimate_of, join, reliable, level_of, level_t
+   use hb_model, only: model_t
    use hb_solver_types, only: report_t
    use hb_text, only: to_text
-   use hb_watch, only: verdict, verdict_on_work, watch_t, work_is_over
+   use hb_cancellation, only: verdict, verdict_on_work, cancellation_t, work_is_over
    implicit none
    private
    public :: motion_curve_t
@@ -41,7 +41,7 @@ module hb_motion_curve
       type(origin_t), private :: first                                ! the start itself; a direction where it leaves another curve
       real(wp), private :: first_sense = 1.0_wp                       ! of the value on the first way
       type(origin_t), allocatable, private :: met(:)                  ! motions at values at which others are sought
-      integer :: n_told = 0                                           !! points so far
+      integer :: n_reported = 0                                       !! points so far
    contains
       procedure :: begin => motion_curve_begin
       procedure :: begin_next_to => motion_curve_begin_next_to
@@ -56,68 +56,68 @@ contains
    ! Where a curve begins
 
    !> Solves the first motion, by all the ways that a point has; the curve is done with it where that does not lead to one.
-   subroutine motion_curve_begin(self, scene, document, request, result, error)
+   subroutine motion_curve_begin(self, model, document, request, result, error)
       class(motion_curve_t), intent(inout), target :: self
-      type(scene_t), intent(inout) :: scene                           !! at the start
+      type(model_t), intent(inout) :: model                           !! at the start
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: further(:), unknowns(:)
-      type(rung_t) :: lowest, rung
+      type(level_t) :: lowest, level
       logical :: is_new
 
       self%request = request
       if (allocated(request%origin)) then
-         call begin_at_origin(self, scene, document, result, error)
+         call begin_at_origin(self, model, document, result, error)
          return
       end if
-      if (scene%accuracy%is_on) then
-         scene%chain%is_on = .false.                                  ! the point has no neighbour, and is none
-         call solve_to_tolerance(scene, result, error, rung)
-         if (allocated(rung%unknowns) .and. scene%accuracy%grows_set) then
-            lowest = rung
-            call join(lowest, scene%harmonics, is_new)                ! without even tuples no symmetry is seen to break
-            if (is_new) call solve_to_tolerance(scene, result, error, rung, lowest)
+      if (model%accuracy%is_on) then
+         model%chain%is_on = .false.                                  ! the point has no neighbour, and is none
+         call solve_to_tolerance(model, result, error, level)
+         if (allocated(level%unknowns) .and. model%accuracy%grows_set) then
+            lowest = level
+            call join(lowest, model%harmonics, is_new)                ! without even tuples no symmetry is seen to break
+            if (is_new) call solve_to_tolerance(model, result, error, level, lowest)
          end if
-         if (allocated(rung%unknowns)) unknowns = rung%unknowns
+         if (allocated(level%unknowns)) unknowns = level%unknowns
       else
-         call solve_motion(scene, result, error, unknowns=unknowns)
-         rung = rung_of(scene)
+         call solve_motion(model, result, error, unknowns=unknowns)
+         level = level_of(model)
       end if
       self%is_done = allocated(error) .or. .not. allocated(unknowns)
-      if (any(result%status == [outcome%marched, outcome%several])) then
+      if (any(result%status == [outcome%time_domain, outcome%several])) then
          result%status = outcome%stalled                              ! a motion, but no point of a curve
          result%message = "a curve starts from a balance; "//result%message
       end if
-      if (any(scene%tones%is_unknown) .and. scene%accuracy%is_on .and. .not. self%is_done) then
+      if (any(model%tones%is_unknown) .and. model%accuracy%is_on .and. .not. self%is_done) then
          self%is_done = estimate_of(result) >= reliable
          if (self%is_done) result%message = "no set that is allowed holds this motion: it may have other tones, or none"
       end if
       if (self%is_done) return
-      further = [pack(result%frequency, scene%tones%is_unknown)]
-      if (scene%normal_mode%is_asked) further = [further, pack(result%artificial_damping, scene%tones%is_unknown)]
+      further = [pack(result%frequency, model%tones%is_unknown)]
+      if (model%normal_mode%is_asked) further = [further, pack(result%artificial_damping, model%tones%is_unknown)]
       further = [further, request%start]
-      call prepare(self, scene, document, further, rung, error)
+      call prepare(self, model, document, further, level, error)
       self%is_done = allocated(error)
       if (self%is_done) return
       self%first%x = [unknowns(:self%problem%n_unknowns), further]
       call set_out(self, error)
       if (.not. allocated(error)) call tell(self, waiting_t(curve_kind%start, x=self%first%x), result)
-      self%n_told = 1
-      self%is_done = allocated(error) .or. self%n_told >= request%n_points
+      self%n_reported = 1
+      self%is_done = allocated(error) .or. self%n_reported >= request%n_points
    end subroutine motion_curve_begin
 
    !> Begins where the curve leaves another one, a small way along it: at the very point the tangent has no inverse.
-   subroutine begin_at_origin(self, scene, document, result, error)
+   subroutine begin_at_origin(self, model, document, result, error)
       class(motion_curve_t), intent(inout), target :: self
-      type(scene_t), intent(in) :: scene
+      type(model_t), intent(in) :: model
       type(document_t), intent(in) :: document
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       logical :: is_found
 
-      call prepare(self, scene, document, self%request%origin%further, self%request%origin%rung, error)
+      call prepare(self, model, document, self%request%origin%further, self%request%origin%level, error)
       self%is_done = allocated(error)
       if (self%is_done) return
       call find_first(self, is_found)
@@ -127,18 +127,18 @@ contains
          self%is_done = .true.
          return
       end if
-      if (scene%accuracy%is_on) call settle(self, self%first%x, self%first%direction, error)
+      if (model%accuracy%is_on) call settle(self, self%first%x, self%first%direction, error)
       self%is_done = allocated(error)
       if (self%is_done) return
-      self%first%rung = self%rung
+      self%first%level = self%level
       call set_out(self, error)
       if (allocated(error)) return
       call put_start(self)
       call self%describe(self%waiting(1), result, error)
       if (.not. allocated(error)) call tell(self, self%waiting(1), result)
       self%first_waiting = 2
-      self%n_told = 1
-      self%is_done = allocated(error) .or. self%n_told >= self%request%n_points
+      self%n_reported = 1
+      self%is_done = allocated(error) .or. self%n_reported >= self%request%n_points
    end subroutine begin_at_origin
 
    !> The first motion of a curve that leaves another one, and the direction there.
@@ -169,19 +169,19 @@ contains
 
    !> Takes the place of `begin`: next to a motion and tangent of another curve, in the plane across this a bit before it, so
    !> that what is there lies ahead. `is_found` is false where there is no motion.
-   subroutine motion_curve_begin_next_to(self, scene, document, request, place, is_found, error)
+   subroutine motion_curve_begin_next_to(self, model, document, request, place, is_found, error)
       class(motion_curve_t), intent(inout), target :: self
-      type(scene_t), intent(in) :: scene
+      type(model_t), intent(in) :: model
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request
-      type(curve_place_t), intent(in) :: place                        !! a fold or peak of the other curve, and the way there
+      type(curve_position_t), intent(in) :: place                     !! a fold or peak of the other curve, and the way there
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
 
       self%request = request
       self%way = 1
       is_found = .false.
-      call prepare(self, scene, document, further_of(place, scene), rung_of(scene, place), error)
+      call prepare(self, model, document, further_of(place, model), level_of(model, place), error)
       if (allocated(error)) return
       associate (direction => place%direction)
          self%first%x = place%unknowns - run_up*request%longest_step*direction/norm2(direction/self%units_at(place%unknowns))
@@ -193,30 +193,30 @@ contains
    end subroutine motion_curve_begin_next_to
 
    !> Takes the place of `begin`: the curve stands where a stored one has been at its last point, a step or the start of a way.
-   subroutine motion_curve_go_on_from(self, scene, document, request, stored, error)
+   subroutine motion_curve_go_on_from(self, model, document, request, stored, error)
       class(motion_curve_t), intent(inout), target :: self
-      type(scene_t), intent(in) :: scene                              !! at the start
+      type(model_t), intent(in) :: model                              !! at the start
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request
-      type(curve_place_t), intent(in) :: stored(:)                    !! all points up to the one to go on from
+      type(curve_position_t), intent(in) :: stored(:)                 !! all points up to the one to go on from
       type(error_t), allocatable, intent(out) :: error
       type(motion_result_t) :: result
-      type(rung_t) :: rung
+      type(level_t) :: level
       integer :: i
 
       self%request = request
-      call prepare(self, scene, document, further_of(stored(1), scene), rung_of(scene, stored(1)), error)
+      call prepare(self, model, document, further_of(stored(1), model), level_of(model, stored(1)), error)
       self%is_done = allocated(error)
       if (self%is_done) return
       self%first%x = stored(1)%unknowns
       if (allocated(request%origin)) self%first%direction = stored(1)%direction
       do i = 1, size(stored)
-         rung = rung_of(scene, stored(i))
+         level = level_of(model, stored(i))
          if (stored(i)%kind == curve_kind%branch .and. stored(i)%branch == 0 .and. request%switches) &
-            self%origins = [self%origins, origin_t(.false., stored(i)%unknowns, stored(i)%direction, rung)]
+            self%origins = [self%origins, origin_t(.false., stored(i)%unknowns, stored(i)%direction, level)]
          if (stored(i)%kind == curve_kind%start .and. stored(i)%branch > size(self%origins)) &
-            self%origins = [self%origins, origin_t(.true., stored(i)%unknowns, 0.0_wp*stored(i)%unknowns, rung)]
-         call note_met(self, stored(i)%unknowns, rung)
+            self%origins = [self%origins, origin_t(.true., stored(i)%unknowns, 0.0_wp*stored(i)%unknowns, level)]
+         call note_met(self, stored(i)%unknowns, level)
       end do
       associate (last => stored(size(stored)))
          self%way = 2*last%branch + merge(2, 1, last%length < 0.0_wp .or. &
@@ -224,10 +224,10 @@ contains
                                                                        stored%branch == last%branch) > 1))
          call set_out(self, error)
          if (allocated(error)) return
-         self%n_told = size(stored)
+         self%n_reported = size(stored)
          self%length = abs(last%length)
-         if (scene%accuracy%is_on) then
-            call self%put_on(rung, error)
+         if (model%accuracy%is_on) then
+            call self%put_on(level, error)
             if (allocated(error)) return
             call self%make_curve(last%unknowns, last%direction)
             call self%carry_start()
@@ -246,37 +246,37 @@ contains
       call self%renew()
       call self%look_here(self%known)
       associate (last => stored(size(stored)))
-         if (scene%accuracy%is_on .and. last%kind == curve_kind%regular) then
+         if (model%accuracy%is_on .and. last%kind == curve_kind%regular) then
             call self%describe(waiting_t(last%kind, x=self%curve%x), result, error)
             self%estimate = estimate_of(result)
          end if
       end associate
-      self%is_done = self%n_told >= request%n_points
+      self%is_done = self%n_reported >= request%n_points
    end subroutine motion_curve_go_on_from
 
    !> Of the unknowns of a point those beside the unknowns of the balance.
-   pure function further_of(place, scene) result(further)
-      type(curve_place_t), intent(in) :: place
-      type(scene_t), intent(in) :: scene
-      real(wp) :: further(n_further(scene))
+   pure function further_of(place, model) result(further)
+      type(curve_position_t), intent(in) :: place
+      type(model_t), intent(in) :: model
+      real(wp) :: further(n_further(model))
 
       further = place%unknowns(size(place%unknowns) - size(further) + 1:)
    end function further_of
 
    !> Makes the curve ready to begin on a set and a grid.
-   subroutine prepare(self, scene, document, further, rung, error)
+   subroutine prepare(self, model, document, further, level, error)
       class(motion_curve_t), intent(inout), target :: self
-      type(scene_t), intent(in) :: scene
+      type(model_t), intent(in) :: model
       type(document_t), intent(in) :: document
       real(wp), intent(in) :: further(:)                              !! unknowns beside those of the balance, at the start
-      type(rung_t), intent(in) :: rung                                !! of its first motion
+      type(level_t), intent(in) :: level                              !! of its first motion
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
-      self%scene = scene
+      self%model = model
       self%document = document
       self%further = further
-      self%first%rung = rung_t(rung%set, rung%n_samples)
+      self%first%level = level_t(level%set, level%n_samples)
       if (.not. allocated(self%request%values)) allocate (self%request%values(0))
       if (allocated(self%request%others)) then
          do i = 1, size(self%request%others)
@@ -290,7 +290,7 @@ contains
       self%met = [origin_t ::]
       self%first_sense = sign(1.0_wp, self%request%to - self%request%start)
       if (.not. abs(self%request%to - self%request%start) > 0.0_wp) self%first_sense = -sign(1.0_wp, self%first_sense)
-      call self%put_on(self%first%rung, error)
+      call self%put_on(self%first%level, error)
    end subroutine prepare
 
    ! Its ways
@@ -304,7 +304,7 @@ contains
 
       self%outset = self%first
       if (self%way > 2) self%outset = self%origins((self%way - 1)/2)
-      if (self%scene%accuracy%is_on) call self%put_on(self%outset%rung, error)
+      if (self%model%accuracy%is_on) call self%put_on(self%outset%level, error)
       if (allocated(error)) return
       if (self%way <= 2 .and. allocated(self%first%direction)) then
          direction = self%first%direction
@@ -320,9 +320,9 @@ contains
       self%estimate = huge(1.0_wp)
       self%largest = least_motion
       call self%problem%move(self%outset%x, is_possible)
-      self%slack = 1.0_wp
-      self%unevenness = self%problem%unevenness(self%outset%x(:self%problem%n_unknowns))
-      self%is_uneven = 10.0_wp*self%unevenness > self%problem%scene%solver%tolerance
+      self%tolerance_factor = 1.0_wp
+      self%roughness = self%problem%roughness(self%outset%x(:self%problem%n_unknowns))
+      self%is_rough = 10.0_wp*self%roughness > self%problem%model%solver%tolerance
       call self%make_curve(self%outset%x, direction)
       if (self%has_left_branch()) then
          call turn_off(self, direction)
@@ -372,10 +372,10 @@ contains
          if (self%way == 2 .and. ((request%start - request%from)*(request%start - request%to) >= 0.0_wp .or. &
                                   allocated(request%origin))) self%way = 3
       end associate
-      if (self%way > 2*(1 + size(self%origins)) .and. self%n_told + 1 < self%request%n_points) then
+      if (self%way > 2*(1 + size(self%origins)) .and. self%n_reported + 1 < self%request%n_points) then
          call look_apart(self, self%met, x, is_found, error)
          if (allocated(error)) return
-         if (is_found) self%origins = [self%origins, origin_t(.true., x, 0.0_wp*x, self%rung)]
+         if (is_found) self%origins = [self%origins, origin_t(.true., x, 0.0_wp*x, self%level)]
       end if
       self%is_done = self%way > 2*(1 + size(self%origins))
       if (self%is_done) return
@@ -392,14 +392,14 @@ contains
    end subroutine put_start
 
    !> Keeps a motion that was met at a value at which others are sought.
-   subroutine note_met(self, x, rung)
+   subroutine note_met(self, x, level)
       class(motion_curve_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)
-      type(rung_t), intent(in) :: rung                                !! its set and grid
+      type(level_t), intent(in) :: level                              !! its set and grid
 
       if (.not. allocated(self%request%others)) return
       if (all(abs(self%request%others - x(size(x))) > 0.0_wp)) return
-      self%met = [self%met, origin_t(x=x, rung=rung)]
+      self%met = [self%met, origin_t(x=x, level=level)]
    end subroutine note_met
 
    ! Its points
@@ -411,14 +411,14 @@ contains
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
 
-      type(watch_t), target :: watch
+      type(cancellation_t), target :: cancellation
 
-      call watch%enter(self%problem%scene%solver%time_limit)
+      call cancellation%enter(self%problem%model%solver%time_limit)
       call find_next(self, result, error)
-      call watch%leave()
+      call cancellation%leave()
    end subroutine motion_curve_next
 
-   !> The next point, under a watch that was entered.
+   !> The next point, under a cancellation that was entered.
    subroutine find_next(self, result, error)
       class(motion_curve_t), intent(inout), target :: self
       type(motion_result_t), intent(out) :: result
@@ -443,7 +443,7 @@ contains
          call count_work(self%curve%report, before, result)
          call leave(self, error)
       else
-         call tell_waiting(self, self%first_waiting, result, error)
+         call report_waiting(self, self%first_waiting, result, error)
          if (verdict_on_work() == verdict%interrupted) then          ! what is known of the point is not all
             result%status = outcome%interrupted
             return
@@ -454,8 +454,8 @@ contains
          if (is_end .and. .not. allocated(error)) call leave(self, error)
       end if
       result%solver_seconds = wall_clock() - started - result%certificate_seconds
-      self%n_told = self%n_told + 1
-      self%is_done = self%is_done .or. self%n_told >= self%request%n_points
+      self%n_reported = self%n_reported + 1
+      self%is_done = self%is_done .or. self%n_reported >= self%request%n_points
    end subroutine find_next
 
    !> Goes on to the first point of a kind, if so many steps lead there, and tells that point alone.
@@ -478,7 +478,7 @@ contains
          self%first_waiting = size(self%waiting) + 1
       end do
       if (.not. is_found) return
-      call tell_waiting(self, i, result, error)
+      call report_waiting(self, i, result, error)
       call count_work(self%curve%report, report_t(), result)
    end subroutine motion_curve_look_for
 
@@ -487,7 +487,7 @@ contains
       class(motion_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
 
-      if (self%scene%accuracy%is_on) then
+      if (self%model%accuracy%is_on) then
          call step_to_tolerance(self, error)
       else
          call step(self)
@@ -497,7 +497,7 @@ contains
    end subroutine go
 
    !> Makes the result of one of the points that wait.
-   subroutine tell_waiting(self, i, result, error)
+   subroutine report_waiting(self, i, result, error)
       class(motion_curve_t), intent(inout), target :: self
       integer, intent(in) :: i
       type(motion_result_t), intent(inout) :: result
@@ -511,24 +511,24 @@ contains
          end if
          if (.not. allocated(error)) call tell(self, point, result)
       end associate
-   end subroutine tell_waiting
+   end subroutine report_waiting
 
    !> Adds to what is known of a point where on the curve it is, and keeps what later points depend on.
    subroutine tell(self, point, result)
       class(motion_curve_t), intent(inout), target :: self
       type(waiting_t), intent(in) :: point
       type(motion_result_t), intent(inout) :: result
-      type(curve_place_t) :: place
+      type(curve_position_t) :: place
 
-      call note_met(self, point%x, self%rung)
+      call note_met(self, point%x, self%level)
       place%kind = point%kind
       place%parameter = point%x(size(point%x))
       place%length = self%sense()*(self%length + point%place)
       place%branch = (self%way - 1)/2
       place%unknowns = point%x
-      if (self%scene%accuracy%is_on) then
-         place%tuples = self%rung%set%tuples
-         place%n_samples = self%rung%n_samples
+      if (self%model%accuracy%is_on) then
+         place%tuples = self%level%set%tuples
+         place%n_samples = self%level%n_samples
       end if
       if (all(point%kind /= [curve_kind%value, curve_kind%end, curve_kind%split, curve_kind%graze])) &
          place%direction = self%curve%direction
@@ -540,7 +540,7 @@ contains
          place%largest_motion = self%largest
       case (curve_kind%branch)
          if (self%request%switches .and. self%way <= 2) &
-            self%origins = [self%origins, origin_t(.false., place%unknowns, place%direction, self%rung)]
+            self%origins = [self%origins, origin_t(.false., place%unknowns, place%direction, self%level)]
       case (curve_kind%fold, curve_kind%peak)
          place%response = point%response
          self%reported = [self%reported, reported_extreme_t(point%response, self%length + point%place)]
@@ -570,8 +570,8 @@ contains
             return
          end if
          text = "no way on along the curve from the value "//to_text(value)//" after the length "//to_text(self%length)
-         if (.not. allocated(self%problem%complaint)) return
-         if (abs(self%problem%refused - value) <= at_end*unit) text = trim(text)//": "//self%problem%complaint   ! else it is no reason
+         if (.not. allocated(self%problem%error_text)) return
+         if (abs(self%problem%refused - value) <= at_end*unit) text = trim(text)//": "//self%problem%error_text  ! else it is no reason
       end associate
    end function lost_text
 

@@ -17,7 +17,7 @@ module hb_motion_description
    use hb_motion_result, only: motion_result_t
    use hb_odd_symmetry, only: asymmetry
    use hb_outcome, only: is_solved, outcome
-   use hb_scene, only: scene_t
+   use hb_model, only: model_t
    use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, &
       stability_method, stability_t, stability_verdict => verdict
    use hb_structure, only: most_dense
@@ -32,81 +32,81 @@ contains
 
    !> Adds to a result what follows from a solution: motion, forces, certificate, surfaces. A status that says `converged` is
    !> settled by the certificate.
-   subroutine describe_motion(scene, basis, balance, u, result, error, search, curve)
-      type(scene_t), intent(in) :: scene
+   subroutine describe_motion(model, basis, balance, u, result, error, search, curve)
+      type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis                              !! of the balance
       type(balance_t), intent(inout), target :: balance
       real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
       type(motion_result_t), intent(inout) :: result                  !! with its status, and its stability where that is known
       type(error_t), allocatable, intent(out) :: error
-      type(search_t), intent(inout), optional :: search               !! of a scene with unknown tones
+      type(search_t), intent(inout), optional :: search               !! of a model with unknown tones
       class(bordered_problem_t), intent(inout), optional :: curve     !! on the balance, of a point of a curve
       complex(wp), allocatable :: c(:, :)
       real(wp) :: begun, cpu_begun, cpu_ended
 
-      allocate (c(scene%structure%n_dofs, basis%harmonics%n_harmonics))
+      allocate (c(model%structure%n_dofs, basis%harmonics%n_harmonics))
       call balance%all_dofs(u, c)
-      call keep_motion(scene, basis, c, result)
+      call keep_motion(model, basis, c, result)
       call keep_forces(basis, balance, u, result, error)
       if (allocated(error)) return
-      if (scene%certificate%is_on .and. result%status == outcome%converged) then
+      if (model%certificate%is_on .and. result%status == outcome%converged) then
          begun = wall_clock()
          call cpu_time(cpu_begun)
-         call keep_certificate(scene, basis, balance, u, result, error, search, curve)
+         call keep_certificate(model, basis, balance, u, result, error, search, curve)
          result%certificate_seconds = wall_clock() - begun
          call cpu_time(cpu_ended)
          result%certificate_cpu_seconds = cpu_ended - cpu_begun
          if (allocated(error)) return
-         call keep_outputs(scene, basis, c, result)
+         call keep_outputs(model, basis, c, result)
       end if
-      result%work_beside = work_beside_solver(scene, balance)
+      result%work_beside = work_beside_solver(model, balance)
       if (is_solved(result%status)) then
          if (result%stability%method == stability_method%off) &
-            call stability_of(scene, balance, c, scene%stability%tolerance, result%stability)
-         call compare_with_refined(scene, tones_of(scene, balance), result%certificate, result%stability)
+            call stability_of(model, balance, c, model%stability%tolerance, result%stability)
+         call compare_with_refined(model, tones_of(model, balance), result%certificate, result%stability)
       end if
-      call allow_for_growth(result, scene%certificate%truncation)
+      call allow_for_growth(result, model%certificate%truncation)
       if (result%status /= outcome%converged) result%stability%verdict = stability_verdict%unknown   ! of another motion
-      if (size(scene%output%samples) > 0) call keep_surfaces(scene, basis, balance, u, result, error)
+      if (size(model%output%samples) > 0) call keep_surfaces(model, basis, balance, u, result, error)
    end subroutine describe_motion
 
-   !> Stability of a motion of the scene, as its settings ask for it but for the tolerance; not that of normal modes.
-   subroutine stability_of(scene, balance, c, tolerance, stability, is_marched)
-      type(scene_t), intent(in) :: scene
+   !> Stability of a motion of the model, as its settings ask for it but for the tolerance; not that of normal modes.
+   subroutine stability_of(model, balance, c, tolerance, stability, is_integrated)
+      type(model_t), intent(in) :: model
       type(balance_t), intent(in) :: balance
       complex(wp), intent(in) :: c(:, :)                              !! a - i b, (all dofs, n_harmonics)
       real(wp), intent(in) :: tolerance
       type(stability_t), intent(out) :: stability
-      logical, intent(in), optional :: is_marched                     !! of the motion that repeats when it is marched, in any case
+      logical, intent(in), optional :: is_integrated !! of the motion that repeats when it is integrated, in any case
       type(stability_config_t) :: config
 
-      config = scene%stability
+      config = model%stability
       config%tolerance = tolerance
-      if (present(is_marched)) config%is_marched = is_marched
-      call ask_for_stability(scene, config, harmonic_motion_t(balance%harmonics%tuples, tones_of(scene, balance), c), &
-                             usual_work(scene, balance), stability)
+      if (present(is_integrated)) config%is_integrated = is_integrated
+      call ask_for_stability(model, config, harmonic_motion_t(balance%harmonics%tuples, tones_of(model, balance), c), &
+                             usual_work(model, balance), stability)
    end subroutine stability_of
 
    !> A verdict holds only where the motion with its first-order errors taken out has it, too: multipliers and exponents feel errors
    !> of the motion that are small beside it, such as those in when a hard stop is left.
-   subroutine compare_with_refined(scene, tones, found, stability)
-      type(scene_t), intent(in) :: scene
+   subroutine compare_with_refined(model, tones, found, stability)
+      type(model_t), intent(in) :: model
       type(tones_t), intent(in) :: tones                              !! of the motion
       type(certificate_t), intent(in) :: found                        !! its certificate
       type(stability_t), intent(inout) :: stability                   !! its stability
       real(wp), parameter :: exact = 1.0e-6_wp                        ! error of a motion, relative, that multipliers do not feel
-      integer, parameter :: fewest_laps = 5
-      real(wp), parameter :: share_of_laps = 0.25_wp                  ! enough where the exponent is clearly not zero
+      integer, parameter :: fewest_periods = 5
+      real(wp), parameter :: share_of_periods = 0.25_wp               ! enough where the exponent is clearly not zero
       type(stability_config_t) :: config
       type(stability_t) :: refined
 
       if (stability%verdict == stability_verdict%unknown .or. .not. allocated(found%refined)) return
-      if (max(found%truncation, found%aliasing) <= exact .or. stability%is_marched) return
-      config = scene%stability
+      if (max(found%truncation, found%aliasing) <= exact .or. stability%is_integrated) return
+      config = model%stability
       config%patience = 1.0_wp
-      if (stability%n_laps > 0) config%fewest_laps = max(fewest_laps, nint(share_of_laps*stability%n_laps))
-      if (stability%n_laps > 0) config%most_laps = stability%n_laps
-      call ask_for_stability(scene, config, harmonic_motion_t(found%around%tuples, tones, found%refined), huge(1.0_wp), refined)
+      if (stability%n_periods > 0) config%fewest_periods = max(fewest_periods, nint(share_of_periods*stability%n_periods))
+      if (stability%n_periods > 0) config%most_periods = stability%n_periods
+      call ask_for_stability(model, config, harmonic_motion_t(found%around%tuples, tones, found%refined), huge(1.0_wp), refined)
       call stability%hold_against(refined)
    end subroutine compare_with_refined
 
@@ -125,62 +125,62 @@ contains
                        "before they decay, and so may errors, up to "//rounded(result%level_estimate)//" of the motion"
    end subroutine allow_for_growth
 
-   !> Asks the finder of the scene; without one nothing is known.
-   subroutine ask_for_stability(scene, config, motion, work_allowed, stability)
-      type(scene_t), intent(in) :: scene
+   !> Asks the finder of the model; without one nothing is known.
+   subroutine ask_for_stability(model, config, motion, work_allowed, stability)
+      type(model_t), intent(in) :: model
       type(stability_config_t), intent(in) :: config
       type(harmonic_motion_t), intent(in) :: motion
       real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
       type(stability_t), intent(out) :: stability
 
-      if (scene%normal_mode%is_asked .or. config%method == stability_method%off) return
-      if (.not. allocated(scene%callbacks%stability_finder)) return
-      call scene%callbacks%stability_finder%find(stability, config, motion, scene%structure, scene%laws, &
-                                                 excitation_t(scene%loads, scene%harmonics%frequencies(motion%tones%omega), &
-                                                              scene%march%restitution), work_allowed)
+      if (model%normal_mode%is_asked .or. config%method == stability_method%off) return
+      if (.not. allocated(model%callbacks%stability_finder)) return
+      call model%callbacks%stability_finder%find(stability, config, motion, model%structure, model%laws, &
+                                                 excitation_t(model%loads, model%harmonics%frequencies(motion%tones%omega), &
+                                                              model%integration%restitution), work_allowed)
    end subroutine ask_for_stability
 
-   !> The tones of a scene at the frequencies of a solution.
-   type(tones_t) function tones_of(scene, balance) result(tones)
-      type(scene_t), intent(in) :: scene
+   !> The tones of a model at the frequencies of a solution.
+   type(tones_t) function tones_of(model, balance) result(tones)
+      type(model_t), intent(in) :: model
       type(balance_t), intent(in) :: balance
 
-      tones = scene%tones
+      tones = model%tones
       tones%omega = balance%omega
    end function tones_of
 
    !> About how many nanoseconds a point takes that needs nothing unusual, from counts alone: the same for all points of a sweep.
-   pure real(wp) function usual_work(scene, balance) result(work)
-      type(scene_t), intent(in) :: scene
+   pure real(wp) function usual_work(model, balance) result(work)
+      type(model_t), intent(in) :: model
       type(balance_t), intent(in) :: balance
       real(wp), parameter :: residuals = 10.0_wp, tangents = 5.0_wp, residuals_for_tangent = 60.0_wp
 
-      work = work_beside_solver(scene, balance) + residuals*balance%residual_work &
+      work = work_beside_solver(model, balance) + residuals*balance%residual_work &
                                              + tangents*min(balance%tangent_work, residuals_for_tangent*balance%residual_work)
    end function usual_work
 
    !> The part of it for set-up, recovery of all degrees of freedom and the certificate: twice the order and the samples.
-   pure real(wp) function work_beside_solver(scene, balance) result(work)
-      type(scene_t), intent(in) :: scene
+   pure real(wp) function work_beside_solver(model, balance) result(work)
+      type(model_t), intent(in) :: model
       type(balance_t), intent(in) :: balance
       real(wp), parameter :: set_up = 1.0e5_wp, per_pair_of_dofs = 12.0_wp, residuals_of_certificate = 300.0_wp
 
-      work = set_up + per_pair_of_dofs*real(scene%structure%n_dofs, wp)**2*balance%harmonics%n_harmonics
-      if (scene%certificate%is_on) work = work + residuals_of_certificate*balance%residual_work
+      work = set_up + per_pair_of_dofs*real(model%structure%n_dofs, wp)**2*balance%harmonics%n_harmonics
+      if (model%certificate%is_on) work = work + residuals_of_certificate*balance%residual_work
    end function work_beside_solver
 
    !> Puts the coefficients of the degrees of freedom that are written out into a result.
-   subroutine keep_motion(scene, basis, c, result)
-      type(scene_t), intent(in) :: scene
+   subroutine keep_motion(model, basis, c, result)
+      type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis
       complex(wp), intent(in) :: c(:, :)                              !! a - i b, (n_dofs, n_harmonics)
       type(motion_result_t), intent(inout) :: result
       integer :: i
 
-      allocate (result%coefficients(2, basis%whole%n_harmonics, size(scene%output%dofs)), source=0.0_wp)
-      do i = 1, size(scene%output%dofs)
-         result%coefficients(1, basis%places, i) = real(c(scene%output%dofs(i), :))
-         result%coefficients(2, basis%places, i) = -aimag(c(scene%output%dofs(i), :))
+      allocate (result%coefficients(2, basis%whole%n_harmonics, size(model%output%dofs)), source=0.0_wp)
+      do i = 1, size(model%output%dofs)
+         result%coefficients(1, basis%places, i) = real(c(model%output%dofs(i), :))
+         result%coefficients(2, basis%places, i) = -aimag(c(model%output%dofs(i), :))
       end do
    end subroutine keep_motion
 
@@ -195,14 +195,14 @@ contains
       real(wp), allocatable :: coefficients(:, :), moved(:, :)
       real(wp) :: column(basis%harmonics%n_coefficients)
       integer :: i
-      character(:), allocatable :: trouble
+      character(:), allocatable :: failure
 
       allocate (coefficients, mold=u)
       call balance%sample(u)
       call balance%law_set%evaluate()
-      trouble = trim(balance%law_set%memory_trouble())
-      if (len(trouble) > 0) then
-         call fail(error, trouble)
+      failure = trim(balance%law_set%memory_failure())
+      if (len(failure) > 0) then
+         call fail(error, failure)
          return
       end if
       associate (torus => basis%torus)
@@ -229,15 +229,15 @@ contains
    end subroutine keep_forces
 
    !> The outputs whose accuracy is asked for. They are off by what the motion without its first-order errors changes in them.
-   subroutine keep_outputs(scene, basis, c, result)
-      type(scene_t), intent(in) :: scene
+   subroutine keep_outputs(model, basis, c, result)
+      type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis
       complex(wp), intent(in) :: c(:, :)                              !! a - i b, (all dofs, n_harmonics)
       type(motion_result_t), intent(inout) :: result
       integer :: i
 
-      if (.not. allocated(scene%accuracy%outputs)) return
-      associate (outputs => scene%accuracy%outputs, found => result%certificate)
+      if (.not. allocated(model%accuracy%outputs)) return
+      associate (outputs => model%accuracy%outputs, found => result%certificate)
          if (size(outputs) == 0) return
          allocate (result%outputs(basis%whole%n_harmonics, size(outputs)), source=(0.0_wp, 0.0_wp))
          allocate (result%output_estimate(size(outputs)), source=1.0_wp)
@@ -251,42 +251,42 @@ contains
    end subroutine keep_outputs
 
    !> Makes the certificate of a solved point; one that misses a threshold gets the status that says so.
-   subroutine keep_certificate(scene, basis, balance, u, result, error, search, curve)
-      type(scene_t), intent(in) :: scene
+   subroutine keep_certificate(model, basis, balance, u, result, error, search, curve)
+      type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis
       type(balance_t), intent(inout), target :: balance               !! the search points to it
       real(wp), intent(in) :: u(:, :)
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
-      type(search_t), intent(inout), optional :: search               !! of a scene with unknown tones
+      type(search_t), intent(inout), optional :: search               !! of a model with unknown tones
       class(bordered_problem_t), intent(inout), optional :: curve     !! on the balance, of a point of a curve
       logical :: keeps_refined
       integer :: i
 
-      keeps_refined = scene%structure%n_dofs <= most_dense .and. &    ! for stability
-         any([(scene%laws(i)%law%n_switches + scene%laws(i)%law%n_states > 0, i=1, size(scene%laws))])
-      if (allocated(scene%accuracy%outputs)) keeps_refined = keeps_refined .or. size(scene%accuracy%outputs) > 0
-      if (any(scene%tones%is_unknown) .and. present(search)) then
-         call certify(result%certificate, scene%structure, scene%loads%at(basis%places), basis%torus, balance, u, &
-                      scene%planning, 0, error, search%phase, keeps_refined=keeps_refined)
+      keeps_refined = model%structure%n_dofs <= most_dense .and. &    ! for stability
+         any([(model%laws(i)%law%n_switches + model%laws(i)%law%n_states > 0, i=1, size(model%laws))])
+      if (allocated(model%accuracy%outputs)) keeps_refined = keeps_refined .or. size(model%accuracy%outputs) > 0
+      if (any(model%tones%is_unknown) .and. present(search)) then
+         call certify(result%certificate, model%structure, model%loads%at(basis%places), basis%torus, balance, u, &
+                      model%planning, 0, error, search%phase, keeps_refined=keeps_refined)
       else
-         call certify(result%certificate, scene%structure, scene%loads%at(basis%places), basis%torus, balance, u, &
-                      scene%planning, scene%certificate%improvement_steps, error, curve=curve, keeps_refined=keeps_refined)
+         call certify(result%certificate, model%structure, model%loads%at(basis%places), basis%torus, balance, u, &
+                      model%planning, model%certificate%improvement_steps, error, curve=curve, keeps_refined=keeps_refined)
       end if
       if (allocated(error)) return
       if (allocated(result%certificate%improved)) call keep_improved(basis, result, error)
       if (allocated(error)) return
-      associate (found => result%certificate, limit => scene%certificate)
+      associate (found => result%certificate, limit => model%certificate)
          result%penetration_share = found%defects%penetration/(limit%penetration*max(maxval(abs(u)), tiny(1.0_wp)))
          if (result%penetration_share > 1.0_wp) result%status = outcome%penetrating
          if (is_missed(found%truncation, limit%truncation)) result%status = outcome%truncated
          if (any(is_missed(found%frequency_error/balance%omega, limit%truncation))) result%status = outcome%truncated
          if (is_missed(found%aliasing, limit%aliasing)) result%status = outcome%aliased
-         if (found%impact > limit%impact .and. .not. scene%normal_mode%is_asked) &   ! what moves freely for ever loses nothing
+         if (found%impact > limit%impact .and. .not. model%normal_mode%is_asked) &   ! what moves freely for ever loses nothing
             result%status = outcome%impact                            ! no larger set cures that
          if (.not. all(ieee_is_finite([found%power_in, found%power_damping, found%power_laws]))) &
             result%status = outcome%not_finite
-         result%is_near_commensurate = scene%tones%n_tones > 1 .and. &
+         result%is_near_commensurate = model%tones%n_tones > 1 .and. &
             found%combination_frequency < limit%commensurability*maxval(balance%omega)
       end associate
    end subroutine keep_certificate
@@ -319,8 +319,8 @@ contains
    end function is_missed
 
    !> Hypertime surfaces on the grid that the user asked for.
-   subroutine keep_surfaces(scene, basis, balance, u, result, error)
-      type(scene_t), intent(in) :: scene
+   subroutine keep_surfaces(model, basis, balance, u, result, error)
+      type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis
       type(balance_t), intent(in) :: balance
       real(wp), intent(in) :: u(:, :)
@@ -332,16 +332,16 @@ contains
       type(torus_t) :: torus
       type(transform_t) :: transform
 
-      call new_torus(torus, scene%output%samples, basis%harmonics, error)
+      call new_torus(torus, model%output%samples, basis%harmonics, error)
       if (allocated(error)) return
       torus%corrects_kinks = .false.                                  ! forces as they are
       associate (coordinates => balance%stiffness%coordinates)
          allocate (linear, source=balance%stiffness)
-         call new_balance(shown, basis%harmonics, torus, balance%omega, linear, laws_at(coordinates, scene%laws), &
-                          scene%planning, error)
+         call new_balance(shown, basis%harmonics, torus, balance%omega, linear, laws_at(coordinates, model%laws), &
+                          model%planning, error)
          if (.not. allocated(error)) call new_real_block(samples, torus%n_total, size(coordinates%dofs), error)
          if (.not. allocated(error)) &
-            call new_transform(transform, basis%harmonics, torus, size(coordinates%dofs), scene%planning, error)
+            call new_transform(transform, basis%harmonics, torus, size(coordinates%dofs), model%planning, error)
          if (.not. allocated(error)) then
             call shown%sample(u)
             call shown%law_set%evaluate()

@@ -7,10 +7,10 @@ module hb_motion_result
    use hb_stability, only: stability_t
    implicit none
    private
-   public :: curve_place_t, motion_result_t
+   public :: curve_position_t, motion_result_t
 
    !> Where on a curve a motion is, hb_motion_curve, and what the curve goes on from: of steps and the starts of ways all of it.
-   type :: curve_place_t
+   type :: curve_position_t
       integer :: kind = 0                               !! hb_curve_request%curve_kind
       real(wp) :: parameter = 0.0_wp                    !! in the unit of the input
       real(wp) :: length = 0.0_wp                       !! of the arc from the start, negative on the second way from there
@@ -22,22 +22,22 @@ module hb_motion_result
       real(wp) :: largest_motion = 0.0_wp               !! so far, relative to a typical one: the unit of lengths
       real(wp) :: angle = 0.0_wp                        !! of the pair of multipliers of a flip or torus [rad]
       integer :: response = 0                           !! of the request, whose peak it is
-      integer, allocatable :: tuples(:, :)              !! set of the motion, (n_tones, n_harmonics); that of the scene if none
+      integer, allocatable :: tuples(:, :)              !! set of the motion, (n_tones, n_harmonics); that of the model if none
       integer, allocatable :: n_samples(:)              !! of its grid, (n_tones); likewise
-   end type curve_place_t
+   end type curve_position_t
 
-   !> The result of one scene. What is not allocated is not known, and stays NaN in a file.
+   !> The result of one model. What is not allocated is not known, and stays NaN in a file.
    type :: motion_result_t
       integer :: status = outcome%pending               !! hb_outcome
       character(:), allocatable :: message              !! why the point failed, or what to know of it; a file cuts it to 400 bytes
       integer :: iterations = 0
       integer :: evaluations = 0                        !! of the residual
       real(wp) :: work = 0.0_wp                         !! of the solver and of time integration, see hb_solver_types
-      real(wp) :: march_work = 0.0_wp                   !! of it, of time integration
+      real(wp) :: integration_work = 0.0_wp             !! of it, of time integration
       real(wp) :: work_beside = 0.0_wp                  !! of set-up, recovery and certificate, likewise
-      integer :: rescue = 0                             !! what the solver needed, hb_solver_types
-      logical :: is_marched_first = .false.             !! marching was tried before the balance, hb_first_way
-      integer :: n_motions = 0                          !! in which several starts of marching end; 0: none were tried
+      integer :: fallback = 0                           !! what the solver needed, hb_solver_types
+      logical :: is_integrated_first = .false.          !! time integration was tried before the balance, hb_primary_method
+      integer :: n_motions = 0                          !! in which several starts of time integration end; 0: none were tried
       real(wp) :: residual = 0.0_wp                     !! relative to the scale of the forces
       real(wp) :: solve_seconds = 0.0_wp                !! wall time of the whole point
       real(wp) :: setup_seconds = 0.0_wp                !! of it, dynamic stiffness, plans, first guess
@@ -46,13 +46,13 @@ module hb_motion_result
       real(wp) :: certificate_cpu_seconds = 0.0_wp      !! processor time of the certificate
       integer :: rank = 0                               !! that solved it
       integer :: n_harmonics = 0                        !! in the set of this point
-      integer :: n_rungs = 0                            !! sets solved until the tolerance was met, hb_accurate_motion; 0: one given
-      real(wp) :: rung_difference = 0.0_wp              !! of the last two motions on the way there, relative
+      integer :: n_levels = 0                           !! sets solved until the tolerance was met, hb_accurate_motion; 0: one given
+      real(wp) :: level_difference = 0.0_wp             !! of the last two motions on the way there, relative
       real(wp) :: penetration_share = 0.0_wp                          !! of the penetration that `&certificate` allows
       real(wp) :: level_estimate = 0.0_wp               !! estimated error as this difference shows it, where that is more than the
                                                         !! certificate estimates from the motion alone, relative; else 0
       type(harmonics_t) :: harmonics                    !! set of the coefficients, where the point has chosen it
-      integer, allocatable :: n_samples(:)              !! of its grid, (n_tones); not allocated: that of the scene
+      integer, allocatable :: n_samples(:)              !! of its grid, (n_tones); not allocated: that of the model
       integer :: preconditioner_level = 0               !! that solutions from products have come to need
       integer :: n_unknowns = 0                         !! of the equations that were solved; 0: none
       real(wp), allocatable :: frequency(:)             !! [rad/s], (n_tones)
@@ -70,7 +70,7 @@ module hb_motion_result
       integer :: n_full_stick = 0                       !! friction laws that slip nowhere: one of many solutions
       type(certificate_t) :: certificate                !! zero and without combination where none was made
       logical :: is_near_commensurate = .false.
-      type(curve_place_t), allocatable :: curve         !! of a motion on a curve
+      type(curve_position_t), allocatable :: curve      !! of a motion on a curve
       type(stability_t) :: stability
       real(wp), allocatable :: displacement_samples(:, :) !! (n_samples_total, n_law_dofs), tone 1 fastest
       real(wp), allocatable :: corrected_samples(:, :)  !! corrected to walls, as displacement_samples

@@ -9,13 +9,13 @@ module hb_motion_ridge
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_motion_curve, only: motion_curve_t
-   use hb_motion_result, only: curve_place_t, motion_result_t
+   use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_outcome, only: outcome
-   use hb_rung, only: distance, rung_of, rung_t
-   use hb_scene, only: scene_t
-   use hb_scene_reader, only: update_scene
+   use hb_level, only: distance, level_of, level_t
+   use hb_model, only: model_t
+   use hb_model_reader, only: update_model
    use hb_text, only: to_text
-   use hb_watch, only: verdict, verdict_on_work, watch_t, work_is_over
+   use hb_cancellation, only: verdict, verdict_on_work, cancellation_t, work_is_over
    implicit none
    private
    public :: motion_ridge_t, new_motion_curve
@@ -29,7 +29,7 @@ module hb_motion_ridge
    type, extends(motion_curve_t) :: motion_ridge_t
       type(curve_request_t), private :: inner                         ! of the curves along the first value
       class(motion_curve_t), allocatable, private :: short            ! such a curve
-      type(curve_place_t), private :: last                            ! the last point, with the tangent of the short curve there
+      type(curve_position_t), private :: last                         ! the last point, with the tangent of the short curve there
       real(wp), private :: value = 0.0_wp                             ! second value there
       real(wp), private :: step = 0.0_wp
    contains
@@ -54,9 +54,9 @@ contains
    end subroutine new_motion_curve
 
    !> Follows a whole curve along the first value at the start of the second: its highest peak or first fold is where to begin.
-   subroutine motion_ridge_begin(self, scene, document, request, result, error)
+   subroutine motion_ridge_begin(self, model, document, request, result, error)
       class(motion_ridge_t), intent(inout), target :: self
-      type(scene_t), intent(inout) :: scene                           !! at the start
+      type(model_t), intent(inout) :: model                           !! at the start
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request                    !! with `over`
       type(motion_result_t), intent(out) :: result
@@ -65,11 +65,11 @@ contains
       real(wp) :: highest, measure
       logical :: is_new
 
-      call prepare(self, scene, document, request)
+      call prepare(self, model, document, request)
       call set_values(self, request%start, self%inner%start)
-      call update_scene(self%scene, self%document, is_new, error, request%available_memory)
+      call update_model(self%model, self%document, is_new, error, request%available_memory)
       if (.not. allocated(error)) &
-         call self%short%begin(self%scene, self%document, self%inner, point, error)
+         call self%short%begin(self%model, self%document, self%inner, point, error)
       self%is_done = allocated(error)
       if (self%is_done) return
       highest = -huge(1.0_wp)
@@ -91,7 +91,7 @@ contains
       self%is_done = highest < 0.0_wp
       if (self%is_done) then
          if (result%status == outcome%converged) result%status = outcome%stalled
-         result%curve = curve_place_t(curve_kind%none, request%start)
+         result%curve = curve_position_t(curve_kind%none, request%start)
          result%message = "no such point is on the curve from "//to_text(self%inner%from)//" to "//to_text(self%inner%to)
          return
       end if
@@ -99,31 +99,31 @@ contains
    end subroutine motion_ridge_begin
 
    !> Takes the place of `begin`: the ridge stands where a stored one has been.
-   subroutine motion_ridge_go_on_from(self, scene, document, request, stored, error)
+   subroutine motion_ridge_go_on_from(self, model, document, request, stored, error)
       class(motion_ridge_t), intent(inout), target :: self
-      type(scene_t), intent(in) :: scene
+      type(model_t), intent(in) :: model
       type(document_t), intent(in) :: document
       type(curve_request_t), intent(in) :: request
-      type(curve_place_t), intent(in) :: stored(:)                    !! all points up to the one to go on from
+      type(curve_position_t), intent(in) :: stored(:)                 !! all points up to the one to go on from
       type(error_t), allocatable, intent(out) :: error                !! there is none
 
-      call prepare(self, scene, document, request)
+      call prepare(self, model, document, request)
       self%last = stored(size(stored))
       self%step = self%last%step
       self%value = self%last%parameter
       self%length = self%last%length
-      self%n_told = size(stored)
-      self%is_done = self%n_told >= request%n_points
+      self%n_reported = size(stored)
+      self%is_done = self%n_reported >= request%n_points
    end subroutine motion_ridge_go_on_from
 
-   subroutine prepare(self, scene, document, request)
+   subroutine prepare(self, model, document, request)
       class(motion_ridge_t), intent(inout), target :: self
-      type(scene_t), intent(in) :: scene
+      type(model_t), intent(in) :: model
       type(document_t), intent(in) :: document
       type(curve_request_t), intent(in) :: request
 
       self%request = request
-      self%scene = scene
+      self%model = model
       self%document = document
       if (.not. allocated(self%short)) allocate (self%short)
       self%step = 0.25_wp*request%longest_step
@@ -164,8 +164,8 @@ contains
          place%step = self%step
          if (all(kind /= [curve_kind%start, curve_kind%regular])) deallocate (place%direction)   ! nothing goes on from there
       end associate
-      self%n_told = self%n_told + 1
-      self%is_done = kind == curve_kind%end .or. self%n_told >= self%request%n_points
+      self%n_reported = self%n_reported + 1
+      self%is_done = kind == curve_kind%end .or. self%n_reported >= self%request%n_points
    end subroutine take
 
    !> The next point. Its status tells where there is no way on.
@@ -174,13 +174,13 @@ contains
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       type(motion_result_t) :: nothing
-      type(watch_t), target :: watch
+      type(cancellation_t), target :: cancellation
       real(wp) :: far, started, value
       integer :: i, kind, n_steps
       logical :: is_found
 
       started = wall_clock()
-      call watch%enter(self%scene%solver%time_limit)
+      call cancellation%enter(self%model%solver%time_limit)
       associate (request => self%request, way => sign(1.0_wp, self%request%to - self%request%from))
          do
             value = self%value + way*self%step*request%moving%typical
@@ -215,7 +215,7 @@ contains
             self%is_done = .true.
          end if
       end associate
-      call watch%leave()
+      call cancellation%leave()
       result%solver_seconds = wall_clock() - started - result%certificate_seconds
    end subroutine motion_ridge_next
 
@@ -227,19 +227,19 @@ contains
       integer, intent(out) :: n_steps                                 !! of the curve
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
-      type(curve_place_t) :: place
+      type(curve_position_t) :: place
       integer :: attempt
       logical :: is_new
 
       is_found = .false.
       n_steps = 0
       call set_values(self, value, self%last%unknowns(size(self%last%unknowns)))
-      call update_scene(self%scene, self%document, is_new, error, self%request%available_memory)
+      call update_model(self%model, self%document, is_new, error, self%request%available_memory)
       if (allocated(error)) return
       place = self%last
       do attempt = 1, 2                                               ! along the curve, then the other way round
          call self%short%destroy()
-         call self%short%begin_next_to(self%scene, self%document, self%inner, place, is_found, error)
+         call self%short%begin_next_to(self%model, self%document, self%inner, place, is_found, error)
          if (allocated(error) .or. .not. is_found) return
          call self%short%look_for(self%request%over%kind, most_steps, result, n_steps, is_found, error)
          if (allocated(error) .or. is_found) exit
@@ -250,13 +250,13 @@ contains
    end subroutine try
 
    !> The motion of a point on its set.
-   function motion_at(self, place) result(rung)
+   function motion_at(self, place) result(level)
       type(motion_ridge_t), intent(in) :: self
-      type(curve_place_t), intent(in) :: place
-      type(rung_t) :: rung
+      type(curve_position_t), intent(in) :: place
+      type(level_t) :: level
 
-      rung = rung_of(self%scene, place)
-      rung%unknowns = [place%unknowns(:size(place%unknowns) - 1), 0.0_wp*self%scene%tones%omega]
+      level = level_of(self%model, place)
+      level%unknowns = [place%unknowns(:size(place%unknowns) - 1), 0.0_wp*self%model%tones%omega]
    end function motion_at
 
    !> Frees the curve; safe to call twice.

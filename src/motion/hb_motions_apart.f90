@@ -8,7 +8,7 @@ module hb_motions_apart
    use hb_newton, only: solve_newton
    use hb_other_motions, only: find_other, is_other, shifted
    use hb_outcome, only: outcome
-   use hb_rung, only: carry, join, rung_t
+   use hb_level, only: carry, join, level_t
    use hb_solver_types, only: report_t, solver_config_t
    implicit none
    private
@@ -40,7 +40,7 @@ contains
             call look_at(self, self%request%others(i), others, x, is_found, error)
             if (allocated(error)) return
             if (.not. is_found) exit
-            others = [others, origin_t(x=x, rung=self%rung)]
+            others = [others, origin_t(x=x, level=self%level)]
             call accept(self, known, x, is_found, error)
             if (allocated(error)) return
             if (is_found) return
@@ -58,21 +58,21 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(bordered_problem_t) :: held
       type(report_t) :: report
-      type(rung_t) :: rung
+      type(level_t) :: level
       type(solver_config_t) :: config
       real(wp), allocatable :: form(:, :), motions(:, :), solved(:)
       integer :: i
       logical :: is_new, is_possible
 
       is_found = .false.
-      if (self%scene%accuracy%is_on) then
-         rung = known(1)%rung
-         rung%unknowns = [known(1)%x(:size(known(1)%x) - size(self%problem%which)), 0.0_wp*self%scene%tones%omega]
+      if (self%model%accuracy%is_on) then
+         level = known(1)%level
+         level%unknowns = [known(1)%x(:size(known(1)%x) - size(self%problem%which)), 0.0_wp*self%model%tones%omega]
          do i = 2, size(known)
-            call join(rung, known(i)%rung%set, is_new)
-            rung%n_samples = max(rung%n_samples, known(i)%rung%n_samples)
+            call join(level, known(i)%level%set, is_new)
+            level%n_samples = max(level%n_samples, known(i)%level%n_samples)
          end do
-         call self%put_on(rung, error)
+         call self%put_on(level, error)
          if (allocated(error)) return
       end if
       motions = motions_of(self, known)
@@ -81,10 +81,10 @@ contains
       allocate (form(size(motions, 1), 1), source=0.0_wp)
       form(size(form), 1) = 1.0_wp
       call new_bordered_problem(held, self%problem, self%problem%which, form, [value])
-      config = self%problem%scene%solver
+      config = self%problem%model%solver
       config%tolerance = max(config%tolerance, 2.0_wp*self%problem%rounding_level(motions(:self%problem%n_unknowns, 1)))
       config%max_iterations = most_iterations
-      if (self%scene%accuracy%is_on) then                             ! what is driven away from must be a zero of this problem
+      if (self%model%accuracy%is_on) then                             ! what is driven away from must be a zero of this problem
          do i = 1, size(motions, 2)
             solved = motions(:, i)
             call solve_newton(held, config, solved, report)
@@ -92,7 +92,7 @@ contains
          end do
       end if
       x = motions(:, 1)
-      call find_other(held, config, self%problem%scene%harmonics, motions, x, is_found)
+      call find_other(held, config, self%problem%model%harmonics, motions, x, is_found)
       x(size(x)) = value
    end subroutine look_at
 
@@ -107,15 +107,15 @@ contains
       real(wp) :: value
 
       is_accepted = .true.
-      if (.not. self%scene%accuracy%is_on) return
+      if (.not. self%model%accuracy%is_on) return
       value = x(size(x))
       along = 0.0_wp*x
       along(size(x)) = 1.0_wp
       call settle(self, x, along, error)
       if (allocated(error)) return
       x(size(x)) = value
-      is_accepted = is_other(x, motions_of(self, known), self%problem%scene%harmonics, self%problem%x_scale, &
-                             clearly*self%scene%accuracy%tolerance)
+      is_accepted = is_other(x, motions_of(self, known), self%problem%model%harmonics, self%problem%x_scale, &
+                             clearly*self%model%accuracy%tolerance)
    end subroutine accept
 
    !> Motions on the set at hand, and the same ones shifted by periods of what drives them.
@@ -127,15 +127,15 @@ contains
       real(wp) :: x(self%problem%n_unknowns + 1)
       integer :: copy, i, m, n_copies
 
-      associate (scene => self%problem%scene, n => self%problem%n_unknowns)
-         n_copies = scene%tones%subharmonic**scene%tones%n_tones
-         allocate (motions(n + 1, 0), phases(scene%tones%n_tones))
+      associate (model => self%problem%model, n => self%problem%n_unknowns)
+         n_copies = model%tones%subharmonic**model%tones%n_tones
+         allocate (motions(n + 1, 0), phases(model%tones%n_tones))
          do i = 1, size(known)
             do copy = 0, n_copies - 1
-               phases = [(modulo(copy/scene%tones%subharmonic**(m - 1), scene%tones%subharmonic), m=1, scene%tones%n_tones)]
-               phases = two_pi/scene%tones%subharmonic*phases
-               x = carry(known(i)%rung%set, scene%harmonics, known(i)%x, 1)
-               if (copy > 0) x(:n) = shifted(x(:n), scene%harmonics, phases)
+               phases = [(modulo(copy/model%tones%subharmonic**(m - 1), model%tones%subharmonic), m=1, model%tones%n_tones)]
+               phases = two_pi/model%tones%subharmonic*phases
+               x = carry(known(i)%level%set, model%harmonics, known(i)%x, 1)
+               if (copy > 0) x(:n) = shifted(x(:n), model%harmonics, phases)
                motions = reshape([motions, x], [n + 1, size(motions, 2) + 1])
             end do
          end do

@@ -13,7 +13,7 @@ module hb_other_motions
    use hb_problem, only: problem_t
    use hb_solver_types, only: report_t, solver_config_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: deflated_share, find_other, is_other, shifted

@@ -5,7 +5,7 @@ module hb_time_domain
    use hb_text, only: to_text
    implicit none
    private
-   public :: highest_part, locking_t, may_be_locked, settled_t
+   public :: highest_part, locking_t, may_be_locked, steady_motion_t
 
    integer, parameter :: highest_part = 6                             !! of a tone that a common base frequency is
    real(wp), parameter :: close = 0.05_wp                             ! |q w_m - p w_l| relative to the larger tone
@@ -19,12 +19,12 @@ module hb_time_domain
       procedure :: message => locking_message
    end type locking_t
 
-   !> Where a scene ends that is followed through time.
-   type :: settled_t
-      integer :: status = outcome%pending                             !! of marching; pending: not known
+   !> Where a model ends that is followed through time.
+   type :: steady_motion_t
+      integer :: status = outcome%pending                             !! of time integration; pending: not known
       integer :: n_motions = 0                                        !! in which several starts end; 0: there was one start
       character(:), allocatable :: message                            !! what was found, or why nothing was
-      complex(wp), allocatable :: amplitudes(:, :)                    !! cos - i sin [m], (n_dofs, n_harmonics); where marched
+      complex(wp), allocatable :: amplitudes(:, :)                    !! cos - i sin [m], (n_dofs, n_harmonics); where integrated
       complex(wp), allocatable :: averages(:, :)                      !! likewise at the coordinates, (n_harmonics, n_coordinates)
       real(wp) :: amplitude = 0.0_wp                                  !! of the same root mean square, of the largest coordinate [m]
       real(wp) :: spread = 0.0_wp                                     !! of the coordinates of the laws between windows, relative;
@@ -34,7 +34,7 @@ module hb_time_domain
       integer :: n_periods = 0                                        !! of the slowest tone, in all
       logical :: is_out_of_work = .false.                             !! before anything was known
       real(wp) :: work = 0.0_wp                                       !! from counts, see hb_solver_types
-   end type settled_t
+   end type steady_motion_t
 
 contains
 
@@ -67,6 +67,7 @@ contains
       do m = 2, size(self%multiples)
          text = trim(text)//":"//to_text(self%multiples(m))
       end do
-      text = "the tones lock in the ratio "//trim(text)//", as marching shows: use one tone, near "//to_text(self%base)//" rad/s"
+      text = "the tones lock in the ratio "//trim(text)//", as time integration shows: use one tone, near "// &
+         to_text(self%base)//" rad/s"
    end function locking_message
 end module hb_time_domain

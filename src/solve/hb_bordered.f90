@@ -167,7 +167,7 @@ contains
          call self%base%tangent(x(:n), block)
          self%tangent_work = self%base%tangent_work
          jacobian(:n, :n) = block
-         call take_trouble(self)
+         call take_failure(self)
          if (allocated(self%row)) call self%row%gradient(self%base, x, self%forms(:, size(self%values)))
          jacobian(n + 1:, :) = transpose(self%forms)
          call self%find_border(x, self%border)
@@ -193,7 +193,7 @@ contains
          call self%base%parameter_derivative(x(:self%n_base), self%which(i), column)
          border(:, i) = column
       end do
-      call take_trouble(self)
+      call take_failure(self)
    end subroutine bordered_find_border
 
    subroutine bordered_linearise(self, x, is_ready)
@@ -206,15 +206,15 @@ contains
       call self%find_border(x, self%border)
       if (allocated(self%row)) call self%row%gradient(self%base, x, self%forms(:, size(self%values)))
       call self%base%linearise(x(:self%n_base), is_ready)
-      call take_trouble(self)
+      call take_failure(self)
    end subroutine bordered_linearise
 
    !> Takes over what the base problem could not do.
-   subroutine take_trouble(self)
+   subroutine take_failure(self)
       class(bordered_problem_t), intent(inout) :: self
 
-      if (allocated(self%base%trouble)) call move_alloc(self%base%trouble, self%trouble)
-   end subroutine take_trouble
+      if (allocated(self%base%failure)) call move_alloc(self%base%failure, self%failure)
+   end subroutine take_failure
 
    subroutine bordered_apply_tangent(self, x, product)
       class(bordered_problem_t), intent(inout) :: self

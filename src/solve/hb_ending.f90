@@ -5,7 +5,7 @@ module hb_ending
    use hb_outcome, only: outcome
    use hb_problem, only: problem_t
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_watch, only: verdict, verdict_on_work
+   use hb_cancellation, only: verdict, verdict_on_work
    implicit none
    private
    public :: end_at_point, end_if_over, end_without_step

@@ -11,7 +11,7 @@ module hb_gmres
    use hb_kinds, only: wp
    use hb_lapack, only: dgemv, dnrm2
    use hb_problem, only: problem_t
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: gmres_t, new_gmres

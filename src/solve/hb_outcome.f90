@@ -27,10 +27,10 @@ module hb_outcome
       integer :: timed_out = 15                        !! the point has had its processor time
       integer :: impact = 16                           !! solved, but a rigid wall is struck: a law of impact is missing
       integer :: unused = 17                           !! room for a point of a curve that has ended before
-      integer :: marched = 18                          !! no balance was found; the motion is that in which marching ends
-      integer :: subharmonic = 19                      !! marching ends in a motion that takes several periods
-      integer :: broadband = 20                        !! marching ends in a motion without order
-      integer :: several = 21                          !! marching ends in several motions, by where it starts
+      integer :: time_domain = 18 !! no balance was found; the motion is that in which time integration ends
+      integer :: subharmonic = 19                      !! time integration ends in a motion that takes several periods
+      integer :: broadband = 20                        !! time integration ends in a motion without order
+      integer :: several = 21                          !! time integration ends in several motions, by where it starts
       integer :: interrupted = -1                      !! the run ends: never in a file, where the point stays pending
    end type outcome_t
 
@@ -40,7 +40,7 @@ module hb_outcome
    character(*), parameter :: outcome_names(0:21) = [character(13) :: &
       "pending", "converged", "stalled", "out_of_budget", "singular", "not_finite", "failed", &
       "truncated", "aliased", "penetrating", "collapsed", "no_motion", "crashed", "diverged", "locked", &
-      "timed_out", "impact", "unused", "marched", "subharmonic", "broadband", "several"]
+      "timed_out", "impact", "unused", "time_domain", "subharmonic", "broadband", "several"]
 
    character(*), parameter :: texts(0:21) = [character(64) :: &
       "not solved yet", &
@@ -61,7 +61,7 @@ module hb_outcome
       "timed out: the point has used its limit of processor time", &
       "impact: solved, but a wall is struck: a law of impact is missing", &
       "unused: room for a point of a curve that has ended before", &
-      "marched: the motion is from time integration, no balance found", &
+      "time domain: from time integration, no balance was found", &
       "subharmonic: the motion takes several periods, see the message", &
       "broadband: time integration finds no motion of these tones", &
       "several: time integration ends in different motions, see message"]
@@ -86,12 +86,13 @@ contains
       if (is_status(status)) text = texts(status)
    end function outcome_text
 
-   !> Says whether there is a motion: from the balance, well enough for the thresholds of the certificate or not, or from marching.
+   !> Says whether there is a motion: from the balance, well enough for the thresholds of the certificate or not, or from time
+   !> integration.
    elemental logical function is_solved(status)
       integer, intent(in) :: status
 
       is_solved = any(status == [outcome%converged, outcome%truncated, outcome%aliased, outcome%penetrating, &
-                               outcome%impact, outcome%marched, outcome%several])
+                               outcome%impact, outcome%time_domain, outcome%several])
    end function is_solved
 
    !> The status, or one that there is.

@@ -21,10 +21,10 @@ module hb_problem
    real(wp), parameter :: growth = 14.0_wp                            ! of an amount along its way, about six decades
    real(wp), parameter :: farthest = 2.0_wp                           ! place beyond which it grows no more
 
-   !> Solvers work with x/x_scale and r/r_scale, so that the units of a scene do not matter to them.
+   !> Solvers work with x/x_scale and r/r_scale, so that the units of a model do not matter to them.
    type, abstract :: problem_t
       integer :: n_unknowns = 0
-      logical :: climbs_first = .false.                               !! from `coarse_guess`, before an attempt without
+      logical :: continues_in_order_first = .false.                   !! from `coarse_guess`, before an attempt without
       logical :: has_products = .false.                               !! with the tangent, by `linearise` and `apply_tangent`
       logical :: can_be_damped = .false.                              !! by `deform`
       integer :: largest_dense = default_largest_dense                !! unknowns up to which the dense tangent is cheaper
@@ -35,7 +35,7 @@ module hb_problem
       real(wp) :: preconditioner_work = 0.0_wp                        !! of a preconditioner of level 0; each further one: 8 times
       integer :: preconditioner_level = 0                             !! that solutions from products have come to need
       logical :: has_preconditioner = .false.                         !! of that level, with which the last took few products
-      type(error_t), allocatable :: trouble                           !! why a tangent, a product or a derivative by a parameter was
+      type(error_t), allocatable :: failure                           !! why a tangent, a product or a derivative by a parameter was
                                                                       !! not found; a solver takes it into its report
       real(wp), private :: place(3) = 1.0_wp                          ! on the way of each deformation
    contains
@@ -53,7 +53,7 @@ module hb_problem
       procedure :: parameter_scales => problem_parameter_scales
       procedure :: set_parameters => set_deformations
       procedure :: parameter_derivative => deformation_derivative
-      procedure :: lowest_rung => problem_lowest_rung
+      procedure :: lowest_level => problem_lowest_level
       procedure :: coarse_guess => problem_coarse_guess
       procedure :: has_sound_scales => problem_has_sound_scales
       procedure :: norm => problem_norm
@@ -217,16 +217,16 @@ contains
    end function amount_at
 
    !> Smallest share of its size, in each dimension, at which the problem still resembles itself; 1: no smaller one does.
-   pure real(wp) function problem_lowest_rung(self) result(share)
+   pure real(wp) function problem_lowest_level(self) result(share)
       class(problem_t), intent(in) :: self
 
       share = 1.0_wp
-   end function problem_lowest_rung
+   end function problem_lowest_level
 
    !> Improves a first guess by solving a smaller problem that resembles this one; most problems know of none.
    subroutine problem_coarse_guess(self, share, config, x, report, is_found)
       class(problem_t), intent(inout) :: self
-      real(wp), intent(in) :: share                                   !! of the size in each dimension, `lowest_rung` or more
+      real(wp), intent(in) :: share                                   !! of the size in each dimension, `lowest_level` or more
       type(solver_config_t), intent(in) :: config
       real(wp), intent(inout), contiguous :: x(:)                     !! (n_unknowns), a first guess and then the better one
       type(report_t), intent(out) :: report                           !! the work that it took

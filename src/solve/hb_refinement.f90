@@ -3,7 +3,8 @@
 !>
 !> What is refined extends `refinable_t`: it solves, chooses and transfers; the loop counts levels, failures and levels that gain
 !> nothing. Users: points and normal modes (hb_accurate_motion), steps and motions of a curve (hb_curve_sets), motions found by time
-!> integration (hb_march_to_tolerance). Source: nested iteration, Hackbusch, Multi-Grid Methods and Applications (1985), chapter 5.
+!> integration (hb_integrate_to_tolerance). Source: nested iteration, Hackbusch, Multi-Grid Methods and Applications (1985), chapter
+!> 5.
 module hb_refinement
    use hb_error, only: error_t
    use hb_kinds, only: wp

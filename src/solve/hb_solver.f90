@@ -8,30 +8,31 @@ module hb_solver
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_problem, only: deformation, problem_t
-   use hb_solver_types, only: largest_affordable, method, report_t, rescue, solver_config_t
+   use hb_solver_types, only: largest_affordable, method, report_t, fallback, solver_config_t
    implicit none
    private
    public :: solve
 
    real(wp), parameter :: shares(8) = [0.5_wp, 0.2_wp, 0.1_wp, 0.05_wp, 0.02_wp, -0.5_wp, 1.5_wp, -0.1_wp] ! of the linear solution
 
-   integer, parameter :: kinds(9) = [rescue%other_guess, rescue%fewer_harmonics, rescue%damping, & ! in this order
-                                    rescue%nonlinearity, rescue%none, rescue%other_method, rescue%both_other, rescue%load, &
-                                    rescue%several_guesses]
+   integer, parameter :: kinds(9) = [fallback%other_guess, fallback%fewer_harmonics, fallback%damping, & ! in this order
+                                    fallback%nonlinearity, fallback%none, fallback%other_method, fallback%both_other, &
+                                       fallback%load, &
+                                    fallback%several_guesses]
    integer, parameter :: n_ways_without_matrix = 2
    integer, parameter :: patience = 10                                ! with an attempt, where other ways are left
    integer, parameter :: easy_iterations = 2                          ! of a problem that is almost linear
-   real(wp), parameter :: largest_rung = 2.4_wp                       ! from one problem to the next larger one
+   real(wp), parameter :: largest_level = 2.4_wp                      ! from one problem to the next larger one
 
 contains
 
-   !> Solves r(x) = 0 from the given x: by climbing from a smaller problem where that pays as the first way, else by a direct
-   !> attempt. When that fails and rescue is on: another first guess, climbing, artificial damping that fades, homotopy in the
-   !> nonlinearity from the linear solution, the direct attempt with more patience, the other method, the other guess with it,
-   !> homotopy in the load from zero, several guesses. The report adds up all attempts and says which one succeeded; if none did, x
-   !> and the status are those of the direct attempt, unless the time was up.
+   !> Solves r(x) = 0 from the given x: by continuation in order from a smaller problem where that pays as the first way, else by a
+   !> direct attempt. When that fails and fallback is on: another first guess, continuation in order, artificial damping that fades,
+   !> homotopy in the nonlinearity from the linear solution, the direct attempt with more patience, the other method, the other
+   !> guess with it, homotopy in the load from zero, several guesses. The report adds up all attempts and says which one succeeded;
+   !> if none did, x and the status are those of the direct attempt, unless the time was up.
    !>
-   !> The rescues together may take the work that the settings allow, or some times that of the direct attempt; each at most half
+   !> The fallbacks together may take the work that the settings allow, or some times that of the direct attempt; each at most half
    !> of what is left, so that none takes it from all that follow.
    !>
    !> Not finite where the scales of the problem are out of range.
@@ -46,7 +47,7 @@ contains
       real(wp), allocatable :: first_guess(:), other_guess(:), trial(:)
       real(wp) :: all_work
       integer :: chosen, i, other_method, kind
-      logical :: has_climbed
+      logical :: has_continued_in_order
 
       if (.not. problem%has_sound_scales()) then
          x = 0.0_wp
@@ -62,11 +63,12 @@ contains
                                                 problem%has_products .and. problem%n_unknowns > problem%largest_dense)
       other_method = merge(method%broyden, method%newton, chosen == method%newton)
       limited = config
-      if (config%rescue) limited%patience = patience
-      has_climbed = config%rescue .and. config%climbs .and. problem%climbs_first .and. chosen /= method%broyden
-      if (has_climbed) then
+      if (config%fallback) limited%patience = patience
+      has_continued_in_order = config%fallback .and. config%continues_in_order .and. problem%continues_in_order_first .and. &
+         chosen /= method%broyden
+      if (has_continued_in_order) then
          trial = first_guess
-         call climb(problem, limited, chosen, trial, attempt)
+         call refine(problem, limited, chosen, trial, attempt)
          if (has_ended(attempt)) then
             x = trial
             report = attempt
@@ -74,46 +76,46 @@ contains
          end if
       end if
       call solve_directly(problem, limited, chosen, x, report)
-      if (has_climbed) call report%add(attempt)
+      if (has_continued_in_order) call report%add(attempt)
       if (report%status == outcome%converged) return
-      report%attempts = [report%as_attempt(rescue%none)]
-      if (has_climbed .and. attempt%status /= outcome%pending) &
-         report%attempts = [report%attempts, attempt%as_attempt(rescue%fewer_harmonics)]
-      if (has_ended(report) .or. .not. config%rescue) return
-      all_work = report%work + max(config%rescue_work, config%rescue_share*report%work)
+      report%attempts = [report%as_attempt(fallback%none)]
+      if (has_continued_in_order .and. attempt%status /= outcome%pending) &
+         report%attempts = [report%attempts, attempt%as_attempt(fallback%fewer_harmonics)]
+      if (has_ended(report) .or. .not. config%fallback) return
+      all_work = report%work + max(config%fallback_work, config%fallback_share*report%work)
       do i = 1, merge(size(kinds), n_ways_without_matrix, problem%n_unknowns <= largest_affordable)
          kind = kinds(i)
          limited%work_limit = 0.5_wp*(all_work - report%work)
          if (limited%work_limit < problem%residual_work) exit
          limited%patience = 0
-         if (any(kind == [rescue%other_guess, rescue%several_guesses])) limited%patience = patience
+         if (any(kind == [fallback%other_guess, fallback%several_guesses])) limited%patience = patience
          select case (kind)
-         case (rescue%fewer_harmonics)
-            if (has_climbed .or. .not. config%climbs) cycle
+         case (fallback%fewer_harmonics)
+            if (has_continued_in_order .or. .not. config%continues_in_order) cycle
             trial = first_guess
-            call climb(problem, limited, chosen, trial, attempt)
+            call refine(problem, limited, chosen, trial, attempt)
             if (attempt%status == outcome%pending) cycle
-         case (rescue%damping)
+         case (fallback%damping)
             if (.not. problem%can_be_damped) cycle
             limited%patience = patience
             trial = 0.0_wp*linear_solution
             call solve_by_damping(problem, limited, chosen, trial, attempt)
-         case (rescue%none)
+         case (fallback%none)
             trial = first_guess
             call solve_directly(problem, limited, chosen, trial, attempt)
-         case (rescue%other_guess)
+         case (fallback%other_guess)
             trial = other_guess
             call solve_directly(problem, limited, chosen, trial, attempt)
-         case (rescue%other_method)
+         case (fallback%other_method)
             trial = first_guess
             call solve_directly(problem, limited, other_method, trial, attempt)
-         case (rescue%both_other)
+         case (fallback%both_other)
             trial = other_guess
             call solve_directly(problem, limited, other_method, trial, attempt)
-         case (rescue%nonlinearity)
+         case (fallback%nonlinearity)
             trial = linear_solution
             call solve_by_homotopy(problem, limited, deformation%nonlinearity, trial, attempt)
-         case (rescue%load)
+         case (fallback%load)
             trial = 0.0_wp*linear_solution
             call solve_by_homotopy(problem, limited, deformation%load, trial, attempt)
          case default
@@ -126,54 +128,56 @@ contains
          if (attempt%status /= outcome%converged) return
          x = trial
          report%residual = attempt%residual
-         report%rungs = attempt%rungs
-         report%rescue = kind
+         report%levels = attempt%levels
+         report%fallback = kind
          return
       end do
    end subroutine solve
 
    !> Solves the smallest problem that resembles this one by all ways, larger ones from its solution, and the problem at last. The
-   !> status stays `pending` where there is no smaller problem or no solution of one; `rescue` says what led to the first solution.
-   recursive subroutine climb(problem, config, chosen, x, report)
+   !> status stays `pending` where there is no smaller problem or no solution of one; `fallback` says what led to the first
+   !> solution.
+   recursive subroutine refine(problem, config, chosen, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
       integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
       real(wp), intent(inout), contiguous :: x(:)                     !! a first guess, then the last point reached
       type(report_t), intent(out) :: report
       type(report_t) :: step
-      type(solver_config_t) :: all_ways, limited
+      type(solver_config_t) :: all_methods, limited
       real(wp), allocatable :: shares(:)
       integer :: i
       logical :: is_found, is_solved
 
-      call find_shares(problem%lowest_rung(), shares)
+      call find_shares(problem%lowest_level(), shares)
       if (size(shares) == 0) return
-      all_ways = config
-      all_ways%climbs = .false.
-      all_ways%rescue_work = min(config%rescue_work, 0.5_wp*config%work_limit)
-      all_ways%work_limit = huge(1.0_wp)                              ! the ways keep to their budget
+      all_methods = config
+      all_methods%continues_in_order = .false.
+      all_methods%fallback_work = min(config%fallback_work, 0.5_wp*config%work_limit)
+      all_methods%work_limit = huge(1.0_wp)                           ! the ways keep to their budget
       limited = config
-      limited%climbs = .false.
-      limited%rescue = .false.
+      limited%continues_in_order = .false.
+      limited%fallback = .false.
       limited%patience = 0                                            ! it is near
       is_found = .false.
       do i = 1, size(shares)
-         if (is_found) call climb_to(shares(i), shares(i - 1), is_solved)
-         if (.not. is_found .or. .not. is_solved) call take(problem_rung=shares(i), config_of_rung=all_ways, is_there=is_solved)
+         if (is_found) call refine_to(shares(i), shares(i - 1), is_solved)
+         if (.not. is_found .or. .not. is_solved) call take(problem_level=shares(i), config_of_level=all_methods, &
+            is_there=is_solved)
          if (is_over()) return
          if (is_solved .and. .not. is_found) then
             is_found = .true.
-            report%rescue = step%rescue
-            if (step%rescue == rescue%none .and. step%iterations <= easy_iterations) exit
+            report%fallback = step%fallback
+            if (step%fallback == fallback%none .and. step%iterations <= easy_iterations) exit
          end if
       end do
-      if (is_found) call climb_to(1.0_wp, shares(min(i, size(shares))), is_solved)
+      if (is_found) call refine_to(1.0_wp, shares(min(i, size(shares))), is_solved)
       if (is_found) report%status = step%status
 
    contains
 
-      !> One rung up, if need be by way of one in between.
-      subroutine climb_to(share, share_below, is_there)
+      !> One level up, if need be by way of one in between.
+      subroutine refine_to(share, share_below, is_there)
          real(wp), intent(in) :: share, share_below
          logical, intent(out) :: is_there
          logical :: is_between
@@ -182,22 +186,22 @@ contains
          if (is_there .or. is_over()) return
          call take(0.5_wp*(share + share_below), limited, is_between)
          if (is_between .and. .not. is_over()) call take(share, limited, is_there)
-      end subroutine climb_to
+      end subroutine refine_to
 
       !> Solves a problem of the size given from x; x stays where that fails, but for the problem itself.
-      subroutine take(problem_rung, config_of_rung, is_there)
-         real(wp), intent(in) :: problem_rung
-         type(solver_config_t), intent(inout) :: config_of_rung
+      subroutine take(problem_level, config_of_level, is_there)
+         real(wp), intent(in) :: problem_level
+         type(solver_config_t), intent(inout) :: config_of_level
          logical, intent(out) :: is_there
          real(wp) :: before(size(x))
 
-         config_of_rung%work_limit = config%work_limit - report%work
-         if (problem_rung < 1.0_wp) then
-            call problem%coarse_guess(problem_rung, config_of_rung, x, step, is_there)
-            if (is_there) report%rungs = report%rungs + 1
+         config_of_level%work_limit = config%work_limit - report%work
+         if (problem_level < 1.0_wp) then
+            call problem%coarse_guess(problem_level, config_of_level, x, step, is_there)
+            if (is_there) report%levels = report%levels + 1
          else
             before = x
-            call solve_directly(problem, config_of_rung, chosen, x, step)
+            call solve_directly(problem, config_of_level, chosen, x, step)
             is_there = step%status == outcome%converged
             report%residual = step%residual
             report%best = min(report%best, step%best)
@@ -212,7 +216,7 @@ contains
          is_over = has_ended(step) .and. step%status /= outcome%converged
          if (is_over) report%status = step%status
       end function is_over
-   end subroutine climb
+   end subroutine refine
 
    !> Sizes of the smaller problems, relative and in geometric progression; none where not even the smallest is smaller.
    pure subroutine find_shares(lowest, shares)
@@ -221,7 +225,7 @@ contains
       integer :: i, n
 
       n = 0
-      if (lowest < 1.0_wp) n = max(1, ceiling(log(1.0_wp/lowest)/log(largest_rung)))
+      if (lowest < 1.0_wp) n = max(1, ceiling(log(1.0_wp/lowest)/log(largest_level)))
       shares = [(lowest**(1.0_wp - real(i, wp)/n), i=0, n - 1)]
    end subroutine find_shares
 
@@ -314,7 +318,7 @@ contains
       type(report_t), intent(out) :: report
       type(solver_config_t) :: patient
 
-      if (allocated(problem%trouble)) deallocate (problem%trouble)
+      if (allocated(problem%failure)) deallocate (problem%failure)
       if (chosen == method%broyden) then
          patient = config
          patient%patience = 0                                         ! many cheap iterations
@@ -325,10 +329,10 @@ contains
          call solve_newton(problem, config, x, report)
       end if
       report%work = problem%work_of(report)
-      if (.not. allocated(problem%trouble)) return
+      if (.not. allocated(problem%failure)) return
       if (any(report%status == [outcome%singular, outcome%stalled, outcome%not_finite])) then
          report%status = outcome%failed
-         call move_alloc(problem%trouble, report%error)
+         call move_alloc(problem%failure, report%error)
       end if
    end subroutine solve_directly
 end module hb_solver

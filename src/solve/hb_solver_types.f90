@@ -6,7 +6,7 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: attempt_t, largest_affordable, method, report_t, rescue, rescue_names
+   public :: attempt_t, largest_affordable, method, report_t, fallback, fallback_names
    public :: share_of_solver, solver_config_t, unit_of_work
 
    type :: method_t
@@ -21,11 +21,11 @@ module hb_solver_types
    !> Work is counted, never measured, so that no result depends on the machine. One of work is about a nanosecond of a processor,
    !> in solvers, time integration and stability alike; inputs give it in this unit, about a second.
    real(wp), parameter :: unit_of_work = 1.0e9_wp
-   real(wp), parameter :: share_of_solver = 0.05_wp                   !! of the work of all rescues, the rest: time integration
+   real(wp), parameter :: share_of_solver = 0.05_wp                   !! of the work of all fallbacks, the rest: time integration
    integer, parameter :: largest_affordable = 10000                   !! unknowns up to which a dense tangent fits at all, in 0.8 GB
 
    !> What was needed beside the direct attempt; numbers as in the result file.
-   type :: rescue_t
+   type :: fallback_t
       integer :: none = 0
       integer :: other_guess = 1                                      !! from zero, or from the linear motion
       integer :: other_method = 2                                     !! Broyden after Newton, or the other way round
@@ -34,43 +34,43 @@ module hb_solver_types
       integer :: load = 5                                             !! homotopy in the loads
       integer :: several_guesses = 6                                  !! from shares of the linear motion
       integer :: fewer_harmonics = 7                                  !! from the solution of a smaller problem
-      integer :: march = 8                                            !! from where marching ends
+      integer :: integration = 8                                      !! from where time integration ends
       integer :: damping = 9                                          !! artificial damping, less and less of it
-   end type rescue_t
-   type(rescue_t), parameter :: rescue = rescue_t()
-   character(*), parameter :: rescue_names(0:9) = [character(22) :: &
+   end type fallback_t
+   type(fallback_t), parameter :: fallback = fallback_t()
+   character(*), parameter :: fallback_names(0:9) = [character(22) :: &
       "none", "other_guess", "other_method", "other_guess_and_method", "nonlinearity_homotopy", "load_homotopy", &
-      "several_guesses", "fewer_harmonics", "march", "damping"]
+      "several_guesses", "fewer_harmonics", "integration", "damping"]
 
    !> Settings of a solver; the component initialisers are the defaults that the table of input keys has for `&solver`.
    type :: solver_config_t
       integer :: method = method%auto
       real(wp) :: tolerance = 1.0e-12_wp                              !! norm of the residual relative to the forces
       logical :: has_tolerance = .false.                              !! it was asked for, whatever else is
-      logical :: has_rescue_work = .false.                            !! likewise
+      logical :: has_fallback_work = .false.                          !! likewise
       integer :: max_iterations = 100
       integer :: patience = 0                                         !! iterations that may gain nothing; 0: all
-      logical :: climbs = .true.                                      !! from fewer harmonics first, where that pays
+      logical :: continues_in_order = .true.                          !! from fewer harmonics first, where that pays
       logical :: line_search = .true.
       logical :: repeats_tangent = .true.                             !! Newton: steps with the factors at hand, where that will do
       integer :: memory = 40                                          !! updates that Broyden keeps before it takes a new tangent
       logical :: start_with_tangent = .false.                         !! Broyden's first Jacobian: tangent, else linear part
-      logical :: rescue = .true.                                      !! try other ways when the direct attempt fails
-      logical :: rescue_by_march = .true.                             !! and march where none of them finds a motion
+      logical :: fallback = .true.                                    !! try other ways when the direct attempt fails
+      logical :: fallback_by_integration = .true.                     !! and time integration where none of them finds a motion
       integer :: krylov_vectors = 150                                 !! of GMRES until it restarts
       integer :: krylov_patience = 100                                !! products until the preconditioner gets stronger, at least
       integer :: krylov_products = 1000                               !! with the tangent, at most, for one step
       integer :: preconditioner_level = 0                             !! that solutions from products begin with
       integer :: homotopy_iterations = 500                            !! of all corrections on the way
-      real(wp) :: rescue_work = 2.0e9_wp                              !! of all rescues, as `work` of a report
-      real(wp) :: rescue_share = 4.0_wp                               !! at least so many times that of the direct attempt
+      real(wp) :: fallback_work = 2.0e9_wp                            !! of all fallbacks, as `work` of a report
+      real(wp) :: fallback_share = 4.0_wp                             !! at least so many times that of the direct attempt
       real(wp) :: work_limit = huge(1.0_wp)                           !! of the attempt that gets these settings
       real(wp) :: time_limit = huge(1.0_wp)                           !! of the processor, for one point [s]
    end type solver_config_t
 
    !> One of the ways that were tried, and what came of it.
    type :: attempt_t
-      integer :: kind = rescue%none                                   !! one of `rescue`; none: the direct attempt
+      integer :: kind = fallback%none                                 !! one of `fallback`; none: the direct attempt
       integer :: status = outcome%pending                             !! one of hb_outcome%outcome
       integer :: iterations = 0
       real(wp) :: best = huge(1.0_wp)                                 !! least norm of the residual, relative
@@ -83,10 +83,10 @@ module hb_solver_types
       integer :: status = outcome%pending                             !! one of hb_outcome%outcome
       integer :: iterations = 0
       integer :: evaluations = 0                                      !! of the residual
-      integer :: rungs = 0                                            !! smaller problems solved on the way to the solution
+      integer :: levels = 0                                           !! smaller problems solved on the way to the solution
       integer :: factorizations = 0                                   !! of a tangent
       integer :: products = 0                                         !! with a tangent
-      integer :: rescue = rescue%none                                 !! what led to the solution
+      integer :: fallback = fallback%none                             !! what led to the solution
       real(wp) :: work = 0.0_wp                                       !! see `unit_of_work`
       real(wp) :: residual = huge(1.0_wp)                             !! last norm, relative
       real(wp) :: first = -1.0_wp                                     !! first norm, relative; negative: none
@@ -141,7 +141,7 @@ contains
    !> What is kept of an attempt by the way given.
    pure type(attempt_t) function report_as_attempt(self, kind) result(attempt)
       class(report_t), intent(in) :: self
-      integer, intent(in) :: kind                                     !! one of `rescue`
+      integer, intent(in) :: kind                                     !! one of `fallback`
 
       real(wp) :: last
 

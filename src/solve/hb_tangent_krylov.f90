@@ -4,7 +4,7 @@ module hb_tangent_krylov
    use hb_gmres, only: gmres_t, new_gmres
    use hb_kinds, only: wp
    use hb_problem, only: problem_t
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: new_tangent_krylov, tangent_krylov_t

@@ -3,12 +3,12 @@
 module hb_floquet
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
-   use hb_exponents, only: exponents_t, find_exponents, laps_t, work_of_exponents
+   use hb_exponents, only: exponents_t, find_exponents, propagation_t, work_of_exponents
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: two_pi, wp
    use hb_koopman_hill, only: hill_t, new_hill
    use hb_law, only: law_box_t
-   use hb_linear_laps, only: linear_laps_t, new_linear_laps
+   use hb_linear_propagation, only: linear_propagation_t, new_linear_propagation
    use hb_monodromy, only: find_monodromy, monodromy_t, work_of_monodromy, work_of_transfer
    use hb_multipliers, only: deflate, eigenvalues_of
    use hb_piecewise_orbit, only: find_piecewise_orbit, has_piecewise_orbit, piecewise_orbit_t, work_of_piecewise_orbit
@@ -18,13 +18,13 @@ module hb_floquet
    use hb_variation, only: least_work, new_variation, variation_t
    implicit none
    private
-   public :: floquet_t, has_to_be_marched, judge_exponents, judge_matrix, work_on_demand
+   public :: floquet_t, has_to_be_integrated, assess_exponents, assess_matrix, work_on_demand
 
    real(wp), parameter :: smallest_margin = 1.0e-9_wp                 ! of a multiplier from 1 that is sure
    real(wp), parameter :: safety = 10.0_wp                            ! on the estimate of the error
    real(wp), parameter :: safety_of_spread = 3.0_wp                   ! on the difference of both halves of a record
    real(wp), parameter :: largest_surge = log(100.0_wp)               ! what is 1 % grows as large as the motion before it decays
-   integer, parameter :: laps_of_haste = 25                           ! where more take too long; doubled while that is not enough
+   integer, parameter :: periods_of_haste = 25                        ! where more take too long; doubled while that is not enough
    real(wp), parameter :: most_work_of_orbit = 1.0e8_wp               ! likewise; high modes need more, and keep the series
    real(wp), parameter :: work_on_demand = 6.0e10_wp                  !! in about a nanosecond: a minute
 
@@ -54,7 +54,7 @@ contains
       real(wp) :: limit, work
       logical :: is_orbit_sought
 
-      if (config%method == stability_method%off .or. has_to_be_marched(laws)) return
+      if (config%method == stability_method%off .or. has_to_be_integrated(laws)) return
       how = config
       limit = self%work_limit(config, work_allowed)
       stability%is_too_costly = least_work(structure%n_dofs) > limit  ! however the motion is: the mass is not divided by
@@ -64,17 +64,17 @@ contains
       if (motion%tones%n_tones == 1) then
          work = work_of_monodromy(variation)
       else
-         associate (work_of_lap => work_of_transfer(variation, two_pi/minval(motion%tones%omega)))
-            work = work_of_exponents(work_of_lap, how%fewest_laps)
+         associate (work_of_period => work_of_transfer(variation, two_pi/minval(motion%tones%omega)))
+            work = work_of_exponents(work_of_period, how%fewest_periods)
             if (work > limit .and. config%method == stability_method%auto) then
-               how%fewest_laps = min(how%fewest_laps, laps_of_haste)
-               work = work_of_exponents(work_of_lap, how%fewest_laps)
+               how%fewest_periods = min(how%fewest_periods, periods_of_haste)
+               work = work_of_exponents(work_of_period, how%fewest_periods)
             end if
          end associate
       end if
       stability%is_too_costly = work > limit
       if (stability%is_too_costly) return
-      stability%method = stability_method%march
+      stability%method = stability_method%integration
       if (config%method == stability_method%hill .and. variation%is_smooth()) then
          allocate (hill)
          call new_hill(hill, variation, work_on_demand, error)
@@ -86,13 +86,13 @@ contains
       if (has_piecewise_orbit(variation) .and. .not. any(motion%tones%is_unknown)) &
          is_orbit_sought = work + work_of_piecewise_orbit(variation) <= min(limit, most_work_of_orbit)
       if (is_orbit_sought) then
-         call judge_orbit(stability, variation, structure, motion, excitation)
+         call assess_orbit(stability, variation, structure, motion, excitation)
          return
       end if
       if (motion%tones%n_tones == 1) then
-         call judge_period(stability, config, variation, motion%amplitudes, motion%tones%is_unknown(1), hill)
+         call assess_period(stability, config, variation, motion%amplitudes, motion%tones%is_unknown(1), hill)
       else
-         call judge_torus(stability, how, variation, motion%amplitudes, motion%tones%is_unknown, min(limit, work_on_demand), hill)
+         call assess_torus(stability, how, variation, motion%amplitudes, motion%tones%is_unknown, min(limit, work_on_demand), hill)
       end if
    end subroutine floquet_find
 
@@ -130,7 +130,7 @@ contains
    end function shifts_of
 
    !> Exponents of a motion of several tones.
-   subroutine judge_torus(self, config, variation, amplitudes, is_unknown, work_limit, hill)
+   subroutine assess_torus(self, config, variation, amplitudes, is_unknown, work_limit, hill)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(variation_t), intent(inout), target :: variation
@@ -138,44 +138,44 @@ contains
       logical, intent(in) :: is_unknown(:)
       real(wp), intent(in) :: work_limit
       type(hill_t), allocatable, intent(inout) :: hill
-      type(linear_laps_t) :: laps
+      type(linear_propagation_t) :: propagation
 
-      call new_linear_laps(laps, variation, shifts_of(variation, amplitudes, is_unknown), config%tolerance)
-      call move_alloc(hill, laps%hill)
-      call judge_exponents(self, laps, work_limit, config)
-   end subroutine judge_torus
+      call new_linear_propagation(propagation, variation, shifts_of(variation, amplitudes, is_unknown), config%tolerance)
+      call move_alloc(hill, propagation%hill)
+      call assess_exponents(self, propagation, work_limit, config)
+   end subroutine assess_torus
 
-   !> Follows disturbances lap by lap, and tells what their growth says.
-   subroutine judge_exponents(self, laps, work_limit, config)
+   !> Follows disturbances period by period, and tells what their growth says.
+   subroutine assess_exponents(self, propagation, work_limit, config)
       type(stability_t), intent(inout) :: self
-      class(laps_t), intent(inout) :: laps
+      class(propagation_t), intent(inout) :: propagation
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
       type(stability_config_t), intent(in) :: config
       type(exponents_t) :: found
       real(wp) :: margin
 
-      call find_exponents(found, laps, work_limit, config%fewest_laps, config%most_laps)
+      call find_exponents(found, propagation, work_limit, config%fewest_periods, config%most_periods)
       if (.not. allocated(found%rate)) return
       self%exponents = found%rate(:min(size(found%rate), most_multipliers))
       self%estimate = found%spread(1)
-      self%n_laps = found%n_laps
-      margin = max(safety_of_spread*found%spread(1), smallest_margin*two_pi/laps%length)
+      self%n_periods = found%n_periods
+      margin = max(safety_of_spread*found%spread(1), smallest_margin*two_pi/propagation%length)
       self%n_unstable = count(found%rate > safety_of_spread*found%spread .and. found%rate > margin)
       if (self%n_unstable > 0) then
          self%verdict = verdict%unstable
-      else if (laps%surge > largest_surge) then                       ! stable for disturbances that are never met
+      else if (propagation%surge > largest_surge) then                ! stable for disturbances that are never met
          self%verdict = verdict%unknown
-         self%growth = exp(laps%surge)
+         self%growth = exp(propagation%surge)
       else if (maxval(found%rate) < -margin) then
          self%verdict = verdict%stable
       else
          self%is_too_costly = found%is_cut_short
       end if
-   end subroutine judge_exponents
+   end subroutine assess_exponents
 
    !> Multipliers of the periodic motion under laws of piecewise constant slope next to the one given; none where there is none.
    !> Those of a truncated motion may be far off although it is not: they depend on when it enters and leaves contact.
-   subroutine judge_orbit(self, variation, structure, motion, excitation)
+   subroutine assess_orbit(self, variation, structure, motion, excitation)
       type(stability_t), intent(inout) :: self
       type(variation_t), intent(in) :: variation
       type(structure_t), intent(in) :: structure
@@ -186,13 +186,13 @@ contains
       call find_piecewise_orbit(orbit, variation, structure, motion%amplitudes, excitation)
       self%estimate = 1.0_wp                                          ! the series is too far from any periodic motion
       if (.not. orbit%is_found) return
-      self%is_marched = .true.
+      self%is_integrated = .true.
       self%estimate = orbit%estimate
-      call judge_matrix(self, orbit%matrix, variation%motion%omega(1))
-   end subroutine judge_orbit
+      call assess_matrix(self, orbit%matrix, variation%motion%omega(1))
+   end subroutine assess_orbit
 
    !> Multipliers of a periodic motion.
-   subroutine judge_period(self, config, variation, amplitudes, is_free, hill)
+   subroutine assess_period(self, config, variation, amplitudes, is_free, hill)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(variation_t), intent(inout) :: variation
@@ -220,11 +220,11 @@ contains
          self%estimate = max(self%estimate, norm2(matmul(monodromy%matrix, shift) - shift)/norm2(shift))
          call deflate(monodromy%matrix, shift)
       end if
-      call judge_matrix(self, monodromy%matrix, variation%motion%omega(1))
-   end subroutine judge_period
+      call assess_matrix(self, monodromy%matrix, variation%motion%omega(1))
+   end subroutine assess_period
 
    !> Keeps the multipliers of a monodromy matrix and tells what they say, with the estimate that there is.
-   subroutine judge_matrix(self, matrix, omega)
+   subroutine assess_matrix(self, matrix, omega)
       type(stability_t), intent(inout) :: self
       real(wp), intent(in) :: matrix(:, :)
       real(wp), intent(in) :: omega                                   !! [rad/s]
@@ -242,21 +242,21 @@ contains
       end if
       self%multipliers = multipliers(:min(size(multipliers), most_multipliers))
       self%exponents = log(max(abs(self%multipliers), tiny(1.0_wp)))*omega/two_pi
-   end subroutine judge_matrix
+   end subroutine assess_matrix
 
    !> Whether a law leads through events that have no linearised equations here: rigid ones, and sliders without bounds.
-   pure logical function has_to_be_marched(laws)
+   pure logical function has_to_be_integrated(laws)
       type(law_box_t), intent(in) :: laws(:)
       integer :: i
 
-      has_to_be_marched = .false.
+      has_to_be_integrated = .false.
       do i = 1, size(laws)
          select type (law => laws(i)%law)
          class is (hysteretic_law_t)
-            has_to_be_marched = has_to_be_marched .or. .not. law%has_bounds
+            has_to_be_integrated = has_to_be_integrated .or. .not. law%has_bounds
          end select
-         has_to_be_marched = has_to_be_marched .or. laws(i)%law%is_multiplier
+         has_to_be_integrated = has_to_be_integrated .or. laws(i)%law%is_multiplier
       end do
-   end function has_to_be_marched
+   end function has_to_be_integrated
 
 end module hb_floquet

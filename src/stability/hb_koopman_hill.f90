@@ -12,7 +12,7 @@ module hb_koopman_hill
    use hb_kinds, only: two_pi, wp
    use hb_matrix_exponential, only: count_exponential, exponential_of
    use hb_variation, only: variation_t
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: hill_t, new_hill

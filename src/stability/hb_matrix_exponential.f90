@@ -6,7 +6,7 @@
 module hb_matrix_exponential
    use hb_kinds, only: wp
    use hb_lapack, only: dgemm, dgetrf, dgetrs
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: count_exponential, exponential_of, exponential_of_two, per_multiplication, product_of

@@ -9,7 +9,7 @@ module hb_monodromy
    use hb_variation, only: piece_t, variation_t
    use hb_variation_pieces, only: cut_time, settle_sliders
    use hb_variation_steps, only: propagate
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: find_monodromy, find_transfer, monodromy_t, n_looks_of, work_of_monodromy, work_of_transfer
@@ -95,12 +95,12 @@ contains
    !> About how many nanoseconds the monodromy matrix takes usually.
    pure real(wp) function work_of_monodromy(variation) result(work)
       type(variation_t), intent(in) :: variation
-      integer, parameter :: usual_laps = 2                            ! until sliders repeat their places
+      integer, parameter :: usual_periods = 2                         ! until sliders repeat their places
       real(wp), parameter :: set_up = 3.0e4_wp
 
       associate (length => two_pi/variation%motion%omega(1))
          work = set_up + work_of_transfer(variation, length)
-         if (variation%n_states > 0) work = work + usual_laps*work_of_cuts(variation, length)
+         if (variation%n_states > 0) work = work + usual_periods*work_of_cuts(variation, length)
       end associate
    end function work_of_monodromy
 

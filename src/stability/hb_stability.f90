@@ -20,10 +20,10 @@ module hb_stability
       integer :: off = 0
       integer :: auto = 1
       integer :: hill = 2
-      integer :: march = 3
+      integer :: integration = 3
    end type stability_method_t
    type(stability_method_t), parameter :: stability_method = stability_method_t()
-   character(5), parameter :: stability_method_names(0:3) = [character(5) :: "off", "auto", "hill", "march"]
+   character(11), parameter :: stability_method_names(0:3) = [character(11) :: "off", "auto", "hill", "integration"]
 
    type :: verdict_t
       integer :: unstable = -1
@@ -38,18 +38,18 @@ module hb_stability
       real(wp) :: work_spent = 0.0_wp                                 !! on the motion, in about a nanosecond: as much `auto` may
                                                                       !! take in any case
       real(wp) :: tolerance = 1.0e-6_wp                               !! of the monodromy matrix, relative
-      integer :: fewest_laps = 100                                    !! of the slowest tone, for exponents
-      integer :: most_laps = 800                                      !! likewise, while the sign of the largest is not clear
-      logical :: is_marched = .false.                                 !! of the motion that repeats when it is marched, in any case
+      integer :: fewest_periods = 100                                 !! of the slowest tone, for exponents
+      integer :: most_periods = 800                                   !! likewise, while the sign of the largest is not clear
+      logical :: is_integrated = .false. !! of the motion that repeats when it is integrated, in any case
    end type stability_config_t
 
    type :: stability_t
       integer :: verdict = verdict%unknown
       integer :: n_unstable = 0                                       !! multipliers outside of the unit circle, or exponents > 0
       integer :: method = stability_method%off                        !! that was used
-      logical :: is_marched = .false.                                 !! found along a motion that repeats in the time domain
+      logical :: is_integrated = .false.                              !! found along a motion that repeats in the time domain
       logical :: is_too_costly = .false.                              !! left out: it takes more work than allowed
-      integer :: n_laps = 0                                           !! of the slowest tone, over which exponents are averaged
+      integer :: n_periods = 0                                        !! of the slowest tone, over which exponents are averaged
       real(wp) :: estimate = 0.0_wp                                   !! of the error of the monodromy matrix, relative, of what it
                                                                       !! makes of a shift of the motion's own phase, or of the
                                                                       !! largest multiplier by that of the motion; of several
@@ -69,7 +69,7 @@ module hb_stability
       complex(wp), allocatable :: amplitudes(:, :)                    !! cos - i sin, (n_dofs, n_harmonics)
    end type harmonic_motion_t
 
-   !> What keeps a motion up, and what walls leave of a blow.
+   !> What keeps a motion up, and what walls leave of an impact.
    type :: excitation_t
       type(amplitudes_t) :: loads                                     !! [N]
       real(wp), allocatable :: frequencies(:)                         !! of the loads [rad/s]
@@ -83,7 +83,7 @@ module hb_stability
    end type stability_finder_t
 
    abstract interface
-      !> `auto` does so where it takes no more work than allowed. What cannot be told stays unknown.
+      !> `auto` does so where it takes no more work than allowed. What cannot be reported stays unknown.
       subroutine find_stability(self, stability, config, motion, structure, laws, excitation, work_allowed)
          import :: excitation_t, harmonic_motion_t, law_box_t, stability_config_t, stability_finder_t, stability_t, structure_t, wp
          class(stability_finder_t), intent(in) :: self

@@ -7,7 +7,7 @@ module hb_variation_steps
    use hb_kinds, only: wp
    use hb_matrix_exponential, only: exponential_of, exponential_of_two, product_of
    use hb_variation, only: piece_t, variation_t
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: propagate

@@ -75,13 +75,13 @@ contains
          if (.not. is_singular) self%inverses(h) = (1.0_wp, 0.0_wp)/block(1, 1)
          return
       end if
-      associate (n => self%pattern%n, reach => self%pattern%reach, factors => self%blocks(h))
-         n_rows = merge(3*reach + 1, n, self%pattern%is_banded)
+      associate (n => self%pattern%n, half_bandwidth => self%pattern%half_bandwidth, factors => self%blocks(h))
+         n_rows = merge(3*half_bandwidth + 1, n, self%pattern%is_banded)
          if (.not. allocated(factors%matrix)) allocate (factors%matrix(n_rows, n), factors%pivots(n))
          if (self%pattern%is_banded) then
-            factors%matrix(:reach, :) = (0.0_wp, 0.0_wp)
-            factors%matrix(reach + 1:, :) = block
-            call zgbtrf(n, n, reach, reach, factors%matrix, n_rows, factors%pivots, info)
+            factors%matrix(:half_bandwidth, :) = (0.0_wp, 0.0_wp)
+            factors%matrix(half_bandwidth + 1:, :) = block
+            call zgbtrf(n, n, half_bandwidth, half_bandwidth, factors%matrix, n_rows, factors%pivots, info)
             is_singular = info /= 0
          else if (n <= largest_small) then
             factors%matrix = block
@@ -106,9 +106,10 @@ contains
          b(1) = self%inverses(h)*b(1)
          return
       end if
-      associate (n => self%pattern%n, reach => self%pattern%reach, factors => self%blocks(h))
+      associate (n => self%pattern%n, half_bandwidth => self%pattern%half_bandwidth, factors => self%blocks(h))
          if (self%pattern%is_banded) then
-            call zgbtrs("N", n, reach, reach, 1, factors%matrix, size(factors%matrix, 1), factors%pivots, b, n, info)
+            call zgbtrs("N", n, half_bandwidth, half_bandwidth, 1, factors%matrix, size(factors%matrix, 1), factors%pivots, b, n, &
+               info)
          else if (n <= largest_small) then
             column(1:n, 1:1) => b
             call solve_small(factors%matrix, factors%pivots, column)

@@ -8,7 +8,7 @@ module hb_block_pattern
 
    type :: block_pattern_t
       integer :: n = 0                                       !! order of the block
-      integer :: reach = 0                                   !! largest |i - k| of an entry
+      integer :: half_bandwidth = 0                          !! largest |i - k| of an entry
       integer :: n_rows = 0                                  !! rows in memory
       logical :: is_banded = .false.
       integer, allocatable :: first(:), last(:), shift(:)    !! (n)
@@ -18,24 +18,24 @@ contains
 
    !> Pattern of order `n` with entries up to `reach` off the diagonal: a band where its factors take at most half of the
    !> dense block.
-   pure subroutine new_block_pattern(self, n, reach)
+   pure subroutine new_block_pattern(self, n, half_bandwidth)
       type(block_pattern_t), intent(out) :: self
-      integer, intent(in) :: n, reach
+      integer, intent(in) :: n, half_bandwidth
       integer :: k
 
       self%n = n
-      self%is_banded = 2*(3*reach + 1) <= n
+      self%is_banded = 2*(3*half_bandwidth + 1) <= n
       allocate (self%first(n), self%last(n), self%shift(n))
       if (self%is_banded) then
-         self%reach = reach
-         self%n_rows = 2*reach + 1
+         self%half_bandwidth = half_bandwidth
+         self%n_rows = 2*half_bandwidth + 1
          do k = 1, n
-            self%first(k) = max(1, k - reach)
-            self%last(k) = min(n, k + reach)
-            self%shift(k) = reach + 1 - k
+            self%first(k) = max(1, k - half_bandwidth)
+            self%last(k) = min(n, k + half_bandwidth)
+            self%shift(k) = half_bandwidth + 1 - k
          end do
       else
-         self%reach = max(0, n - 1)
+         self%half_bandwidth = max(0, n - 1)
          self%n_rows = n
          self%first = 1
          self%last = n

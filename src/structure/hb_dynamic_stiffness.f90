@@ -23,7 +23,7 @@ module hb_dynamic_stiffness
    use hb_text, only: to_text
    implicit none
    private
-   public :: condensed_reach, dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
+   public :: condensed_half_bandwidth, dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
 
    !> Below this reciprocal condition, or n_interior*epsilon if that is more, the interior counts as singular:
    !> what rounding leaves of a singular matrix is of that size.
@@ -135,7 +135,7 @@ contains
          parts%load_slopes%values = coordinates%forces_in(wanted%loads%values)
       end if
       call find_blocks(parts, structure, coordinates, self%interior)
-      call new_block_pattern(self%pattern, n_law, reach_of(parts%ll, parts%lr, parts%rl, parts%rr, n_interior))
+      call new_block_pattern(self%pattern, n_law, half_bandwidth_of(parts%ll, parts%lr, parts%rl, parts%rr, n_interior))
       allocate (self%condensed(self%pattern%n_rows, n_law, self%n_harmonics), self%load(n_law, self%n_harmonics))
       allocate (self%magnitude(n_law, self%n_harmonics))
       if (wanted%of_interior) allocate (self%transfer(n_interior, n_law, self%n_harmonics))
@@ -419,7 +419,7 @@ contains
    end subroutine subtract_row
 
    !> Largest distance between two coordinates, by their numbers, that the condensed stiffness couples.
-   integer function condensed_reach(structure, coordinates) result(reach)
+   integer function condensed_half_bandwidth(structure, coordinates) result(half_bandwidth)
       type(structure_t), intent(in) :: structure
       type(coordinates_t), intent(in) :: coordinates
       type(parts_t) :: parts
@@ -427,17 +427,17 @@ contains
 
       interior = all_but(coordinates%places, structure%n_dofs)
       call find_blocks(parts, structure, coordinates, interior)
-      reach = reach_of(parts%ll, parts%lr, parts%rl, parts%rr, size(interior))
-   end function condensed_reach
+      half_bandwidth = half_bandwidth_of(parts%ll, parts%lr, parts%rl, parts%rr, size(interior))
+   end function condensed_half_bandwidth
 
    !> Largest distance between two law dofs that S_c couples: directly, or through interior dofs that hang together.
-   pure integer function reach_of(ll, lr, rl, rr, n_interior) result(reach)
+   pure integer function half_bandwidth_of(ll, lr, rl, rr, n_interior) result(half_bandwidth)
       type(structure_block_t), intent(in) :: ll, lr, rl, rr
       integer, intent(in) :: n_interior
       integer, allocatable :: lowest(:), highest(:), part(:)
       integer :: a, b, e, i
 
-      reach = max(0, maxval(abs(ll%row - ll%column)))
+      half_bandwidth = max(0, maxval(abs(ll%row - ll%column)))
       part = [(i, i=1, n_interior)]                          ! each dof points to one of its part, the first to itself
       do e = 1, rr%n_entries
          a = first_of(part, rr%row(e))
@@ -457,9 +457,9 @@ contains
          highest(a) = max(highest(a), rl%column(e))
       end do
       do i = 1, n_interior
-         if (highest(i) > 0) reach = max(reach, highest(i) - lowest(i))
+         if (highest(i) > 0) half_bandwidth = max(half_bandwidth, highest(i) - lowest(i))
       end do
-   end function reach_of
+   end function half_bandwidth_of
 
    pure integer function first_of(part, member)
       integer, intent(in) :: part(:), member
@@ -545,7 +545,7 @@ contains
          call linear_amplitudes_of_one(self, c(1, :), is_singular)
          return
       end if
-      above = merge(self%pattern%reach, 0, self%pattern%is_banded)
+      above = merge(self%pattern%half_bandwidth, 0, self%pattern%is_banded)
       allocate (a(self%pattern%n_rows + above, n))
       c = (0.0_wp, 0.0_wp)
       is_singular = .false.
@@ -565,10 +565,11 @@ contains
          end do
          norm = max(1.0_wp, maxval(sum(abs(a), dim=1)))
          reciprocal_condition = 0.0_wp
-         associate (reach => self%pattern%reach)
+         associate (half_bandwidth => self%pattern%half_bandwidth)
             if (self%pattern%is_banded) then
-               call zgbtrf(n, n, reach, reach, a, size(a, 1), pivots, info)
-               if (info == 0) call zgbcon("1", n, reach, reach, a, size(a, 1), pivots, norm, reciprocal_condition, work, &
+               call zgbtrf(n, n, half_bandwidth, half_bandwidth, a, size(a, 1), pivots, info)
+               if (info == 0) call zgbcon("1", n, half_bandwidth, half_bandwidth, a, size(a, 1), pivots, norm, &
+                  reciprocal_condition, work, &
                                           rwork, info)
             else
                call zgetrf(n, n, a, n, pivots, info)
@@ -579,7 +580,8 @@ contains
          if (is_singular(h)) cycle
          c(:, h) = scale*self%load(:, h)
          if (self%pattern%is_banded) then
-            call zgbtrs("N", n, self%pattern%reach, self%pattern%reach, 1, a, size(a, 1), pivots, c(:, h), n, info)
+            call zgbtrs("N", n, self%pattern%half_bandwidth, self%pattern%half_bandwidth, 1, a, size(a, 1), pivots, c(:, h), n, &
+               info)
          else
             call zgetrs("N", n, 1, a, n, pivots, c(:, h), n, info)
          end if
@@ -587,7 +589,7 @@ contains
       end do
    end subroutine dynamic_stiffness_linear_amplitudes
 
-   !> Linear motion of one degree of freedom by a division: LAPACK would take longer than the whole iteration of a small scene.
+   !> Linear motion of one degree of freedom by a division: LAPACK would take longer than the whole iteration of a small model.
    pure subroutine linear_amplitudes_of_one(self, c, is_singular)
       type(dynamic_stiffness_t), intent(in) :: self
       complex(wp), intent(out) :: c(:)                                !! [m], (n_harmonics)

@@ -70,7 +70,7 @@ contains
       integer, intent(in) :: pivots(:)                                !! (n)
       complex(wp), intent(inout), contiguous :: b(:, :)               !! (n, any)
       complex(wp) :: inverse, kept
-      integer :: d, i, j, k, n, reach
+      integer :: d, i, j, k, n, half_bandwidth
 
       n = size(a, 2)
       d = n_lower + n_upper + 1
@@ -86,11 +86,11 @@ contains
       end do
       do k = n, 1, -1
          inverse = (1.0_wp, 0.0_wp)/a(d, k)
-         reach = min(d - 1, k - 1)
+         half_bandwidth = min(d - 1, k - 1)
          do j = 1, size(b, 2)
             kept = inverse*b(k, j)
             b(k, j) = kept
-            do i = 1, reach
+            do i = 1, half_bandwidth
                b(k - i, j) = b(k - i, j) - kept*a(d - i, k)
             end do
          end do

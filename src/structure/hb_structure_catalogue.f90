@@ -7,7 +7,7 @@ module hb_structure_catalogue
    use hb_kinds, only: wp
    use hb_matrices, only: read_matrices
    use hb_modal_beam, only: read_modal_beam
-   use hb_model, only: model_source_t, read_model
+   use hb_fe_model, only: fe_model_source_t, read_fe_model
    use hb_properties, only: properties_t
    use hb_rotor_stator, only: read_rotor_stator
    use hb_structure, only: structure_t
@@ -19,12 +19,12 @@ contains
 
    !> Reads the structure from its group `&structure`, whose key `type` names the builder. Fails before its matrices are made
    !> where these do not fit into `memory_limit`.
-   subroutine read_structure(group, structure, error, memory_limit, models)
+   subroutine read_structure(group, structure, error, memory_limit, fe_models)
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(out) :: structure
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: memory_limit                  !! bytes
-      class(model_source_t), intent(in), optional :: models           !! for structures of type `model`
+      class(fe_model_source_t), intent(in), optional :: fe_models     !! for structures of type `model`
       character(:), allocatable :: name
 
       call group%get("type", name)
@@ -44,7 +44,7 @@ contains
       case ("modal_beam")
          call read_modal_beam(group, structure, error, memory_limit)
       case ("model")
-         call read_model(group, structure, error, memory_limit, models)
+         call read_fe_model(group, structure, error, memory_limit, fe_models)
       case ("rotor_stator")
          call read_rotor_stator(group, structure, error)
       end select

@@ -1,7 +1,7 @@
-!> Marks the branches of a run in its result file, when all of its points are there: a jump is judged by the points on both
+!> Marks the branches of a run in its result file, when all of its points are there: a jump is assessed by the points on both
 !> sides of it, which different ranks may have solved.
 module hb_branch_marks
-   use hb_branches, only: is_told, jumps_between, line_t, new_line
+   use hb_branches, only: is_reported, jumps_between, line_t, new_line
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_mpi, only: barrier, comm_t, max_over, rank_of, share_error, size_of, sum_over
@@ -79,7 +79,7 @@ contains
          do i = 1, n
             if (.not. is_solved(status(i))) cycle
             associate (place => first + i - 2)
-               is_jump = last/chain == place/chain .and. is_told(last_branch, told(i))
+               is_jump = last/chain == place/chain .and. is_reported(last_branch, told(i))
                call line%add(place + 1, plan%fastest_value(before + place + 1), motion(:, i), is_jump)
                last = place
             end associate

@@ -11,7 +11,7 @@ module hb_branches
    use hb_kinds, only: wp
    implicit none
    private
-   public :: is_far_above, is_told, jumps_between, left_branch, line_t, new_line
+   public :: is_far_above, is_reported, jumps_between, left_branch, line_t, new_line
 
    integer, parameter :: left_branch = -1                           !! number of a point where a chain was seen to leave its branch
 
@@ -28,7 +28,7 @@ module hb_branches
       real(wp), allocatable :: parameter(:), norm(:)
       real(wp), allocatable :: step(:)                                ! to a point from that before it
       real(wp), allocatable :: cosine(:)                              ! of the angle between this step and that before it
-      logical, allocatable :: is_told(:)                              ! that the motion jumps to a point
+      logical, allocatable :: is_reported(:)                          ! that the motion jumps to a point
       real(wp), allocatable :: last(:), direction(:)                  ! the last motion, and the step to it, of length 1
    contains
       procedure :: add => line_add
@@ -43,16 +43,16 @@ contains
       integer, intent(in) :: n_points                                 !! at most
 
       allocate (self%point(n_points), self%parameter(n_points), self%norm(n_points), self%step(n_points), self%cosine(n_points))
-      allocate (self%is_told(n_points), source=.false.)
+      allocate (self%is_reported(n_points), source=.false.)
    end subroutine new_line
 
    !> Adds the next solved point.
-   pure subroutine line_add(self, point, parameter, motion, is_told)
+   pure subroutine line_add(self, point, parameter, motion, is_reported)
       class(line_t), intent(inout) :: self
       integer, intent(in) :: point                                    !! its place on the line, from 1
       real(wp), intent(in) :: parameter
       real(wp), intent(in) :: motion(:)                               !! coefficients; those that it lacks are no numbers
-      logical, intent(in), optional :: is_told                        !! whether it is known that the motion jumps to it
+      logical, intent(in), optional :: is_reported                    !! whether it is known that the motion jumps to it
       real(wp) :: direction(size(motion)), x(size(motion))
       real(wp) :: cosine, step
 
@@ -72,7 +72,7 @@ contains
       self%norm(self%n) = norm2(x)
       self%step(self%n) = step
       self%cosine(self%n) = cosine
-      if (present(is_told)) self%is_told(self%n) = is_told
+      if (present(is_reported)) self%is_reported(self%n) = is_reported
       self%direction = direction
       self%last = x
    end subroutine line_add
@@ -95,7 +95,7 @@ contains
       end do
    end subroutine line_number
 
-   !> Finds the steps that are jumps: those that are told, single ones, and several in a row that lead to and fro.
+   !> Finds the steps that are jumps: those that are reported, single ones, and several in a row that lead to and fro.
    pure subroutine find_jumps(self, is_jump)
       type(line_t), intent(in) :: self
       logical, intent(out) :: is_jump(2:)
@@ -104,7 +104,7 @@ contains
 
       n = self%n
       is_jump = .false.
-      is_jump(2:n) = self%is_told(2:n)
+      is_jump(2:n) = self%is_reported(2:n)
       if (n < 4) return
       slope = self%step(2:n)/abs(self%parameter(2:n) - self%parameter(:n - 1))
       i = 2
@@ -160,11 +160,11 @@ contains
    !> Whether numbers of two neighbours of a chain tell that the motion jumps between them: the mark of a point that was just
    !> solved,
    !> or numbers of a run before.
-   elemental logical function is_told(before, branch)
+   elemental logical function is_reported(before, branch)
       integer, intent(in) :: before, branch
 
-      is_told = branch == left_branch .or. (before > 0 .and. branch > before)
-   end function is_told
+      is_reported = branch == left_branch .or. (before > 0 .and. branch > before)
+   end function is_reported
 
    !> Points of a sweep, from 1, to which the motion jumps from the solved point before them on their line.
    pure function jumps_between(branch, line_length) result(points)

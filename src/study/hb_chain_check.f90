@@ -12,11 +12,11 @@ module hb_chain_check
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_point_source, only: point_source_t
-   use hb_rung, only: carry, join, put_on_rung, rung_t, same_set
-   use hb_scene, only: scene_t
-   use hb_scene_reader, only: update_scene
+   use hb_level, only: carry, join, put_on_level, level_t, same_set
+   use hb_model, only: model_t
+   use hb_model_reader, only: update_model
    use hb_stability, only: stability_method
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: chain_check_t
@@ -33,7 +33,7 @@ module hb_chain_check
       integer :: last_point = 0                                       ! 0: none
       real(wp) :: work_left = free_work
       real(wp) :: last_value = 0.0_wp
-      type(rung_t) :: last                                            ! set, grid and unknowns
+      type(level_t) :: last                                           ! set, grid and unknowns
       type(harmonics_t) :: slope_set
       real(wp), allocatable :: slope(:)                               ! of the coefficients; not allocated: not known
    contains
@@ -46,7 +46,7 @@ module hb_chain_check
       integer :: first = 0, last = 0                                  ! points
       integer :: n_left = most_motions
       real(wp) :: work_left = 0.0_wp
-      type(rung_t) :: rung                                            ! set and grid, where points choose them
+      type(level_t) :: level                                          ! set and grid, where points choose them
       real(wp), allocatable :: frequencies(:)                         ! behind the coefficients of a guess
    contains
       procedure :: solve => swept_stretch_solve
@@ -54,15 +54,15 @@ module hb_chain_check
 
 contains
 
-   !> Looks at a solved point, which follows the last one that was looked at. The document and the scene may have values between
+   !> Looks at a solved point, which follows the last one that was looked at. The document and the model may have values between
    !> the two afterwards.
    subroutine chain_check_look(self, source, point, here, result)
       class(chain_check_t), intent(inout) :: self
       type(point_source_t), intent(inout), target :: source
       integer, intent(in) :: point
-      type(rung_t), intent(in) :: here                                !! set, grid and unknowns of the point
+      type(level_t), intent(in) :: here                               !! set, grid and unknowns of the point
       type(motion_result_t), intent(inout) :: result                  !! of the point; gets the message
-      type(rung_t) :: both
+      type(level_t) :: both
       type(swept_stretch_t) :: stretch
       type(tracking_t) :: tracking
       real(wp), allocatable :: last(:), motion(:), slope(:)
@@ -91,8 +91,8 @@ contains
             stretch%last = point
             stretch%frequencies = both%unknowns(size(motion) + 1:)
             stretch%work_left = self%work_left
-            stretch%rung = both
-            if (allocated(self%last%n_samples)) stretch%rung%n_samples = max(both%n_samples, self%last%n_samples)
+            stretch%level = both
+            if (allocated(self%last%n_samples)) stretch%level%n_samples = max(both%n_samples, self%last%n_samples)
             if (source%layout%has_own_tuples) then
                call find_anew(stretch, 0.0_wp, last)
                call find_anew(stretch, 1.0_wp, motion)
@@ -130,19 +130,19 @@ contains
    end subroutine find_anew
 
    !> Coefficients of a motion in another set.
-   pure function coefficients_of(rung, set) result(coefficients)
-      type(rung_t), intent(in) :: rung
+   pure function coefficients_of(level, set) result(coefficients)
+      type(level_t), intent(in) :: level
       type(harmonics_t), intent(in) :: set
       real(wp), allocatable :: coefficients(:)
 
-      coefficients = carry(rung%set, set, rung%unknowns(:size(rung%unknowns) - set%n_tones), 0)
+      coefficients = carry(level%set, set, level%unknowns(:size(level%unknowns) - set%n_tones), 0)
    end function coefficients_of
 
    !> Coordinates of the laws of a motion.
-   pure integer function n_functions(rung)
-      type(rung_t), intent(in) :: rung
+   pure integer function n_functions(level)
+      type(level_t), intent(in) :: level
 
-      n_functions = (size(rung%unknowns) - rung%set%n_tones)/rung%set%n_coefficients
+      n_functions = (size(level%unknowns) - level%set%n_tones)/level%set%n_coefficients
    end function n_functions
 
    !> Whether a point is not where those before it lead.
@@ -182,7 +182,7 @@ contains
       result%message = text
    end subroutine tell
 
-   !> Finds the motion of the scene between two points, and no more than it.
+   !> Finds the motion of the model between two points, and no more than it.
    subroutine swept_stretch_solve(self, share, motion, is_solved)
       class(swept_stretch_t), intent(inout) :: self
       real(wp), intent(in) :: share
@@ -190,19 +190,19 @@ contains
       logical, intent(out) :: is_solved
       type(error_t), allocatable :: error
       type(motion_result_t) :: result
-      type(scene_t) :: bare
+      type(model_t) :: bare
       real(wp), allocatable :: guess(:), unknowns(:)
       logical :: is_new
 
       is_solved = .false.
       call self%source%plan%apply_between(self%first, self%last, share, self%source%document)
-      call update_scene(self%source%scene, self%source%document, is_new, error, self%source%available_memory)
+      call update_model(self%source%model, self%source%document, is_new, error, self%source%available_memory)
       if (allocated(error)) return
-      bare = self%source%scene
-      if (self%source%layout%has_own_tuples) call put_on_rung(bare, self%source%scene, self%rung, error)
+      bare = self%source%model
+      if (self%source%layout%has_own_tuples) call put_on_level(bare, self%source%model, self%level, error)
       if (allocated(error)) return
       bare%may_integrate = .false.
-      bare%solver%rescue = .false.
+      bare%solver%fallback = .false.
       bare%solver%max_iterations = min(most_iterations, bare%solver%max_iterations)
       bare%certificate%is_on = .false.
       bare%stability%method = stability_method%off

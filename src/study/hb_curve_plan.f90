@@ -6,7 +6,7 @@ module hb_curve_plan
    use hb_kinds, only: wp
    use hb_properties, only: properties_t
    use hb_response, only: new_response
-   use hb_scene, only: scene_t
+   use hb_model, only: model_t
    use hb_text, only: lower, shown, string_t, to_text
    implicit none
    private
@@ -148,47 +148,47 @@ contains
       end subroutine check_values
    end subroutine read_curve_plan
 
-   !> What the follower is asked for, for the scene at the start; the origin in a file is added by hb_stored_origin. Fails where the
+   !> What the follower is asked for, for the model at the start; the origin in a file is added by hb_stored_origin. Fails where the
    !> path names no real number, or not one of them, or where a response is not known.
-   subroutine curve_plan_make_request(self, scene, document, request, error)
+   subroutine curve_plan_make_request(self, model, document, request, error)
       class(curve_plan_t), intent(in) :: self
-      type(scene_t), intent(in) :: scene
+      type(model_t), intent(in) :: model
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(out) :: request
       type(error_t), allocatable, intent(out) :: error
-      character(:), allocatable :: complaint
+      character(:), allocatable :: error_text
       logical :: is_tones
       integer :: i
 
-      complaint = ""
+      error_text = ""
       is_tones = document%groups%holders(self%parameter%i_group)%group%name == "tones"
       if (.not. document%is_real(self%parameter)) then
-         complaint = "is no real number; only such can move by and by"
-      else if (scene%normal_mode%is_asked .and. scene%normal_mode%has_energy) then
-         complaint = "a curve keeps the amplitude of a &normal_mode, not its energy"
-      else if (size(scene%laws) == 0) then
-         complaint = "a curve needs at least one &law; without any, a &sweep shows all there is"
+         error_text = "is no real number; only such can move by and by"
+      else if (model%normal_mode%is_asked .and. model%normal_mode%has_energy) then
+         error_text = "a curve keeps the amplitude of a &normal_mode, not its energy"
+      else if (size(model%laws) == 0) then
+         error_text = "a curve needs at least one &law; without any, a &sweep shows all there is"
       end if
-      if (is_tones .and. len(complaint) == 0) then
-         if (scene%tones%is_unknown(max(1, self%parameter%element(1)))) complaint = "this frequency is found, not given"
-         if (any(scene%tones%is_unknown) .and. self%tie == "ratio") complaint = "tie = 'ratio' needs tones that are all given"
+      if (is_tones .and. len(error_text) == 0) then
+         if (model%tones%is_unknown(max(1, self%parameter%element(1)))) error_text = "this frequency is found, not given"
+         if (any(model%tones%is_unknown) .and. self%tie == "ratio") error_text = "tie = 'ratio' needs tones that are all given"
       end if
-      if (len(complaint) > 0) then
-         call fail(error, self%place//": parameter '"//shown(self%path)//"': "//complaint)
+      if (len(error_text) > 0) then
+         call fail(error, self%place//": parameter '"//shown(self%path)//"': "//error_text)
          return
       end if
-      if (size(self%others) > 0 .and. any(scene%tones%is_unknown)) then
+      if (size(self%others) > 0 .and. any(model%tones%is_unknown)) then
          call fail(error, self%place//": others: motions apart from a curve are sought where all tones are given")
          return
       end if
       if (allocated(self%over)) then
-         if (any(scene%tones%is_unknown)) then
-            complaint = "tones must be given"
+         if (any(model%tones%is_unknown)) then
+            error_text = "tones must be given"
          else if (.not. document%is_real(self%first_parameter)) then
-            complaint = "is no real number; only such can move by and by"
+            error_text = "is no real number; only such can move by and by"
          end if
-         if (len(complaint) > 0) then
-            call fail(error, self%place//": over '"//shown(self%over)//"': "//complaint)
+         if (len(error_text) > 0) then
+            call fail(error, self%place//": over '"//shown(self%over)//"': "//error_text)
             return
          end if
          allocate (request%over)
@@ -211,8 +211,8 @@ contains
       request%switches = self%switches
       allocate (request%peaks(size(self%peak_of)))
       do i = 1, size(self%peak_of)
-         call new_response(request%peaks(i), self%peak_of(i)%value, scene%structure, scene%tones%n_tones, error)
-         if (.not. (allocated(error) .or. scene%accuracy%grows_set .or. request%peaks(i)%is_in(scene%harmonics))) &
+         call new_response(request%peaks(i), self%peak_of(i)%value, model%structure, model%tones%n_tones, error)
+         if (.not. (allocated(error) .or. model%accuracy%grows_set .or. request%peaks(i)%is_in(model%harmonics))) &
             call fail(error, "'"//request%peaks(i)%name//"': the set of harmonics does not have this tuple")
          if (.not. allocated(error)) cycle
          error%message = self%place//": peak_of: "//error%message

@@ -9,7 +9,7 @@ module hb_interruption
    use hb_mpi, only: comm_t, size_of
    use hb_shared_flag, only: new_shared_flag, shared_flag_t
    use hb_signals, only: signal_caught
-   use hb_watch, only: watch_t
+   use hb_cancellation, only: cancellation_t
    implicit none
    private
    public :: interruption, interruption_t, new_interruption
@@ -28,7 +28,7 @@ module hb_interruption
    ! people notice.
    real(wp), parameter :: looks_per_second = 1.0e5_wp, shortest_interval = 0.01_wp
 
-   type, extends(watch_t) :: interruption_t
+   type, extends(cancellation_t) :: interruption_t
       integer :: reason = interruption%none
       real(wp), private :: started = 0.0_wp
       real(wp), private :: time_limit = huge(1.0_wp)                  !! [s] from the start

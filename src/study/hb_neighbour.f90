@@ -6,8 +6,8 @@ module hb_neighbour
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: wp
    use hb_basis, only: transfer_coefficients
-   use hb_rung, only: rung_t
-   use hb_scene, only: scene_t
+   use hb_level, only: level_t
+   use hb_model, only: model_t
    implicit none
    private
    public :: neighbour_t
@@ -26,7 +26,7 @@ module hb_neighbour
       procedure :: forget => neighbour_forget
       procedure :: keep => neighbour_keep
       procedure :: predict => neighbour_predict
-      procedure :: predict_rung => neighbour_predict_rung
+      procedure :: predict_level => neighbour_predict_level
    end type neighbour_t
 
 contains
@@ -82,20 +82,20 @@ contains
       start = start + (self%last - self%before)*((parameter - self%last_value)/(self%last_value - self%before_value))
    end subroutine neighbour_predict
 
-   !> Gives the set and the grid of the last point with a first guess in them, where the scene wants first guesses from neighbours
+   !> Gives the set and the grid of the last point with a first guess in them, where the model wants first guesses from neighbours
    !> and there is one; neighbours share sets as long as these serve them.
-   subroutine neighbour_predict_rung(self, parameter, scene, rung)
+   subroutine neighbour_predict_level(self, parameter, model, level)
       class(neighbour_t), intent(in) :: self
       real(wp), intent(in) :: parameter
-      type(scene_t), intent(in) :: scene
-      type(rung_t), intent(out) :: rung
+      type(model_t), intent(in) :: model
+      type(level_t), intent(out) :: level
       type(error_t), allocatable :: error
 
-      if (.not. scene%chain%is_on .or. self%n_kept == 0) return
-      call self%predict(parameter, self%tuples, scene%chain%secant, rung%unknowns)
-      call new_harmonics(rung%set, self%tuples, error)                ! cannot fail: there was a solution in it
-      if (allocated(self%n_samples)) rung%n_samples = self%n_samples
-   end subroutine neighbour_predict_rung
+      if (.not. model%chain%is_on .or. self%n_kept == 0) return
+      call self%predict(parameter, self%tuples, model%chain%secant, level%unknowns)
+      call new_harmonics(level%set, self%tuples, error)               ! cannot fail: there was a solution in it
+      if (allocated(self%n_samples)) level%n_samples = self%n_samples
+   end subroutine neighbour_predict_level
 
    !> Whether the motion has left the way of the points before, as far as these tell.
    pure logical function has_jumped(self, parameter, unknowns)
@@ -139,7 +139,7 @@ contains
       integer :: n, n_dofs
 
       call new_harmonics(from_set, self%tuples, error)                ! cannot fail: there was a solution in it,
-      if (.not. allocated(error)) call new_harmonics(to_set, tuples, error)   ! and there is a scene with it
+      if (.not. allocated(error)) call new_harmonics(to_set, tuples, error)   ! and there is a model with it
       n = size(self%last) - size(tuples, 1)
       n_dofs = n/from_set%n_coefficients
       allocate (u(to_set%n_coefficients, n_dofs))

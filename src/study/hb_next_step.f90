@@ -5,7 +5,7 @@ module hb_next_step
    use hb_kinds, only: two_pi, wp
    use hb_outcome, only: outcome
    use hb_properties, only: properties_t
-   use hb_scene_tones, only: read_tones
+   use hb_model_tones, only: read_tones
    use hb_sweep_plan, only: sweep_plan_t
    use hb_system, only: file_kind, kind_of_file
    use hb_text, only: parse_integer, string_t, to_text
@@ -31,7 +31,7 @@ module hb_next_step
       type(string_t), allocatable :: overrides(:)                     !! path=value, as they were given
    end type run_names_t
 
-   !> A kind of failure with the scene of its first point.
+   !> A kind of failure with the model of its first point.
    type :: run_t
       type(failure_kind_t) :: kind
       type(run_names_t) :: names
@@ -63,12 +63,12 @@ contains
       run%plan = plan
       run%here => here
       call read_tones(run%tones, here, error)
-      if (.not. allocated(error)) text = solve_or_march(run)
+      if (.not. allocated(error)) text = solve_or_integrate(run)
       if (.not. allocated(error) .and. len(text) == 0) text = look_into(run)
    end function next_step
 
    !> Another run that may find the motion.
-   function solve_or_march(run) result(text)
+   function solve_or_integrate(run) result(text)
       type(run_t), intent(in) :: run
       character(:), allocatable :: text
 
@@ -81,22 +81,22 @@ contains
             if (index(message, "disturbances grow") == 0) then
                text = with_more_harmonics(run)
             else
-               text = march_from_rest(run)
+               text = integrate_from_rest(run)
             end if
          case (outcome%aliased)
             text = with_more_samples(run)
          case (outcome%impact)
-            text = march_from_rest(run, "march%restitution=0.5")
+            text = integrate_from_rest(run, "integration%restitution=0.5")
             if (len(text) > 0) text = text//"  (with the restitution of the wall)"
          case (outcome%subharmonic)
             text = with_lower_tones(run)
          case (outcome%collapsed, outcome%locked, outcome%broadband)
-            text = march_from_rest(run)
+            text = integrate_from_rest(run)
          case (outcome%failed)
-            if (index(message, " returned ") == 0 .and. index(message, run%names%input//":") == 0) text = march_from_rest(run)
+            if (index(message, " returned ") == 0 .and. index(message, run%names%input//":") == 0) text = integrate_from_rest(run)
          end select
       end associate
-   end function solve_or_march
+   end function solve_or_integrate
 
    !> What tells more about the failure.
    function look_into(run) result(text)
@@ -110,7 +110,7 @@ contains
       case (outcome%failed, outcome%crashed)
          text = "nhbm check "//shell_word(run%names%input)//"; when the cause is gone: nhbm resume "// &
                 shell_word(run%names%result)//" --retry"
-      case (outcome%marched)
+      case (outcome%time_domain)
          text = "nhbm verify "//shell_word(run%names%result)//" --points "//to_text(run%kind%first - 1)// &
                 "  (does the motion stay?)"
       end select
@@ -123,7 +123,7 @@ contains
       character(*), parameter :: raise = "raise &solver "
       type(properties_t), pointer :: group
       character(:), allocatable :: guess
-      logical :: rescues
+      logical :: fallbacks
 
       text = ""
       if (index(run%kind%message, "no way on along the curve") == 1) then
@@ -132,15 +132,15 @@ contains
          text = raised(run, run%kind%message(index(run%kind%message, raise) + len(raise):))
       else
          group => run%here%optional_group("solver")
-         call group%get("rescue", rescues)
+         call group%get("fallback", fallbacks)
          call group%get("first_guess", guess)
-         if (.not. rescues) then
-            text = solve_with(run, "solver%rescue=.true.")
-         else if (guess /= "march" .and. .not. any(run%tones%is_unknown)) then
-            text = solve_with(run, "solver%first_guess='march'")
+         if (.not. fallbacks) then
+            text = solve_with(run, "solver%fallback=.true.")
+         else if (guess /= "integration" .and. .not. any(run%tones%is_unknown)) then
+            text = solve_with(run, "solver%first_guess='integration'")
          end if
       end if
-      if (len(text) == 0) text = march_from_rest(run)
+      if (len(text) == 0) text = integrate_from_rest(run)
    end function with_other_search
 
    !> Where a curve is lost, more samples smooth out kinks and small folds that are not those of the structure.
@@ -205,7 +205,7 @@ contains
    end function solve_with
 
    !> Time integration of the point for 200 periods of the slowest tone.
-   function march_from_rest(run, first) result(command)
+   function integrate_from_rest(run, first) result(command)
       type(run_t), intent(in) :: run
       character(*), intent(in), optional :: first
       character(:), allocatable :: command
@@ -213,14 +213,14 @@ contains
 
       command = ""
       if (any(run%tones%is_unknown)) return
-      command = "nhbm march "//shell_word(run%names%input)//earlier(run)
+      command = "nhbm integrate "//shell_word(run%names%input)//earlier(run)
       if (size(run%plan%parameters) > 0) command = command//" --point "//to_text(run%kind%first - 1)
       write (duration, "(es8.1e2)") 200.0_wp*two_pi/minval(run%tones%omega)
-      if (run%here%count("march") == 0) command = command//" --set march%duration="//trim(adjustl(duration))
+      if (run%here%count("integration") == 0) command = command//" --set integration%duration="//trim(adjustl(duration))
       if (present(first)) command = command//" --set "//first
-      if (needs_fixed_steps(run)) command = command//" --set "//shell_word("march%method='generalized_alpha'")
-      command = command//" -o "//shell_word(beside_result(run, "_march"))
-   end function march_from_rest
+      if (needs_fixed_steps(run)) command = command//" --set "//shell_word("integration%method='generalized_alpha'")
+      command = command//" -o "//shell_word(beside_result(run, "_integration"))
+   end function integrate_from_rest
 
    !> Whether the usual method cannot follow a law, and no other is asked for.
    logical function needs_fixed_steps(run)
@@ -229,7 +229,7 @@ contains
       integer :: i
 
       needs_fixed_steps = .false.
-      if (.not. numbers_are_absent(run, "march", "method")) return
+      if (.not. numbers_are_absent(run, "integration", "method")) return
       do i = 1, run%here%count("law")
          type = ""
          call read_law(run, i, type)

@@ -1,10 +1,10 @@
 !> What the points of one rank are made from.
 module hb_point_source
    use hb_document, only: document_t
-   use hb_kept_linear_part, only: kept_linear_parts_t
+   use hb_cached_linear_part, only: cached_linear_parts_t
    use hb_kinds, only: wp
    use hb_results, only: results_layout_t
-   use hb_scene, only: scene_t, callbacks_t
+   use hb_model, only: model_t, callbacks_t
    use hb_sweep_plan, only: sweep_plan_t
    implicit none
    private
@@ -13,12 +13,12 @@ module hb_point_source
    !> The input, which gets the values of a point, and the file that takes its result.
    type :: point_source_t
       type(document_t) :: document                                    !! with the values of the point read last
-      type(scene_t) :: scene                                          !! of that point
-      type(callbacks_t) :: callbacks                                   !! for scenes that are read anew
+      type(model_t) :: model                                          !! of that point
+      type(callbacks_t) :: callbacks                                   !! for models that are read anew
       type(sweep_plan_t) :: plan                                      !! values of all points
       type(results_layout_t) :: layout                                !! of the file
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes
-      type(kept_linear_parts_t) :: kept                               !! of the point solved last
+      type(cached_linear_parts_t) :: kept                             !! of the point solved last
       integer :: rank = 0                                             !! that solves the points
    end type point_source_t
 end module hb_point_source

@@ -28,7 +28,7 @@ module hb_progress
    real(wp), parameter :: tally_interval = 0.2_wp                     ! [s] between two messages of a rank to the others
 
    type :: progress_t
-      logical :: is_debug = .false.                                   !! points are told
+      logical :: is_debug = .false.                                   !! points are reported
       logical, private :: is_shown = .false.
       logical, private :: on_terminal = .false.
       integer, private :: n_points = 0
@@ -40,7 +40,7 @@ module hb_progress
       procedure :: note => progress_note
       procedure :: report => progress_report
       procedure :: is_due => progress_is_due
-      procedure :: tell_point => progress_tell_point
+      procedure :: report_point => progress_report_point
       procedure :: show => progress_show
       procedure :: finish => progress_finish
    end type progress_t
@@ -109,12 +109,12 @@ contains
    end subroutine progress_show
 
    !> Says how one point ended, at level debug, whichever rank solved it.
-   subroutine progress_tell_point(self, text)
+   subroutine progress_report_point(self, text)
       class(progress_t), intent(in) :: self
       character(*), intent(in) :: text
 
       if (self%is_debug) write (error_unit, "(a)") printable(text)
-   end subroutine progress_tell_point
+   end subroutine progress_report_point
 
    !> Says the final state, and ends the line on a terminal.
    subroutine progress_finish(self, done, failed)

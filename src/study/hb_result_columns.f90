@@ -8,7 +8,7 @@ module hb_result_columns
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: h5_dataset_t, is_characters, is_integer, is_real
    use hb_kinds, only: wp
-   use hb_march_verdict, only: verdict_names
+   use hb_integration_verdict, only: verdict_names
    use hb_motion_columns, only: columns_t, of_dof, of_force
    use hb_motion_result, only: motion_result_t
    use hb_parameter_path, only: identifier
@@ -88,16 +88,17 @@ contains
          "piece of the response along the fastest swept parameter, from 1; 0 where that is not known", &
          merge(left_branch, 0, m%leaves_branch))
       t%is_known = .false.
-      call t%integer("march_verdict", "1", "", "what marching from the point says of it", 0, verdict_names)
-      call t%real("march_first_difference", "1", "", "largest difference to marching in the first period of the slowest tone, "// &
+      call t%integer("integration_verdict", "1", "", "what time integration from the point says of it", 0, verdict_names)
+      call t%real("integration_first_difference", "1", "", &
+         "largest difference to time integration in the first period of the slowest tone, "// &
          "relative to the motion of its coordinate", none)
-      call t%real("march_difference", "1", "", "difference to marching in the last periods, "// &
+      call t%real("integration_difference", "1", "", "difference to time integration in the last periods, "// &
          "of the coordinate worst for its limit, relative to its motion", none)
-      call t%real("march_limit", "1", "", "limit of that difference", none)
-      call t%real("march_growth", "1/s", "", "rate at which a march close to the motion leaves it", none)
-      call t%real("march_duration", "s", "", "how long was marched", none)
-      call t%real("march_drift", "rad/s", "tone", &
-         "difference of the marched frequency to that of the motion, 0 where given", [none])
+      call t%real("integration_limit", "1", "", "limit of that difference", none)
+      call t%real("integration_growth", "1/s", "", "rate at which a time integration close to the motion leaves it", none)
+      call t%real("integration_duration", "s", "", "how long was integrated", none)
+      call t%real("integration_drift", "rad/s", "tone", &
+         "difference of the integrated frequency to that of the motion, 0 where given", [none])
       t%is_known = .true.
    end subroutine later_columns
 
@@ -107,7 +108,7 @@ contains
 
       call t%integer("worker_points", "1", "worker", "points that the rank solved", 0)
       call t%integer("worker_draws", "1", "worker", "numbers that the rank drew from shared counters", 0)
-      call t%real("worker_reading_seconds", "s", "worker", "time of making scenes of the input", 0.0_wp)
+      call t%real("worker_reading_seconds", "s", "worker", "time of making models of the input", 0.0_wp)
       call t%real("worker_solving_seconds", "s", "worker", "time of solving", 0.0_wp)
       call t%real("worker_writing_seconds", "s", "worker", "time of writing results", 0.0_wp)
       call t%real("worker_drawing_seconds", "s", "worker", "time at shared counters", 0.0_wp)
@@ -284,7 +285,7 @@ contains
          column%long_name = long_name
          column%units = units
          call find_axes(self, shape, column%axes)
-         column%is_checked = all(name /= ["checksum", "branch  ", "rank    "]) .and. index(name, "march_") /= 1 .and. &
+         column%is_checked = all(name /= ["checksum", "branch  ", "rank    "]) .and. index(name, "integration_") /= 1 .and. &
             index(name, "_seconds") == 0
          column%is_part_used = self%has_own_tuples .and. (index(shape, "harmonic") > 0 .or. shape == "curve_unknown")
          if (units /= of_dof .and. units /= of_force) return

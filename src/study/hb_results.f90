@@ -6,13 +6,13 @@
 !> file in which a status other than 0 means complete.
 module hb_results
    use hb_clock, only: wall_clock
-   use hb_crash_watch, only: crash_place_t
+   use hb_crash_detection, only: crash_location_t
    use hb_error, only: annotate, error_t, fail
    use hb_guard, only: lower_guard, raise_guard
    use hb_harmonics, only: harmonics_t, new_box
    use hb_hdf5, only: h5_dataset_t, open_file_parallel
    use hb_kinds, only: wp
-   use hb_motion_result, only: curve_place_t, motion_result_t
+   use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_outcome, only: outcome
    use hb_result_columns, only: message_length, new_plan
@@ -221,8 +221,8 @@ contains
       results_hold_seconds = self%hold
    end function results_hold_seconds
 
-   !> Says where in the file a crash is noted, for hb_crash_watch.
-   type(crash_place_t) function results_crash_place(self) result(place)
+   !> Says where in the file a crash is noted, for hb_crash_detection.
+   type(crash_location_t) function results_crash_place(self) result(place)
       class(results_t), intent(in) :: self
 
       place%status = outcome%crashed
@@ -367,7 +367,7 @@ contains
       class(results_t), intent(in) :: self
       integer, intent(in) :: first                      !! point, from 1
       integer, intent(out) :: status(:)                 !! (points)
-      type(curve_place_t), intent(out) :: places(:)     !! (points)
+      type(curve_position_t), intent(out) :: places(:)  !! (points)
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 

@@ -1,7 +1,7 @@
 !> Making a result file whole, before the first point is solved; by one process.
 module hb_results_file
    use hb_error, only: error_t, fail
-   use hb_file_place, only: check_place, put_in_place
+   use hb_file_location, only: check_place, put_in_place
    use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t, is_characters, is_integer, is_real
    use hb_kinds, only: int64, two_pi
    use hb_parameter_path, only: identifier

@@ -2,7 +2,7 @@
 !> `info` start from it.
 module hb_results_record
    use hb_error, only: annotate, error_t, fail
-   use hb_file_place, only: check_source
+   use hb_file_location, only: check_source
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_outcome, only: is_solved, is_status, outcome
@@ -30,7 +30,7 @@ module hb_results_record
       logical :: has_own_tuples = .false.               !! points have
       character(:), allocatable :: dofs(:), laws(:)     !! labels
       integer, allocatable :: status(:)                 !! (n_points), hb_outcome; as the next
-      integer, allocatable :: rescue(:)
+      integer, allocatable :: fallback(:)
       integer, allocatable :: is_near_commensurate(:)
       integer, allocatable :: is_stable(:)              !! 1 stable, -1 unstable, 0 not known
       integer, allocatable :: branch(:)                 !! hb_branches; 0 where that is not known
@@ -38,7 +38,7 @@ module hb_results_record
       real(wp), allocatable :: residual(:)
       real(wp), allocatable :: solve_seconds(:)         !! [s]; NaN for a point not solved, as the next
       real(wp), allocatable :: truncation(:), aliasing(:)
-      real(wp), allocatable :: by_levels(:)             !! what the difference of rungs shows; not allocated: none were climbed
+      real(wp), allocatable :: by_levels(:)             !! what the difference of levels shows; not allocated: none were refined
       real(wp), allocatable :: penetration(:)           !! [m]
       logical, allocatable :: is_damaged(:)             !! by their checksums; not allocated before `check_rows`
    contains
@@ -203,7 +203,7 @@ contains
          call fail(error, "dataset 'status' has no points, or numbers that are no status")
          return
       end if
-      call stored%fetch("rescue", self%rescue, error)
+      call stored%fetch("fallback", self%fallback, error)
       call stored%fetch("is_near_commensurate", self%is_near_commensurate, error)
       call stored%fetch("is_stable", self%is_stable, error)
       call stored%fetch("branch", self%branch, error)

@@ -19,7 +19,7 @@ module hb_run_summary
    type :: run_summary_t
       integer :: n_points = 0
       integer :: counts(0:ubound(outcome_names, 1)) = 0               !! points of each status
-      integer :: n_rescued = 0                                        !! points where the direct attempt failed, but others did not
+      integer :: n_by_fallback = 0                                    !! points where the direct attempt failed, but others did not
       integer :: n_certified = 0                                      !! points with a certificate
       integer :: n_near_commensurate = 0
       integer :: first_near_commensurate = huge(1)                    !! point, from 1
@@ -56,7 +56,7 @@ contains
       do status = lbound(summary%counts, 1), ubound(summary%counts, 1)
          summary%counts(status) = count(is_kept .and. record%status == status)
       end do
-      summary%n_rescued = count(is_kept .and. record%rescue > 0)
+      summary%n_by_fallback = count(is_kept .and. record%fallback > 0)
       summary%n_stable = count(is_kept .and. record%is_stable > 0)
       summary%n_unstable = count(is_kept .and. record%is_stable < 0)
       summary%n_near_commensurate = count(is_kept .and. record%is_near_commensurate > 0)
@@ -83,7 +83,7 @@ contains
       type(motion_result_t), intent(in) :: result
 
       summary%counts(result%status) = summary%counts(result%status) + 1
-      if (result%rescue > 0) summary%n_rescued = summary%n_rescued + 1
+      if (result%fallback > 0) summary%n_by_fallback = summary%n_by_fallback + 1
       if (result%stability%verdict > 0) summary%n_stable = summary%n_stable + 1
       if (result%stability%verdict < 0) summary%n_unstable = summary%n_unstable + 1
       if (result%stability%is_too_costly .and. result%stability%verdict == 0 .and. is_solved(result%status)) &
@@ -132,7 +132,7 @@ contains
    elemental logical function has_answer(status)
       integer, intent(in) :: status
 
-      has_answer = any(status == [outcome%converged, outcome%marched, outcome%several])
+      has_answer = any(status == [outcome%converged, outcome%time_domain, outcome%several])
    end function has_answer
 
    !> Points that have their motion.
@@ -182,7 +182,7 @@ contains
       do status = lbound(summary%counts, 1), ubound(summary%counts, 1)
          summary%counts(status) = sum_over(comm, summary%counts(status))
       end do
-      summary%n_rescued = sum_over(comm, summary%n_rescued)
+      summary%n_by_fallback = sum_over(comm, summary%n_by_fallback)
       summary%n_certified = sum_over(comm, summary%n_certified)
       summary%n_stable = sum_over(comm, summary%n_stable)
       summary%n_unstable = sum_over(comm, summary%n_unstable)

@@ -5,11 +5,11 @@ module hb_stored_origin
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
-   use hb_file_place, only: check_source
+   use hb_file_location, only: check_source
    use hb_hdf5, only: open_file
-   use hb_motion_result, only: curve_place_t
+   use hb_motion_result, only: curve_position_t
    use hb_row_checks, only: refuse_damaged_rows
-   use hb_scene, only: scene_t
+   use hb_model, only: model_t
    use hb_stored_rows, only: stored_file_t
    use hb_text, only: to_text
    implicit none
@@ -19,31 +19,31 @@ module hb_stored_origin
 contains
 
    !> What the follower is asked for by a plan, with the origin that this names in a file.
-   subroutine request_curve(plan, scene, document, request, error)
+   subroutine request_curve(plan, model, document, request, error)
       type(curve_plan_t), intent(in) :: plan
-      type(scene_t), intent(in) :: scene                              !! at the start
+      type(model_t), intent(in) :: model                              !! at the start
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(out) :: request
       type(error_t), allocatable, intent(out) :: error
 
-      call plan%make_request(scene, document, request, error)
+      call plan%make_request(model, document, request, error)
       if (allocated(error) .or. len(plan%origin) == 0) return
       allocate (request%origin)
-      call read_curve_origin(request%origin, plan%origin, plan%origin_point, scene, error)
+      call read_curve_origin(request%origin, plan%origin, plan%origin_point, model, error)
       if (allocated(error)) error%message = plan%place//": origin: "//error%message
    end subroutine request_curve
 
    !> Reads the point; fails where it is damaged, is neither a period doubling nor a place where a tone joins, or does not fit the
-   !> scene.
-   subroutine read_curve_origin(self, path, point, scene, error)
+   !> model.
+   subroutine read_curve_origin(self, path, point, model, error)
       type(curve_origin_t), intent(out) :: self
       character(*), intent(in) :: path                                !! of the file
       integer, intent(in) :: point                                    !! from 0
-      type(scene_t), intent(in) :: scene                              !! of the new curve
+      type(model_t), intent(in) :: model                              !! of the new curve
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: error_in_close
       type(stored_file_t) :: stored
-      type(curve_place_t) :: place
+      type(curve_position_t) :: place
       integer, allocatable :: status(:), tuples(:, :)
 
       call check_source(path, error)
@@ -59,7 +59,7 @@ contains
       if (.not. allocated(error)) call refuse_damaged_rows(path, status, [point], error)
       if (.not. allocated(error)) then
          if (any(place%kind == [curve_kind%flip, curve_kind%torus])) then
-            call new_curve_origin(self, place%kind == curve_kind%torus, place, tuples, scene, error)
+            call new_curve_origin(self, place%kind == curve_kind%torus, place, tuples, model, error)
          else
             call fail(error, "it is neither a 'flip' nor a 'torus'; 'nhbm info' and 'nhbm-post peaks' list those")
          end if

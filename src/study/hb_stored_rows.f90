@@ -4,7 +4,7 @@ module hb_stored_rows
    use hb_error, only: error_t
    use hb_hdf5, only: h5_dataset_t, h5_file_t
    use hb_kinds, only: wp
-   use hb_motion_result, only: curve_place_t
+   use hb_motion_result, only: curve_position_t
    use hb_result_columns, only: new_plan, plan_t
    use hb_results_layout, only: results_layout_t
    implicit none
@@ -99,7 +99,7 @@ contains
    subroutine stored_file_get_place(self, point, place, error, parameter)
       class(stored_file_t), intent(in) :: self
       integer, intent(in) :: point                                    !! from 1
-      type(curve_place_t), intent(out) :: place
+      type(curve_position_t), intent(out) :: place
       type(error_t), allocatable, intent(inout) :: error
       character(*), intent(in), optional :: parameter                 !! column of the value that moves along the curve
       integer, allocatable :: branch(:), kind(:), n(:), response(:)
@@ -111,7 +111,7 @@ contains
       value = [0.0_wp]
       if (present(parameter)) call self%file%get(parameter, value, error, [self%plan%length_of("point")], point)
       if (allocated(error)) return
-      place = curve_place_t(kind(1), value(1), length(1), branch(1))
+      place = curve_position_t(kind(1), value(1), length(1), branch(1))
       if (place%kind == 0) return
       call self%fetch("curve_n_unknowns", n, error, point)
       call self%fetch("curve_unknowns", place%unknowns, error, point)

@@ -1,4 +1,4 @@
-!> An input that was read and is ready to run: its document, the plan of its sweep, the scene of its first point, the
+!> An input that was read and is ready to run: its document, the plan of its sweep, the model of its first point, the
 !> harmonics of all points, and the layout of its result file.
 module hb_study
    use hb_coordinates, only: coordinates_t
@@ -13,10 +13,10 @@ module hb_study
    use hb_results_layout, only: results_layout_t
    use hb_results_plan, only: measure_row
    use hb_run_callbacks, only: run_callbacks
-   use hb_scene, only: scene_t, share_of_marched, callbacks_t
-   use hb_scene_coordinates, only: coordinates_of
-   use hb_scene_reader, only: group_names, read_scene
-   use hb_scene_tones, only: read_tones
+   use hb_model, only: model_t, share_of_integrated, callbacks_t
+   use hb_model_coordinates, only: coordinates_of
+   use hb_model_reader, only: group_names, read_model
+   use hb_model_tones, only: read_tones
    use hb_stability, only: n_multipliers_of, stability_method
    use hb_stored_origin, only: request_curve
    use hb_sweep_harmonics, only: tuples_of_sweep
@@ -33,13 +33,13 @@ module hb_study
    type :: study_t
       type(document_t) :: document                                    !! the input after overrides
       type(sweep_plan_t) :: plan
-      type(scene_t) :: scene                                          !! of the first point
+      type(model_t) :: model                                          !! of the first point
       integer, allocatable :: tuples(:, :)                            !! union of the sets of all points, (n_tones, any)
       character(:), allocatable :: input_text                         !! the input as given
       character(:), allocatable :: input_overrides                    !! path=value, a line each
       character(:), allocatable :: input_complete                     !! the input after defaults
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes for this process
-      type(callbacks_t) :: callbacks                                   !! for the scenes of its points
+      type(callbacks_t) :: callbacks                                   !! for the models of its points
    contains
       procedure :: libraries => study_libraries
       procedure :: n_chains => study_n_chains
@@ -79,40 +79,40 @@ contains
       if (allocated(error)) return
       call self%plan%apply(1, first)
       self%callbacks = run_callbacks(self%plan%n_points, allocated(self%plan%curve))
-      call read_scene(self%scene, first, error, self%available_memory, self%callbacks)
+      call read_model(self%model, first, error, self%available_memory, self%callbacks)
       if (.not. allocated(error)) call self%plan%refuse_tied(first, error)
       if (allocated(error)) return
       call self%plan%note_units(first)
       if (allocated(self%plan%curve)) then
-         call request_curve(self%plan%curve, self%scene, first, request, error)
+         call request_curve(self%plan%curve, self%model, first, request, error)
          if (allocated(error)) return
       end if
       if (is_chained(self)) then
          call set_text(self%document, "solver%first_guess", "'neighbour'", error)
          first = self%document
          call self%plan%apply(1, first)
-         if (.not. allocated(error)) call read_scene(self%scene, first, error, self%available_memory, self%callbacks)
+         if (.not. allocated(error)) call read_model(self%model, first, error, self%available_memory, self%callbacks)
          if (allocated(error)) return
       end if
       call write_complete_text(first, self%input_complete)
-      if (self%scene%accuracy%grows_set) then
-         allocate (self%tuples(self%scene%tones%n_tones, share_of_marched*self%scene%accuracy%max_harmonics), source=0)
+      if (self%model%accuracy%grows_set) then
+         allocate (self%tuples(self%model%tones%n_tones, share_of_integrated*self%model%accuracy%max_harmonics), source=0)
       else
-         call tuples_of_sweep(self%tuples, self%scene%harmonics, self%plan, self%document, has_improved(self), error)
+         call tuples_of_sweep(self%tuples, self%model%harmonics, self%plan, self%document, has_improved(self), error)
       end if
    end subroutine new_study
 
-   !> Reads the scene of a point.
-   subroutine study_read_point(self, point, scene, error)
+   !> Reads the model of a point.
+   subroutine study_read_point(self, point, model, error)
       class(study_t), intent(in) :: self
       integer, intent(in) :: point                                    !! from 1
-      type(scene_t), intent(out) :: scene
+      type(model_t), intent(out) :: model
       type(error_t), allocatable, intent(out) :: error
       type(document_t), target :: document
 
       document = self%document
       call self%plan%apply(point, document)
-      call read_scene(scene, document, error, self%available_memory, self%callbacks)
+      call read_model(model, document, error, self%available_memory, self%callbacks)
       call annotate(error, "point "//to_text(point)//" ("//self%plan%describe(point)//")")
    end subroutine study_read_point
 
@@ -121,8 +121,8 @@ contains
       class(study_t), intent(in) :: self
 
       n = 0
-      associate (line => self%plan%n_fastest(), length => self%scene%chain%length)
-         if (self%scene%chain%is_on) n = (self%plan%n_points/line)*((line + length - 1)/length)
+      associate (line => self%plan%n_fastest(), length => self%model%chain%length)
+         if (self%model%chain%is_on) n = (self%plan%n_points/line)*((line + length - 1)/length)
       end associate
    end function study_n_chains
 
@@ -132,7 +132,7 @@ contains
       type(study_t), intent(in) :: self
       integer, parameter :: least_points = 8                          ! a few values far from each other are no curve
 
-      is_chained = self%scene%chain%is_auto .and. size(self%scene%laws) > 0 .and. self%plan%n_fastest() >= least_points &
+      is_chained = self%model%chain%is_auto .and. size(self%model%laws) > 0 .and. self%plan%n_fastest() >= least_points &
          .and. self%plan%is_way()
    end function is_chained
 
@@ -209,7 +209,7 @@ contains
    pure logical function has_improved(self)
       type(study_t), intent(in) :: self
 
-      has_improved = self%scene%certificate%is_on .and. self%scene%certificate%improvement_steps > 0
+      has_improved = self%model%certificate%is_on .and. self%model%certificate%improvement_steps > 0
    end function has_improved
 
    !> Says what is known of the result file before the first point is solved.
@@ -248,26 +248,26 @@ contains
       integer, allocatable :: law_dofs(:)
       integer :: i
 
-      associate (scene => self%scene, structure => self%scene%structure, plan => self%plan)
-         law_dofs = law_dofs_of(scene%laws)
+      associate (model => self%model, structure => self%model%structure, plan => self%plan)
+         law_dofs = law_dofs_of(model%laws)
          layout%n_points = plan%n_points
          layout%tuples = self%tuples
          if (present(n_places)) layout%tuples = self%tuples(:, :n_places)
-         layout%dof_labels = structure%labels(scene%output%dofs)
-         layout%dof_units = [character(16) :: structure%units(scene%output%dofs)]
+         layout%dof_labels = structure%labels(model%output%dofs)
+         layout%dof_units = [character(16) :: structure%units(model%output%dofs)]
          layout%law_dof_labels = structure%labels(law_dofs)
-         layout%law_labels = unique_labels(scene)
+         layout%law_labels = unique_labels(model)
          layout%law_dof_units = [character(16) :: structure%units(law_dofs)]
-         layout%n_samples = scene%output%samples
+         layout%n_samples = model%output%samples
          layout%has_improved = has_improved(self)
-         layout%has_accuracy = scene%accuracy%is_on
-         layout%has_own_tuples = scene%accuracy%grows_set
-         allocate (layout%output_names(size(scene%accuracy%outputs)))
+         layout%has_accuracy = model%accuracy%is_on
+         layout%has_own_tuples = model%accuracy%grows_set
+         allocate (layout%output_names(size(model%accuracy%outputs)))
          do i = 1, size(layout%output_names)
-            layout%output_names(i) = scene%accuracy%outputs(i)%name
+            layout%output_names(i) = model%accuracy%outputs(i)%name
          end do
-         if (scene%stability%method /= stability_method%off) layout%n_multipliers = n_multipliers_of(structure%n_dofs)
-         layout%title = scene%output%title
+         if (model%stability%method /= stability_method%off) layout%n_multipliers = n_multipliers_of(structure%n_dofs)
+         layout%title = model%output%title
          layout%input_name = self%document%file_name
          layout%input_folder = trim(folder_of(self%document%file_name))
          layout%input_text = self%input_text
@@ -280,8 +280,8 @@ contains
          if (allocated(plan%curve)) then
             layout%curve_parameter = plan%curve%path
             layout%curve_units = plan%curve%units
-            coordinates = coordinates_of(scene)
-            layout%n_curve_unknowns = 2*size(layout%tuples, 2)*coordinates%n + n_further(scene)
+            coordinates = coordinates_of(model)
+            layout%n_curve_unknowns = 2*size(layout%tuples, 2)*coordinates%n + n_further(model)
          end if
          allocate (layout%parameters(size(plan%parameters)))
          do i = 1, size(plan%parameters)
@@ -300,15 +300,15 @@ contains
       integer :: i
 
       text = ""
-      do i = 1, size(self%scene%laws)
-         mark = trim(self%scene%laws(i)%law%mark())
+      do i = 1, size(self%model%laws)
+         mark = trim(self%model%laws(i)%law%mark())
          if (len(mark) == 0) cycle
          if (len(text) > 0) text = text//new_line("a")
-         text = text//self%scene%laws(i)%law%label//": "//mark
+         text = text//self%model%laws(i)%law%label//": "//mark
       end do
-      if (.not. allocated(self%scene%structure%origin)) return
+      if (.not. allocated(self%model%structure%origin)) return
       if (len(text) > 0) text = text//new_line("a")
-      text = text//self%scene%structure%origin
+      text = text//self%model%structure%origin
    end function study_libraries
 
    !> What one point takes in the result file, and to how many datasets it is written.
@@ -326,13 +326,13 @@ contains
    end subroutine row_of_study
 
    !> Labels of the laws; where two laws have the same, the number of the law is added.
-   function unique_labels(scene) result(labels)
-      type(scene_t), intent(in) :: scene
-      character(64) :: labels(size(scene%laws))
+   function unique_labels(model) result(labels)
+      type(model_t), intent(in) :: model
+      character(64) :: labels(size(model%laws))
       integer :: i
 
       do i = 1, size(labels)
-         labels(i) = scene%laws(i)%law%label
+         labels(i) = model%laws(i)%law%label
          if (any(labels(:i - 1) == labels(i))) labels(i) = trim(labels(i))//" "//to_text(i)
       end do
    end function unique_labels

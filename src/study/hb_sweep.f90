@@ -8,7 +8,7 @@ module hb_sweep
    use hb_branch_marks, only: mark_branches
    use hb_chain_check, only: chain_check_t
    use hb_clock, only: wall_clock
-   use hb_crash_watch, only: begin_point, crash_place_t, end_point, end_watch, watch_crashes
+   use hb_crash_detection, only: begin_point, crash_location_t, end_point, end_cancellation, detect_crashes
    use hb_error, only: error_t, fail
    use hb_fftw, only: export_wisdom, import_wisdom
    use hb_interruption, only: interruption, interruption_t, new_interruption
@@ -26,17 +26,17 @@ module hb_sweep
    use hb_resume, only: choose_units, resumed_file_t, resumed_input_t
    use hb_row_checks, only: count_pending
    use hb_run_summary, only: count_kept, count_point, has_answer, run_summary_t, sum_up
-   use hb_scene, only: scene_t
+   use hb_model, only: model_t
    use hb_schedule, only: cursor_t, new_schedule, schedule_t
    use hb_signals, only: wait_for_points
-   use hb_spare_places, only: take_out_spare_places
+   use hb_padding, only: remove_padding
    use hb_study, only: describe_layout, study_t
    use hb_swept_curve, only: new_swept_curve, swept_curve_t
    use hb_swept_point, only: run_point
    use hb_system, only: file_kind, kind_of_file
    use hb_text, only: to_text
    use hb_timing, only: rank_times_t
-   use hb_watch, only: verdict
+   use hb_cancellation, only: verdict
    implicit none
    private
    public :: run_options_t, run_study
@@ -72,7 +72,7 @@ module hb_sweep
 
 contains
 
-   !> Solves all points, or those that a run before has left, and writes them; collective. An error is trouble with the
+   !> Solves all points, or those that a run before has left, and writes them; collective. An error is failure with the
    !> result file; what is wrong with a single point stands in the file.
    subroutine run_study(self, options, comm, summary, error)
       type(study_t), intent(in) :: self
@@ -82,7 +82,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(resumed_input_t) :: input
       type(run_t), target :: run
-      type(crash_place_t) :: place
+      type(crash_location_t) :: place
       real(wp) :: started
 
       started = wall_clock()
@@ -101,7 +101,7 @@ contains
       call describe_layout(self, size_of(comm), run%source%layout)
       call new_schedule(run%schedule, self%plan%n_points, self%plan%n_fastest(), &
          length_of_units(self), size_of(comm), block_seconds=0.0_wp)
-      run%is_checked = self%scene%chain%is_on .and. .not. any(self%scene%tones%is_unknown)
+      run%is_checked = self%model%chain%is_on .and. .not. any(self%model%tones%is_unknown)
       if (run%is_checked) run%is_checked = self%plan%is_way()
       allocate (run%before%crashed(0))
       if (options%resumes) then
@@ -123,12 +123,12 @@ contains
       if (.not. allocated(error)) then
          place = run%results%crash_place()
          place%exit_status = options%status_of_exit
-         call watch_crashes(options%path, place)
+         call detect_crashes(options%path, place)
          call wait_for_points()
          call run%ending%enter(huge(1.0_wp))
          call run_points(self, run, options%level, comm, summary, error)
          call run%ending%leave()
-         call end_watch()
+         call end_cancellation()
          call share_error(comm, error)
          if (summary%n_left == 0 .and. .not. allocated(error)) &
             call mark_branches(run%results, self%plan, length_of_units(self), comm, summary%n_jumps, summary%first_jump, error)
@@ -142,7 +142,7 @@ contains
          call check_written(options%path, summary%n_left, error)
       if (rank_of(comm) == 0 .and. run%before%is_there .and. allocated(self%plan%curve) .and. .not. allocated(error)) &
          call recount(options%path, summary, error)
-      if (rank_of(comm) == 0 .and. summary%n_left == 0 .and. .not. allocated(error)) call take_out_spare_places(self, options%path)
+      if (rank_of(comm) == 0 .and. summary%n_left == 0 .and. .not. allocated(error)) call remove_padding(self, options%path)
       call share_error(comm, error)
       call run%ending%destroy()
       summary%seconds = wall_clock() - started
@@ -167,8 +167,8 @@ contains
       length = 1
       if (allocated(self%plan%curve)) then
          length = self%plan%n_fastest()
-      else if (self%scene%chain%is_on) then
-         length = self%scene%chain%length
+      else if (self%model%chain%is_on) then
+         length = self%model%chain%length
       end if
    end function length_of_units
 
@@ -194,29 +194,29 @@ contains
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
       type(motion_result_t) :: trial
-      type(scene_t) :: scene
+      type(model_t) :: model
 
-      if (.not. allocated(self%scene%wisdom)) return
+      if (.not. allocated(self%model%wisdom)) return
       if (rank_of(comm) == 0) then
-         if (kind_of_file(self%scene%wisdom) == file_kind%device_or_pipe) then
-            call fail(error, "&sampling: wisdom: '"//self%scene%wisdom//"' is a pipe or a device; give the path of a file")
-         else if (kind_of_file(self%scene%wisdom) == file_kind%none) then
-            scene = self%scene
-            call solve_motion(scene, trial, error)  ! plans every transform of the first point
+         if (kind_of_file(self%model%wisdom) == file_kind%device_or_pipe) then
+            call fail(error, "&sampling: wisdom: '"//self%model%wisdom//"' is a pipe or a device; give the path of a file")
+         else if (kind_of_file(self%model%wisdom) == file_kind%none) then
+            model = self%model
+            call solve_motion(model, trial, error)  ! plans every transform of the first point
             if (allocated(error)) deallocate (error)                  ! told again when the point is solved
-            if (.not. export_wisdom(self%scene%wisdom)) then
-               call fail(error, "&sampling: wisdom: cannot write '"//self%scene%wisdom//"'; give a path in a writable folder")
+            if (.not. export_wisdom(self%model%wisdom)) then
+               call fail(error, "&sampling: wisdom: cannot write '"//self%model%wisdom//"'; give a path in a writable folder")
             end if
-         else if (.not. import_wisdom(self%scene%wisdom)) then
-            call fail(error, "&sampling: wisdom: '"//self%scene%wisdom//"' is no wisdom of this FFTW; remove it or give "// &
+         else if (.not. import_wisdom(self%model%wisdom)) then
+            call fail(error, "&sampling: wisdom: '"//self%model%wisdom//"' is no wisdom of this FFTW; remove it or give "// &
                "another path")
          end if
       end if
       call share_error(comm, error)
       if (allocated(error)) return
       call barrier(comm)
-      if (rank_of(comm) > 0 .and. .not. import_wisdom(self%scene%wisdom)) then
-         call fail(error, "&sampling: wisdom: rank "//to_text(rank_of(comm))//" cannot read '"//self%scene%wisdom//"'")
+      if (rank_of(comm) > 0 .and. .not. import_wisdom(self%model%wisdom)) then
+         call fail(error, "&sampling: wisdom: rank "//to_text(rank_of(comm))//" cannot read '"//self%model%wisdom//"'")
       end if
       call share_error(comm, error)
    end subroutine prepare_wisdom
@@ -387,7 +387,7 @@ contains
       call count_point(summary, point, result)
       run%times%n_points = run%times%n_points + 1
       run%times%writing = run%times%writing + wall_clock() - started
-      if (run%progress%is_debug) call run%progress%tell_point("point "//to_text(point - 1)//" on rank "// &
+      if (run%progress%is_debug) call run%progress%report_point("point "//to_text(point - 1)//" on rank "// &
          to_text(run%source%rank)//": "//outcome_name(result%status)//", "//to_text(result%iterations)//" iterations, "// &
          self%plan%describe(point))
       if (result%status == outcome%unused) then

@@ -402,7 +402,7 @@ contains
    end function sweep_plan_is_ordered
 
    !> Whether motions may follow each other along the axis that runs fastest: all its parameters are real numbers of the physical
-   !> scene that change by and by.
+   !> model that change by and by.
    pure logical function sweep_plan_is_way(self)
       class(sweep_plan_t), intent(in) :: self
       integer :: i
@@ -506,7 +506,7 @@ contains
       end associate
    end function value_between
 
-   !> Notes units and kinds of the parameters, which a document knows from which a scene has been read.
+   !> Notes units and kinds of the parameters, which a document knows from which a model has been read.
    pure subroutine sweep_plan_note_units(self, document)
       class(sweep_plan_t), intent(inout) :: self
       type(document_t), intent(in) :: document
@@ -580,13 +580,13 @@ contains
       else if (self%value(i) == anint(self%value(i)) .and. abs(self%value(i)) <= real(huge(i), wp)) then
          text = to_text(nint(self%value(i)))
       else
-         text = to_text(told_apart(self%value(i), self%value(merge(i - 1, min(2, self%length()), i > 1)), &
+         text = to_text(distinguished(self%value(i), self%value(merge(i - 1, min(2, self%length()), i > 1)), &
                                    self%value(merge(i + 1, max(1, i - 1), i < self%length()))))
       end if
    end function value_text
 
    !> A value with as many digits as tell it from its neighbours: off by less than a hundredth of the distance to the next.
-   real(wp) function told_apart(value, before, after) result(rounded)
+   real(wp) function distinguished(value, before, after) result(rounded)
       real(wp), intent(in) :: value
       real(wp), intent(in) :: before, after                           !! at an end the same, and the value itself where it is alone
       character(40) :: buffer, form
@@ -598,5 +598,5 @@ contains
          read (buffer, *) rounded
          if (100.0_wp*abs(rounded - value) <= min(abs(value - before), abs(value - after))) return
       end do
-   end function told_apart
+   end function distinguished
 end module hb_sweep_plan

@@ -1,4 +1,4 @@
-!> One curve of a run: its first scene read and its start solved, or where a run before has left it found in the file; then its
+!> One curve of a run: its first model read and its start solved, or where a run before has left it found in the file; then its
 !> points in the form of the file, one after the other.
 module hb_swept_curve
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
@@ -9,18 +9,18 @@ module hb_swept_curve
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_motion_curve, only: motion_curve_t
-   use hb_motion_result, only: curve_place_t, motion_result_t
+   use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_motion_ridge, only: new_motion_curve
    use hb_outcome, only: is_solved, outcome
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t, results_t
-   use hb_rung, only: estimate_of, reliable
-   use hb_scene, only: scene_t
-   use hb_scene_reader, only: update_scene
+   use hb_level, only: estimate_of, reliable
+   use hb_model, only: model_t
+   use hb_model_reader, only: update_model
    use hb_stored_origin, only: request_curve
    use hb_swept_point, only: check_layout, spread_result
    use hb_text, only: to_text
-   use hb_watch, only: verdict, watch_t, work_is_over
+   use hb_cancellation, only: verdict, cancellation_t, work_is_over
    implicit none
    private
    public :: new_swept_curve, swept_curve_t
@@ -32,7 +32,7 @@ module hb_swept_curve
       class(motion_curve_t), allocatable, private :: curve
       type(curve_plan_t), private :: plan
       type(curve_request_t), private :: request
-      type(scene_t), private :: scene
+      type(model_t), private :: model
       type(document_t), private :: document
       real(wp), private :: last_parameter = 0.0_wp
       integer, private :: last_branch = 0
@@ -44,7 +44,7 @@ module hb_swept_curve
 
 contains
 
-   !> Reads the scene at the start of the curve whose first point is given. An `error` is one of the file; what is wrong with the
+   !> Reads the model at the start of the curve whose first point is given. An `error` is one of the file; what is wrong with the
    !> curve becomes the status of its first point.
    subroutine new_swept_curve(self, source, results, first, is_resumed, failure, error)
       type(swept_curve_t), intent(inout), target :: self
@@ -54,16 +54,16 @@ contains
       logical, intent(in) :: is_resumed                               !! the file may hold points of the curve
       type(error_t), allocatable, intent(out) :: failure              !! of the curve
       type(error_t), allocatable, intent(out) :: error
-      type(curve_place_t), allocatable :: places(:)
+      type(curve_position_t), allocatable :: places(:)
       integer, allocatable :: status(:)
       integer :: last
       logical :: is_new
 
       self%document = source%document
       call source%plan%apply(first, self%document)
-      call update_scene(self%scene, self%document, is_new, failure, source%available_memory, source%callbacks)
-      if (.not. allocated(failure)) call check_layout(self%scene, source%layout, failure)
-      if (.not. allocated(failure)) call request_curve(source%plan%curve, self%scene, self%document, self%request, failure)
+      call update_model(self%model, self%document, is_new, failure, source%available_memory, source%callbacks)
+      if (.not. allocated(failure)) call check_layout(self%model, source%layout, failure)
+      if (.not. allocated(failure)) call request_curve(source%plan%curve, self%model, self%document, self%request, failure)
       self%request%available_memory = source%available_memory
       self%plan = source%plan%curve
       allocate (self%stored(0))
@@ -78,7 +78,7 @@ contains
       if (last == 0) return
       if (.not. (allocated(self%request%origin) .or. allocated(self%request%over))) call go_to(self, places(1)%parameter, failure)
       if (.not. allocated(failure)) &
-         call self%curve%go_on_from(self%scene, self%document, self%request, places(:last), failure)
+         call self%curve%go_on_from(self%model, self%document, self%request, places(:last), failure)
       self%is_done = self%curve%is_done .or. allocated(failure)
       self%has_begun = .true.
       self%stored = status(:last)
@@ -106,21 +106,21 @@ contains
       integer, intent(in) :: rank
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable :: error
-      type(watch_t), target :: watch
+      type(cancellation_t), target :: cancellation
       real(wp) :: limit, started
 
       started = wall_clock()
-      limit = self%scene%solver%time_limit
+      limit = self%model%solver%time_limit
       if (allocated(self%request%over)) limit = huge(1.0_wp)          ! begins with a whole curve, each point with the limit
-      call watch%enter(limit)
+      call cancellation%enter(limit)
       if (self%has_begun) then
          call self%curve%next(result, error)
       else
          call begin(self, result, error)
       end if
       self%has_begun = .true.
-      call watch%leave()
-      if (watch%verdict == verdict%interrupted) then                  ! also what looks like an error or an end may come of that
+      call cancellation%leave()
+      if (cancellation%verdict == verdict%interrupted) then           ! also what looks like an error or an end may come of that
          result%status = outcome%interrupted
          self%is_done = .false.
          return
@@ -131,9 +131,9 @@ contains
          result%message = error%message
          self%is_done = .true.
       else
-         if (.not. layout%has_own_tuples) call spread_result(self%scene%harmonics, layout, result)
+         if (.not. layout%has_own_tuples) call spread_result(self%model%harmonics, layout, result)
       end if
-      if (.not. allocated(result%curve)) result%curve = curve_place_t(curve_kind%none, self%last_parameter, &
+      if (.not. allocated(result%curve)) result%curve = curve_position_t(curve_kind%none, self%last_parameter, &
                                                                       ieee_value(1.0_wp, ieee_quiet_nan), self%last_branch)
       self%last_parameter = result%curve%parameter
       self%last_branch = result%curve%branch
@@ -152,14 +152,14 @@ contains
       start = self%request%start
       associate (request => self%request, other => self%request%from + self%request%to - self%request%start)
          if (any(abs(start - [request%from, request%to]) <= 0.0_wp) .and. .not. (allocated(request%origin) .or. &
-             allocated(request%over) .or. any(self%scene%tones%is_unknown) .or. self%scene%start_from_march .or. &
-             self%scene%normal_mode%is_asked)) then
-            self%scene%may_integrate = .false.
-            call self%curve%begin(self%scene, self%document, request, result, error)
+             allocated(request%over) .or. any(self%model%tones%is_unknown) .or. self%model%start_from_integration .or. &
+             self%model%normal_mode%is_asked)) then
+            self%model%may_integrate = .false.
+            call self%curve%begin(self%model, self%document, request, result, error)
             if (has_ended()) return
             call go_to(self, other, error)
-            self%scene%may_integrate = .false.
-            if (.not. allocated(error)) call self%curve%begin(self%scene, self%document, request, result, error)
+            self%model%may_integrate = .false.
+            if (.not. allocated(error)) call self%curve%begin(self%model, self%document, request, result, error)
             if (has_ended()) then
                if (is_solved(result%status)) result%message = "no motion was found at "//to_text(start)// &
                   "; the curve begins at the other end of its range"
@@ -167,10 +167,10 @@ contains
             end if
             call go_to(self, start, error)
             if (allocated(error)) return
-            self%scene%may_integrate = .true.
+            self%model%may_integrate = .true.
          end if
       end associate
-      call self%curve%begin(self%scene, self%document, self%request, result, error)
+      call self%curve%begin(self%model, self%document, self%request, result, error)
 
    contains
 
@@ -193,7 +193,7 @@ contains
       call new_motion_curve(self%curve, self%request)
       self%request%start = start
       call self%plan%set(self%document, start)
-      call update_scene(self%scene, self%document, is_new, error, self%request%available_memory)
+      call update_model(self%model, self%document, is_new, error, self%request%available_memory)
    end subroutine go_to
 
    !> Frees the curve; safe to call twice.

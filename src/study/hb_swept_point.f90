@@ -1,4 +1,4 @@
-!> One point of a sweep: its values set in the input, its scene read and solved, its result brought into the form of the
+!> One point of a sweep: its values set in the input, its model read and solved, its result brought into the form of the
 !> file that it shares with the others.
 module hb_swept_point
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
@@ -15,11 +15,11 @@ module hb_swept_point
    use hb_outcome, only: outcome
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t
-   use hb_rung, only: rung_t
-   use hb_scene, only: scene_t
-   use hb_scene_reader, only: update_scene
+   use hb_level, only: level_t
+   use hb_model, only: model_t
+   use hb_model_reader, only: update_model
    use hb_timing, only: rank_times_t
-   use hb_watch, only: verdict, watch_t
+   use hb_cancellation, only: verdict, cancellation_t
    implicit none
    private
    public :: check_layout, run_point, spread_result
@@ -35,30 +35,30 @@ contains
       type(rank_times_t), intent(inout) :: times
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable :: error
-      type(rung_t) :: below, rung
-      type(watch_t), target :: watch
+      type(level_t) :: below, level
+      type(cancellation_t), target :: cancellation
       real(wp), allocatable :: start(:), unknowns(:)
       real(wp) :: read, started, value
       logical :: is_new
 
       started = wall_clock()
-      call watch%enter(huge(1.0_wp))
+      call cancellation%enter(huge(1.0_wp))
       call source%plan%apply(point, source%document)
-      call update_scene(source%scene, source%document, is_new, error, source%available_memory, source%callbacks)
-      if (is_new .and. .not. allocated(error)) call check_layout(source%scene, source%layout, error)
+      call update_model(source%model, source%document, is_new, error, source%available_memory, source%callbacks)
+      if (is_new .and. .not. allocated(error)) call check_layout(source%model, source%layout, error)
       read = wall_clock()
       value = source%plan%fastest_value(point)
       if (.not. allocated(error)) then
-         associate (scene => source%scene)
-            call watch%begin(scene%solver%time_limit)
-            if (scene%accuracy%is_on) then
-               call neighbour%predict_rung(value, scene, below)
-               call solve_to_tolerance(scene, result, error, rung, below)
-               if (allocated(rung%unknowns)) unknowns = rung%unknowns
+         associate (model => source%model)
+            call cancellation%begin(model%solver%time_limit)
+            if (model%accuracy%is_on) then
+               call neighbour%predict_level(value, model, below)
+               call solve_to_tolerance(model, result, error, level, below)
+               if (allocated(level%unknowns)) unknowns = level%unknowns
             else
-               if (scene%chain%is_on) call neighbour%predict(value, scene%harmonics%tuples, scene%chain%secant, start)
-               call solve_motion(scene, result, error, start, unknowns, source%kept)
-               rung%set = scene%harmonics
+               if (model%chain%is_on) call neighbour%predict(value, model%harmonics%tuples, model%chain%secant, start)
+               call solve_motion(model, result, error, start, unknowns, source%kept)
+               level%set = model%harmonics
             end if
          end associate
       end if
@@ -66,18 +66,18 @@ contains
          result%status = outcome%failed
          result%message = error%message
       else
-         if (.not. source%layout%has_own_tuples) call spread_result(source%scene%harmonics, source%layout, result)
+         if (.not. source%layout%has_own_tuples) call spread_result(source%model%harmonics, source%layout, result)
       end if
       if (.not. allocated(error) .and. allocated(unknowns)) then
-         rung%unknowns = unknowns
-         if (present(check)) call check%look(source, point, rung, result)
+         level%unknowns = unknowns
+         if (present(check)) call check%look(source, point, level, result)
          if (result%leaves_branch) call neighbour%forget()
-         call neighbour%keep(value, rung%set%tuples, unknowns, rung%n_samples)
+         call neighbour%keep(value, level%set%tuples, unknowns, level%n_samples)
       else
          call neighbour%forget()
       end if
-      if (watch%verdict == verdict%interrupted) result%status = outcome%interrupted
-      call watch%leave()
+      if (cancellation%verdict == verdict%interrupted) result%status = outcome%interrupted
+      call cancellation%leave()
       result%rank = source%rank
       result%solve_seconds = wall_clock() - started
       times%reading = times%reading + read - started
@@ -85,21 +85,21 @@ contains
    end subroutine run_point
 
    !> A file holds one list of degrees of freedom: refuses a point whose structure or laws have others.
-   subroutine check_layout(scene, layout, error)
-      type(scene_t), intent(in) :: scene
+   subroutine check_layout(model, layout, error)
+      type(model_t), intent(in) :: model
       type(results_layout_t), intent(in) :: layout
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: law_dofs(:)
       logical :: is_same
 
-      law_dofs = law_dofs_of(scene%laws)
-      is_same = size(scene%output%dofs) == size(layout%dof_labels) .and. size(law_dofs) == size(layout%law_dof_labels) &
-                .and. size(scene%laws) == size(layout%law_labels) &
-                .and. size(scene%output%samples) == size(layout%n_samples)
+      law_dofs = law_dofs_of(model%laws)
+      is_same = size(model%output%dofs) == size(layout%dof_labels) .and. size(law_dofs) == size(layout%law_dof_labels) &
+                .and. size(model%laws) == size(layout%law_labels) &
+                .and. size(model%output%samples) == size(layout%n_samples)
       if (is_same) then
-         is_same = all(scene%structure%labels(scene%output%dofs) == layout%dof_labels) .and. &
-                   all(scene%structure%labels(law_dofs) == layout%law_dof_labels) .and. &
-                   all(scene%output%samples == layout%n_samples)
+         is_same = all(model%structure%labels(model%output%dofs) == layout%dof_labels) .and. &
+                   all(model%structure%labels(law_dofs) == layout%law_dof_labels) .and. &
+                   all(model%output%samples == layout%n_samples)
       end if
       if (.not. is_same) call fail(error, "this point has other degrees of freedom or surfaces than the first point; "// &
                                    "list the common ones in &output dofs, or run it by itself")

@@ -3,7 +3,7 @@
 !>
 !> It is the complete input of the curve at the point, with other tones, harmonics and tuples, and the point as its origin: an
 !> input as any other, whose run has a result file of its own. At a graze multipliers jump, and nothing in the motion there tells
-!> where the other ones go: these are marched to, a little beyond.
+!> where the other ones go: these are integrated to, a little beyond.
 module hb_switched_input
    use hb_curve_request, only: curve_kind
    use hb_curve_table, only: leaving_t
@@ -13,8 +13,8 @@ module hb_switched_input
    use hb_namelist, only: write_complete_text
    use hb_properties, only: properties_t
    use hb_run_callbacks, only: run_callbacks
-   use hb_scene, only: scene_t
-   use hb_scene_reader, only: read_scene
+   use hb_model, only: model_t
+   use hb_model_reader, only: read_model
    use hb_study, only: study_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: quote, string_t, to_text
@@ -38,7 +38,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(document_t), target :: document
       type(properties_t), pointer :: group
-      type(scene_t) :: scene
+      type(model_t) :: model
       character(:), allocatable :: key
       integer, allocatable :: samples(:)
       integer :: i, k
@@ -48,27 +48,27 @@ contains
       is_torus = from%kind /= curve_kind%flip
       document = study%document
       call plan%apply(from%point, document)
-      call read_scene(scene, document, error, study%available_memory, run_callbacks(is_followed=allocated(plan%curve)))
+      call read_model(model, document, error, study%available_memory, run_callbacks(is_followed=allocated(plan%curve)))
       if (allocated(error)) return
       call write_complete_text(document, text)
       text = without_sweeps(text)
       allocate (overrides(0))
       call document%begin()
-      if (is_torus .and. scene%tones%n_tones > 1) then
+      if (is_torus .and. model%tones%n_tones > 1) then
          call fail(error, "the motion has several tones")
-      else if (.not. is_torus .and. any([(scene%laws(i)%law%n_phases > 0, i=1, size(scene%laws))])) then
+      else if (.not. is_torus .and. any([(model%laws(i)%law%n_phases > 0, i=1, size(model%laws))])) then
          call fail(error, "a law turns with a tone")
       end if
-      if (.not. (allocated(error) .or. scene%accuracy%grows_set)) call add_set()   ! else the origin tells it
+      if (.not. (allocated(error) .or. model%accuracy%grows_set)) call add_set()   ! else the origin tells it
       if (allocated(error)) return
       if (is_torus) then
          group => document%group("tones", 1)
          key = trim(merge("hertz    ", "frequency", group%given("hertz")))
-         call add("tones%"//key, input_frequency(scene, key)//", 0.0")
-         call add("tones%unknown", to_text(scene%tones%is_unknown(1))//", .true.")
+         call add("tones%"//key, input_frequency(model, key)//", 0.0")
+         call add("tones%unknown", to_text(model%tones%is_unknown(1))//", .true.")
          call add("certificate%improvement_steps", "0")
       else
-         call add("tones%subharmonic", to_text(2*scene%tones%subharmonic))
+         call add("tones%subharmonic", to_text(2*model%tones%subharmonic))
       end if
       call add("harmonics%symmetry", "'none'")
       group => document%optional_group("sampling")
@@ -98,7 +98,7 @@ contains
          call add("curve%peak_of", key)
       end if
       if (from%kind == curve_kind%graze) then
-         call add("solver%first_guess", "'march'")
+         call add("solver%first_guess", "'integration'")
          call add("curve%start", to_text(a_little_beyond(plan, from)))
       else
          call add("curve%origin", quote(path))
@@ -117,7 +117,7 @@ contains
       subroutine add_set()
          type(truncation_t) :: truncation
 
-         call read_truncation(truncation, document, scene%tones%n_tones, error)
+         call read_truncation(truncation, document, model%tones%n_tones, error)
          if (allocated(error)) return
          if (.not. allocated(truncation%order)) then
             call fail(error, "&harmonics set = 'list' says nothing of the other motions; use a box or a diamond")
@@ -148,12 +148,12 @@ contains
    end function a_little_beyond
 
    !> The frequency of the first tone as the input has it.
-   function input_frequency(scene, key) result(text)
-      type(scene_t), intent(in) :: scene
+   function input_frequency(model, key) result(text)
+      type(model_t), intent(in) :: model
       character(*), intent(in) :: key
       character(:), allocatable :: text
 
-      text = to_text(scene%tones%omega(1)*scene%tones%subharmonic/merge(two_pi, 1.0_wp, key == "hertz"))
+      text = to_text(model%tones%omega(1)*model%tones%subharmonic/merge(two_pi, 1.0_wp, key == "hertz"))
    end function input_frequency
 
    !> A tuple among the harmonics of the other motions.

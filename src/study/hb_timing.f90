@@ -13,7 +13,7 @@ module hb_timing
    type :: rank_times_t
       integer :: n_points = 0
       integer :: n_draws = 0                                          !! numbers drawn from counters
-      real(wp) :: reading = 0.0_wp                                    !! [s] making a scene of the input
+      real(wp) :: reading = 0.0_wp                                    !! [s] making a model of the input
       real(wp) :: solving = 0.0_wp                                    !! [s]
       real(wp) :: writing = 0.0_wp                                    !! [s]
       real(wp) :: drawing = 0.0_wp                                    !! [s] at counters and tallies

@@ -6,14 +6,14 @@ module hb_verify
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file, open_file_parallel
    use hb_kinds, only: wp
-   use hb_march_verdict, only: verdict
+   use hb_integration_verdict, only: verdict
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_outcome, only: is_solved, outcome
    use hb_results_record, only: read_record, record_t
    use hb_row_checks, only: refuse_damaged_rows
    use hb_run_callbacks, only: run_callbacks
-   use hb_scene, only: scene_t
-   use hb_scene_reader, only: read_scene
+   use hb_model, only: model_t
+   use hb_model_reader, only: read_model
    use hb_stored_rows, only: stored_file_t
    use hb_study, only: new_study, study_t
    use hb_text, only: string_t, to_text
@@ -34,7 +34,7 @@ module hb_verify
 
 contains
 
-   !> Marches from points of a result file and writes what comes out beside them. Ranks share the points.
+   !> Integrates from points of a result file and writes what comes out beside them. Ranks share the points.
    subroutine verify_points(path, points, n_periods, comm, verdicts, error)
       character(*), intent(in) :: path
       integer, intent(in) :: points(:)                                !! from 0; empty: all. Those not solved are skipped
@@ -83,9 +83,9 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
-      if (size(stored%coefficients, 3) /= stored%study%scene%structure%n_dofs) then
-         call fail(error, "marching starts from all degrees of freedom, and the file has "// &
-                   to_text(size(stored%coefficients, 3))//" of "//to_text(stored%study%scene%structure%n_dofs)// &
+      if (size(stored%coefficients, 3) /= stored%study%model%structure%n_dofs) then
+         call fail(error, "time integration starts from all degrees of freedom, and the file has "// &
+                   to_text(size(stored%coefficients, 3))//" of "//to_text(stored%study%model%structure%n_dofs)// &
                    "; solve again without &output dofs")
          return
       end if
@@ -154,27 +154,27 @@ contains
       type(verdict_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       type(document_t), target :: document
-      type(scene_t) :: scene
+      type(model_t) :: model
       type(claim_t) :: claim
 
       document = stored%study%document
       call stored%study%plan%apply(point, document)
-      call read_scene(scene, document, error, callbacks=run_callbacks(is_followed=allocated(stored%study%plan%curve)))
+      call read_model(model, document, error, callbacks=run_callbacks(is_followed=allocated(stored%study%plan%curve)))
       if (allocated(error)) return
       claim%omega = stored%frequency(:, point)
       claim%tuples = stored%tuples
       if (stored%has_own_tuples) claim%tuples = stored%own_tuples(:, :stored%n_harmonics(point), point)
       associate (n => size(claim%tuples, 2))
-         allocate (claim%amplitudes(n, scene%structure%n_dofs))
-         claim%amplitudes(:, scene%output%dofs) = cmplx(stored%coefficients(1, :n, :, point), &
+         allocate (claim%amplitudes(n, model%structure%n_dofs))
+         claim%amplitudes(:, model%output%dofs) = cmplx(stored%coefficients(1, :n, :, point), &
                                                         -stored%coefficients(2, :n, :, point), wp)
       end associate
       where (.not. ieee_is_finite(real(claim%amplitudes, wp))) claim%amplitudes = (0.0_wp, 0.0_wp)
       claim%estimate = stored%estimates(point)
       claim%frequency_estimates = stored%frequency_estimates(:, point)
-      claim%is_averaged = any(stored%status(point) == [outcome%marched, outcome%several]) .and. .not. scene%accuracy%grows_set
+      claim%is_averaged = any(stored%status(point) == [outcome%time_domain, outcome%several]) .and. .not. model%accuracy%grows_set
       claim%spread = stored%aliasing(point)
-      call verify_motion(scene, claim, n_periods, result, error)
+      call verify_motion(model, claim, n_periods, result, error)
    end subroutine verify_point
 
    subroutine write_verdicts(file, verdicts, error)
@@ -184,16 +184,16 @@ contains
       type(h5_dataset_t) :: dataset
       integer :: i
 
-      call write_column("march_first_difference", verdicts%first_difference)
-      call write_column("march_difference", verdicts%difference)
-      call write_column("march_limit", verdicts%limit)
-      call write_column("march_growth", verdicts%growth)
-      call write_column("march_duration", verdicts%duration)
-      if (.not. allocated(error)) call file%open_dataset("march_drift", dataset, error)
+      call write_column("integration_first_difference", verdicts%first_difference)
+      call write_column("integration_difference", verdicts%difference)
+      call write_column("integration_limit", verdicts%limit)
+      call write_column("integration_growth", verdicts%growth)
+      call write_column("integration_duration", verdicts%duration)
+      if (.not. allocated(error)) call file%open_dataset("integration_drift", dataset, error)
       do i = 1, size(verdicts)
          if (verdicts(i)%kind /= verdict%not_done .and. .not. allocated(error)) call dataset%write(verdicts(i)%drift, error, i)
       end do
-      call write_column("march_verdict", real(verdicts%kind, wp))
+      call write_column("integration_verdict", real(verdicts%kind, wp))
 
    contains
 

@@ -13,8 +13,8 @@ module hb_central_differences
    use hb_kinds, only: int64, wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_law, only: hold_t
-   use hb_march_state, only: march_state_t
-   use hb_march_system, only: march_system_t
+   use hb_integration_state, only: integration_state_t
+   use hb_integration_system, only: integration_system_t
    use hb_rigid_laws, only: collect_rigid, put_before_walls
    use hb_text, only: to_text
    implicit none
@@ -46,7 +46,7 @@ contains
    !> Fails for a singular mass.
    subroutine new_central_differences(self, system, step, restitution, error)
       type(central_differences_t), intent(out) :: self
-      type(march_system_t), intent(inout), target :: system
+      type(integration_system_t), intent(inout), target :: system
       real(wp), intent(in) :: step                                    !! [s], > 0
       real(wp), intent(in) :: restitution                             !! 0 to 1
       type(error_t), allocatable, intent(out) :: error
@@ -83,7 +83,7 @@ contains
 
    subroutine central_differences_start(self, state, error)
       class(central_differences_t), intent(inout) :: self
-      type(march_state_t), intent(inout) :: state
+      type(integration_state_t), intent(inout) :: state
       type(error_t), allocatable, intent(out) :: error
 
       call put_before_walls(self%rigid, self%system%laws%shape, self%kick, state%q)
@@ -98,7 +98,7 @@ contains
 
    subroutine central_differences_advance(self, state, n_steps, error)
       class(central_differences_t), intent(inout) :: self
-      type(march_state_t), intent(inout) :: state
+      type(integration_state_t), intent(inout) :: state
       integer, intent(in) :: n_steps
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: before(self%system%n_dofs)
@@ -200,7 +200,7 @@ contains
    !> Forces of the laws; of rigid ones the mean over the last step.
    subroutine central_differences_forces(self, state, f)
       class(central_differences_t), intent(inout) :: self
-      type(march_state_t), intent(in) :: state
+      type(integration_state_t), intent(in) :: state
       real(wp), intent(out) :: f(:)
       integer :: i
 

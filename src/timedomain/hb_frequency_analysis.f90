@@ -9,7 +9,7 @@ module hb_frequency_analysis
    use hb_error, only: error_t, fail
    use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, planning, real_block_t
    use hb_kinds, only: two_pi, wp
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: find_frequencies

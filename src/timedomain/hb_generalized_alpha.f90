@@ -9,8 +9,8 @@ module hb_generalized_alpha
    use hb_integrator, only: integrator_t
    use hb_kinds, only: int64, wp
    use hb_lapack, only: dgetrf, dgetrs
-   use hb_march_state, only: march_state_t
-   use hb_march_system, only: march_system_t
+   use hb_integration_state, only: integration_state_t
+   use hb_integration_system, only: integration_system_t
    use hb_text, only: to_text
    implicit none
    private
@@ -40,7 +40,7 @@ contains
    !> Fails where the structure has rigid laws or a singular effective stiffness.
    subroutine new_generalized_alpha(self, system, step, spectral_radius, tolerance, error)
       type(generalized_alpha_t), intent(out) :: self
-      type(march_system_t), intent(inout), target :: system
+      type(integration_system_t), intent(inout), target :: system
       real(wp), intent(in) :: step                                    !! [s], > 0
       real(wp), intent(in) :: spectral_radius                         !! 0 to 1
       real(wp), intent(in) :: tolerance                               !! > 0
@@ -48,7 +48,7 @@ contains
       integer :: info
 
       if (system%laws%has_rigid()) then
-         call fail(error, "generalized_alpha cannot hold rigid walls or rigid friction; of the methods of &march "// &
+         call fail(error, "generalized_alpha cannot hold rigid walls or rigid friction; of the methods of &integration "// &
                    "cvode and central_differences can")
          return
       end if
@@ -81,7 +81,7 @@ contains
    !> Takes a state; its accelerations are in equilibrium with it, those of massless degrees of freedom zero.
    subroutine generalized_alpha_start(self, state, error)
       class(generalized_alpha_t), intent(inout) :: self
-      type(march_state_t), intent(inout) :: state
+      type(integration_state_t), intent(inout) :: state
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: mass(:, :)
       integer :: i, info, n
@@ -113,7 +113,7 @@ contains
 
    subroutine generalized_alpha_advance(self, state, n_steps, error)
       class(generalized_alpha_t), intent(inout) :: self
-      type(march_state_t), intent(inout) :: state
+      type(integration_state_t), intent(inout) :: state
       integer, intent(in) :: n_steps
       type(error_t), allocatable, intent(out) :: error
       real(wp), dimension(self%system%n_dofs) :: load, load_before, law_before, q_guess, v_guess, right

@@ -1,39 +1,39 @@
-!> What all ways of marching have in common: from a state on in steps of one size.
+!> What all ways of time integration have in common: from a state on in steps of one size.
 module hb_integrator
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_march_state, only: march_state_t
-   use hb_march_system, only: march_system_t
+   use hb_integration_state, only: integration_state_t
+   use hb_integration_system, only: integration_system_t
    implicit none
    private
    public :: integrator_t, law_forces
 
    type, abstract :: integrator_t
-      type(march_system_t), pointer :: system => null()
+      type(integration_system_t), pointer :: system => null()
    contains
       procedure :: forces => integrator_forces
-      procedure(start_march), deferred :: start
-      procedure(advance_march), deferred :: advance
+      procedure(start_integration), deferred :: start
+      procedure(advance_integration), deferred :: advance
       procedure :: destroy => integrator_destroy
    end type integrator_t
 
    abstract interface
       !> Takes a state as the first one; what is behind a rigid wall is put onto it.
-      subroutine start_march(self, state, error)
-         import :: error_t, integrator_t, march_state_t
+      subroutine start_integration(self, state, error)
+         import :: error_t, integrator_t, integration_state_t
          class(integrator_t), intent(inout) :: self
-         type(march_state_t), intent(inout) :: state
+         type(integration_state_t), intent(inout) :: state
          type(error_t), allocatable, intent(out) :: error
-      end subroutine start_march
+      end subroutine start_integration
 
       !> Goes on from the state where the last call ended, which `state` must hold.
-      subroutine advance_march(self, state, n_steps, error)
-         import :: error_t, integrator_t, march_state_t
+      subroutine advance_integration(self, state, n_steps, error)
+         import :: error_t, integrator_t, integration_state_t
          class(integrator_t), intent(inout) :: self
-         type(march_state_t), intent(inout) :: state
+         type(integration_state_t), intent(inout) :: state
          integer, intent(in) :: n_steps
          type(error_t), allocatable, intent(out) :: error
-      end subroutine advance_march
+      end subroutine advance_integration
    end interface
 
 contains
@@ -41,7 +41,7 @@ contains
    !> Forces of the laws [N] on their coordinates in a state, on the left-hand side; 0 for rigid laws unless a method knows.
    subroutine integrator_forces(self, state, f)
       class(integrator_t), intent(inout) :: self
-      type(march_state_t), intent(in) :: state
+      type(integration_state_t), intent(in) :: state
       real(wp), intent(out) :: f(:)                                   !! (n_coordinates)
 
       call law_forces(self%system, state, f)
@@ -49,8 +49,8 @@ contains
 
    !> Forces of all laws but the rigid ones in a state.
    subroutine law_forces(system, state, f)
-      type(march_system_t), intent(inout) :: system
-      type(march_state_t), intent(in) :: state
+      type(integration_system_t), intent(inout) :: system
+      type(integration_state_t), intent(in) :: state
       real(wp), intent(out) :: f(:)                                   !! [N], (n_coordinates)
 
       call system%laws%start_step(state%time, state%q, state%v, state%s)

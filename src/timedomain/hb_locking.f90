@@ -1,52 +1,52 @@
-!> Locked tones: whether a scene with several tones ends in a periodic motion when it is followed through time.
+!> Locked tones: whether a model with several tones ends in a periodic motion when it is followed through time.
 !>
 !> Where two tones lock, the motion is periodic, and there is no torus to be found: a search for one loses its way, or ends in
-!> harmonics that the set cannot hold. Marching says so. The record counts as periodic when multiples of one frequency carry all
-!> of its power; a beat, however slow, takes from that before its period is as long as twenty records.
+!> harmonics that the set cannot hold. Time integration says so. The record counts as periodic when multiples of one frequency carry
+!> all of its power; a beat, however slow, takes from that before its period is as long as twenty records.
 module hb_locking
    use hb_birkhoff, only: bump_weights, coefficients_at
    use hb_error, only: error_t
    use hb_frequency_analysis, only: find_frequencies
    use hb_kinds, only: wp
-   use hb_march, only: march_record_t
-   use hb_marched_start, only: change_of, first_kick, march_once, steady
-   use hb_scene, only: scene_t
+   use hb_time_stepping, only: integration_record_t
+   use hb_integrated_start, only: change_of, first_kick, integrate_once, steady
+   use hb_model, only: model_t
    use hb_time_domain, only: highest_part, locking_t
    implicit none
    private
    public :: find_locking
 
    integer, parameter :: most_multiples = 80
-   integer, parameter :: largest_structure = 64                       ! degrees of freedom that are marched unasked
+   integer, parameter :: largest_structure = 64                       ! degrees of freedom that are integrated unasked
    real(wp), parameter :: all_power = 1.0_wp - 1.0e-5_wp
 
 contains
 
-   !> Marches, and looks for a common frequency of all that moves. Where marching fails nothing is known, and nothing said; nor
-   !> of a large structure, which may take longer to march than the search took.
-   subroutine find_locking(locking, scene, omega, law_dofs)
+   !> Integrates, and looks for a common frequency of all that moves. Where time integration fails nothing is known, and nothing
+   !> said; nor of a large structure, which may take longer to integrate than the search took.
+   subroutine find_locking(locking, model, omega, law_dofs)
       type(locking_t), intent(out) :: locking
-      type(scene_t), intent(in) :: scene
+      type(model_t), intent(in) :: model
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), as far as known, > 0
       integer, intent(in) :: law_dofs(:)
-      type(march_record_t) :: record
+      type(integration_record_t) :: record
       type(error_t), allocatable :: error
       real(wp) :: leading
       integer :: part
 
-      if (scene%structure%n_dofs > largest_structure) return
-      call march_once(scene, omega, law_dofs, first_kick, record, error)
+      if (model%structure%n_dofs > largest_structure) return
+      call integrate_once(model, omega, law_dofs, first_kick, record, error)
       if (allocated(error)) return
       if (change_of(record) > steady) return
-      if (all(scene%tones%is_unknown)) then
+      if (all(model%tones%is_unknown)) then
          call find_leading_line(record, leading, error)
          if (allocated(error) .or. leading <= 0.0_wp) return
       else
-         leading = omega(findloc(scene%tones%is_unknown, .false., dim=1))
+         leading = omega(findloc(model%tones%is_unknown, .false., dim=1))
       end if
       do part = 1, highest_part
          locking%base = leading/part
-         locking%is_locked = share_of_multiples(record, locking%base, maxval(abs(scene%harmonics%frequencies(omega)))) >= all_power
+         locking%is_locked = share_of_multiples(record, locking%base, maxval(abs(model%harmonics%frequencies(omega)))) >= all_power
          if (locking%is_locked) exit
       end do
       if (locking%is_locked) locking%multiples = max(1, nint(omega/locking%base))
@@ -54,7 +54,7 @@ contains
 
    !> Frequency of the largest line of all [rad/s]; 0 where nothing moves.
    subroutine find_leading_line(record, leading, error)
-      type(march_record_t), intent(in) :: record
+      type(integration_record_t), intent(in) :: record
       real(wp), intent(out) :: leading
       type(error_t), allocatable, intent(out) :: error
       complex(wp) :: amplitude(1)
@@ -76,7 +76,7 @@ contains
 
    !> Share of the power of a record, its mean left out, that multiples of one frequency carry up to the highest.
    real(wp) function share_of_multiples(record, base, highest) result(share)
-      type(march_record_t), intent(in) :: record
+      type(integration_record_t), intent(in) :: record
       real(wp), intent(in) :: base, highest                           !! [rad/s]
       complex(wp), allocatable :: c(:)
       real(wp), allocatable :: deviation(:), weights(:)

@@ -1,15 +1,15 @@
-!> What a period of marching makes of a state, where the motion leads through events that have no linearised equations: blows,
-!> rigid friction that holds and lets go, sliders in a plane.
+!> What a period of time integration makes of a state, where the motion leads through events that have no linearised equations:
+!> impacts, rigid friction that holds and lets go, sliders in a plane.
 !>
 !> The state that repeats is found by Newton's method from that of the motion (shooting); the derivative of the map there is its
 !> monodromy matrix, from central differences over distances that shrink (and steps, of a method that has them), extrapolated. What
-!> the next distance changes is the estimate; where the map has a kink or a jump, as at a grazing blow, it stays large. Source:
+!> the next distance changes is the estimate; where the map has a kink or a jump, as at a grazing impact, it stays large. Source:
 !> A. H. Nayfeh and B. Balachandran, Applied Nonlinear Dynamics, Wiley 1995, sections 6.5 and 7.1.
 module hb_period_map
    use hb_error, only: error_t
    use hb_kinds, only: two_pi, wp
    use hb_lapack, only: dgeqrf, dgetrf, dgetrs, dorgqr
-   use hb_march_system, only: march_system_t
+   use hb_integration_system, only: integration_system_t
    use hb_motion_series, only: motion_series_t
    use hb_state_map, only: new_state_map, state_map_t
    implicit none
@@ -26,7 +26,7 @@ module hb_period_map
    integer, parameter :: most_matrices = 4                            ! on the way
    real(wp), parameter :: slow = 0.3_wp                               ! fall of what is left that asks for a new matrix
    real(wp), parameter :: neutral = 1.0e-2_wp                         ! change of what stays as it is: a push apart slips a little
-   integer, parameter :: laps_of_sliders = 3                          ! in which they find their places
+   integer, parameter :: periods_of_sliders = 3                       ! in which they find their places
    integer, parameter :: n_looks = 256                                ! for the phase that is farthest from events
    real(wp), parameter :: usual_shots = 6.0_wp
 
@@ -37,14 +37,14 @@ module hb_period_map
       real(wp) :: estimate = huge(1.0_wp)                             !! of the error of the matrix, relative to its largest entry
       logical :: is_found = .false.
       real(wp), private :: tolerance = 0.0_wp
-      real(wp), private :: share = 1.0_wp                             ! of the period that is marched: a half of an odd motion,
+      real(wp), private :: share = 1.0_wp                             ! of the period that is integrated: a half of an odd motion,
       real(wp), private :: sense = 1.0_wp                             ! which is mirrored then, -1
       real(wp), private :: start = 0.0_wp, period = 0.0_wp            ! [s]
       real(wp), allocatable, private :: x(:)                          ! state, scaled
       real(wp), allocatable, private :: rate(:)                       ! of the motion at the start [1/s], scaled
       real(wp), allocatable, private :: still(:, :)                   ! places that stay while friction holds, (size, any)
       real(wp), allocatable, private :: free(:, :)                    ! orthonormal, of all states at which they stay
-      type(state_map_t), private :: march
+      type(state_map_t), private :: integration
    end type period_map_t
 
 contains
@@ -52,19 +52,19 @@ contains
    !> Takes the state of a motion at the phase that is farthest from its events. Fails for laws that no method can follow.
    subroutine new_period_map(self, system, motion, restitution, tolerance, error)
       type(period_map_t), intent(out) :: self
-      type(march_system_t), intent(inout), target :: system           !! of all degrees of freedom
+      type(integration_system_t), intent(inout), target :: system     !! of all degrees of freedom
       type(motion_series_t), intent(in) :: motion                     !! of all degrees of freedom, one tone
       real(wp), intent(in) :: restitution                             !! of rigid walls
       real(wp), intent(in) :: tolerance                               !! of the matrix, relative
       type(error_t), allocatable, intent(out) :: error
 
-      call new_state_map(self%march, system, motion, restitution, tolerance, error)
+      call new_state_map(self%integration, system, motion, restitution, tolerance, error)
       if (allocated(error)) return
       self%tolerance = tolerance
       self%period = two_pi/motion%omega(1)
-      self%start = farthest_phase(self%march)/motion%omega(1)
-      self%x = self%march%state_at(self%start)
-      self%rate = self%march%rate_at(self%start)
+      self%start = farthest_phase(self%integration)/motion%omega(1)
+      self%x = self%integration%state_at(self%start)
+      self%rate = self%integration%rate_at(self%start)
       call list_still(self)
       if (is_odd(system, motion)) then
          self%share = 0.5_wp
@@ -74,7 +74,7 @@ contains
 
    !> Whether a motion has odd harmonics alone, and laws that let it.
    pure logical function is_odd(system, motion)
-      type(march_system_t), intent(in) :: system
+      type(integration_system_t), intent(in) :: system
       type(motion_series_t), intent(in) :: motion
       real(wp), parameter :: nothing = 1.0e-9_wp                      ! relative
       logical :: is_even(size(motion%frequencies))
@@ -92,7 +92,7 @@ contains
       type(period_map_t), intent(inout) :: self
       integer :: i, k, n
 
-      associate (system => self%march%system, rigid => self%march%rigid, scale => self%march%scale)
+      associate (system => self%integration%system, rigid => self%integration%rigid, scale => self%integration%scale)
          n = system%n_dofs
          allocate (self%still(size(self%x), count(.not. rigid%is_wall) + system%laws%n_states), source=0.0_wp)
          k = 0
@@ -109,19 +109,19 @@ contains
    end subroutine list_still
 
    !> Phase [rad] at which open walls are far and friction slips fast, as far as it can be had for all at once.
-   function farthest_phase(march) result(phase)
-      type(state_map_t), intent(in) :: march
+   function farthest_phase(integration) result(phase)
+      type(state_map_t), intent(in) :: integration
       real(wp) :: phase
-      real(wp) :: far(n_looks, size(march%rigid)), phases(1, n_looks)
-      real(wp) :: v(n_looks, march%motion%n_coordinates), z(n_looks, march%motion%n_coordinates)
+      real(wp) :: far(n_looks, size(integration%rigid)), phases(1, n_looks)
+      real(wp) :: v(n_looks, integration%motion%n_coordinates), z(n_looks, integration%motion%n_coordinates)
       integer :: i
 
       phase = 0.0_wp
-      if (size(march%rigid) == 0) return
+      if (size(integration%rigid) == 0) return
       phases(1, :) = [(two_pi*i/n_looks, i=0, n_looks - 1)]
-      call march%motion%at(phases, z, v)
-      do i = 1, size(march%rigid)
-         associate (rigid => march%rigid(i), shape => march%system%laws%shape(:, march%rigid(i)%coordinate))
+      call integration%motion%at(phases, z, v)
+      do i = 1, size(integration%rigid)
+         associate (rigid => integration%rigid(i), shape => integration%system%laws%shape(:, integration%rigid(i)%coordinate))
             if (.not. rigid%is_wall) then
                far(:, i) = abs(matmul(v, shape))
             else if (rigid%two_sided) then
@@ -139,7 +139,7 @@ contains
    pure real(wp) function work_of_period_map(self) result(work)
       type(period_map_t), intent(in) :: self
 
-      work = (8.0_wp*size(self%x) + usual_shots)*self%march%work_of(2)
+      work = (8.0_wp*size(self%x) + usual_shots)*self%integration%work_of(2)
    end function work_of_period_map
 
    !> Finds the state that repeats and the matrix there; `is_found` tells whether there is one close to the motion.
@@ -152,7 +152,7 @@ contains
       integer :: level
       logical :: is_done
 
-      call self%march%allow(work_limit)
+      call self%integration%allow(work_limit)
       call settle_sliders(self, is_done)
       if (is_done) call shoot(self, is_free, is_done)
       if (.not. is_done) return
@@ -190,12 +190,12 @@ contains
       type(period_map_t), intent(inout) :: self
       logical, intent(out) :: is_done
       real(wp) :: after(size(self%x))
-      integer :: lap, n
+      integer :: i_period, n
 
       is_done = .true.
-      n = 2*self%march%system%n_dofs
+      n = 2*self%integration%system%n_dofs
       if (size(self%x) == n) return
-      do lap = 1, laps_of_sliders
+      do i_period = 1, periods_of_sliders
          call carry(self, 1, self%x, after, is_done)
          if (.not. is_done) return
          self%x(n + 1:) = after(n + 1:)
@@ -210,8 +210,8 @@ contains
       real(wp), intent(out) :: after(:)                               !! likewise
       logical, intent(out) :: is_done
 
-      self%march%level = level
-      call self%march%carry(self%start, self%share*self%period, x, after, is_done)
+      self%integration%level = level
+      call self%integration%carry(self%start, self%share*self%period, x, after, is_done)
       if (is_done) after = self%sense*after
    end subroutine carry
 
@@ -229,8 +229,9 @@ contains
       do k = 1, size(axes, 1)
          axes(k, k) = 1.0_wp
       end do
-      self%march%level = level
-      call self%march%differences(self%start, self%share*self%period, self%x, farthest*nearer**(level - 1), axes, matrix, is_done)
+      self%integration%level = level
+      call self%integration%differences(self%start, self%share*self%period, self%x, farthest*nearer**(level - 1), axes, matrix, &
+         is_done)
       if (is_done) matrix = self%sense*matrix
    end subroutine differentiate
 
@@ -275,7 +276,7 @@ contains
       real(wp) :: before, left
       integer :: level, n_matrices, shot
 
-      level = merge(3, 1, self%march%has_own_steps)   ! accurate, as near a bifurcation little is left of the matrix
+      level = merge(3, 1, self%integration%has_own_steps) ! accurate, as near a bifurcation little is left of the matrix
       begun = self%x
       n_matrices = 0
       before = huge(1.0_wp)

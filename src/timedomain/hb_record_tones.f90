@@ -9,7 +9,7 @@ module hb_record_tones
    use hb_error, only: error_t
    use hb_frequency_analysis, only: find_frequencies
    use hb_kinds, only: two_pi, wp
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: find_tones
@@ -125,7 +125,7 @@ contains
       self%is_fundamental = [(sum(abs(self%tuples(:, h))) == 1 .and. any(self%tuples(self%tones, h) /= 0), h=1, size(lowest))]
    end subroutine choose_tuples
 
-   !> Lines of the spectra that are told apart [rad/s].
+   !> Lines of the spectra that are distinguished [rad/s].
    subroutine collect_lines(self, lines, error)
       type(search_t), intent(in) :: self
       real(wp), allocatable, intent(out) :: lines(:)

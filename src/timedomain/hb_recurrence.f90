@@ -12,7 +12,7 @@
 !> So the defect of a return counts, beside another that misses less, as much as that would have of it.
 module hb_recurrence
    use hb_kinds, only: wp
-   use hb_watch, only: work_is_over
+   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: defect_of, find_return, repetition, turns_to_repeat

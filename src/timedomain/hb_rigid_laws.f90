@@ -5,7 +5,7 @@ module hb_rigid_laws
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_law, only: hold_t
-   use hb_march_laws, only: march_laws_t
+   use hb_integration_laws, only: integration_laws_t
    implicit none
    private
    public :: collect_rigid, put_before_walls
@@ -14,7 +14,7 @@ contains
 
    !> How the rigid ones among the laws are held, in their order; fails for one that cannot be.
    subroutine collect_rigid(laws, rigid, error)
-      type(march_laws_t), intent(in) :: laws
+      type(integration_laws_t), intent(in) :: laws
       type(hold_t), allocatable, intent(out) :: rigid(:)
       type(error_t), allocatable, intent(out) :: error
       type(hold_t) :: hold
@@ -24,8 +24,8 @@ contains
       do i = 1, size(laws%laws)
          if (.not. laws%laws(i)%law%is_multiplier) cycle
          hold = laws%laws(i)%law%hold()
-         if (allocated(hold%trouble)) then
-            call fail(error, hold%trouble)
+         if (allocated(hold%failure)) then
+            call fail(error, hold%failure)
             return
          end if
          hold%coordinate = laws%places(i)%first

@@ -8,8 +8,8 @@ module hb_runge_kutta_4
    use hb_error, only: error_t, fail
    use hb_integrator, only: integrator_t
    use hb_kinds, only: int64, wp
-   use hb_march_state, only: march_state_t
-   use hb_march_system, only: march_system_t
+   use hb_integration_state, only: integration_state_t
+   use hb_integration_system, only: integration_system_t
    implicit none
    private
    public :: new_runge_kutta_4, runge_kutta_4_t
@@ -33,12 +33,12 @@ contains
    !> Fails for a singular mass or rigid laws.
    subroutine new_runge_kutta_4(self, system, step, error)
       type(runge_kutta_4_t), intent(out) :: self
-      type(march_system_t), intent(inout), target :: system
+      type(integration_system_t), intent(inout), target :: system
       real(wp), intent(in) :: step                                    !! [s], > 0
       type(error_t), allocatable, intent(out) :: error
 
       if (system%laws%has_rigid()) then
-         call fail(error, "runge_kutta_4 cannot hold rigid walls or rigid friction; of the methods of &march cvode and "// &
+         call fail(error, "runge_kutta_4 cannot hold rigid walls or rigid friction; of the methods of &integration cvode and "// &
                    "central_differences can")
          return
       end if
@@ -56,7 +56,7 @@ contains
 
    subroutine runge_kutta_4_start(self, state, error)
       class(runge_kutta_4_t), intent(inout) :: self
-      type(march_state_t), intent(inout) :: state
+      type(integration_state_t), intent(inout) :: state
       type(error_t), allocatable, intent(out) :: error
 
       self%origin = state%time
@@ -68,7 +68,7 @@ contains
 
    subroutine runge_kutta_4_advance(self, state, n_steps, error)
       class(runge_kutta_4_t), intent(inout) :: self
-      type(march_state_t), intent(inout) :: state
+      type(integration_state_t), intent(inout) :: state
       integer, intent(in) :: n_steps
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: time

@@ -1,17 +1,17 @@
-!> What marching makes in some time of the state of a motion, and of states beside it.
+!> What time integration makes in some time of the state of a motion, and of states beside it.
 !>
-!> States are scaled by the reach and the speed of the motion. Methods follow events, so that a difference of two marches has in it
-!> what blows and turns do to a disturbance (saltation).
+!> States are scaled by the reach and the speed of the motion. Methods follow events, so that a difference of two time integrations
+!> has in it what impacts and turns do to a disturbance (saltation).
 module hb_state_map
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: int64, two_pi, wp
    use hb_law, only: hold_t
-   use hb_march, only: march_from, march_record_t
-   use hb_march_config, only: march_config_t, march_method
-   use hb_march_state, only: march_state_t, new_march_state
-   use hb_march_system, only: march_system_t
+   use hb_time_stepping, only: integrate_from, integration_record_t
+   use hb_integration_config, only: integration_config_t, integration_method
+   use hb_integration_state, only: integration_state_t, new_integration_state
+   use hb_integration_system, only: integration_system_t
    use hb_motion_series, only: motion_series_t
    use hb_rigid_laws, only: collect_rigid
    use hb_structure, only: structure_t
@@ -19,25 +19,26 @@ module hb_state_map
    private
    public :: new_state_map, state_map_t
 
-   real(wp), parameter :: most_accurate = 1.0e-13_wp                  ! tolerance of marching with variable steps
+   real(wp), parameter :: most_accurate = 1.0e-13_wp                  ! tolerance of time integration with variable steps
    real(wp), parameter :: least_accurate = 1.0e-11_wp
-   real(wp), parameter :: finer = 1.0e-4_wp                           ! that of marching relative to that of what is made of it
+   real(wp), parameter :: finer = 1.0e-4_wp ! that of time integration relative to that of what is made of it
    integer, parameter :: steps_a_radian = 20                          ! of the fastest motion, likewise
    real(wp), parameter :: usual_looks = 1500.0_wp                     ! at the motion in a period, with variable steps
    real(wp), parameter :: looks_a_radian = 15.0_wp                    ! of the fastest mode, whose stability limits these steps: 15 on
-                                                                      ! a beam of 8 degrees of freedom (test_hb_marched_laps)
+                                                                      ! a beam of 8 degrees of freedom
+                                                                      ! (test_hb_integrated_propagation)
    real(wp), parameter :: smallest_scale = 0.1_wp                     ! of one unknown, relative to the largest of its kind: what
                                                                       ! is moved apart has to slip, not to creep
 
    type :: state_map_t
-      type(march_system_t), pointer :: system => null()
+      type(integration_system_t), pointer :: system => null()
       type(motion_series_t) :: motion                                 !! of all degrees of freedom
       type(hold_t), allocatable :: rigid(:)                           !! laws
       real(wp), allocatable :: scale(:)                               !! of (q, v, states of laws), > 0
       logical :: has_own_steps = .true.                               !! the method chooses them
       integer :: fewest_steps = 1000                                  !! else, in a period of the fastest tone
       integer :: level = 1                                            !! each has twice the steps of the one before
-      type(march_config_t), private :: config
+      type(integration_config_t), private :: config
    contains
       procedure :: state_at => state_map_state_at
       procedure :: rate_at => state_map_rate_at
@@ -52,7 +53,7 @@ contains
    !> Fails for laws that no method can follow.
    subroutine new_state_map(self, system, motion, restitution, tolerance, error)
       type(state_map_t), intent(out) :: self
-      type(march_system_t), intent(inout), target :: system           !! of all degrees of freedom
+      type(integration_system_t), intent(inout), target :: system     !! of all degrees of freedom
       type(motion_series_t), intent(in) :: motion                     !! of all degrees of freedom
       real(wp), intent(in) :: restitution                             !! of rigid walls
       real(wp), intent(in) :: tolerance                               !! of derivatives, relative
@@ -71,7 +72,7 @@ contains
             self%has_own_steps = self%has_own_steps .and. law%has_bounds
          end select
       end do
-      self%config%method = merge(march_method%cvode, march_method%runge_kutta_4, self%has_own_steps)
+      self%config%method = merge(integration_method%cvode, integration_method%runge_kutta_4, self%has_own_steps)
       self%config%tolerance = min(max(finer*tolerance, most_accurate), least_accurate)
       self%config%restitution = restitution
       self%config%decimation = huge(1)
@@ -129,19 +130,19 @@ contains
       real(wp), intent(in) :: x(:)                                    !! scaled
       real(wp), intent(out) :: after(:)                               !! likewise
       logical, intent(out) :: is_done
-      type(march_record_t) :: record
-      type(march_state_t) :: state
+      type(integration_record_t) :: record
+      type(integration_state_t) :: state
       type(error_t), allocatable :: error
       integer, parameter :: nothing(0) = 0
 
       associate (system => self%system, n => self%system%n_dofs, y => x*self%scale)
-         call new_march_state(state, n, system%laws%n_states)
+         call new_integration_state(state, n, system%laws%n_states)
          state%time = start
          state%q = y(:n)
          state%v = y(n + 1:2*n)
          state%s = y(2*n + 1:)
          self%config%duration = duration
-         call march_from(system, self%config, duration/n_steps_of(self, self%level), nothing, state, record, error)
+         call integrate_from(system, self%config, duration/n_steps_of(self, self%level), nothing, state, record, error)
       end associate
       is_done = .not. allocated(error)
       if (is_done) after = [state%q, state%v, state%s]/self%scale
@@ -169,7 +170,7 @@ contains
       end do
    end subroutine state_map_differences
 
-   !> Lets marches take so much work from now on.
+   !> Lets integrates take so much work from now on.
    subroutine state_map_allow(self, work)
       class(state_map_t), intent(inout) :: self
       real(wp), intent(in) :: work                                    !! in about a nanosecond
@@ -196,7 +197,7 @@ contains
       end associate
    end function work_of_look
 
-   !> Steps of a march at a level, those of a period of the slowest tone; one where the method chooses its own.
+   !> Steps of a time integration at a level, those of a period of the slowest tone; one where the method chooses its own.
    pure integer function n_steps_of(self, level) result(n_steps)
       type(state_map_t), intent(in) :: self
       integer, intent(in) :: level

@@ -1,29 +1,29 @@
 !> Time integration from a motion: does it stay where it is?
 !>
 !> One integration starts on the motion at time zero, a second one very close to it. What the two say together is decided in
-!> hb_march_verdict: they part where the motion is unstable, and then it is right and would not be seen; else they come together
-!> as fast as the start is forgotten, and what then is left between integration and motion is the error of the motion. Tones that the
-!> balance has found may drift (hb_march_difference): as far as that is more than the errors of the frequencies let expect, the
-!> motion is wrong. It lasts until this is decided, at most as long as the decay of the linear structure takes, within a
-!> bound of work.
+!> hb_integration_verdict: they part where the motion is unstable, and then it is right and would not be seen; else they come
+!> together as fast as the start is forgotten, and what then is left between integration and motion is the error of the motion.
+!> Tones that the balance has found may drift (hb_integration_difference): as far as that is more than the errors of the frequencies
+!> let expect, the motion is wrong. It lasts until this is decided, at most as long as the decay of the linear structure takes,
+!> within a bound of work.
 module hb_verification
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: law_dofs_of
-   use hb_march, only: march_from, march_record_t
-   use hb_march_config, only: march_config_t, march_method, step_of
-   use hb_march_difference, only: march_difference_t, motion, new_march_difference, series_t
-   use hb_march_state, only: march_state_t, new_march_state
-   use hb_march_system, only: march_system_t, new_march_system
-   use hb_march_verdict, only: decide, growth_of, limit_of, n_settled, verdict
-   use hb_marched_motion, only: fastest_of, has_bounds_of, settle
+   use hb_time_stepping, only: integrate_from, integration_record_t
+   use hb_integration_config, only: integration_config_t, integration_method, step_of
+   use hb_integration_difference, only: integration_difference_t, motion, new_integration_difference, series_t
+   use hb_integration_state, only: integration_state_t, new_integration_state
+   use hb_integration_system, only: integration_system_t, new_integration_system
+   use hb_integration_verdict, only: decide, growth_of, limit_of, n_settled, verdict
+   use hb_integrated_motion, only: fastest_of, has_bounds_of, settle
    use hb_modes, only: slowest_decay
    use hb_outcome, only: outcome
-   use hb_scene, only: scene_t
+   use hb_model, only: model_t
    use hb_structure, only: max_dofs
    use hb_text, only: to_text
-   use hb_time_domain, only: settled_t
+   use hb_time_domain, only: steady_motion_t
    implicit none
    private
    public :: claim_t, verdict_t, verify_motion
@@ -31,22 +31,23 @@ module hb_verification
    integer, parameter :: periods_of_sliders = 20                      ! of the motion, in which sliders find their places
    integer, parameter :: fewest_periods = 20                          ! of the slowest tone; of several twice that, and two beats
    integer, parameter :: most_periods_of_beats = 100
-   integer, parameter :: least_bound = 100, greatest_bound = 1000     ! periods at which a march ends without a decision, at least
+   integer, parameter :: least_bound = 100, greatest_bound = 1000     ! periods at which a time integration ends without a decision,
+                                                                      ! at least
                                                                       ! and at last
    integer, parameter :: longest_decay = 1000000                      ! periods; a slower one is none to be told from it
    integer, parameter :: usual_bound = 150                            ! where nothing in the structure decays
-   integer, parameter :: most_samples = 400000                        ! of one march, beyond the fewest periods
+   integer, parameter :: most_samples = 400000                        ! of one time integration, beyond the fewest periods
    integer, parameter :: periods_at_once = 5
    real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm: the bound
    real(wp), parameter :: most_decay = 3.0_wp                         ! likewise: the start is forgotten
-   real(wp), parameter :: march_tolerance = 1.0e-13_wp                ! of the march, unless the input asks for less
+   real(wp), parameter :: integration_tolerance = 1.0e-13_wp          ! of the time integration, unless the input asks for less
    real(wp), parameter :: remembered = 10.0_wp                        ! fall of the distance below which the start still counts
-   real(wp), parameter :: nearness = 1.0e-6_wp                        ! of the second march at its start, relative to the motion
+   real(wp), parameter :: nearness = 1.0e-6_wp ! of the second time integration at its start, relative to the motion
    real(wp), parameter :: too_far = 1.0e-4_wp, too_near = 1.0e-10_wp  ! distances at which it is brought back there
    real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the motion
    integer, parameter :: fewest_steps = 1000                          ! of fixed steps in a period of the slowest tone, and in
    real(wp), parameter :: step_of_mode = 0.1_wp                       ! radians of the fastest mode: errors of 1e-6 in a period
-   real(wp), parameter :: gone = 2.0_wp                               ! likewise, where the march breaks off
+   real(wp), parameter :: gone = 2.0_wp                               ! likewise, where the time integration breaks off
 
    !> A motion with what is said of its errors.
    type :: claim_t
@@ -69,11 +70,11 @@ module hb_verification
       character(:), allocatable :: coordinate                         !! its name
       real(wp) :: growth = 0.0_wp                                     !! of what is close to the motion [1/s]
       real(wp), allocatable :: drift(:)                               !! of the frequencies found [rad/s], (n_tones)
-      real(wp) :: duration = 0.0_wp                                   !! of the march [s]
+      real(wp) :: duration = 0.0_wp                                   !! of the time integration [s]
       integer :: n_periods = 0                                        !! of the slowest tone, likewise
    end type verdict_t
 
-   !> How long a march is, in periods of the slowest tone.
+   !> How long a time integration is, in periods of the slowest tone.
    type :: length_t
       real(wp) :: period = 0.0_wp                                     !! [s]
       integer :: n_samples = 0                                        !! in a period
@@ -84,12 +85,12 @@ module hb_verification
 
    !> Both integrations, and what was seen of them so far.
    type :: pair_t
-      type(march_system_t) :: system
-      type(march_config_t) :: config
-      type(march_state_t) :: state, other                             !! of the one on the motion, and of the one beside it
-      type(march_record_t) :: record
+      type(integration_system_t) :: system
+      type(integration_config_t) :: config
+      type(integration_state_t) :: state, other                       !! of the one on the motion, and of the one beside it
+      type(integration_record_t) :: record
       type(length_t) :: length
-      type(march_difference_t) :: difference
+      type(integration_difference_t) :: difference
       real(wp), allocatable :: scale(:), speed(:)                     !! [m], [m/s], (n_dofs)
       real(wp), allocatable :: distance(:)                            !! logarithm, after each stretch
       real(wp), allocatable :: ratio(:)                               !! of difference and limit, in each period
@@ -100,21 +101,22 @@ module hb_verification
 
 contains
 
-   !> Integrates from a motion of a scene, and from beside it, until what they say is decided.
-   subroutine verify_motion(scene, claim, n_periods, result, error)
-      type(scene_t), intent(inout) :: scene
+   !> Integrates from a motion of a model, and from beside it, until what they say is decided.
+   subroutine verify_motion(model, claim, n_periods, result, error)
+      type(model_t), intent(inout) :: model
       type(claim_t), intent(in) :: claim
       integer, intent(in) :: n_periods                                !! of the slowest tone, at most; 0: by the decay
       type(verdict_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       type(pair_t), target :: pair
 
-      call scene%structure%refuse_large("marching", max_dofs, error)
+      call model%structure%refuse_large("integration", max_dofs, error)
       if (allocated(error)) return
-      call begin_pair(pair, scene, claim, n_periods)
+      call begin_pair(pair, model, claim, n_periods)
       if (claim%is_averaged) then
-         scene%march%tolerance = pair%config%tolerance
-         call verify_marched(scene, pair%system, claim%tuples, transpose(claim%amplitudes), pair%state, claim%spread, result, error)
+         model%integration%tolerance = pair%config%tolerance
+         call verify_integrated(model, pair%system, claim%tuples, transpose(claim%amplitudes), pair%state, claim%spread, result, &
+            error)
          return
       end if
       do while (result%kind == verdict%not_done)
@@ -125,9 +127,9 @@ contains
    end subroutine verify_motion
 
    !> Puts one state on the motion and one beside it.
-   subroutine begin_pair(self, scene, claim, n_periods)
+   subroutine begin_pair(self, model, claim, n_periods)
       type(pair_t), intent(inout), target :: self
-      type(scene_t), intent(in) :: scene
+      type(model_t), intent(in) :: model
       type(claim_t), intent(in) :: claim
       integer, intent(in) :: n_periods
       real(wp), allocatable :: frequencies(:)
@@ -136,31 +138,32 @@ contains
 
       associate (omega => claim%omega, amplitudes => claim%amplitudes, system => self%system)
          frequencies = matmul(omega, real(claim%tuples, wp))
-         call new_march_system(system, scene%structure, scene%laws, scene%loads%whole(), scene%harmonics%frequencies(omega), omega)
-         call choose_length(self%length, scene, omega, n_periods)
+         call new_integration_system(system, model%structure, model%laws, model%loads%whole(), &
+            model%harmonics%frequencies(omega), omega)
+         call choose_length(self%length, model, omega, n_periods)
          step = self%length%period/self%length%n_samples
          self%scale = sum(abs(amplitudes), dim=1)
-         self%scale = [(maxval(self%scale, mask=scene%structure%units == scene%structure%units(i)), i=1, size(self%scale))]
+         self%scale = [(maxval(self%scale, mask=model%structure%units == model%structure%units(i)), i=1, size(self%scale))]
          where (self%scale <= 0.0_wp) self%scale = max(system%length, nearness)
          self%speed = self%scale*max(leading_of(amplitudes, frequencies), minval(omega))
-         self%config = scene%march
+         self%config = model%integration
          self%config%transient = 0.0_wp
          self%config%decimation = 1
-         self%config%tolerance = min(self%config%tolerance, march_tolerance)
-         if (self%config%method == march_method%cvode .and. .not. has_bounds_of(scene)) then
-            self%config%method = march_method%runge_kutta_4
-            self%config%substeps = ceiling(max(step*fewest_steps/self%length%period, step*fastest_of(scene)/step_of_mode))
+         self%config%tolerance = min(self%config%tolerance, integration_tolerance)
+         if (self%config%method == integration_method%cvode .and. .not. has_bounds_of(model)) then
+            self%config%method = integration_method%runge_kutta_4
+            self%config%substeps = ceiling(max(step*fewest_steps/self%length%period, step*fastest_of(model)/step_of_mode))
          end if
          self%config%largest = runaway*maxval(self%scale)
-         call new_march_state(self%state, system%n_dofs, system%laws%n_states)
+         call new_integration_state(self%state, system%n_dofs, system%laws%n_states)
          call place_state(system, amplitudes, frequencies, -periods_of_sliders*self%length%period, step, self%state)
          self%other = self%state
          self%other%q = self%other%q + nearness*self%scale*directions(system%n_dofs, 0)
          self%other%v = self%other%v + nearness*self%speed*directions(system%n_dofs, system%n_dofs)
-         call new_march_difference(self%difference, series_t(amplitudes, claim%tuples, omega, scene%tones%is_unknown), &
-                                   system%laws%shape, scene%structure%units, max(system%length, nearness), &
+         call new_integration_difference(self%difference, series_t(amplitudes, claim%tuples, omega, model%tones%is_unknown), &
+                                   system%laws%shape, model%structure%units, max(system%length, nearness), &
                                    n_settled(self%length%most, self%length%fewest))
-         self%estimate = scene%certificate%truncation
+         self%estimate = model%certificate%truncation
          if (ieee_is_finite(claim%estimate)) self%estimate = claim%estimate
          self%share = velocity_share(amplitudes, frequencies)
          self%expected = self%estimate
@@ -173,15 +176,16 @@ contains
       type(pair_t), intent(inout), target :: self
       type(verdict_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
-      type(march_record_t) :: other_record
+      type(integration_record_t) :: other_record
       integer :: i, n_new
 
       associate (length => self%length, difference => self%difference)
          n_new = min(max(periods_at_once, difference%n_periods/4), length%bound - difference%n_periods)
          self%config%duration = n_new*length%period
          associate (step => length%period/length%n_samples, all_dofs => [(i, i=1, self%system%n_dofs)])
-            call march_from(self%system, self%config, step, all_dofs, self%state, self%record, error)
-            if (.not. allocated(error)) call march_from(self%system, self%config, step, all_dofs, self%other, other_record, error)
+            call integrate_from(self%system, self%config, step, all_dofs, self%state, self%record, error)
+            if (.not. allocated(error)) call integrate_from(self%system, self%config, step, all_dofs, self%other, other_record, &
+               error)
          end associate
          if (allocated(error)) then
             if (.not. has_run_away(self)) return
@@ -246,39 +250,39 @@ contains
       end associate
    end subroutine write_up
 
-   !> Verdict on a motion that was marched: another march, from the motion itself and with its own tolerance, until it is
-   !> steady. What the set cannot hold of the motion is not part of its coefficients, so that these are compared.
-   subroutine verify_marched(scene, system, tuples, amplitudes, start, spread, result, error)
-      type(scene_t), intent(in) :: scene
-      type(march_system_t), intent(in) :: system
+   !> Verdict on a motion that was integrated: another time integration, from the motion itself and with its own tolerance, until it
+   !> is steady. What the set cannot hold of the motion is not part of its coefficients, so that these are compared.
+   subroutine verify_integrated(model, system, tuples, amplitudes, start, spread, result, error)
+      type(model_t), intent(in) :: model
+      type(integration_system_t), intent(in) :: system
       integer, intent(in) :: tuples(:, :)                             !! of the file, (n_tones, n_harmonics); a point may have fewer
       complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin [m], (n_dofs, n_harmonics)
-      type(march_state_t), intent(in) :: start
+      type(integration_state_t), intent(in) :: start
       real(wp), intent(in) :: spread                                  !! of the averages, relative
       type(verdict_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       complex(wp), allocatable :: items(:, :), others(:, :)
       character(64), allocatable :: labels(:)
       real(wp), allocatable :: difference(:), scale(:)
-      type(settled_t) :: settled
+      type(steady_motion_t) :: settled
       integer :: i, k
 
-      call settle(scene, law_dofs_of(scene%laws), settled, error, start)
+      call settle(model, law_dofs_of(model%laws), settled, error, start)
       if (allocated(error)) return
       result%n_periods = settled%n_periods
-      result%duration = settled%n_periods*two_pi/minval(scene%tones%omega)
-      result%drift = 0.0_wp*scene%tones%omega
+      result%duration = settled%n_periods*two_pi/minval(model%tones%omega)
+      result%drift = 0.0_wp*model%tones%omega
       result%coordinate = ""
       result%kind = verdict%differs
       if (settled%status == outcome%pending) result%kind = verdict%undecided
-      if (settled%status /= outcome%marched) return
-      associate (n => scene%structure%n_dofs, shape => cmplx(system%laws%shape, 0.0_wp, wp), units => scene%structure%units)
+      if (settled%status /= outcome%time_domain) return
+      associate (n => model%structure%n_dofs, shape => cmplx(system%laws%shape, 0.0_wp, wp), units => model%structure%units)
          allocate (items(n + size(shape, 2), size(amplitudes, 2)), others(n + size(shape, 2), size(amplitudes, 2)))
          items(:n, :) = amplitudes
          items(n + 1:, :) = matmul(transpose(shape), amplitudes)
          others = (0.0_wp, 0.0_wp)
          do i = 1, size(tuples, 2)
-            k = scene%harmonics%index_of(tuples(:, i))
+            k = model%harmonics%index_of(tuples(:, i))
             if (k > 0) others(:n, i) = settled%amplitudes(:, k)
          end do
          others(n + 1:, :) = matmul(transpose(shape), others(:n, :))
@@ -286,27 +290,27 @@ contains
          scale(:n) = [(maxval(scale(:n), mask=units == units(i)), i=1, n)]
       end associate
       difference = norm2(abs(others - items), dim=2)/max(scale, tiny(1.0_wp))
-      labels = [character(64) :: scene%structure%labels, system%laws%coordinate_labels()]
+      labels = [character(64) :: model%structure%labels, system%laws%coordinate_labels()]
       i = maxloc(difference, dim=1)
       result%coordinate = trim(labels(i))
       result%difference = difference(i)
       result%first_difference = difference(i)
       result%limit = limit_of(spread + settled%spread, 1.0_wp)
       if (result%difference <= result%limit) result%kind = verdict%agrees
-   end subroutine verify_marched
+   end subroutine verify_integrated
 
-   !> Length of the march from a motion: at least until all of it was seen, at most until the slowest mode of the linear structure
-   !> is forgotten, as far as the bound of work allows.
-   subroutine choose_length(self, scene, omega, n_periods)
+   !> Length of the time integration from a motion: at least until all of it was seen, at most until the slowest mode of the linear
+   !> structure is forgotten, as far as the bound of work allows.
+   subroutine choose_length(self, model, omega, n_periods)
       type(length_t), intent(out) :: self
-      type(scene_t), intent(in) :: scene
+      type(model_t), intent(in) :: model
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
       integer, intent(in) :: n_periods                                !! at most; 0: not given
       real(wp) :: beat, rate
       integer :: i, k
 
       self%period = two_pi/minval(omega)
-      self%n_samples = ceiling(self%period/step_of(scene%march, omega)*(1.0_wp - 1.0e-9_wp))
+      self%n_samples = ceiling(self%period/step_of(model%integration, omega)*(1.0_wp - 1.0e-9_wp))
       beat = minval(omega)
       do i = 1, size(omega)
          do k = 1, i - 1
@@ -315,8 +319,8 @@ contains
       end do
       self%fewest = max(merge(2, 1, size(omega) > 1)*fewest_periods, min(most_periods_of_beats, ceiling(2.0_wp*minval(omega)/beat)))
       rate = 0.0_wp
-      if (.not. allocated(scene%structure%sparse)) &
-         rate = slowest_decay(scene%structure%mass, scene%structure%damping, scene%structure%stiffness)*self%period
+      if (.not. allocated(model%structure%sparse)) &
+         rate = slowest_decay(model%structure%mass, model%structure%damping, model%structure%stiffness)*self%period
       self%bound = usual_bound
       if (rate > 0.0_wp) then
          self%decay = ceiling(min(most_decay/rate, real(longest_decay, wp)))
@@ -340,10 +344,11 @@ contains
                  (0.5_wp + 0.5_wp*modulo((offset + i)*root, 1.0_wp)), i=1, n)]
    end function directions
 
-   !> Brings the second march back to the distance at which it began, in the same direction, where it is too far or too near.
+   !> Brings the second time integration back to the distance at which it began, in the same direction, where it is too far or too
+   !> near.
    subroutine bring_back(state, other, scale, speed, moved_back)
-      type(march_state_t), intent(in) :: state
-      type(march_state_t), intent(inout) :: other
+      type(integration_state_t), intent(in) :: state
+      type(integration_state_t), intent(inout) :: other
       real(wp), intent(in) :: scale(:), speed(:)                      !! [m], [m/s], (n_dofs)
       real(wp), intent(inout) :: moved_back                           !! logarithm of all that it was brought back by
       real(wp) :: apart
@@ -358,8 +363,8 @@ contains
 
    !> The coordinate, or the tone of a coordinate, that is worst for its limit in the last periods.
    subroutine find_worst(difference, system, length, estimate, result)
-      type(march_difference_t), intent(in) :: difference
-      type(march_system_t), intent(in) :: system
+      type(integration_difference_t), intent(in) :: difference
+      type(integration_system_t), intent(in) :: system
       type(length_t), intent(in) :: length
       real(wp), intent(in) :: estimate
       type(verdict_t), intent(inout) :: result
@@ -387,7 +392,8 @@ contains
    end subroutine find_worst
 
    !> How much larger an error of the displacements is as one of the velocities: what is left out has frequencies beyond the
-   !> highest one, and the velocity that the march lacks at its start makes a motion with the leading one, until it decays.
+   !> highest one, and the velocity that the time integration lacks at its start makes a motion with the leading one, until it
+   !> decays.
    pure real(wp) function velocity_share(amplitudes, frequencies) result(share)
       complex(wp), intent(in) :: amplitudes(:, :)                     !! (n_harmonics, n_dofs)
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s]
@@ -408,10 +414,10 @@ contains
 
    !> Sets a state on the motion at time zero; sliders follow the motion from rest at an earlier time.
    subroutine place_state(system, amplitudes, frequencies, start, step, state)
-      type(march_system_t), intent(inout) :: system
+      type(integration_system_t), intent(inout) :: system
       complex(wp), intent(in) :: amplitudes(:, :)                     !! (n_harmonics, n_dofs)
       real(wp), intent(in) :: frequencies(:), start, step             !! [rad/s], [s], [s]
-      type(march_state_t), intent(inout) :: state
+      type(integration_state_t), intent(inout) :: state
       integer :: i, n
 
       n = merge(ceiling(-start/step), 0, system%laws%n_states > 0)

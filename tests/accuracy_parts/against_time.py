@@ -1,4 +1,4 @@
-"""Error over processor time of marching and of the balance, case by case."""
+"""Error over processor time of time integration and of the balance, case by case."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from pathlib import Path
 import h5py
 import numpy as np
 from nhbm_post.bench import Bench
-from runs import Balance, Refused, Scene, march, nhbm, rms, series
+from runs import Balance, Refused, Model, integration, nhbm, rms, series
 
-# A march is as good as it gets where a longer transient brings its error down by less than this.
+# A time integration is as good as it gets where a longer transient brings its error down by less than this.
 SETTLED = 1.3
 TRIES = 3
-MARCHED = 18  # status of a point
+INTEGRATED = 18  # status of a point
 TOO_LONG = 100.0  # processor seconds of a motion by tolerance, after which no finer one is asked for
-LONG_ENOUGH = 0.1  # processor seconds from which a march is timed once
+LONG_ENOUGH = 0.1  # processor seconds from which a time integration is timed once
 WINDOW_PERIODS = 10.0  # of the slowest tone
 
 
 @dataclass(frozen=True)
 class Case:
-    """One scene and what is tried on it."""
+    """One model and what is tried on it."""
 
     name: str
     title: str
-    scene: Scene
+    model: Model
     sample: float  # [s], distance of the samples that are compared
     longest: float  # [s], time after which the start is forgotten to the last digit
-    marches: dict[str, tuple[int, ...]]  # method: steps in one sample
+    integrations: dict[str, tuple[int, ...]]  # method: steps in one sample
     orders: tuple[int, ...]
     reference_order: int
     tolerances: tuple[float, ...] = ()  # of cvode
@@ -41,13 +41,13 @@ class Case:
 
 @dataclass
 class Point:
-    """One march or one balance: what it costs and how far off it is."""
+    """One time integration or one balance: what it costs and how far off it is."""
 
     label: str
     seconds: float
     error: float
     transient: float = 0.0
-    is_marched: bool = False  # found by marching, from the balance that came closest
+    is_integrated: bool = False  # found by time integration, from the balance that came closest
 
 
 @dataclass
@@ -58,21 +58,21 @@ class Finding:
     curves: dict[str, list[Point]] = field(default_factory=dict)
     agreement: float = float("nan")  # relative rms difference of both ways to the reference
 
-    def cheapest(self, is_march: bool, error: float) -> tuple[str, Point] | None:
-        """Fastest of all marches, or of all balances, with at most this error."""
+    def cheapest(self, is_integration: bool, error: float) -> tuple[str, Point] | None:
+        """Fastest of all time integrations, or of all balances, with at most this error."""
         found = [
             (point.seconds, name, point)
             for name, points in self.curves.items()
             for point in points
-            if (name in MARCHES) == is_march and point.error <= error
+            if (name in INTEGRATIONS) == is_integration and point.error <= error
         ]
         return min(found, key=lambda item: item[0])[1:] if found else None
 
-    def least(self, is_march: bool) -> float:
-        return min(p.error for name, points in self.curves.items() for p in points if (name in MARCHES) == is_march)
+    def least(self, is_integration: bool) -> float:
+        return min(p.error for name, points in self.curves.items() for p in points if (name in INTEGRATIONS) == is_integration)
 
 
-MARCHES = {
+INTEGRATIONS = {
     "runge_kutta_4": "Runge-Kutta 4",
     "central_differences": "central differences",
     "generalized_alpha": "generalized alpha",
@@ -84,7 +84,7 @@ MASS = {"dofs": ("x1",), "weights": (1.0,)}
 ASKED_OF_SMOOTH = (1e-2, 1e-3, 1e-4, 1e-6, 1e-9)
 ASKED_OF_KINKS = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
 TOLERANCES = (1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
-# C2a with less damping is unstable, so that no march stays beside it; with tones of 0.8 and 1.294 rad/s it is stable.
+# C2a with less damping is unstable, so that no time integration stays beside it; with tones of 0.8 and 1.294 rad/s it is stable.
 SLOWER_TONES = ("tones%frequency(1)=0.8", "tones%frequency(2)=1.2944271909999159")
 PAPER_BEAM = {
     "runge_kutta_4": (500, 700, 1000),
@@ -96,10 +96,10 @@ CASES = [
     Case(
         name="cubic_10",
         title="paper's beam, 10 N/m³",
-        scene=Scene("ladder/paper_cubic", **MIDSPAN, sets=("law(1)%stiffness=10",)),
+        model=Model("order_sequence/paper_cubic", **MIDSPAN, sets=("law(1)%stiffness=10",)),
         sample=0.1,
         longest=9.0,
-        marches=PAPER_BEAM,
+        integrations=PAPER_BEAM,
         tolerances=(1e-4, 1e-7, 1e-10, 1e-12),
         orders=(1, 3, 5, 7),
         reference_order=9,
@@ -107,10 +107,10 @@ CASES = [
     Case(
         name="cubic_1e10",
         title="paper's beam, 1e10 N/m³",
-        scene=Scene("ladder/paper_cubic", **MIDSPAN),
+        model=Model("order_sequence/paper_cubic", **MIDSPAN),
         sample=0.1,
         longest=9.0,
-        marches=PAPER_BEAM,
+        integrations=PAPER_BEAM,
         tolerances=(1e-4, 1e-7, 1e-10, 1e-12),
         orders=(3, 5, 7, 9, 11, 13, 15, 17, 19, 21),
         reference_order=25,
@@ -118,10 +118,10 @@ CASES = [
     Case(
         name="modal_1e10",
         title="beam of three modes, 1e10 N/m³",
-        scene=Scene("ladder/dynamic_cubic", **STOP),
+        model=Model("order_sequence/dynamic_cubic", **STOP),
         sample=0.1,
         longest=16.0,
-        marches={
+        integrations={
             "runge_kutta_4": (50, 100, 200, 400),
             "central_differences": (80, 400, 2000),
             "generalized_alpha": (1, 2, 5, 20, 80),
@@ -133,31 +133,31 @@ CASES = [
     Case(
         name="light_damping",
         title="lightly damped beam, fast tones",
-        scene=Scene("ladder/light_damping", **STOP),
+        model=Model("order_sequence/light_damping", **STOP),
         sample=0.02,
         longest=1200.0,
-        marches={"runge_kutta_4": (10, 20, 40, 80), "central_differences": (16, 64, 160)},
+        integrations={"runge_kutta_4": (10, 20, 40, 80), "central_differences": (16, 64, 160)},
         orders=(3, 5, 7, 9, 11, 13, 15),
         reference_order=21,
     ),
     Case(
         name="long_beam",
         title="beam of 200 degrees of freedom",
-        scene=Scene("ladder/long_beam", dofs=("v51",), weights=(1.0,)),
+        model=Model("order_sequence/long_beam", dofs=("v51",), weights=(1.0,)),
         sample=0.1,
         longest=15.0,
         has_cvode_reference=False,
-        marches={"generalized_alpha": (1, 2, 5, 20, 80, 320)},
+        integrations={"generalized_alpha": (1, 2, 5, 20, 80, 320)},
         orders=(3, 5, 7, 9, 11, 13, 15, 17, 19, 21),
         reference_order=25,
     ),
     Case(
         name="wall",
         title="paper's beam at a rigid wall",
-        scene=Scene("ladder/paper_wall", **MIDSPAN, sets=("law(1)%augmentation=1e5",)),
+        model=Model("order_sequence/paper_wall", **MIDSPAN, sets=("law(1)%augmentation=1e5",)),
         sample=0.02,
         longest=9.0,
-        marches={"central_differences": (40, 80, 160, 320, 640, 1280)},
+        integrations={"central_differences": (40, 80, 160, 320, 640, 1280)},
         tolerances=TOLERANCES,
         orders=(3, 5, 7, 9, 11, 13, 17, 21),
         reference_order=13,
@@ -169,10 +169,10 @@ CASES = [
     Case(
         name="stop_c2a",
         title="one mass, elastic stop (C2a)",
-        scene=Scene("ladder/stop_two_tones", **MASS),
+        model=Model("order_sequence/stop_two_tones", **MASS),
         sample=0.1,
         longest=480.0,
-        marches={"runge_kutta_4": (1, 2, 4, 8, 16, 32, 64), "central_differences": (1, 4, 16, 64)},
+        integrations={"runge_kutta_4": (1, 2, 4, 8, 16, 32, 64), "central_differences": (1, 4, 16, 64)},
         tolerances=TOLERANCES,
         orders=(3, 5, 7, 9, 13, 17, 21, 25),
         reference_order=17,
@@ -184,10 +184,10 @@ CASES = [
         Case(
             name=name,
             title=f"one mass, elastic stop, {title}",
-            scene=Scene("ladder/stop_two_tones", **MASS, sets=(*SLOWER_TONES, f"structure%damping_mass={damping}")),
+            model=Model("order_sequence/stop_two_tones", **MASS, sets=(*SLOWER_TONES, f"structure%damping_mass={damping}")),
             sample=0.1,
             longest=40.0 / damping,
-            marches={"runge_kutta_4": (1, 2, 4, 8, 16), "central_differences": (1, 4, 16)},
+            integrations={"runge_kutta_4": (1, 2, 4, 8, 16), "central_differences": (1, 4, 16)},
             tolerances=TOLERANCES[:4],
             orders=(3, 5, 7, 9, 13),
             reference_order=17,
@@ -202,10 +202,10 @@ CASES = [
     Case(
         name="dynamic_stop",
         title="beam of three modes, stop of 1e6 N/m",
-        scene=Scene("ladder/dynamic_stop", **STOP),
+        model=Model("order_sequence/dynamic_stop", **STOP),
         sample=0.02,
         longest=16.0,
-        marches={"runge_kutta_4": (10, 20, 40, 80, 160, 320, 640), "central_differences": (16, 80, 400)},
+        integrations={"runge_kutta_4": (10, 20, 40, 80, 160, 320, 640), "central_differences": (16, 80, 400)},
         tolerances=TOLERANCES,
         orders=(3, 5, 7, 9, 13, 17),
         reference_order=9,
@@ -216,10 +216,10 @@ CASES = [
     Case(
         name="jenkins",
         title="one mass, elastic friction (Jenkins)",
-        scene=Scene("ladder/jenkins_two_tones", **MASS),
+        model=Model("order_sequence/jenkins_two_tones", **MASS),
         sample=0.1,
         longest=800.0,
-        marches={"runge_kutta_4": (1, 2, 4, 8, 16, 32, 64), "central_differences": (1, 4, 16, 64)},
+        integrations={"runge_kutta_4": (1, 2, 4, 8, 16, 32, 64), "central_differences": (1, 4, 16, 64)},
         tolerances=TOLERANCES,
         orders=(3, 5, 7, 9, 11, 13),
         reference_order=9,
@@ -233,12 +233,12 @@ def measure(case: Case, methods: list[str], folder: Path) -> Finding:
     finding = Finding(case)
     window, t, reference = _reference(case, folder, finding)
     size = rms(reference[t >= case.longest])
-    for method, ladder in case.marches.items():
-        rungs = [(f"step {case.sample / n:.2g} s", (f"step={case.sample / n!r}", f"decimation={n}")) for n in ladder]
-        finding.curves[method] = _marches(case, method, rungs, folder, window, t, reference)
+    for method, order_sequence in case.integrations.items():
+        levels = [(f"step {case.sample / n:.2g} s", (f"step={case.sample / n!r}", f"decimation={n}")) for n in order_sequence]
+        finding.curves[method] = _integrations(case, method, levels, folder, window, t, reference)
     if case.tolerances:
-        rungs = [(f"tolerance {x:.0e}", (f"step={case.sample!r}", f"tolerance={x!r}")) for x in case.tolerances]
-        finding.curves["cvode"] = _marches(case, "cvode", rungs, folder, window, t, reference)
+        levels = [(f"tolerance {x:.0e}", (f"step={case.sample!r}", f"tolerance={x!r}")) for x in case.tolerances]
+        finding.curves["cvode"] = _integrations(case, "cvode", levels, folder, window, t, reference)
     late = t >= case.longest
     for method in methods:
         finding.curves[method] = _balances(case, method, folder, t[late], reference[late], size)
@@ -250,7 +250,7 @@ def measure(case: Case, methods: list[str], folder: Path) -> Finding:
 
 def _reference(case: Case, folder: Path, finding: Finding):
     """Window [s], times from 0 to its end, and the motion that is taken as true at them."""
-    balance = Balance(case.scene, folder, f"harmonics%order={case.reference_order}", "certificate%is_on=.false.")
+    balance = Balance(case.model, folder, f"harmonics%order={case.reference_order}", "certificate%is_on=.false.")
     window = WINDOW_PERIODS * 2.0 * np.pi / balance.omega.min()
     window = case.sample * np.ceil(window / case.sample)
     t = case.sample * np.arange(int(round((case.longest + window) / case.sample)) + 1)
@@ -258,26 +258,26 @@ def _reference(case: Case, folder: Path, finding: Finding):
     if not case.has_cvode_reference:
         return window, t, balance.at(t)
     duration = window if case.is_smooth else t[-1]
-    record = march(case.scene, folder, *settings, f"duration={duration!r}", start=balance.start_groups())
+    record = integration(case.model, folder, *settings, f"duration={duration!r}", start=balance.start_groups())
     if case.is_smooth:
         reference = balance.at(t)
         finding.agreement = rms(record.x - reference[: len(record.x)]) / rms(reference)
         return window, t, reference
-    rest = march(case.scene, folder, *settings, f"duration={t[-1]!r}")
+    rest = integration(case.model, folder, *settings, f"duration={t[-1]!r}")
     apart = np.abs(rest.x - record.x) / rms(record.x)
     finding.agreement = rms(apart[t >= case.longest])
     return window, t, record.x
 
 
-def _marches(case: Case, method: str, rungs, folder: Path, window: float, t, reference) -> list[Point]:
-    """Marches from rest, each with the shortest transient after which its error over the window is about what it stays at."""
+def _integrations(case: Case, method: str, levels, folder: Path, window: float, t, reference) -> list[Point]:
+    """Integrates from rest, each with the shortest transient after which its error over the window is about what it stays at."""
     points = []
     size = rms(reference[t >= case.longest])
-    for label, settings in rungs:
+    for label, settings in levels:
         seconds: list[float] = []
         try:
             while len(seconds) < TRIES and (not seconds or seconds[0] < LONG_ENOUGH):
-                record = march(case.scene, folder, f"method='{method}'", *settings, f"duration={t[-1]!r}")
+                record = integration(case.model, folder, f"method='{method}'", *settings, f"duration={t[-1]!r}")
                 seconds.append(record.cpu)
         except Refused as refusal:
             if "not finite" not in str(refusal):
@@ -305,31 +305,31 @@ def _balances(case: Case, method: str, folder: Path, t, reference, size: float) 
     omega = _base_frequencies(folder)
     points = []
     for i in np.flatnonzero(bench.is_solved):
-        motion, scene = bench.motion(i), case.scene
-        pairs = sum(w * motion.values[motion.dofs.index(dof)] for dof, w in zip(scene.dofs, scene.weights))
+        motion, model = bench.motion(i), case.model
+        pairs = sum(w * motion.values[motion.dofs.index(dof)] for dof, w in zip(model.dofs, model.weights))
         error = rms(series(t, motion.tuples @ omega, pairs) - reference) / size
         points.append(Point(f"order {orders[i]}", float(bench.column("bench_cpu_seconds")[i]), error))
     return points
 
 
 def _bench(case: Case, method: str, folder: Path, *sets: str) -> tuple[Bench, list[int]]:
-    """Costs of a scene over its orders, without kernels; and these orders."""
-    source, result = folder / "ladder.nml", folder / "ladder.h5"
+    """Costs of a model over its orders, without kernels; and these orders."""
+    source, result = folder / "order_sequence.nml", folder / "order_sequence.h5"
     orders = _orders(case, method)
     group = f"&sweep parameter='harmonics%order', values={', '.join(map(str, orders))} /\n"
-    source.write_text(case.scene.text() + group, encoding="utf-8")
-    sets = (*case.scene.sets, *sets, f"solver%method='{method}'")
+    source.write_text(case.model.text() + group, encoding="utf-8")
+    sets = (*case.model.sets, *sets, f"solver%method='{method}'")
     nhbm("bench", source, result, sets, "--budget", "0", "--repeats", str(TRIES))
     return Bench(result), orders
 
 
 def _by_tolerance(case: Case, folder: Path, t, reference, size: float) -> list[Point]:
-    """Motions by `&accuracy`, each timed as a march is: with all its rungs and their certificates, without stability."""
+    """Motions by `&accuracy`, each timed as a time integration is: with all its levels and their certificates, without stability."""
     source, result = folder / "tolerance.nml", folder / "tolerance.h5"
-    source.write_text(case.scene.without("harmonics", "sampling").text(), encoding="utf-8")
+    source.write_text(case.model.without("harmonics", "sampling").text(), encoding="utf-8")
     points = []
     for tolerance in ASKED_OF_SMOOTH if case.is_smooth else ASKED_OF_KINKS:
-        sets = (*case.scene.sets, f"accuracy%tolerance={tolerance!r}", "stability%method='off'")
+        sets = (*case.model.sets, f"accuracy%tolerance={tolerance!r}", "stability%method='off'")
         seconds: list[float] = []
         while len(seconds) < TRIES and (not seconds or seconds[0] < LONG_ENOUGH):
             nhbm("bench", source, result, sets, "--budget", "0", "--repeats", "1")
@@ -337,10 +337,10 @@ def _by_tolerance(case: Case, folder: Path, t, reference, size: float) -> list[P
             seconds.append(float(bench.column("bench_cpu_seconds")[0]))
         if bench.is_solved[0]:
             motion = bench.motion(0)
-            pairs = sum(w * motion.values[motion.dofs.index(dof)] for dof, w in zip(case.scene.dofs, case.scene.weights))
+            pairs = sum(w * motion.values[motion.dofs.index(dof)] for dof, w in zip(case.model.dofs, case.model.weights))
             error = rms(series(t, motion.tuples @ _base_frequencies(folder), pairs) - reference) / size
-            is_marched = bool(bench.column("status")[0] == MARCHED)
-            points.append(Point(f"tolerance {tolerance:.0e}", float(np.median(seconds)), error, is_marched=is_marched))
+            is_integrated = bool(bench.column("status")[0] == INTEGRATED)
+            points.append(Point(f"tolerance {tolerance:.0e}", float(np.median(seconds)), error, is_integrated=is_integrated))
         if max(seconds) > TOO_LONG:
             break
     return points
@@ -360,7 +360,7 @@ def _improved(case: Case, folder: Path, t, reference, size: float) -> list[Point
     points = []
     for i in np.flatnonzero(bench.is_solved):
         order = orders[i]
-        balance = Balance(case.scene, folder, f"harmonics%order={order}", steps, f"solver%method='{method}'", name="improved")
+        balance = Balance(case.model, folder, f"harmonics%order={order}", steps, f"solver%method='{method}'", name="improved")
         error = rms(balance.at(t, is_improved=True) - reference) / size
         seconds = float(bench.column("bench_cpu_seconds")[i] + bench.column("bench_certificate_seconds_min")[i])
         points.append(Point(f"order {order}", seconds, error))

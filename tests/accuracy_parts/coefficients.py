@@ -1,4 +1,4 @@
-"""Coefficients of C2a from marches of growing length, and from balances of growing order, against those with 14 digits."""
+"""Coefficients of C2a from time integrations of growing length, and from balances of growing order, against those with 14 digits."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import numpy as np
 from against_time import TRIES
 from nhbm_post.bench import Bench, read_reference
 from nhbm_post.rates import convergence_rate
-from runs import INPUTS, Scene, nhbm
+from runs import INPUTS, Model, nhbm
 
 LENGTHS = (200, 600, 2000, 6000, 20000, 60000)  # [s]
 ORDERS = (3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 23, 25)
-KNOWN = INPUTS / "ladder" / "stop_two_tones.csv"
+KNOWN = INPUTS / "order_sequence" / "stop_two_tones.csv"
 
 
-def marched(folder: Path) -> str:
+def integrated(folder: Path) -> str:
     """Table: largest error of a coefficient over the length of the record."""
-    scene = Scene("gallery/elastic_stop_two_tones", ("x1",), (1.0,))
+    model = Model("gallery/elastic_stop_two_tones", ("x1",), (1.0,))
     text = "| transient [s] | record [s] | largest error [m] | largest `spread` [m] | processor seconds |\n|---|---|---|---|---|\n"
     known = _known()
     source, result = folder / "coefficients.nml", folder / "coefficients.h5"
-    source.write_text(scene.text(), encoding="utf-8")
+    source.write_text(model.text(), encoding="utf-8")
     for length in LENGTHS:
         transient = min(max(100, length // 4), 500)
         settings = ("method='cvode'", "step=0.02", "tolerance=1e-14", "decimation=100")
         settings += (f"transient={transient}", f"duration={length}")
-        nhbm("march", source, result, ("harmonics%order=3", *(f"march%{setting}" for setting in settings)))
+        nhbm("integrate", source, result, ("harmonics%order=3", *(f"integration%{setting}" for setting in settings)))
         with h5py.File(result) as file:
             tuples = [tuple(j) for j in file["tuple"][()].tolist()]
             found = file["coefficients"][0]
@@ -41,7 +41,7 @@ def marched(folder: Path) -> str:
 def balanced(folder: Path) -> tuple[str, np.ndarray, np.ndarray]:
     """Table: rms of the error of the eight known tuples over the order; and orders and errors for the picture."""
     source, result = folder / "c2a.nml", folder / "c2a.h5"
-    text = Scene("ladder/stop_two_tones", (), ()).text()
+    text = Model("order_sequence/stop_two_tones", (), ()).text()
     source.write_text(f"{text}&sweep parameter='harmonics%order', values={', '.join(map(str, ORDERS))} /\n", encoding="utf-8")
     nhbm("bench", source, result, ("solver%method='broyden'",), "--budget", "0", "--repeats", str(TRIES))
     bench = Bench(result)

@@ -1,4 +1,4 @@
-"""Figures 4 and 7 of the paper: marching on top of the balance, and what the impact law of the wall is worth."""
+"""Figures 4 and 7 of the paper: time integration on top of the balance, and what the impact law of the wall is worth."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from runs import Balance, Scene, march, rms
+from runs import Balance, Model, integration, rms
 
 MIDSPAN = {"dofs": ("v3",), "weights": (1.0,)}
 WALL_ORDERS = (3, 5, 8, 12)
@@ -24,20 +24,20 @@ class Comparison:
 
     title: str
     t: np.ndarray
-    marched: np.ndarray
+    integrated: np.ndarray
     balanced: np.ndarray
 
     @property
     def difference(self) -> np.ndarray:
-        return self.marched - self.balanced
+        return self.integrated - self.balanced
 
 
 def figure_4(folder: Path) -> list[Comparison]:
     found = []
     for title, stiffness in (("10 N/m³", "10"), ("1e10 N/m³", "1e10")):
-        scene = Scene("paper/figure4", **MIDSPAN, sets=(f"law(1)%stiffness={stiffness}",))
-        balance = Balance(scene, folder)
-        record = march(scene, folder)
+        model = Model("paper/figure4", **MIDSPAN, sets=(f"law(1)%stiffness={stiffness}",))
+        balance = Balance(model, folder)
+        record = integration(model, folder)
         found.append(Comparison(title, record.t, record.x, balance.at(record.t)))
     return found
 
@@ -45,17 +45,17 @@ def figure_4(folder: Path) -> list[Comparison]:
 def figure_4_table(found: list[Comparison]) -> str:
     text = "| spring | rms of the motion [m] | rms of the difference [m] | largest difference [m] |\n|---|---|---|---|\n"
     for one in found:
-        text += f"| {one.title} | {rms(one.marched):.2e} | {rms(one.difference):.1e} | {np.abs(one.difference).max():.1e} |\n"
+        text += f"| {one.title} | {rms(one.integrated):.2e} | {rms(one.difference):.1e} | {np.abs(one.difference).max():.1e} |\n"
     return text
 
 
 def figure_7(folder: Path) -> list[Comparison]:
-    """Orders 3 to 12 against one march by central differences, as the input says."""
-    scene = Scene("paper/wall", **MIDSPAN)
-    record = march(scene, folder)
+    """Orders 3 to 12 against one time integration by central differences, as the input says."""
+    model = Model("paper/wall", **MIDSPAN)
+    record = integration(model, folder)
     found = []
     for order, samples in zip(WALL_ORDERS, WALL_SAMPLES):
-        balance = Balance(scene, folder, f"harmonics%order={order}", f"sampling%samples={samples}")
+        balance = Balance(model, folder, f"harmonics%order={order}", f"sampling%samples={samples}")
         found.append(Comparison(f"order {order}", record.t, record.x, balance.at(record.t)))
     return found
 
@@ -65,13 +65,13 @@ def figure_7_table(found: list[Comparison], gap: float = 1.5e-3) -> str:
     text += "|---|---|---|---|---|\n"
     for one in found:
         d = one.difference
-        text += f"| {one.title.split()[1]} | {rms(d):.2e} | {rms(d) / rms(one.marched):.1e} | {np.abs(d).max():.1e} | "
+        text += f"| {one.title.split()[1]} | {rms(d):.2e} | {rms(d) / rms(one.integrated):.1e} | {np.abs(d).max():.1e} | "
         text += f"{max(0.0, (one.balanced - gap).max()):.1e} |\n"
     return text
 
 
 def restitution_table(folder: Path) -> str:
-    """How far marches with restitution are from those without, and both from the balance, on finer and finer beams."""
+    """How far time integrations with restitution are from those without, and both from the balance, on finer and finer beams."""
     text = "| tones | elements | mass at the contact [kg] | restitution 0.5 to 0 | 1 to 0 | balance to 0 |\n"
     text += "|---|---|---|---|---|---|\n"
     for tones, speed, meshes, order, samples in IMPACTS:
@@ -84,18 +84,18 @@ def restitution_table(folder: Path) -> str:
 
 
 def _impacts(n_elements: int, speed: float, order: int, samples: int, folder: Path) -> list[np.ndarray]:
-    """Marches with each of RESTITUTIONS, and the balance, over the same times."""
+    """Integrates with each of RESTITUTIONS, and the balance, over the same times."""
     # The damping of the input is one at every degree of freedom of four elements: the same by length on finer ones.
     middle = f"v{n_elements // 2 + 1}"
     sets = (f"structure%n_elements={n_elements}", f"structure%damping_diagonal={4.0 / n_elements!r}", f"law(1)%dof='{middle}'",
             f"load(1)%dof='{middle}'", f"load(2)%dof='{middle}'", f"tones%frequency(1)={np.e * speed!r}",
             f"tones%frequency(2)={np.pi * speed!r}")  # fmt: skip
-    scene = Scene("paper/wall", (middle,), (1.0,), sets)
-    balance = Balance(scene, folder, f"harmonics%order={order}", f"sampling%samples={samples}")
+    model = Model("paper/wall", (middle,), (1.0,), sets)
+    balance = Balance(model, folder, f"harmonics%order={order}", f"sampling%samples={samples}")
     stride = 40 * (n_elements // 4) ** 2
     settings = ("method='central_differences'", f"step={MESH_STEP * 40 / stride!r}", f"decimation={stride}")
     settings += ("transient=6", "duration=12")
-    records = [march(scene, folder, *settings, f"restitution={restitution}") for restitution in RESTITUTIONS]
+    records = [integration(model, folder, *settings, f"restitution={restitution}") for restitution in RESTITUTIONS]
     return [record.x for record in records] + [balance.at(records[0].t)]
 
 

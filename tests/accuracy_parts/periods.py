@@ -1,4 +1,4 @@
-"""Periods of free and self-excited vibrations by marching, against closed forms."""
+"""Periods of free and self-excited vibrations by time integration, against closed forms."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from runs import Scene, nhbm
+from runs import Model, nhbm
 
 # Case, input, values set, first displacement [m], length [s], value by closed form, is it a period [s] or a frequency [rad/s]
 CASES = [
@@ -24,21 +24,21 @@ _GIVEN_TONE = ("tones%unknown=.false.", "tones%frequency=1", "harmonics%odd_only
 
 
 def table(folder: Path) -> str:
-    text = "| motion | quantity | closed form | marched | relative error | processor seconds |\n|---|---|---|---|---|---|\n"
+    text = "| motion | quantity | closed form | integrated | relative error | processor seconds |\n|---|---|---|---|---|---|\n"
     for title, name, sets, start, length, known, quantity in CASES:
-        found, seconds = _marched(name, sets, start, length, folder)
+        found, seconds = _integrated(name, sets, start, length, folder)
         value = 2.0 * np.pi / found if quantity.startswith("period") else found
         text += f"| {title} | {quantity} | {known:.13g} | {value:.13g} | {abs(value / known - 1):.0e} | {seconds:.2g} |\n"
     return text
 
 
-def _marched(name: str, sets, start: float, length: float, folder: Path) -> tuple[float, float]:
+def _integrated(name: str, sets, start: float, length: float, folder: Path) -> tuple[float, float]:
     """Frequency of the largest line, and processor time."""
     source, result = folder / "free.nml", folder / "free.h5"
-    text = _NORMAL_MODE.sub("", Scene(f"autonomous/{name}", (), ()).text())
+    text = _NORMAL_MODE.sub("", Model(f"autonomous/{name}", (), ()).text())
     source.write_text(text + f"&start dof='x1', tuple=1, cos={start} /\n", encoding="utf-8")
     settings = ("method='cvode'", "start='given'", "step=0.02", "tolerance=1e-14", "n_peaks=1")
     settings += ("transient=100", f"duration={length}")
-    nhbm("march", source, result, sets + _GIVEN_TONE + tuple(f"march%{setting}" for setting in settings))
+    nhbm("integrate", source, result, sets + _GIVEN_TONE + tuple(f"integration%{setting}" for setting in settings))
     with h5py.File(result) as file:
         return float(file["peak_frequency"][0, 0]), float(file["cpu_seconds"][()])

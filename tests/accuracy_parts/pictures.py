@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from against_time import MARCHES
+from against_time import INTEGRATIONS
 from matplotlib.lines import Line2D
 from nhbm_post.rates import convergence_rate
 from nhbm_post.draw import style
@@ -11,7 +11,7 @@ from nhbm_post.draw.style import save  # noqa: F401
 from times import best_balance, order_of
 from tones import SHOWN_ORDERS
 
-MARCHED, BALANCED = "#D55E00", "#0072B2"
+INTEGRATED, BALANCED = "#D55E00", "#0072B2"
 LOOKS = {
     "runge_kutta_4": ("#D55E00", "o"),
     "central_differences": ("#E69F00", "s"),
@@ -24,7 +24,7 @@ LOOKS = {
     "improved": ("#6A4C93", "P"),
     "tolerance": ("#A00050", "*"),
 }
-NAMES = {**MARCHES, "newton": "balance, Newton", "broyden": "balance, Broyden", "krylov": "balance, Krylov",
+NAMES = {**INTEGRATIONS, "newton": "balance, Newton", "broyden": "balance, Broyden", "krylov": "balance, Krylov",
          "auto": "balance, automatic", "improved": "balance, improved afterwards", "tolerance": "balance by tolerance"}  # fmt: skip
 
 
@@ -35,10 +35,10 @@ def draw_figure_4(found):
         for column, one in enumerate(found):
             _over_time(axes[0, column], one)
             axes[0, column].set_title(f"spring {one.title}")
-            _difference(axes[1, column], [one], [MARCHED])
+            _difference(axes[1, column], [one], [INTEGRATED])
         axes[0, -1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
-        title = "Figure 4: marching on top of the balance of order 7"
-        style.head(fig, title, "midspan, 20 s after the transient; below: marching minus balance")
+        title = "Figure 4: time integration on top of the balance of order 7"
+        style.head(fig, title, "midspan, 20 s after the transient; below: time integration minus balance")
     return fig
 
 
@@ -50,16 +50,16 @@ def draw_figure_7(found):
         axes[0].axhline(1.5, color=style.WALL, lw=0.9)
         axes[0].text(found[-1].t[-1], 1.56, "wall", ha="right", va="bottom", color=style.MUTED, size=8.5)
         axes[0].legend(loc="lower left", ncols=2)
-        _difference(axes[1], found[::3], [style.COLOURS[4], MARCHED], [one.title for one in found[::3]])
+        _difference(axes[1], found[::3], [style.COLOURS[4], INTEGRATED], [one.title for one in found[::3]])
         axes[1].legend(loc="lower left", ncols=2)
-        title = "Figure 7: the rigid wall, marching on top of the balance of order 12"
-        style.head(fig, title, "midspan, 20 s after the transient; below: marching minus balance")
+        title = "Figure 7: the rigid wall, time integration on top of the balance of order 12"
+        style.head(fig, title, "midspan, 20 s after the transient; below: time integration minus balance")
     return fig
 
 
 def _over_time(ax, one):
     ax.plot(one.t, 1e3 * one.balanced, color=BALANCED, lw=2.4, alpha=0.55, label="balance")
-    ax.plot(one.t, 1e3 * one.marched, color=MARCHED, lw=0.8, label="marching")
+    ax.plot(one.t, 1e3 * one.integrated, color=INTEGRATED, lw=0.8, label="integration")
     ax.set_ylabel("displacement [mm]")
     ax.set_xlim(one.t[0], one.t[-1])
 
@@ -91,7 +91,7 @@ def draw_coefficients(order, error):
         ax.set(xlabel="order $N$ of the series", ylabel="relative rms error of eight tuples")
         ax.legend()
         ax.grid(True)
-        style.head(fig, "Elastic stop under two tones (C2a)", "against coefficients with 11 digits from marching with events")
+        style.head(fig, "Elastic stop under two tones (C2a)", "against coefficients with 11 digits from time integration with events")
     return fig
 
 
@@ -106,9 +106,9 @@ def draw_times(findings):
         for ax, finding in zip(axes, findings):
             for name, points in finding.curves.items():
                 seen += [name] if name not in seen else []
-                is_march = name in MARCHES
+                is_integration = name in INTEGRATIONS
                 seconds, errors = [p.seconds for p in points], [max(p.error, 1e-14) for p in points]
-                ax.loglog(seconds, errors, ms=4.0, lw=1.0 if is_march else 1.5, **_look(name))
+                ax.loglog(seconds, errors, ms=4.0, lw=1.0 if is_integration else 1.5, **_look(name))
             ax.set_title(finding.case.title, size=9.0)
             ax.grid(True)
             ax.set_ylim(*_range(finding))
@@ -122,8 +122,8 @@ def draw_times(findings):
         handles = [Line2D([], [], ms=4.5, label=NAMES[name], **_look(name)) for name in order]
         fig.legend(handles=handles, loc="lower center", ncols=5)
         details = "of the displacement at the law over ten periods of the slower tone; "
-        details += "marching from rest through the transient, balance with set-up"
-        style.head(fig, "Error over processor time: marching (dashed) and balance", details)
+        details += "time integration from rest through the transient, balance with set-up"
+        style.head(fig, "Error over processor time: time integration (dashed) and balance", details)
         left, _, width, height = fig.get_layout_engine().get()["rect"]
         foot = 0.5 / fig.get_size_inches()[1]  # of the legend
         fig.get_layout_engine().set(rect=(left, foot, width, height - foot))
@@ -132,8 +132,8 @@ def draw_times(findings):
 
 def _look(name: str) -> dict:
     colour, marker = LOOKS.get(name, ("#000000", "x"))
-    is_march = name in MARCHES
-    return {"color": colour, "marker": marker, "ls": "--" if is_march else "-", "mfc": "white" if is_march else colour}
+    is_integration = name in INTEGRATIONS
+    return {"color": colour, "marker": marker, "ls": "--" if is_integration else "-", "mfc": "white" if is_integration else colour}
 
 
 def _range(finding) -> tuple[float, float]:
@@ -173,14 +173,14 @@ def draw_tones(found):
     with style.look():
         fig = style.figure(9.0, 3.9)
         left, right = fig.subplots(1, 2)
-        for one, colour in zip(found, (BALANCED, MARCHED)):
+        for one, colour in zip(found, (BALANCED, INTEGRATED)):
             n = len(one.t) // 200
             tops = [one.apart[i * n : (i + 1) * n].max() for i in range(200)]
             left.semilogy(one.t[: 200 * n : n], tops, color=colour, lw=1.1, label=one.name)
             label = f"{one.name}: best series of this order"
             right.loglog(SHOWN_ORDERS, one.best, color=colour, lw=1.0, ls="--", label=label)
             right.loglog(one.orders, one.errors, color=colour, marker="o", ms=4.5, label=f"{one.name}: balance")
-        left.set(xlabel="time [s]", ylabel="relative difference", title="two marches from different starts")
+        left.set(xlabel="time [s]", ylabel="relative difference", title="two time integrations from different starts")
         right.set(xlabel="order $N$ of the series", ylabel="relative rms error", title="what a series of order N can do, and does")
         right.set_xticks(SHOWN_ORDERS[::2], [str(n) for n in SHOWN_ORDERS[::2]])
         right.minorticks_off()

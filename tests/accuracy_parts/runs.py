@@ -22,7 +22,7 @@ class Refused(RuntimeError):
 
 @dataclass(frozen=True)
 class Record:
-    """A march: times, a displacement [m] at each, processor time [s]."""
+    """A time integration: times, a displacement [m] at each, processor time [s]."""
 
     t: np.ndarray
     x: np.ndarray
@@ -30,7 +30,7 @@ class Record:
 
 
 @dataclass(frozen=True)
-class Scene:
+class Model:
     """An input file for one point, values set on top of it, and the displacement looked at as a weighted sum."""
 
     source: str
@@ -44,11 +44,11 @@ class Scene:
         text = (INPUTS / f"{self.source}.nml").read_text(encoding="utf-8")
         return re.sub(rf"^&({'|'.join(self.left_out)})\b[^\n]*/[^\n]*\n", "", text, flags=re.MULTILINE)
 
-    def without(self, *groups: str) -> Scene:
-        """The scene without these groups, each of which stands on one line."""
+    def without(self, *groups: str) -> Model:
+        """The model without these groups, each of which stands on one line."""
         return replace(self, left_out=(*self.left_out, *groups))
 
-    def with_sets(self, *sets: str) -> Scene:
+    def with_sets(self, *sets: str) -> Model:
         return replace(self, sets=self.sets + sets)
 
 
@@ -61,28 +61,28 @@ def nhbm(verb: str, source: Path, result: Path, sets: tuple[str, ...], *options:
         raise Refused(f"{verb} {source.name}: {done.stderr.strip()}")
 
 
-def march(scene: Scene, folder: Path, *settings: str, start: str = "") -> Record:
-    """Marches a scene with settings of &march, from rest or from the &start groups of a text."""
-    source, result = folder / "march.nml", folder / "march.h5"
-    text = scene.text()
+def integration(model: Model, folder: Path, *settings: str, start: str = "") -> Record:
+    """Integrates a model with settings of &integration, from rest or from the &start groups of a text."""
+    source, result = folder / "integration.nml", folder / "integration.h5"
+    text = model.text()
     if start:
         settings += ("start='given'",)
     source.write_text(text + start, encoding="utf-8")
-    sets = scene.sets + ("harmonics%order=1",) + tuple(f"march%{setting}" for setting in settings)
-    nhbm("march", source, result, sets)
+    sets = model.sets + ("harmonics%order=1",) + tuple(f"integration%{setting}" for setting in settings)
+    nhbm("integrate", source, result, sets)
     with h5py.File(result) as file:
         labels = list(file["dof"].asstr()[()])
-        x = sum(w * file["displacement"][labels.index(dof)] for dof, w in zip(scene.dofs, scene.weights))
+        x = sum(w * file["displacement"][labels.index(dof)] for dof, w in zip(model.dofs, model.weights))
         return Record(file["time"][()], x, float(file["cpu_seconds"][()]))
 
 
 class Balance:
     """A file of `nhbm solve`: motions of its points."""
 
-    def __init__(self, scene: Scene, folder: Path, *sets: str, addition: str = "", name: str = "balance"):
+    def __init__(self, model: Model, folder: Path, *sets: str, addition: str = "", name: str = "balance"):
         source, self.path = folder / f"{name}.nml", folder / f"{name}.h5"
-        source.write_text(scene.text() + addition, encoding="utf-8")
-        nhbm("solve", source, self.path, scene.sets + sets)
+        source.write_text(model.text() + addition, encoding="utf-8")
+        nhbm("solve", source, self.path, model.sets + sets)
         with h5py.File(self.path) as file:
             self.labels = list(file["dof"].asstr()[()])
             self.tuples = file["tuple"][()]
@@ -91,13 +91,13 @@ class Balance:
             self.improved = file["improved_coefficients"][()] if "improved_coefficients" in file else None
             self.law_labels = list(file["law_dof"].asstr()[()])
             self.status = file["status"][()]
-        self.scene = scene
+        self.model = model
 
     def pairs(self, point: int = 0, is_improved: bool = False) -> np.ndarray:
         """(cos, sin) of the displacement looked at, of each tuple."""
         values, labels = (self.improved, self.law_labels) if is_improved else (self.coefficients, self.labels)
-        scene = self.scene
-        return sum(w * values[point, labels.index(dof)] for dof, w in zip(scene.dofs, scene.weights))
+        model = self.model
+        return sum(w * values[point, labels.index(dof)] for dof, w in zip(model.dofs, model.weights))
 
     def at(self, t: np.ndarray, point: int = 0, is_improved: bool = False) -> np.ndarray:
         """Displacement at times; NaN where the point is not solved."""
@@ -135,7 +135,7 @@ def rms(x: np.ndarray) -> float:
 def known_methods(folder: Path) -> list[str]:
     """Solvers that this program knows, from what it says of one that it does not."""
     source = folder / "methods.nml"
-    source.write_text(Scene("ladder/paper_cubic", (), ()).text(), encoding="utf-8")
+    source.write_text(Model("order_sequence/paper_cubic", (), ()).text(), encoding="utf-8")
     words = command("solve", source, "-o", folder / "methods.h5", "--set", "solver%method='none'")
     done = subprocess.run(words, cwd=folder, env=environment(), capture_output=True, text=True, check=False)
     found = re.search(r"known: ([\w, ]+)", done.stderr)

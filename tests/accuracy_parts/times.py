@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from against_time import CASES, MARCHES, Finding, Point, measure
+from against_time import CASES, INTEGRATIONS, Finding, Point, measure
 from nhbm_post.rates import convergence_rate
 from runs import ROOT, known_methods
 
@@ -46,31 +46,31 @@ def _from_json(case, data: dict) -> Finding:
 
 
 def table(findings: list[Finding]) -> str:
-    """How many times faster the balance is, at each error that it or marching reaches."""
+    """How many times faster the balance is, at each error that it or time integration reaches."""
     text = "| case | " + " | ".join(f"{error:.0e}" for error in ERRORS)
     text += " | least error of the balance | transient [s] | reference |\n"
     text += "|---|" + "---|" * (len(ERRORS) + 3) + "\n"
     for finding in findings:
         cells = [_ratio(finding, error) for error in ERRORS]
         reference = "-" if np.isnan(finding.agreement) else f"{finding.agreement:.0e}"
-        marched = [finding.cheapest(True, error) for error in ERRORS]
-        transients = " / ".join(f"{found[1].transient:.3g}" if found else "-" for found in marched)
-        cells += [f"{finding.least(is_march=False):.0e}", transients, reference]
+        integrated = [finding.cheapest(True, error) for error in ERRORS]
+        transients = " / ".join(f"{found[1].transient:.3g}" if found else "-" for found in integrated)
+        cells += [f"{finding.least(is_integration=False):.0e}", transients, reference]
         text += f"| {finding.case.title} | {' | '.join(cells)} |\n"
     return text
 
 
 def _ratio(finding: Finding, error: float) -> str:
-    marched, balanced = (finding.cheapest(is_march, error) for is_march in (True, False))
+    integrated, balanced = (finding.cheapest(is_integration, error) for is_integration in (True, False))
     if balanced is None:
-        return f"march alone, {_seconds(marched[1].seconds)}" if marched else "-"
-    if marched is None:
+        return f"time integration alone, {_seconds(integrated[1].seconds)}" if integrated else "-"
+    if integrated is None:
         return f"balance alone, {_seconds(balanced[1].seconds)}"
-    ratio = marched[1].seconds / balanced[1].seconds
+    ratio = integrated[1].seconds / balanced[1].seconds
     times = f"{ratio:.0f}" if ratio >= 10 else f"{ratio:.2g}"
     strong = "**" if ratio >= 10 else ""
-    way = ", marched" if balanced[1].is_marched else ""
-    return f"{strong}{times}{strong} ({_seconds(marched[1].seconds)} / {_seconds(balanced[1].seconds)}{way})"
+    way = ", integrated" if balanced[1].is_integrated else ""
+    return f"{strong}{times}{strong} ({_seconds(integrated[1].seconds)} / {_seconds(balanced[1].seconds)}{way})"
 
 
 def _seconds(seconds: float) -> str:
@@ -91,7 +91,7 @@ def rate_table(findings: list[Finding]) -> str:
 
 def best_balance(finding: Finding) -> tuple[str, list[Point]]:
     """The solver that went furthest."""
-    others = (*MARCHES, "improved", "tolerance")
+    others = (*INTEGRATIONS, "improved", "tolerance")
     curves = {name: points for name, points in finding.curves.items() if name not in others}
     name = max(curves, key=lambda name: (len(curves[name]), name == "broyden"))
     return name, curves[name]

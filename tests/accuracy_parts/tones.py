@@ -1,4 +1,4 @@
-"""Is the marched motion of the beam on a stop a torus of its two tones, and how many harmonics does it take?"""
+"""Is the integrated motion of the beam on a stop a torus of its two tones, and how many harmonics does it take?"""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 from nhbm_post.reader import Results
 from program import command, environment
-from runs import INPUTS, Balance, Scene, march, nhbm, rms
+from runs import INPUTS, Balance, Model, integration, nhbm, rms
 
 HIGHEST = 31  # tuples up to here are looked at
 SHOWN_ORDERS = (3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 25, 31)
@@ -31,7 +31,7 @@ class Torus:
 
     name: str
     t: np.ndarray
-    apart: np.ndarray  # relative difference of two marches from different starts, over t
+    apart: np.ndarray  # relative difference of two time integrations from different starts, over t
     best: np.ndarray  # rms of what the best series of each of SHOWN_ORDERS leaves out, relative
     outside: int  # lines, of those found at whatever frequency, that lie at no tuple
     distance: float  # largest distance of the others from their tuples [rad/s]
@@ -40,27 +40,27 @@ class Torus:
     statuses: list[str]
 
 
-def investigate(name: str, scene: Scene, together: float, length: float, orders: tuple[int, ...], folder: Path) -> Torus:
-    """`together` [s]: length of the two marches; `length` [s]: of the record for the spectrum."""
+def investigate(name: str, model: Model, together: float, length: float, orders: tuple[int, ...], folder: Path) -> Torus:
+    """`together` [s]: length of the two time integrations; `length` [s]: of the record for the spectrum."""
     settings = ("method='cvode'", "tolerance=1e-12", "step=0.005")
-    first = march(scene, folder, *settings, f"duration={together!r}")
-    second = march(scene, folder, *settings, f"duration={together!r}", start=PUSH)
+    first = integration(model, folder, *settings, f"duration={together!r}")
+    second = integration(model, folder, *settings, f"duration={together!r}", start=PUSH)
     apart = np.abs(second.x - first.x) / rms(first.x)
-    omega = np.array([float(value.split("=")[1]) for value in scene.sets]) if scene.sets else np.array([np.pi, np.e])
-    record = march(scene, folder, "method='cvode'", "tolerance=1e-11", "step=0.002", "transient=20", f"duration={length!r}")
+    omega = np.array([float(value.split("=")[1]) for value in model.sets]) if model.sets else np.array([np.pi, np.e])
+    record = integration(model, folder, "method='cvode'", "tolerance=1e-11", "step=0.002", "transient=20", f"duration={length!r}")
     share = _share_of_tuples(record.t, record.x, omega)
     best = np.sqrt(np.maximum(1.0 - share, 0.0))[list(SHOWN_ORDERS)]
-    outside, distance = _lines(scene, omega, folder)
+    outside, distance = _lines(model, omega, folder)
     errors, statuses = [], []
     for order in orders:
-        balance = Balance(scene, folder, f"harmonics%order={order}")
+        balance = Balance(model, folder, f"harmonics%order={order}")
         errors.append(rms(record.x - balance.at(record.t)) / rms(record.x))
         statuses.append(_status_name(balance.path))
     return Torus(name, first.t, apart, best, outside, distance, orders, errors, statuses)
 
 
 def _share_of_tuples(t: np.ndarray, x: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """Sum of |c|^2 over all tuples of the boxes of order 0 to HIGHEST, over the mean square, with the smooth window of nhbm march.
+    """Sum of |c|^2 over all tuples of the boxes of order 0 to HIGHEST, over the mean square, with the smooth window of nhbm integrate.
 
     The mean square needs the window too: without it the beat of the tones leaves an error of more than small lines.
     """
@@ -77,13 +77,13 @@ def _share_of_tuples(t: np.ndarray, x: np.ndarray, omega: np.ndarray) -> np.ndar
     return np.array([np.sum(np.abs(c[order <= n]) ** 2) for n in range(HIGHEST + 1)]) / np.sum(weighted * x)
 
 
-def _lines(scene: Scene, omega: np.ndarray, folder: Path) -> tuple[int, float]:
+def _lines(model: Model, omega: np.ndarray, folder: Path) -> tuple[int, float]:
     """Largest lines of q1: how many lie beside all tuples up to order 31, and how far off the others are at most."""
     source, result = folder / "lines.nml", folder / "lines.h5"
-    source.write_text(scene.text(), encoding="utf-8")
-    length = 300.0 if scene.sets else 1500.0
+    source.write_text(model.text(), encoding="utf-8")
+    length = 300.0 if model.sets else 1500.0
     settings = ("method='cvode'", "tolerance=1e-11", "step=0.01", "transient=20", f"duration={length}", f"n_peaks={N_LINES}")
-    nhbm("march", source, result, (*scene.sets, "harmonics%order=1", "output%dofs='q1'", *(f"march%{s}" for s in settings)))
+    nhbm("integrate", source, result, (*model.sets, "harmonics%order=1", "output%dofs='q1'", *(f"integration%{s}" for s in settings)))
     with h5py.File(result) as file:
         peaks = np.abs(file["peak_frequency"][0])
     k = np.arange(-HIGHEST, HIGHEST + 1)
@@ -100,10 +100,10 @@ def _status_name(path: Path) -> str:
 
 
 def investigate_both(folder: Path) -> list[Torus]:
-    scene = Scene("ladder/dynamic_stop", **MIDSPAN)
+    model = Model("order_sequence/dynamic_stop", **MIDSPAN)
     return [
-        investigate("tones π and e", scene, 40.0, 1200.0, (3, 5, 7, 9), folder),
-        investigate("ten times faster", scene.with_sets(*FAST), 40.0, 400.0, (3, 5, 7), folder),
+        investigate("tones π and e", model, 40.0, 1200.0, (3, 5, 7, 9), folder),
+        investigate("ten times faster", model.with_sets(*FAST), 40.0, 400.0, (3, 5, 7), folder),
     ]
 
 
@@ -134,10 +134,10 @@ def verdict(source: str, point: int, folder: Path) -> tuple[str, str]:
     words = command("verify", result, "--points", str(point))
     subprocess.run(words, cwd=folder, env=environment(), capture_output=True, text=True, check=False)
     with h5py.File(result) as data:
-        verdicts = data["march_verdict"]
+        verdicts = data["integration_verdict"]
         names = dict(zip(verdicts.attrs["flag_values"].tolist(), _words(verdicts.attrs["flag_meanings"])))
         first, last, limit, growth = (
-            float(data[name][point]) for name in ("march_first_difference", "march_difference", "march_limit", "march_growth")
+            float(data[name][point]) for name in ("integration_first_difference", "integration_difference", "integration_limit", "integration_growth")
         )
         said = f"{names[int(verdicts[point])]}: {first:.1e} of the motion of the worst coordinate in the first period, {last:.1e} "
         said += f"in the end, limit {limit:.1e}, growth {growth:.2g} 1/s"

@@ -1,4 +1,4 @@
-!> Times of the kernels of one scene, each beside a physical yardstick measured in the same process.
+!> Times of the kernels of one model, each beside a physical yardstick measured in the same process.
 !>
 !> A repetition runs a kernel and its yardstick one after the other, so that what else the machine does hits both alike; the
 !> ratio is the median over repetitions. Apart from that, the very first run of each is kept: nothing is planned, no memory is
@@ -19,10 +19,10 @@ module kernel_times
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_run_callbacks, only: run_callbacks
-   use hb_scene, only: scene_t
-   use hb_scene_basis, only: find_basis
-   use hb_scene_coordinates, only: coordinates_of
-   use hb_scene_reader, only: read_scene
+   use hb_model, only: model_t
+   use hb_model_basis, only: find_basis
+   use hb_model_coordinates, only: coordinates_of
+   use hb_model_reader, only: read_model
    use hb_solver, only: solve
    use hb_solver_types, only: report_t
    use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
@@ -71,7 +71,7 @@ module kernel_times
    !> Everything that the timed pieces work on.
    type :: workshop_t
       type(document_t) :: document
-      type(scene_t) :: scene
+      type(model_t) :: model
       type(balance_t) :: balance
       type(fft_plan_t) :: plan
       type(real_block_t) :: samples
@@ -85,7 +85,7 @@ module kernel_times
 
 contains
 
-   !> Measures all kernels of the scene in `document`, for about `budget` seconds each. A scene without laws, or with unknown
+   !> Measures all kernels of the model in `document`, for about `budget` seconds each. A model without laws, or with unknown
    !> base frequencies, has none that could be timed by themselves.
    subroutine measure_kernels(self, document, budget, error)
       type(kernel_times_t), intent(out) :: self
@@ -96,14 +96,14 @@ contains
       integer :: i
 
       shop%document = document
-      call read_fresh(shop%scene, shop%document, error)
+      call read_fresh(shop%model, shop%document, error)
       if (allocated(error)) return
-      if (size(shop%scene%laws) == 0 .or. any(shop%scene%tones%is_unknown)) return
+      if (size(shop%model%laws) == 0 .or. any(shop%model%tones%is_unknown)) return
       call run_first(self, shop, error)
       if (.not. allocated(error)) call set_up(shop, error)
       if (.not. allocated(error)) then
          self%n_unknowns = shop%balance%n_unknowns
-         self%n_samples = shop%scene%torus%n_total
+         self%n_samples = shop%model%torus%n_total
          self%n_channels = shop%balance%n_dofs
          do i = 1, size(kernel_names)
             call measure(self, shop, i, budget, error)
@@ -116,7 +116,7 @@ contains
       call shop%spectrum%destroy()
    end subroutine measure_kernels
 
-   !> Whether the scene had kernels to time.
+   !> Whether the model had kernels to time.
    pure logical function has_kernels(self)
       type(kernel_times_t), intent(in) :: self
 
@@ -137,10 +137,10 @@ contains
       if (allocated(error)) return
       call forget_plans()
       started = wall_clock()
-      call make_balance(shop%scene, shop%balance, error)
+      call make_balance(shop%model, shop%balance, error)
       if (allocated(error)) return
       allocate (shop%u(shop%balance%n_unknowns))
-      call solve_balance(shop%scene, shop%balance, shop%u, shop%report)
+      call solve_balance(shop%model, shop%balance, shop%u, shop%report)
       self%first(kernel%solution) = wall_clock() - started
    end subroutine run_first
 
@@ -152,12 +152,12 @@ contains
 
       n = shop%balance%n_unknowns
       allocate (shop%r(n), shop%step(n))
-      associate (grid => shop%scene%torus, channels => shop%balance%n_dofs)
+      associate (grid => shop%model%torus, channels => shop%balance%n_dofs)
          call new_real_block(shop%samples, grid%n_total, channels, error)
          if (allocated(error)) return
          call new_complex_block(shop%spectrum, (grid%n_samples(1)/2 + 1)*product(grid%n_samples(2:)), channels, error)
          if (allocated(error)) return
-         call new_fft_plan(shop%plan, grid%n_samples, channels, shop%scene%planning, shop%samples%values, &
+         call new_fft_plan(shop%plan, grid%n_samples, channels, shop%model%planning, shop%samples%values, &
             shop%spectrum%values, error)
          if (allocated(error)) return
       end associate
@@ -167,19 +167,19 @@ contains
       call shop%balance%tangent(shop%u, shop%jacobian)
    end subroutine set_up
 
-   subroutine read_fresh(scene, document, error)
-      type(scene_t), intent(out) :: scene
+   subroutine read_fresh(model, document, error)
+      type(model_t), intent(out) :: model
       type(document_t), intent(in) :: document
       type(error_t), allocatable, intent(out) :: error
       type(document_t), target :: copy
 
       copy = document
-      call read_scene(scene, copy, error, callbacks=run_callbacks())
+      call read_model(model, copy, error, callbacks=run_callbacks())
    end subroutine read_fresh
 
-   !> The balance of what the laws of a scene feel, as a point is solved.
-   subroutine make_balance(scene, balance, error)
-      type(scene_t), intent(in) :: scene
+   !> The balance of what the laws of a model feel, as a point is solved.
+   subroutine make_balance(model, balance, error)
+      type(model_t), intent(in) :: model
       type(balance_t), intent(inout) :: balance
       type(error_t), allocatable, intent(out) :: error
       type(basis_t) :: basis
@@ -187,26 +187,26 @@ contains
       type(dynamic_stiffness_t) :: stiffness
       logical :: is_odd
 
-      call find_basis(basis, is_odd, scene, error)
+      call find_basis(basis, is_odd, model, error)
       if (allocated(error)) return
-      coordinates = coordinates_of(scene)
-      call new_dynamic_stiffness(stiffness, scene%structure, coordinates, basis%harmonics%frequencies(scene%tones%omega), &
-         scene%loads%at(basis%places), error)
-      if (.not. allocated(error)) call new_balance(balance, basis%harmonics, basis%torus, scene%tones%omega, stiffness, &
-         laws_at(coordinates, scene%laws), scene%planning, error)
+      coordinates = coordinates_of(model)
+      call new_dynamic_stiffness(stiffness, model%structure, coordinates, basis%harmonics%frequencies(model%tones%omega), &
+         model%loads%at(basis%places), error)
+      if (.not. allocated(error)) call new_balance(balance, basis%harmonics, basis%torus, model%tones%omega, stiffness, &
+         laws_at(coordinates, model%laws), model%planning, error)
    end subroutine make_balance
 
-   !> Solves from the first guess of the scene.
-   subroutine solve_balance(scene, balance, x, report)
-      type(scene_t), intent(in) :: scene
+   !> Solves from the first guess of the model.
+   subroutine solve_balance(model, balance, x, report)
+      type(model_t), intent(in) :: model
       type(balance_t), intent(inout) :: balance
       real(wp), intent(inout), contiguous :: x(:)
       type(report_t), intent(out) :: report
       real(wp) :: linear(size(x))
 
       call balance%linear_solution(linear)
-      x = merge(1.0_wp, 0.0_wp, scene%start_from_linear)*linear
-      call solve(balance, scene%solver, linear, x, report)
+      x = merge(1.0_wp, 0.0_wp, model%start_from_linear)*linear
+      call solve(balance, model%solver, linear, x, report)
    end subroutine solve_balance
 
    !> Times kernel i and its yardstick until the budget is used.
@@ -302,15 +302,15 @@ contains
       call shop%balance%residual(shop%u, shop%r)
    end subroutine run_newton_step
 
-   !> From the scene to the coefficients of its laws, with nothing made beforehand.
+   !> From the model to the coefficients of its laws, with nothing made beforehand.
    subroutine run_solution(shop, error)
       type(workshop_t), intent(inout) :: shop
       type(error_t), allocatable, intent(out) :: error
       type(balance_t) :: balance
       type(report_t) :: report
 
-      call make_balance(shop%scene, balance, error)
-      if (.not. allocated(error)) call solve_balance(shop%scene, balance, shop%step, report)
+      call make_balance(shop%model, balance, error)
+      if (.not. allocated(error)) call solve_balance(shop%model, balance, shop%step, report)
       call balance%destroy()
    end subroutine run_solution
 
@@ -318,11 +318,11 @@ contains
    subroutine run_point(shop, error)
       type(workshop_t), intent(inout) :: shop
       type(error_t), allocatable, intent(out) :: error
-      type(scene_t) :: scene
+      type(model_t) :: model
       type(motion_result_t) :: result
 
-      call read_fresh(scene, shop%document, error)
-      if (.not. allocated(error)) call solve_motion(scene, result, error)
+      call read_fresh(model, shop%document, error)
+      if (.not. allocated(error)) call solve_motion(model, result, error)
    end subroutine run_point
 
    !> Seconds of the yardstick of kernel i, over `times` runs; 0 where it has none.

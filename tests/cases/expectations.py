@@ -44,13 +44,13 @@ STATUSES = (
     "timed_out",
     "impact",
     "unused",
-    "marched",
+    "time_domain",
     "subharmonic",
     "broadband",
     "several",
 )
 
-ANSWERED = ("converged", "marched", "several")
+ANSWERED = ("converged", "time_domain", "several")
 
 _FORMS = (
     "[PARAMETER=VALUE ...] then DOF (j1,j2) cos|sin|amplitude or tone M frequency or "

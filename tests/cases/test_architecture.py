@@ -1,4 +1,4 @@
-"""Rules of docs/develop/architecture.md that the compiler does not check: floors, names, outside libraries, who may stop."""
+"""Rules of docs/develop/architecture.md that the compiler does not check: layers, names, outside libraries, who may stop."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "src"
 
-# From the ground up; a module uses its own floor and those before it.
-FLOORS = ["base", "extern", "solve", "hypertime", "structure", "laws", "balance", "stability", "motion", "timedomain"]
-FLOORS += ["files", "study", "api"]
+# From the ground up; a module uses its own layer and those before it.
+LAYERS = ["base", "extern", "solve", "hypertime", "structure", "laws", "balance", "stability", "motion", "timedomain"]
+LAYERS += ["files", "study", "api"]
 
 # Time integration is an independent check of the balance: what these pull in shares no transforms and solvers with it.
-INTEGRATION = ["hb_march", "hb_march_difference", "hb_recurrence", "hb_record_tones"]
+INTEGRATION = ["hb_time_stepping", "hb_integration_difference", "hb_recurrence", "hb_record_tones"]
 INTEGRATION_MAY_USE = {"base", "extern", "structure", "laws", "timedomain"}
-INTEGRATION_MAY_USE_MODULES = {"hb_birkhoff", "hb_march_config"}
+INTEGRATION_MAY_USE_MODULES = {"hb_birkhoff", "hb_integration_config"}
 
 INTRINSIC = {"iso_fortran_env", "ieee_arithmetic", "ieee_exceptions", "ieee_features"}
 
@@ -45,7 +45,7 @@ def name_of(path: Path) -> str:
     return path.name.split(".")[0]
 
 
-def floor_of(path: Path) -> str:
+def layer_of(path: Path) -> str:
     return path.relative_to(SRC).parts[0]
 
 
@@ -89,14 +89,14 @@ def used_modules(path: Path) -> list[tuple[int, str]]:
     return [(n, match.group(2).lower()) for n, s in statements(path) if (match := USE.match(s))]
 
 
-FLOOR_OF_MODULE = {name_of(path): floor_of(path) for path in sources()}
+LAYER_OF_MODULE = {name_of(path): layer_of(path) for path in sources()}
 SOURCES = pytest.mark.parametrize("path", sources(), ids=name_of)
 
 
 @SOURCES
-def test_source_stands_on_a_known_floor(path):
-    assert floor_of(path) in FLOORS, (
-        f"{path.relative_to(ROOT)}: '{floor_of(path)}' is no floor; add it to FLOORS here, to docs/develop/architecture.md "
+def test_source_is_in_a_known_layer(path):
+    assert layer_of(path) in LAYERS, (
+        f"{path.relative_to(ROOT)}: '{layer_of(path)}' is no layer; add it to LAYERS here, to docs/develop/architecture.md "
         "and to src/CMakeLists.txt"
     )
 
@@ -115,14 +115,14 @@ def test_module_names_are_unique():
 
 @SOURCES
 def test_no_arrow_goes_up(path):
-    height = FLOORS.index(floor_of(path))
+    height = LAYERS.index(layer_of(path))
     for number, module in used_modules(path):
         if not module.startswith("hb_"):
             continue
-        assert module in FLOOR_OF_MODULE, f"{path.relative_to(ROOT)}:{number} uses {module}, which is not in src/"
-        floor = FLOOR_OF_MODULE[module]
-        assert FLOORS.index(floor) <= height, (
-            f"{path.relative_to(ROOT)}:{number}: {floor_of(path)}/ uses {module} of {floor}/, a floor above its own"
+        assert module in LAYER_OF_MODULE, f"{path.relative_to(ROOT)}:{number} uses {module}, which is not in src/"
+        layer = LAYER_OF_MODULE[module]
+        assert LAYERS.index(layer) <= height, (
+            f"{path.relative_to(ROOT)}:{number}: {layer_of(path)}/ uses {module} of {layer}/, a layer above its own"
         )
 
 
@@ -132,20 +132,20 @@ def test_integration_is_independent_of_the_balance():
     while left:
         name = left.pop()
         for number, module in used_modules(paths[name]):
-            if module not in FLOOR_OF_MODULE or module in seen:
+            if module not in LAYER_OF_MODULE or module in seen:
                 continue
-            is_free = FLOOR_OF_MODULE[module] in INTEGRATION_MAY_USE or module in INTEGRATION_MAY_USE_MODULES
-            assert is_free, f"{paths[name].relative_to(ROOT)}:{number}: integration in time uses {module} of {FLOOR_OF_MODULE[module]}/"
+            is_free = LAYER_OF_MODULE[module] in INTEGRATION_MAY_USE or module in INTEGRATION_MAY_USE_MODULES
+            assert is_free, f"{paths[name].relative_to(ROOT)}:{number}: integration in time uses {module} of {LAYER_OF_MODULE[module]}/"
             seen.add(module)
             left.append(module)
 
 
 @SOURCES
 def test_outside_libraries_stay_in_extern(path):
-    if floor_of(path) == "extern":
+    if layer_of(path) == "extern":
         return
     for number, module in used_modules(path):
-        is_interface = floor_of(path) == "api" and module == "iso_c_binding"
+        is_interface = layer_of(path) == "api" and module == "iso_c_binding"
         allowed = module.startswith("hb_") or module in INTRINSIC or is_interface
         assert allowed, f"{path.relative_to(ROOT)}:{number} uses {module}; outside libraries belong to src/extern/"
     known = _imported(path) | _defined(path)
@@ -180,7 +180,7 @@ def test_nothing_in_the_library_stops_the_program(path):
 @SOURCES
 def test_use_statements_name_what_they_use(path):
     """`use ..., only:` everywhere; outside extern/ without exception."""
-    if floor_of(path) == "extern":
+    if layer_of(path) == "extern":
         return
     for number, statement in statements(path):
         if USE.match(statement):
@@ -199,7 +199,7 @@ LONG_LISTS = {  # of arguments; none may be added, and what has become shorter g
 @SOURCES
 def test_procedures_have_few_arguments(path):
     """Interfaces of other libraries stand in extern/."""
-    if floor_of(path) == "extern":
+    if layer_of(path) == "extern":
         return
     for number, statement in statements(path):
         if match := PROCEDURE.match(statement):
@@ -261,26 +261,26 @@ _documented_procedures = _documented()
 PAGE = (ROOT / "docs" / "develop" / "architecture.md").read_text(encoding="utf-8")
 
 
-def test_floors_are_documented():
-    """docs/develop/architecture.md lists the floors in this order."""
-    assert re.findall(r"^### `src/(\w+)/`", PAGE, re.MULTILINE) == FLOORS
+def test_layers_are_documented():
+    """docs/develop/architecture.md lists the layers in this order."""
+    assert re.findall(r"^### `src/(\w+)/`", PAGE, re.MULTILINE) == LAYERS
 
 
-def test_picture_of_the_floors_is_that_of_the_sources():
-    run = subprocess.run([sys.executable, ROOT / "tests" / "floors", "--check"], capture_output=True, text=True, check=False)
+def test_picture_of_the_layers_is_that_of_the_sources():
+    run = subprocess.run([sys.executable, ROOT / "tests" / "layers", "--check"], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
 
 
 def test_documented_modules_exist():
     """The page names modules where they help, and none that is gone."""
-    gone = {name for name in re.findall(r"`(hb_\w+)(?:\.f90)?`", PAGE) if name not in FLOOR_OF_MODULE}
+    gone = {name for name in re.findall(r"`(hb_\w+)(?:\.f90)?`", PAGE) if name not in LAYER_OF_MODULE}
     assert not gone, f"docs/develop/architecture.md names {', '.join(sorted(gone))}, which are not in src/"
 
 
 def test_page_is_no_list_of_modules():
     """What a module is for stands on top of its file, once; a page that repeats it is wrong at the next change."""
-    named = {name for name in re.findall(r"\bhb_\w+", PAGE) if name in FLOOR_OF_MODULE}
-    assert len(named) < len(FLOOR_OF_MODULE) / 4, f"docs/develop/architecture.md names {len(named)} modules"
+    named = {name for name in re.findall(r"\bhb_\w+", PAGE) if name in LAYER_OF_MODULE}
+    assert len(named) < len(LAYER_OF_MODULE) / 4, f"docs/develop/architecture.md names {len(named)} modules"
 
 
 TYPE = re.compile(r"^type\b\s*(?:,[^:]*)?(?:::)?\s*(\w+)$", re.IGNORECASE)
@@ -309,7 +309,7 @@ HOLDERS = _holders()
 @SOURCES
 def test_groups_of_studies_are_read_by_studies(path):
     """What solves one motion takes what it needs as arguments; a caller without an input gets the same."""
-    if floor_of(path) in ("study", "api"):
+    if layer_of(path) in ("study", "api"):
         return
     looked_up = re.findall(r"%\s*(?:count|group|optional_group|required_group)\(\"(curve|sweep)\"", path.read_text(encoding="utf-8"))
     assert not looked_up

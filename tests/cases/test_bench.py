@@ -1,8 +1,8 @@
-"""nhbm-bench: its numbers are positive and in order, its file is a result file, and the ladders keep what they promise.
+"""nhbm-bench: its numbers are positive and in order, its file is a result file, and the sequences of orders keep what they promise.
 
-The inputs of inputs/ladder/ promise numbers in lines `! expect: [COLUMN=VALUE ...] COLUMN < NUMBER`, or `COLUMN = NUMBER to
+The inputs of inputs/order_sequence/ promise numbers in lines `! expect: [COLUMN=VALUE ...] COLUMN < NUMBER`, or `COLUMN = NUMBER to
 TOLERANCE` (relative), about the points whose columns have these values. `error` is that of nhbm-post: against the table beside the
-input, else against the point with the most harmonics. No time is judged here.
+input, else against the point with the most harmonics. No time is assessed here.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from program import ALL_CONVERGED, BAD_INPUT, NOT_ALL_CONVERGED, run, solve
 
 INPUTS = Path(__file__).resolve().parents[2] / "inputs"
 FOLDER = INPUTS / "bench"
-LADDERS = sorted((INPUTS / "ladder").glob("*.nml"))
+ORDER_SEQUENCES = sorted((INPUTS / "order_sequence").glob("*.nml"))
 PARTS = ("setup", "solver", "recovery", "certificate", "total", "cpu")
 ROUNDING = 1e-12
 
 # One mass on a cubic spring, two tones.
-SCENE = """
+MODEL = """
 &structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0,
    ground_stiffness = 1.0, damping_mass = 0.2 /
 &tones frequency = 0.6, 0.9707963267948966 /
@@ -94,7 +94,7 @@ def test_rows_say_what_was_timed(tmp_path):
 
 
 def test_parts_add_up_and_lie_between_their_ends(tmp_path):
-    path = bench(SCENE + ORDERS.format("3, 7"), tmp_path, "--budget", "0", "--repeats", "5")
+    path = bench(MODEL + ORDERS.format("3, 7"), tmp_path, "--budget", "0", "--repeats", "5")
     data = load(path)
     assert not any(name.startswith("kernel_") for name in data)
     for part in PARTS:
@@ -109,7 +109,7 @@ def test_parts_add_up_and_lie_between_their_ends(tmp_path):
 
 def test_file_is_that_of_solve(tmp_path):
     """Each point solved by itself, from nothing."""
-    text = SCENE + ORDERS.format("3, 2")
+    text = MODEL + ORDERS.format("3, 2")
     data = load(bench(text, tmp_path, "--budget", "0", "--repeats", "2"))
     solved = load(solve(text, tmp_path, name="solved"))
     for name in ("coefficients", "iterations", "evaluations", "residual", "truncation_estimate", "status", "n_unknowns"):
@@ -118,7 +118,7 @@ def test_file_is_that_of_solve(tmp_path):
 
 def test_memory_grows_with_the_tangent(tmp_path):
     """Newton's dense tangent of 61 MB at order 26 (2809 unknowns) must show; at order 3 there is next to nothing."""
-    text = SCENE + "&solver method = 'newton' /\n&sampling samples = 54 /\n&certificate is_on = .false. /\n"
+    text = MODEL + "&solver method = 'newton' /\n&sampling samples = 54 /\n&certificate is_on = .false. /\n"
     options = ("--budget", "0", "--repeats", "1", "--set", "harmonics%symmetry='none'")
     data = load(bench(text + ORDERS.format("3, 26"), tmp_path, *options))
     if np.isnan(data.bench_memory_peak.values).any():
@@ -130,19 +130,19 @@ def test_memory_grows_with_the_tangent(tmp_path):
 
 
 def test_improved_motion_is_nearer(tmp_path):
-    text = SCENE + "&certificate improvement_steps = 12 /\n" + ORDERS.format("3, 11")
+    text = MODEL + "&certificate improvement_steps = 12 /\n" + ORDERS.format("3, 11")
     data = Bench(bench(text, tmp_path, "--budget", "0", "--repeats", "1"))
     assert data.errors(is_improved=True)[0] < 0.01 * data.errors()[0]
 
 
 def test_improved_motion_of_solve_is_on_the_wider_set(tmp_path):
-    result = load(solve(SCENE + "&certificate improvement_steps = 12 /\n", tmp_path))
+    result = load(solve(MODEL + "&certificate improvement_steps = 12 /\n", tmp_path))
     tuples, plain, improved = (result[name].values for name in ("tuple", "coefficients", "improved_coefficients"))
     is_inside = np.abs(tuples).max(axis=1) <= 3
     assert np.abs(tuples).max() == 6
     assert np.isnan(plain[0, 0, ~is_inside]).all() and np.isfinite(plain[0, 0, is_inside]).all()
     assert np.isfinite(improved).all()
-    wide = load(solve(SCENE.replace("order = 3", "order = 6"), tmp_path, name="wide"))
+    wide = load(solve(MODEL.replace("order = 3", "order = 6"), tmp_path, name="wide"))
     known = dict(zip(map(tuple, wide["tuple"].values.tolist()), wide.coefficients.values[0, 0]))
     expected = np.array([known[tuple(j)] for j in tuples.tolist()])
     assert np.abs(improved[0, 0] - expected).max() < 0.01 * np.abs(plain[0, 0, is_inside] - expected[is_inside]).max()
@@ -150,14 +150,14 @@ def test_improved_motion_of_solve_is_on_the_wider_set(tmp_path):
 
 def test_oversampling_makes_the_grid(tmp_path):
     options = ("--budget", "0.001", "--repeats", "1", "--set", "sampling%oversampling=3.0")
-    data = load(bench(SCENE, tmp_path, *options, name="three"))
+    data = load(bench(MODEL, tmp_path, *options, name="three"))
     assert data.bench_n_samples.values.tolist() == [24 * 24], "3 (2 3 + 1) = 21 samples, rounded up"
     done = run("check", tmp_path / "three.nml", "--set", "sampling%oversampling=2", "--set", "sampling%samples=16", cwd=tmp_path)
     assert done.status == BAD_INPUT and "either 'samples' or 'oversampling'" in done.stderr
 
 
 def test_unsolved_points_are_told_by_the_exit_status(tmp_path):
-    options = ("--budget", "0.01", "--repeats", "1", "--set", "solver%max_iterations=1", "--set", "solver%rescue=.false.")
+    options = ("--budget", "0.01", "--repeats", "1", "--set", "solver%max_iterations=1", "--set", "solver%fallback=.false.")
     data = load(bench(FOLDER / "duffing.nml", tmp_path, *options, status=NOT_ALL_CONVERGED))
     assert (data.status.values == 3).all()
 
@@ -189,11 +189,11 @@ def test_ranks_are_refused(tmp_path):
     assert done.status == BAD_INPUT and "without mpirun" in done.stderr
 
 
-LONG_LADDERS = ("light_damping", "paper_strong_cubic", "dynamic_cubic", "jenkins_two_tones")
+LONG_ORDER_SEQUENCES = ("light_damping", "paper_strong_cubic", "dynamic_cubic", "jenkins_two_tones")
 
 
-@pytest.mark.parametrize("source", [input_case(file, LONG_LADDERS) for file in LADDERS])
-def test_ladder_gives_what_it_promises(source, tmp_path):
+@pytest.mark.parametrize("source", [input_case(file, LONG_ORDER_SEQUENCES) for file in ORDER_SEQUENCES])
+def test_order_sequence_gives_what_it_promises(source, tmp_path):
     lines = [line for line in source.read_text().splitlines() if "! expect" in line]
     assert lines, f"{source} has no '! expect:' line"
     result = tmp_path / "result.h5"

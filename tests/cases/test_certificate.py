@@ -20,7 +20,7 @@ MASS = """
 &load dof = 'x1', tuple = 0, 1, cos = {load} /
 """
 
-# Scene, law and solver, orders with the reference last.
+# Model, law and solver, orders with the reference last.
 CASES = {
     "elastic stop": (
         MASS.format(damping=0.2, tones="1.0, 1.618033988749895", load=0.4)
@@ -64,11 +64,11 @@ CONVERGED, TRUNCATED, ALIASED, PENETRATING, IMPACT = 1, 7, 8, 9, 16
 
 @pytest.mark.parametrize("name", CASES)
 def test_estimate_is_within_a_factor_of_three_of_the_true_error(name, tmp_path):
-    scene, orders = CASES[name]
+    model, orders = CASES[name]
     values = ", ".join(str(order) for order in orders)
     thresholds = "&certificate truncation = 10.0, penetration = 10.0 /\n"
     sweep = f"&harmonics order = 1 /\n&sweep parameter = 'harmonics%order', values = {values} /\n"
-    result = solve(scene + thresholds + sweep, tmp_path)
+    result = solve(model + thresholds + sweep, tmp_path)
     motion, truncation, aliasing = read(result, "coefficients", "truncation_estimate", "aliasing_estimate")
     motion = np.nan_to_num(motion)  # tuples that a point lacks count as zero
     estimates = np.hypot(truncation, aliasing)
@@ -89,16 +89,16 @@ FRAMES = {
 @pytest.mark.parametrize("law", FRAMES)
 def test_the_same_motion_has_the_same_estimate(law, tmp_path):
     """As a point, in sweeps from both sides, as its last point, and where a sweep was taken up again."""
-    scene = MASS.format(damping=0.2, tones="{tone}", load=0.4).replace("tuple = 1, 0", "tuple = 1")
-    scene = "".join(line for line in scene.splitlines(True) if "0, 1" not in line).format(tone=0.7)
-    scene += FRAMES[law] + "&harmonics order = 7 /\n"
+    model = MASS.format(damping=0.2, tones="{tone}", load=0.4).replace("tuple = 1, 0", "tuple = 1")
+    model = "".join(line for line in model.splitlines(True) if "0, 1" not in line).format(tone=0.7)
+    model += FRAMES[law] + "&harmonics order = 7 /\n"
     frequency = "&sweep parameter = 'tones%frequency', from = {}, to = {}, n = 9 /\n"
     names = ("coefficients", "truncation_estimate", "aliasing_estimate", "status")
-    found = {"point": [column[0] for column in read(solve(scene, tmp_path, name="point", status=None), *names)]}
+    found = {"point": [column[0] for column in read(solve(model, tmp_path, name="point", status=None), *names)]}
     for name, ends, at in (("up", (0.5, 0.9), 4), ("down", (0.9, 0.5), 4), ("to it", (0.4, 0.7), 8)):
-        path = solve(scene + frequency.format(*ends), tmp_path, name=name.replace(" ", "_"), status=None)
+        path = solve(model + frequency.format(*ends), tmp_path, name=name.replace(" ", "_"), status=None)
         found[name] = [column[at] for column in read(path, *names)]
-    text = scene + frequency.format(0.5, 0.9)
+    text = model + frequency.format(0.5, 0.9)
     (tmp_path / "again.nml").write_text(text)
     run("solve", "again.nml", "--time-limit", "0", cwd=tmp_path)
     run("resume", "again.h5", cwd=tmp_path)
@@ -117,12 +117,12 @@ ESTIMATES = ("coefficients", "truncation_estimate", "aliasing_estimate")
 @pytest.mark.parametrize("law", FRAMES)
 def test_the_same_motion_has_the_same_estimate_on_a_curve(law, tmp_path):
     """At a value that a curve passes from both sides."""
-    scene = MASS.format(damping=0.2, tones="0.6", load=0.4).replace("tuple = 1, 0", "tuple = 1")
-    scene = "".join(line for line in scene.splitlines(True) if "0, 1" not in line) + FRAMES[law] + "&harmonics order = 7 /\n"
+    model = MASS.format(damping=0.2, tones="0.6", load=0.4).replace("tuple = 1, 0", "tuple = 1")
+    model = "".join(line for line in model.splitlines(True) if "0, 1" not in line) + FRAMES[law] + "&harmonics order = 7 /\n"
     found = []
     for name, ends in (("up", (0.5, 0.7)), ("down", (0.7, 0.5))):
         curve = "&curve parameter = 'tones%frequency', from = {}, to = {}, values = 0.6 /\n".format(*ends)
-        path = solve(scene + curve, tmp_path, name=name, status=None)
+        path = solve(model + curve, tmp_path, name=name, status=None)
         kind, *columns = read(path, "curve_kind", *ESTIMATES)
         (at,) = np.flatnonzero(kind == VALUE)
         found.append([column[at] for column in columns])
@@ -139,13 +139,13 @@ def test_branch_points_have_their_estimate(law, tmp_path):
         "cubic_spring": (0.0, 1.0, (2.0, 2.6), "stiffness = 1.0"),
         "elastic_stop": (1.0, 0.8, (1.2, 1.5), "stiffness = 5.0, gap = 1.0, two_sided = .true."),
     }[law]
-    scene = f"&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = {stiffness} /\n"
-    scene += f"&tones frequency = {tone} /\n&load dof = 'x1', tuple = 1, cos = 1.0 /\n&harmonics order = 8 /\n"
-    scene += f"&law type = '{law}', dof = 'x1', {nonlinear} /\n"
+    model = f"&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = {stiffness} /\n"
+    model += f"&tones frequency = {tone} /\n&load dof = 'x1', tuple = 1, cos = 1.0 /\n&harmonics order = 8 /\n"
+    model += f"&law type = '{law}', dof = 'x1', {nonlinear} /\n"
     curve = "&curve parameter = 'load(1)%cos', from = {0}, to = {1}, switch = .true., points = 300 /\n"
     found = []
     for name, (start, end) in (("up", ends), ("down", ends[::-1])):
-        path = solve(scene + curve.format(start, end), tmp_path, name=name, status=None)
+        path = solve(model + curve.format(start, end), tmp_path, name=name, status=None)
         kind, status, along, estimate = read(path, "curve_kind", "status", "curve_branch", "truncation_estimate")
         assert np.isfinite(estimate[status == CONVERGED]).all()
         at = np.flatnonzero(kind == BRANCH)[0]
@@ -160,12 +160,12 @@ def test_branch_points_have_their_estimate(law, tmp_path):
 
 @pytest.mark.parametrize("law", ["cubic spring", "elastic stop"])
 def test_the_same_normal_mode_has_the_same_estimate(law, tmp_path):
-    scene = "&structure type = 'matrices', n_dofs = 1, mass = 1.0, stiffness = 1.0 /\n&tones unknown = .true. /\n"
-    scene += FRAMES[law].replace("gap = 0.5", "gap = 0.3") + "&harmonics order = 7 /\n&normal_mode dof = 'x1', amplitude = 0.5 /\n"
+    model = "&structure type = 'matrices', n_dofs = 1, mass = 1.0, stiffness = 1.0 /\n&tones unknown = .true. /\n"
+    model += FRAMES[law].replace("gap = 0.5", "gap = 0.3") + "&harmonics order = 7 /\n&normal_mode dof = 'x1', amplitude = 0.5 /\n"
     sweep = "&sweep parameter = 'normal_mode%amplitude', from = {}, to = {}, n = 5 /\n"
-    found = [[column[0] for column in read(solve(scene, tmp_path, name="point", status=None), *ESTIMATES)]]
+    found = [[column[0] for column in read(solve(model, tmp_path, name="point", status=None), *ESTIMATES)]]
     for name, ends in (("up", (0.4, 0.6)), ("down", (0.6, 0.4))):
-        path = solve(scene + sweep.format(*ends), tmp_path, name=name, status=None)
+        path = solve(model + sweep.format(*ends), tmp_path, name=name, status=None)
         found.append([column[2] for column in read(path, *ESTIMATES)])
     _assert_same(found, motion=1e-8, estimates=1e-6)
 
@@ -173,16 +173,16 @@ def test_the_same_normal_mode_has_the_same_estimate(law, tmp_path):
 @pytest.mark.parametrize("law", FRAMES)
 def test_estimates_by_tolerance_are_those_of_their_sets(law, tmp_path):
     """What a sweep finds by tolerance from both sides, solved again in the sets and on the grids that it has chosen."""
-    scene = MASS.format(damping=0.2, tones="{tone}", load=0.4).replace("tuple = 1, 0", "tuple = 1")
-    scene = "".join(line for line in scene.splitlines(True) if "0, 1" not in line)
-    scene = scene.format(tone=0.7) + FRAMES[law].partition("&sampling")[0] + "&solver tolerance = 1e-11 /\n"
+    model = MASS.format(damping=0.2, tones="{tone}", load=0.4).replace("tuple = 1, 0", "tuple = 1")
+    model = "".join(line for line in model.splitlines(True) if "0, 1" not in line)
+    model = model.format(tone=0.7) + FRAMES[law].partition("&sampling")[0] + "&solver tolerance = 1e-11 /\n"
     sweep = "&accuracy tolerance = 1e-3 /\n&sweep parameter = 'tones%frequency', from = {}, to = 0.7, n = 5 /\n"
     for name, start in (("up", 0.5), ("down", 0.9)):
-        path = solve(scene + sweep.format(start), tmp_path, name=name, status=None)
+        path = solve(model + sweep.format(start), tmp_path, name=name, status=None)
         n, tuples, grid, *columns = read(path, "n_harmonics", "tuples", "grid", *ESTIMATES)
         given = ", ".join(str(j) for j in tuples[-1][: n[-1]].ravel())
         given = f"&harmonics set = 'list', tuples = {given} /\n&sampling samples = {grid[-1][0]}, kinks = 'corrected' /\n"
-        again = read(solve(scene + given, tmp_path, name=name + "_given", status=None), *ESTIMATES)
+        again = read(solve(model + given, tmp_path, name=name + "_given", status=None), *ESTIMATES)
         swept = [column[-1] for column in columns]
         swept[0] = swept[0][:, : n[-1]]
         _assert_same([swept, [column[0] for column in again]], motion=1e-8, estimates=1e-4)
@@ -197,12 +197,12 @@ def _assert_same(found, motion, estimates):
 
 
 def test_near_commensurate_tones_are_flagged(tmp_path):
-    scene = MASS.format(damping=0.2, tones="0.9, 1.4142135623730951", load=0.1) + "&harmonics order = 2 /\n"
-    scene += "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.1 /\n"
-    scene += "&sweep parameter = 'tones%frequency(1)', values = 0.9, 1.0, axis = 1 /\n"
-    scene += "&sweep parameter = 'tones%frequency(2)', values = 1.4142135623730951, 1.618033988749895, axis = 1 /\n"
+    model = MASS.format(damping=0.2, tones="0.9, 1.4142135623730951", load=0.1) + "&harmonics order = 2 /\n"
+    model += "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.1 /\n"
+    model += "&sweep parameter = 'tones%frequency(1)', values = 0.9, 1.0, axis = 1 /\n"
+    model += "&sweep parameter = 'tones%frequency(2)', values = 1.4142135623730951, 1.618033988749895, axis = 1 /\n"
     flags, combinations, frequencies = read(
-        solve(scene, tmp_path), "is_near_commensurate", "combination", "combination_frequency"
+        solve(model, tmp_path), "is_near_commensurate", "combination", "combination_frequency"
     )
     assert flags.tolist() == [1, 0]
     assert combinations[0].tolist() == [11, -7]
@@ -210,20 +210,20 @@ def test_near_commensurate_tones_are_flagged(tmp_path):
 
 
 def test_thresholds_give_the_status_and_keep_the_coefficients(tmp_path):
-    scene = BEAM + "&law type = 'rigid_wall', dof = 'v3', gap = 1.5e-3 /\n&harmonics order = 3 /\n"
-    scene += "&sweep parameter = 'certificate%truncation', values = 1e-3, 0.1, 0.1, 0.1, axis = 1 /\n"
-    scene += "&sweep parameter = 'certificate%aliasing', values = 0.1, 1e-6, 0.1, 0.1, axis = 1 /\n"
-    scene += "&sweep parameter = 'certificate%penetration', values = 0.1, 0.1, 1e-3, 0.1, axis = 1 /\n"
-    status, coefficients = read(solve(scene, tmp_path, status=1), "status", "coefficients")
+    model = BEAM + "&law type = 'rigid_wall', dof = 'v3', gap = 1.5e-3 /\n&harmonics order = 3 /\n"
+    model += "&sweep parameter = 'certificate%truncation', values = 1e-3, 0.1, 0.1, 0.1, axis = 1 /\n"
+    model += "&sweep parameter = 'certificate%aliasing', values = 0.1, 1e-6, 0.1, 0.1, axis = 1 /\n"
+    model += "&sweep parameter = 'certificate%penetration', values = 0.1, 0.1, 1e-3, 0.1, axis = 1 /\n"
+    status, coefficients = read(solve(model, tmp_path, status=1), "status", "coefficients")
     assert status.tolist() == [TRUNCATED, ALIASED, PENETRATING, CONVERGED]
     assert (coefficients == coefficients[-1]).all()
 
 
 def test_an_error_above_one_per_cent_is_told_by_default(tmp_path):
     """The motion against the wall at order 3 is off by 2 %; it is stored all the same."""
-    scene = BEAM + "&law type = 'rigid_wall', dof = 'v3', gap = 1.5e-3 /\n&harmonics order = 3 /\n"
+    model = BEAM + "&law type = 'rigid_wall', dof = 'v3', gap = 1.5e-3 /\n&harmonics order = 3 /\n"
     status, coefficients, estimate = read(
-        solve(scene, tmp_path, status=1), "status", "coefficients", "truncation_estimate"
+        solve(model, tmp_path, status=1), "status", "coefficients", "truncation_estimate"
     )
     assert status.tolist() == [TRUNCATED]
     assert 0.01 < estimate[0] < 0.1
@@ -234,23 +234,23 @@ def test_an_error_above_one_per_cent_is_told_by_default(tmp_path):
     ("tones", "order", "status"),
     [("1.0", 15, IMPACT), ("0.5", 15, IMPACT), ("0.05", 31, CONVERGED), ("1.0, 1.618033988749895", 9, IMPACT)],
 )
-def test_a_blow_that_restitution_decides_on_is_told(tones, order, status, tmp_path):
-    """One mass against a rigid wall, marched with restitution 0 and 0.8: the estimate is about their difference."""
+def test_an_impact_that_restitution_decides_on_is_told(tones, order, status, tmp_path):
+    """One mass against a rigid wall, integrated with restitution 0 and 0.8: the estimate is about their difference."""
     two = "," in tones
-    scene = MASS.format(damping=0.2, tones=tones, load=0.4 if two else 0.6)
+    model = MASS.format(damping=0.2, tones=tones, load=0.4 if two else 0.6)
     if not two:
-        scene = scene.replace("&load dof = 'x1', tuple = 0, 1, cos = 0.6 /\n", "").replace("tuple = 1, 0", "tuple = 1")
-    scene += f"&law type = 'rigid_wall', dof = 'x1', gap = 0.5 /\n&harmonics order = {order} /\n"
-    scene += f"&sampling samples = {64 if two else 1024} /\n&certificate truncation = 1.0, penetration = 1.0 /\n"
-    scene += "&march transient = 150.0, duration = 300.0, step = 0.05 /\n"
-    result = solve(scene, tmp_path, status=None)
+        model = model.replace("&load dof = 'x1', tuple = 0, 1, cos = 0.6 /\n", "").replace("tuple = 1, 0", "tuple = 1")
+    model += f"&law type = 'rigid_wall', dof = 'x1', gap = 0.5 /\n&harmonics order = {order} /\n"
+    model += f"&sampling samples = {64 if two else 1024} /\n&certificate truncation = 1.0, penetration = 1.0 /\n"
+    model += "&integration transient = 150.0, duration = 300.0, step = 0.05 /\n"
+    result = solve(model, tmp_path, status=None)
     found, estimate = (values[0] for values in read(result, "status", "impact_estimate"))
     assert found == status
     motions = []
     for restitution in (0.0, 0.8):
-        record = tmp_path / f"march_{restitution}.h5"
-        options = ("--set", f"march%restitution={restitution}", "--overwrite", "--quiet")
-        assert run("march", result.with_suffix(".nml"), "-o", record, *options, cwd=tmp_path).status == 0
+        record = tmp_path / f"integration_{restitution}.h5"
+        options = ("--set", f"integration%restitution={restitution}", "--overwrite", "--quiet")
+        assert run("integrate", result.with_suffix(".nml"), "-o", record, *options, cwd=tmp_path).status == 0
         motions.append(read(record, "coefficients"))
     difference = np.linalg.norm(motions[1] - motions[0]) / np.linalg.norm(motions[0])
     assert difference / 4 < estimate < 4 * difference, (difference, estimate)
@@ -258,18 +258,18 @@ def test_a_blow_that_restitution_decides_on_is_told(tones, order, status, tmp_pa
 
 def test_error_of_an_unknown_frequency_is_stored(tmp_path):
     """Free vibration on two springs, 11 : 1, with the frequency 2 w1 w2/(w1 + w2)."""
-    scene = "&structure type='matrices', n_dofs=1, mass=1, stiffness=1 /\n&tones unknown=.true. /\n"
-    scene += "&harmonics order=8 /\n&sampling samples=2048 /\n&normal_mode dof='x1', amplitude=-2 /\n"
-    scene += "&law type='elastic_stop', dof='x1', stiffness=10, gap=0 /\n"
-    frequency, estimate = (values[0, 0] for values in read(solve(scene, tmp_path), "frequency", "frequency_estimate"))
+    model = "&structure type='matrices', n_dofs=1, mass=1, stiffness=1 /\n&tones unknown=.true. /\n"
+    model += "&harmonics order=8 /\n&sampling samples=2048 /\n&normal_mode dof='x1', amplitude=-2 /\n"
+    model += "&law type='elastic_stop', dof='x1', stiffness=10, gap=0 /\n"
+    frequency, estimate = (values[0, 0] for values in read(solve(model, tmp_path), "frequency", "frequency_estimate"))
     error = abs(frequency - 2 * 11**0.5 / (1 + 11**0.5))
     assert error / FACTOR <= estimate <= FACTOR * error
 
 
 def test_powers_balance(tmp_path):
-    scene = CASES["rigid wall"][0] + "&harmonics order = 8 /\n"
-    scene += "&certificate penetration = 1.0 /\n"  # of a truncated motion, by 2 %
+    model = CASES["rigid wall"][0] + "&harmonics order = 8 /\n"
+    model += "&certificate penetration = 1.0 /\n"  # of a truncated motion, by 2 %
     names = ("power_in", "power_damping", "power_laws", "truncation_estimate")
-    power_in, damping, laws, error = (float(np.sum(values[0])) for values in read(solve(scene, tmp_path), *names))
+    power_in, damping, laws, error = (float(np.sum(values[0])) for values in read(solve(model, tmp_path), *names))
     assert power_in > 0.0
     assert abs(power_in - damping - laws) <= error * power_in

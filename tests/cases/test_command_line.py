@@ -10,7 +10,7 @@ import pytest
 from program import ALL_CONVERGED, BAD_INPUT, read, run
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "user" / "input.md"
-VERBS = ("solve", "resume", "info", "check", "plan", "march", "verify")
+VERBS = ("solve", "resume", "info", "check", "plan", "integrate", "verify")
 
 OSCILLATOR = """&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
 &tones frequency = 1.5 /
@@ -56,7 +56,7 @@ def test_two_dashes_end_the_options(tmp_path):
         (("solve", "case.nml", "--ouput=x.h5"), "unknown option '--ouput'; did you mean '--output'?"),
         (("info", "case.h5", "--set", "a%b=1"), "info has no option --set; it has --check, --quiet"),
         (("verify", "case.h5", "--overwrite"), "verify has no option --overwrite; it has --quiet"),
-        (("march", "case.nml", "--points=1"), "march has no option --points; it has --output, -o, --overwrite"),
+        (("integrate", "case.nml", "--points=1"), "integrate has no option --points; it has --output, -o, --overwrite"),
     ],
 )
 def test_what_an_option_is_not(tmp_path, words, says):
@@ -73,7 +73,7 @@ def test_each_verb_has_its_help(tmp_path, verb):
     assert done.stdout.startswith(f"usage: nhbm {verb} ")
     assert re.findall(r"nhbm (\w+) (?:INPUT|RESULT)", done.stdout.split("options:")[0]).count(verb) >= 1
     assert ("--cost-from" in done.stdout) == (verb == "plan")
-    assert ("--set" in done.stdout) == (verb in ("solve", "check", "plan", "march"))
+    assert ("--set" in done.stdout) == (verb in ("solve", "check", "plan", "integration"))
     assert max(map(len, done.stdout.splitlines())) <= 120
 
 

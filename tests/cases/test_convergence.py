@@ -7,7 +7,7 @@ from nhbm_post.reader import Results
 from program import NOT_ALL_CONVERGED, solve
 
 # One mass at an elastic stop under two tones, inputs/gallery/elastic_stop_two_tones.nml.
-SCENE = """
+MODEL = """
 &structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0,
    ground_stiffness = 1.0, damping_mass = 0.2 /
 &tones frequency = 1.0, 1.618033988749895 /
@@ -21,7 +21,7 @@ SCENE = """
 """
 
 # Time integration, contact found as an event, and Fourier coefficients over hypertime: (cos, sin).
-MARCHED = {
+INTEGRATED = {
     (0, 0): (-0.20334727152247, 0.0),
     (1, 0): (0.62198242428873, 0.23632950152279),
     (0, 1): (-0.34135917761406, 0.13342729526516),
@@ -31,18 +31,18 @@ MARCHED = {
     (2, -1): (0.00810698665249, 0.04650284834983),
     (3, 0): (0.01029472996623, 0.01959629382110),
 }
-MARCHED_RMS = 0.60617905978886
+INTEGRATED_RMS = 0.60617905978886
 
 # The force has kinks, so the error falls with about the third power of the order.
 LARGEST_ERROR_AT_5 = 1.2e-2
 
 
 @pytest.mark.long
-def test_elastic_stop_tends_to_the_marched_motion(tmp_path):
-    with Results(solve(SCENE, tmp_path, status=NOT_ALL_CONVERGED)) as results:  # orders 5 and 9 are truncated
+def test_elastic_stop_tends_to_the_integrated_motion(tmp_path):
+    with Results(solve(MODEL, tmp_path, status=NOT_ALL_CONVERGED)) as results:  # orders 5 and 9 are truncated
         orders = results.parameter("harmonics%order").values
         for point, order in enumerate(orders):
-            found = np.array([results.coefficients(point, "x1", j) for j in MARCHED])
-            error = np.abs(found - np.array(list(MARCHED.values()))).max()
+            found = np.array([results.coefficients(point, "x1", j) for j in INTEGRATED])
+            error = np.abs(found - np.array(list(INTEGRATED.values()))).max()
             assert error <= LARGEST_ERROR_AT_5 * (5.0 / order) ** 3, order
-        assert abs(results.series(len(orders) - 1, "x1").rms - MARCHED_RMS) <= 1e-4 * MARCHED_RMS
+        assert abs(results.series(len(orders) - 1, "x1").rms - INTEGRATED_RMS) <= 1e-4 * INTEGRATED_RMS

@@ -315,7 +315,7 @@ def test_what_is_wrong_with_a_curve_is_said(tmp_path, keys, says):
 
 @pytest.mark.long
 def test_torus_behind_a_graze_is_found_and_followed_both_ways(tmp_path):
-    """A rotor that bounces in its ring; radii at 1.15 rad/s by marching from rest, 0.1271 and 1.1203."""
+    """A rotor that bounces in its ring; radii at 1.15 rad/s by time integration from rest, 0.1271 and 1.1203."""
     text = (Path(__file__).parents[2] / "inputs" / "gallery" / "jeffcott_torus.nml").read_text(encoding="utf-8")
     path = solve(text.replace("to = 2.5", "to = 1.2").replace("1.0, 1.15, 1.3", "1.15"), tmp_path, status=None)
     with Results(path) as results:
@@ -495,7 +495,7 @@ def test_damping_may_begin_at_zero(tmp_path):
 
 
 def test_torus_is_followed_by_tolerance(tmp_path):
-    """Where its tone joins by shooting, its frequency and amplitudes at the end from a march (test_curve_switching)."""
+    """Where its tone joins by shooting, its frequency and amplitudes at the end from a time integration (test_curve_switching)."""
     path = solve(FORCED_VAN_DER_POL, tmp_path)
     with Results(path) as results:
         (torus,) = results.select({"curve_kind": "torus"})
@@ -543,7 +543,7 @@ def test_folds_at_a_stop_are_those_of_shooting(tmp_path):
 
 @pytest.mark.long
 def test_coexisting_motions_of_the_rotor_are_told(tmp_path):
-    """At 1.3 rad/s: two whirls all round the ring, one free of it, two tori; marches end in that and in the torus that bounces."""
+    """At 1.3 rad/s: two whirls all round the ring, one free of it, two tori; time integrations end in that and in the torus that bounces."""
     text = (INPUTS / "gallery" / "jeffcott_torus.nml").read_text(encoding="utf-8")
     (tmp_path / "rotor.nml").write_text(text)
     assert run("solve", "rotor.nml", cwd=tmp_path).status in (ALL_CONVERGED, NOT_ALL_CONVERGED)
@@ -557,18 +557,18 @@ def test_coexisting_motions_of_the_rotor_are_told(tmp_path):
         assert len(there) == 2
         bouncing = results.amplitude(there[0], "x", (1, 0))
     lines = [line for line in text.splitlines() if not line.startswith(("&curve", "   torus_order"))]
-    (tmp_path / "march.nml").write_text("\n".join(lines).replace("frequency = 0.7", "frequency = 1.3") + "\n")
-    starts = ("march%starts=12", "march%transient=600.0", "march%duration=600.0")
-    done = run("march", "march.nml", "-o", "march.h5", *[word for key in starts for word in ("--set", key)], cwd=tmp_path)
+    (tmp_path / "integration.nml").write_text("\n".join(lines).replace("frequency = 0.7", "frequency = 1.3") + "\n")
+    starts = ("integration%starts=12", "integration%transient=600.0", "integration%duration=600.0")
+    done = run("integrate", "integration.nml", "-o", "integration.h5", *[word for key in starts for word in ("--set", key)], cwd=tmp_path)
     assert "2 motions" in done.stdout, done.stdout + done.stderr
-    marched, spread = read(tmp_path / "march.h5", "motion_coefficients", "motion_spread")
-    amplitudes = np.hypot(*np.moveaxis(marched[:, 0, 1], -1, 0))
+    integrated, spread = read(tmp_path / "integration.h5", "motion_coefficients", "motion_spread")
+    amplitudes = np.hypot(*np.moveaxis(integrated[:, 0, 1], -1, 0))
     assert amplitudes == pytest.approx([free, bouncing], rel=1e-2)
     assert amplitudes[0] == pytest.approx(free, rel=1e-6) and amplitudes[0] == pytest.approx(0.48138576, rel=1e-6)
 
 
 def test_the_warning_of_tones_names_a_point_of_the_curve(tmp_path):
-    scene = """&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.2, stiffness = 1.0 /
+    model = """&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.2, stiffness = 1.0 /
 &tones frequency = 1.3, 2.6005 /
 &harmonics order = 2 /
 &load dof = 'x1', tuple = 1, 0, cos = 0.1 /
@@ -576,13 +576,13 @@ def test_the_warning_of_tones_names_a_point_of_the_curve(tmp_path):
 &law type = 'cubic_spring', dof = 'x1', stiffness = 0.1 /
 &curve parameter = 'load(1)%cos', from = 0.1, to = 0.2 /
 """
-    (tmp_path / "near.nml").write_text(scene)
+    (tmp_path / "near.nml").write_text(model)
     done = run("solve", "near.nml", "-o", "near.h5", cwd=tmp_path)
     assert "nearly vanishes (see 'combination'); first in point 0: " in done.stdout, done.stdout + done.stderr
 
 
 def test_stability_that_was_not_looked_for_is_told(tmp_path):
-    scene = """&structure type = 'beam', length = 0.8, n_elements = 20, bending_stiffness = 43.75, mass_per_length = 0.78
+    model = """&structure type = 'beam', length = 0.8, n_elements = 20, bending_stiffness = 43.75, mass_per_length = 0.78
            left_support = 'clamped', right_support = 'free', damping_mass = 1.5 /
 &tones frequency = 30.0 /
 &harmonics order = 3 /
@@ -590,8 +590,8 @@ def test_stability_that_was_not_looked_for_is_told(tmp_path):
 &law type = 'elastic_stop', dof = 'v21', stiffness = 2e3, gap = 2e-3 /
 &curve parameter = 'tones%frequency', from = 30.0, to = 31.0 /
 """
-    (tmp_path / "beam.nml").write_text(scene)
-    hint = "&stability method = 'march' computes it"
+    (tmp_path / "beam.nml").write_text(model)
+    hint = "&stability method = 'integration' computes it"
     assert hint in run("solve", "beam.nml", cwd=tmp_path).stdout
-    told = run("solve", "beam.nml", "--overwrite", "--set", "stability%method='march'", cwd=tmp_path).stdout
+    told = run("solve", "beam.nml", "--overwrite", "--set", "stability%method='integration'", cwd=tmp_path).stdout
     assert hint not in told and " stable" in told

@@ -15,7 +15,7 @@ from user_law import HEADER_FOLDER
 sys.path.append(str(Path(__file__).resolve().parents[1] / "fuzz"))
 from fuzz_results import campaign  # noqa: E402
 
-SCENE = """
+MODEL = """
 &structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
 &tones frequency = 2.0 /
 &harmonics order = 3 /
@@ -47,7 +47,7 @@ DAMAGES = {
     "no points": lambda file: replace(file, "status", np.zeros(0, "i4")),
     "fewer rows": lambda file: replace(file, "residual", np.zeros(1)),
     "other axes": lambda file: replace(file, "tuple", np.zeros(7, "i4")),
-    "a scalar for a column": lambda file: replace(file, "rescue", 1),
+    "a scalar for a column": lambda file: replace(file, "fallback", 1),
     "numbers for text": lambda file: replace(file, "input_text", np.zeros((1, 3))),
     "numbers for labels": lambda file: replace(file, "dof", np.zeros((3, 100))),
     "longer letters": lambda file: replace(file, "law", np.full((1, 64), b"text", "S9")),
@@ -63,7 +63,7 @@ DAMAGES = {
 def begun(tmp_path_factory):
     """A result file whose points are all pending."""
     folder = tmp_path_factory.mktemp("damaged")
-    (folder / "case.nml").write_text(SCENE + SPRING + SWEEP)
+    (folder / "case.nml").write_text(MODEL + SPRING + SWEEP)
     done = run("solve", "case.nml", "--time-limit", "0", cwd=folder)
     assert done.status == INCOMPLETE, done.stderr
     return (folder / "case.h5").read_bytes()
@@ -134,7 +134,7 @@ def test_library_that_is_cut_off_is_named(part, tmp_path):
     subprocess.run(command, cwd=tmp_path, check=True)
     library = tmp_path / "mine.so"
     library.write_bytes(library.read_bytes()[: int(part * library.stat().st_size)])
-    (tmp_path / "case.nml").write_text(SCENE + MINE)
+    (tmp_path / "case.nml").write_text(MODEL + MINE)
     done = run("check", "case.nml", cwd=tmp_path)
     assert done.status == BAD_INPUT and "mine.so" in done.stderr, (done.status, done.stderr)
 

@@ -30,8 +30,8 @@ SECTIONS_BY_FILE = {
     "hb_curve_plan.f90": ["curve"],
     "hb_next_step.f90": [],  # looks at keys that others read, as the next
     "hb_switched_input.f90": [],
-    "hb_scene_warnings.f90": [],
-    "hb_scene_ties.f90": ["tie"],
+    "hb_model_warnings.f90": [],
+    "hb_model_ties.f90": ["tie"],
 }
 SECTIONS_BY_PROCEDURE = {
     "read_amplitude": ["load", "start"],

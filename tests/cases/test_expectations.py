@@ -1,4 +1,4 @@
-"""The judge judged: expectations.py accepts what is right, refuses what is wrong, and stumbles over nothing else."""
+"""The assess assessed: expectations.py accepts what is right, refuses what is wrong, and stumbles over nothing else."""
 
 import pytest
 from nhbm_post.reader import Results
@@ -7,7 +7,7 @@ from expectations import MalformedExpectation, expects_only_converged, failures,
 from program import NOT_ALL_CONVERGED, solve
 
 # x'' + x'/10 + (1 + k) x = cos(2t) + 3 with k = 0 and 7: closed forms below. The third point has a wrong value.
-SCENE = """
+MODEL = """
 &structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0,
    ground_stiffness = 1.0, damping_mass = 0.1 /
 &tones frequency = 2.0 /
@@ -18,8 +18,8 @@ SCENE = """
 &sweep parameter = 'law(1)%stiffness', values = 0.0, 7.0, axis = 1 /
 &sweep parameter = 'solver%max_iterations', values = 100, 100, axis = 1 /
 """
-FAILING = SCENE.replace("values = 0.0, 7.0", "values = 0.0, 7.0, 50.0").replace("100, 100", "100, 100, 0")
-FAILING += "&solver rescue_by_march = .false. /\n"
+FAILING = MODEL.replace("values = 0.0, 7.0", "values = 0.0, 7.0, 50.0").replace("100, 100", "100, 100, 0")
+FAILING += "&solver fallback_by_integration = .false. /\n"
 
 
 # Van der Pol's oscillator: frequency and amplitude by shooting.
@@ -37,13 +37,13 @@ def closed_form(k):
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    with Results(solve(SCENE, tmp_path_factory.mktemp("judge"))) as file:
+    with Results(solve(MODEL, tmp_path_factory.mktemp("points"))) as file:
         yield file
 
 
 @pytest.fixture(scope="module")
 def failing_results(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("judge")
+    folder = tmp_path_factory.mktemp("points")
     with Results(solve(FAILING, folder, status=NOT_ALL_CONVERGED)) as file:
         yield file
 

@@ -13,13 +13,13 @@ import pytest
 from faults import count_calls, run_with_fault
 from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, command, environment, run
 
-SCENE = """
+MODEL = """
 &structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
 &tones frequency = 2.0 /
 &harmonics order = 3 /
 &load dof = 'x1', tuple = 1, cos = 1.0 /
 &law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /
-&march duration = 1.0 /
+&integration duration = 1.0 /
 """
 SWEEP = "&sweep parameter = 'load(1)%cos', values = 0.5, 1.0, 1.5 /\n"
 
@@ -28,8 +28,8 @@ on_linux = pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/fu
 
 @pytest.fixture
 def folder(tmp_path):
-    (tmp_path / "case.nml").write_text(SCENE + SWEEP)
-    (tmp_path / "point.nml").write_text(SCENE)
+    (tmp_path / "case.nml").write_text(MODEL + SWEEP)
+    (tmp_path / "point.nml").write_text(MODEL)
     return tmp_path
 
 
@@ -57,10 +57,10 @@ def test_device_is_never_replaced(folder):
 
 @pytest.mark.parametrize("mask", [0o077, 0o002])
 def test_files_have_the_mode_that_the_umask_leaves(mask, folder):
-    """Also the record of a march, and no file but the one asked for is left."""
+    """Also the record of a time integration, and no file but the one asked for is left."""
     before = os.umask(mask)
     try:
-        for verb, name in (("solve", "r.h5"), ("march", "m.h5")):
+        for verb, name in (("solve", "r.h5"), ("integrate", "m.h5")):
             assert run(verb, "point.nml", "-o", name, cwd=folder).status == ALL_CONVERGED
     finally:
         os.umask(before)
@@ -89,20 +89,20 @@ def test_links_that_go_round_are_refused(folder):
     refused(run("solve", "case.nml", "-o", "a", cwd=folder), "leads nowhere")
 
 
-@pytest.mark.parametrize("verb", ["solve", "march"])
+@pytest.mark.parametrize("verb", ["solve", "integrate"])
 @pytest.mark.parametrize("name", ["point.nml", "./point.nml", "link", "hard"])
 def test_input_is_never_replaced(verb, name, folder):
     (folder / "link").symlink_to("point.nml")
     os.link(folder / "point.nml", folder / "hard")
     refused(run(verb, "point.nml", "-o", name, "--overwrite", cwd=folder), "is the input file")
-    assert (folder / "point.nml").read_text() == SCENE
+    assert (folder / "point.nml").read_text() == MODEL
 
 
 def test_wisdom_does_not_replace_another_file(folder):
     keys = "&sampling planning = 'measure', wisdom = 'case.nml' /\n"
-    (folder / "wise.nml").write_text(SCENE + keys)
+    (folder / "wise.nml").write_text(MODEL + keys)
     refused(run("solve", "wise.nml", cwd=folder), "'case.nml'", "no wisdom")
-    assert (folder / "case.nml").read_text() == SCENE + SWEEP
+    assert (folder / "case.nml").read_text() == MODEL + SWEEP
 
 
 # Names
@@ -147,8 +147,8 @@ def test_file_of_the_user_with_the_temporary_name_is_left_alone(folder):
 def test_pipes_in_place_of_files_of_the_input(keys, folder):
     """Whoever opens a pipe waits for who writes to it."""
     os.mkfifo(folder / "pipe")
-    scene = SCENE[SCENE.index("&tones") :] if "&structure" in keys else SCENE
-    (folder / "piped.nml").write_text(scene + keys)
+    model = MODEL[MODEL.index("&tones") :] if "&structure" in keys else MODEL
+    (folder / "piped.nml").write_text(model + keys)
     refused(run("solve", "piped.nml", "--quiet", cwd=folder), "pipe'", "is a pipe or a device")
 
 
@@ -258,7 +258,7 @@ def test_signal_before_the_first_point_ends_at_once(tmp_path):
         f"&sweep parameter = '{path}', from = 0.5, to = 1.5, n = {n} /\n"
         for path, n in (("load(1)%cos", 10000), ("law(1)%stiffness", 4000))
     )
-    (tmp_path / "case.nml").write_text(SCENE + sweeps)
+    (tmp_path / "case.nml").write_text(MODEL + sweeps)
     for number in (signal.SIGUSR1, signal.SIGTERM):
         process = subprocess.Popen(command("solve", "case.nml", "--quiet"), cwd=tmp_path, env=environment(), stderr=subprocess.PIPE)
         try:
@@ -288,7 +288,7 @@ def test_plan_of_many_points_takes_little_memory(tmp_path):
     sweeps = "".join(
         f"&sweep parameter = '{path}', from = 0.5, to = 1.5, n = 10000 /\n" for path in ("load(1)%cos", "law(1)%stiffness")
     )
-    (tmp_path / "case.nml").write_text(SCENE + sweeps)
+    (tmp_path / "case.nml").write_text(MODEL + sweeps)
     words = "import os, resource, subprocess, sys; done = subprocess.run(sys.argv[1:]); "
     words += "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss); sys.exit(done.returncode)"
     done = subprocess.run(

@@ -132,7 +132,7 @@ def test_what_is_wrong_is_said():
     with pytest.raises(ModelError, match="curve"):
         session_of(DUFFING).begin_curve()
     with pytest.warns(nhbm.NotConverged, match="budget|iterations|residual"):
-        Model.from_namelist(DUFFING + "&solver max_iterations = 1, rescue = .false. /\n").solve(order=7)
+        Model.from_namelist(DUFFING + "&solver max_iterations = 1, fallback = .false. /\n").solve(order=7)
 
 
 def test_an_interrupt_ends_a_solution():
@@ -370,7 +370,7 @@ def test_laws_with_memory_are_the_one_of_the_catalogue(tones, tmp_path):
         np.testing.assert_allclose(motion["coefficients"].values, expected["coefficients"].values, rtol=0, atol=1e-10)
         assert motion["iterations"] == expected["iterations"]
     if tones == 1:
-        compiled.set("stability", method="march")
+        compiled.set("stability", method="integration")
         motion = compiled.solve()
         assert motion["is_stable"] == expected["is_stable"] == 1
         np.testing.assert_allclose(motion["multiplier_real"][:2], expected["multiplier_real"][:2], atol=1e-4)
@@ -399,9 +399,9 @@ def check_derivatives_of_states(compiled, n=300):
 
 @pytest.mark.parametrize("text", [DUFFING, STOP + "&harmonics order = 9 /\n"], ids=["tolerance", "order"])
 def test_time_integration_has_the_bits_of_the_command(text, tmp_path):
-    march = "&march duration = 20.0, transient = 5.0, n_peaks = 1 /\n"
-    (tmp_path / "run.nml").write_text(text + march)
-    assert run("march", "run.nml", "-o", "record.h5", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
+    integration = "&integration duration = 20.0, transient = 5.0, n_peaks = 1 /\n"
+    (tmp_path / "run.nml").write_text(text + integration)
+    assert run("integrate", "run.nml", "-o", "record.h5", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
     assert run("solve", "run.nml", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
     assert run("verify", "run.h5", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
     record = Model.from_namelist(text).integrate(20.0, transient=5.0, n_peaks=1)
@@ -414,14 +414,14 @@ def test_time_integration_has_the_bits_of_the_command(text, tmp_path):
     motion = model.solve()
     verdict = model.verify(motion)
     with h5py.File(tmp_path / "run.h5") as file:
-        for name in set(verdict.data_vars) - {"march_verdict"}:
+        for name in set(verdict.data_vars) - {"integration_verdict"}:
             assert np.array_equal(verdict[name].values, file[name][0]), name
-    assert verdict["march_verdict"] == "agrees"
+    assert verdict["integration_verdict"] == "agrees"
     with pytest.raises(ModelError, match="found last"):
         model.verify(motion.assign(coefficients=2 * motion["coefficients"]))
     with pytest.raises(ModelError, match="duration"):
         model.integrate()
-    assert model.verify()["march_verdict"] == "agrees"  # of the motion still
+    assert model.verify()["integration_verdict"] == "agrees"  # of the motion still
     with pytest.raises(ModelError, match="no motion that `solve` has found"):
         Model.from_namelist(text).verify()
 

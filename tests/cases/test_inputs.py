@@ -13,9 +13,9 @@ from input_cases import INPUTS, input_case
 from program import ALL_CONVERGED, NOT_ALL_CONVERGED, messages_of, run, solve
 from user_law import with_its_law
 
-# Those of user_law need libraries that are built first: test_user_law.py runs them. Those of ladder are for another
+# Those of user_law need libraries that are built first: test_user_law.py runs them. Those of sequence of orders are for another
 # verb: test_bench.py runs them. Those of models need the file that the script beside them makes: test_models.py runs them.
-FILES = sorted(file for file in INPUTS.rglob("*.nml") if file.parent.name not in ("user_law", "ladder", "models"))
+FILES = sorted(file for file in INPUTS.rglob("*.nml") if file.parent.name not in ("user_law", "order_sequence", "models"))
 
 
 CASES = [input_case(file) for file in FILES]
@@ -51,7 +51,7 @@ def test_some_of_the_random_problems(name, least, tmp_path):
         return "values =" + ",".join(values.group(1).split(",")[::20]) + "/"
 
     text = re.sub(r"values =([^/]*)/", some, (INPUTS / "hard" / f"{name}.nml").read_text())
-    text += "&solver rescue_by_march = .false. /\n"
+    text += "&solver fallback_by_integration = .false. /\n"
     with Results(solve(text, tmp_path, status=NOT_ALL_CONVERGED)) as results:
         assert results.n_points == 10
         assert sum(status in SOLVED for status in results.status) >= least

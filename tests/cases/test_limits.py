@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from limit_parts.scenes import SCENES, build_laws
+from limit_parts.models import MODELS, build_laws
 from program import INCOMPLETE, command, environment, messages_of, program, read, solve
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -25,7 +25,7 @@ def used(pid):
 @pytest.mark.parametrize("name", ["time integration, cvode", "exponents"])
 def test_a_signal_ends_a_run_within_a_second(name, tmp_path):
     build_laws(tmp_path)
-    (tmp_path / "case.nml").write_text(SCENES[name])
+    (tmp_path / "case.nml").write_text(MODELS[name])
     process = subprocess.Popen(
         command("solve", "case.nml", "--quiet"), cwd=tmp_path, env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
     )
@@ -48,7 +48,7 @@ def test_a_law_that_gives_up_for_ever_ends_by_itself(tmp_path):
     """640 s on 2825d10: time integration took ever smaller steps up to a place where the law has no force."""
     build_laws(tmp_path)
     began = time.monotonic()
-    result = solve(SCENES["recoverable law"], tmp_path, status=None)
+    result = solve(MODELS["recoverable law"], tmp_path, status=None)
     assert time.monotonic() - began < 60.0
     assert "rounding of the time" in messages_of(result)
     assert read(result, "status").tolist() != [0]
@@ -68,7 +68,7 @@ def test_what_lies_beyond_the_set_is_in_the_estimate(tmp_path):
         "&structure type='matrices', n_dofs=1, mass=1.0, damping=0.2, stiffness=1.0 /\n"
         "&tones frequency=0.8 /\n&harmonics order=1 /\n"
         "&load dof='x1', tuple=1, cos=1.0 /\n&law type='elastic_stop', dof='x1', stiffness=10.0, gap=0.5 /\n"
-        "&solver first_way='march' /\n"
+        "&solver primary_method='integration' /\n"
     )
     low = solve(text, tmp_path, status=None, name="low")
     high = solve(text.replace("order=1", "order=25"), tmp_path, status=None, name="high")

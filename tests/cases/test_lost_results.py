@@ -81,7 +81,7 @@ int thief_evaluate(int n, int n_coordinates, int stride, const double *z, const 
 }
 """
 
-SCENE = """
+MODEL = """
 &structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
 &tones frequency = 2.0 /
 &harmonics order = 3 /
@@ -100,7 +100,7 @@ def compile_law(folder, text=LAW):
 def thief(folder, values):
     compile_law(folder)
     sweep = f"&sweep parameter = 'law(1)%parameters', values = {', '.join(map(str, values))} /\n"
-    (folder / "case.nml").write_text(SCENE + THIEF + sweep)
+    (folder / "case.nml").write_text(MODEL + THIEF + sweep)
 
 
 @pytest.mark.parametrize("ranks", [None, 2])
@@ -140,7 +140,7 @@ def sound(tmp_path_factory):
     """Folder with the result of a whole run, and the names of all its datasets that have rows with a checksum."""
     folder = tmp_path_factory.mktemp("sound")
     sweep = f"&sweep parameter = 'load(1)%cos', from = 0.5, to = 1.5, n = {N_POINTS} /\n"
-    (folder / "case.nml").write_text(SCENE + SPRING + "&output samples = 8 /\n" + sweep)
+    (folder / "case.nml").write_text(MODEL + SPRING + "&output samples = 8 /\n" + sweep)
     done = run("solve", "case.nml", "--quiet", cwd=folder)
     assert done.status == ALL_CONVERGED, done.stderr
     return folder

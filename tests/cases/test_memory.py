@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from limit_parts.scenes import SCENES
+from limit_parts.models import MODELS
 from program import BAD_INPUT, command, environment, read, run
 
 # Two tones, order 28, three degrees of freedom: the tangent takes nearly all.
@@ -16,7 +16,7 @@ LARGE = """&structure
 &load dof = 'x1', tuple = 1, 0, cos = 0.1 /
 &law type = 'cubic_spring', dof = 'x1', stiffness = 0.1 /
 &law type = 'cubic_spring', dof = 'x2', stiffness = 0.1 /
-&solver method = 'newton', max_iterations = 1, rescue = .false. /
+&solver method = 'newton', max_iterations = 1, fallback = .false. /
 &certificate is_on = .false. /
 """
 MIB = 2**20
@@ -83,9 +83,9 @@ def estimate_and_measurement(source, tmp_path):
 
 
 def test_hill_gives_way_where_its_matrix_would_take_minutes(tmp_path):
-    """13,068 rows for six masses under two tones: more than 4 GB beside the estimate and no end; marched, 40 MB and a second."""
+    """13,068 rows for six masses under two tones: more than 4 GB beside the estimate and no end; integrated, 40 MB and a second."""
     source = tmp_path / "hill.nml"
-    source.write_text(SCENES["exponents by hill"])
+    source.write_text(MODELS["exponents by hill"])
     estimated, measured = estimate_and_measurement(source, tmp_path)
     assert measured < estimated + 60 * MIB
     assert [rows.tolist() for rows in read(tmp_path / "result.h5", "is_stable", "stability_method")] == [[-1], [3]]

@@ -22,7 +22,7 @@ STOP = MASS + "&law type = 'elastic_stop', label = 'stop', dof = 'x1', stiffness
 HARD_STOP = STOP.replace("1.0e4", "1.0e5").replace("0.1 /\n", "0.01 /\n")
 FEW_STEPS = """
 &harmonics order = 9 /
-&solver max_iterations = 2, rescue = .false. /
+&solver max_iterations = 2, fallback = .false. /
 &sweep parameter = 'tones%frequency', from = 3.0, to = 0.15, n = 20 /
 """
 
@@ -45,7 +45,7 @@ def test_each_failure_is_told_once_with_a_command_that_works(tmp_path):
     assert 1 <= len(told) <= 3 and "'stop' is 10000 times stiffer" in told[0] and "others" in told[0], done.stdout
     assert "13 out of budget: the limit was met before the tolerance (first: point 7)" in done.stdout
     tried = commands(done.stdout)
-    assert any("solver%rescue=.true." in command for command in tried), done.stdout
+    assert any("solver%fallback=.true." in command for command in tried), done.stdout
     for command in tried:
         words = shlex.split(command)
         assert run("check", *[w for w in words[1:] if not w.endswith(".h5") and w != "-o"], cwd=tmp_path).status == ALL_CONVERGED
@@ -66,7 +66,7 @@ def test_answers_of_time_integration_count_as_the_exit_status_says(tmp_path):
 
 
 @pytest.mark.long
-def test_motion_of_several_periods_leads_to_its_scene(tmp_path):
+def test_motion_of_several_periods_leads_to_its_model(tmp_path):
     """Its command has the tuples of the load and the order in the new tone."""
     text = HARD_STOP.replace("0.2 /", "1.24 /") + "&harmonics order = 5 /\n&solver max_iterations = 3 /\n"
     done = run("solve", write(tmp_path, text), cwd=tmp_path)

@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted({*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("postproc/*.md")} - {*ROOT.glob("docs/site/*")})
 CONVERGENCE = (ROOT / "docs" / "user" / "convergence.md").read_text(encoding="utf-8")
 
-SCENE = """&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0
+MODEL = """&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0
    damping_mass = 0.1 /
 &tones frequency = 1.2 /
 &harmonics order = 7 /
@@ -71,20 +71,20 @@ def test_every_status_has_its_advice():
 
 
 def test_settings_of_the_advice_are_accepted(tmp_path):
-    (tmp_path / "case.nml").write_text(SCENE)
+    (tmp_path / "case.nml").write_text(MODEL)
     settings = re.findall(r"--set (\"[^\"]+\"|[^\s`]+)", CONVERGENCE)
     groups = re.findall(r"^ {7}(&.*/)$", CONVERGENCE, re.MULTILINE)
     assert len(settings) >= 3 and len(groups) >= 2
     done = run("check", "case.nml", *(f"--set={text.strip(chr(34))}" for text in settings), cwd=tmp_path)
     assert done.status == ALL_CONVERGED, done.stderr
-    (tmp_path / "chain.nml").write_text(SCENE.split("&sweep")[0] + "\n".join(groups) + "\n")
+    (tmp_path / "chain.nml").write_text(MODEL.split("&sweep")[0] + "\n".join(groups) + "\n")
     done = run("check", "chain.nml", cwd=tmp_path)
     assert done.status == ALL_CONVERGED, done.stderr
 
 
 def test_messages_are_read_as_the_page_says(tmp_path):
-    (tmp_path / "sweep.nml").write_text(SCENE)
-    done = run("solve", "sweep.nml", "--set", "solver%rescue=.false.", cwd=tmp_path)
+    (tmp_path / "sweep.nml").write_text(MODEL)
+    done = run("solve", "sweep.nml", "--set", "solver%fallback=.false.", cwd=tmp_path)
     assert done.status == NOT_ALL_CONVERGED, done.stderr
     code = re.search(r"```python\n(.*?)```", CONVERGENCE, re.DOTALL).group(1)
     before, printed = os.getcwd(), io.StringIO()

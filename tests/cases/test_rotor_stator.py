@@ -1,6 +1,6 @@
-"""Blades against a casing: a limit cycle found by marching in time has no residual in the balance, in either frame.
+"""Blades against a casing: a limit cycle found by integration in time has no residual in the balance, in either frame.
 
-The equations are written out a second time here, from the model and not from the program, and marched by the classical
+The equations are written out a second time here, from the model and not from the program, and integrated by the classical
 Runge-Kutta method; a period that repeats is found by shooting. Newton does not get to move anything: the program only
 evaluates the residual of these coefficients.
 """
@@ -16,7 +16,7 @@ ANGLES = DIAMETERS * 2.0 * np.pi * np.arange(1, BLADES + 1) / BLADES
 RADIAL = np.array([np.cos(ANGLES), np.sin(ANGLES)])
 TANGENTIAL = np.array([-np.sin(ANGLES), np.cos(ANGLES)])
 
-# Friction, speed; frequency and mean radii of disk and casing from marching with ever smaller steps; phase between both.
+# Friction, speed; frequency and mean radii of disk and casing from time integration with ever smaller steps; phase between both.
 CYCLES = {
     "frictionless": (0.0, 1.01 * CRITICAL, 1.156673609, 6.158738248, 4.854332428, 0.0),
     "friction": (0.05, 1.05 * CRITICAL, 1.3285288, 22.0252877, 20.0171897, -0.197),
@@ -25,7 +25,8 @@ REFERENCE_DIGITS = 1e-8  # the references have 9 and 10 digits; 2000 steps a per
 STEPS = 2000
 ORDER = 67  # 22 blades: harmonics -1, 21, -23, 43, -45, 65, -67, of which the last are 1e-7 of the first
 SAMPLES = 8448  # the kinks of the contact forces alias as 1/samples**2
-# Of the residual that a motion 1 % larger has: harmonics left out, aliasing and the steps of marching leave 1e-6 of the motion.
+# Of the residual that a motion 1 % larger has: harmonics left out, aliasing and the steps of time integration leave 1e-6 of the
+# motion.
 NEGLIGIBLE = 1e-4
 
 
@@ -43,7 +44,7 @@ def accelerated(state, friction, speed):
     return np.concatenate([dq, dr, ddq, ddr])
 
 
-def march(state, period, friction, speed):
+def integration(state, period, friction, speed):
     """States at STEPS + 1 instants of one period."""
     h = period / STEPS
     states = [state]
@@ -65,7 +66,7 @@ def limit_cycle(friction, speed, frequency, disk, casing, phase):
     for _ in range(12):
         bundle = np.repeat(state[:, None], 9, axis=1)
         bundle[:, :8] += h * np.eye(8)
-        states = march(bundle, period, friction, speed)
+        states = integration(bundle, period, friction, speed)
         missed = states[-1] - states[0]
         slopes = np.zeros((9, 9))
         slopes[:8, :8] = (missed[:, :8] - missed[:, 8:]) / h
@@ -104,8 +105,8 @@ def start_groups(states, turns):
     return "\n".join(lines) + "\n"
 
 
-def scene(frame, friction, speed, frequency):
-    """Input of the scene, everything but the start."""
+def model(frame, friction, speed, frequency):
+    """Input of the model, everything but the start."""
     moving = frame == "stationary"
     tones = f"{frequency!r}, {speed!r}" if moving else f"{frequency!r}"
     if moving:
@@ -127,11 +128,11 @@ def scene(frame, friction, speed, frequency):
    speed = {-speed if moving else 0.0!r} /
 &law type = 'cubic_damping', dofs = 'r1', 'r2', coefficient = {CUBIC}, n_diameters = {DIAMETERS},
    speed = {0.0 if moving else speed!r} /
-&solver max_iterations = 0, rescue = .false., first_guess = 'zero' /
+&solver max_iterations = 0, fallback = .false., first_guess = 'zero' /
 """
 
 
-def test_marching_finds_the_reference(cycle):
+def test_integration_finds_the_reference(cycle):
     (_, _, frequency, disk, casing, _), (states, period, _) = cycle
     assert 2 * np.pi / period == pytest.approx(frequency, rel=REFERENCE_DIGITS)
     assert np.hypot(states[:, 0], states[:, 1]).mean() == pytest.approx(disk, rel=REFERENCE_DIGITS)
@@ -154,10 +155,10 @@ def test_small_limit_cycle_is_unstable():
 
 
 @pytest.mark.parametrize("frame", ["rotating", "stationary"])
-def test_marched_cycle_has_no_residual(cycle, frame, tmp_path):
+def test_integrated_cycle_has_no_residual(cycle, frame, tmp_path):
     (friction, speed, *_), (states, period, _) = cycle
     turns = None if frame == "rotating" else DIAMETERS
-    text = scene(frame, friction, float(speed), float(2 * np.pi / period))
+    text = model(frame, friction, float(speed), float(2 * np.pi / period))
     residuals = [
         float(read(solve(text + start_groups(stretch * states, turns), tmp_path, status=None), "residual")[0])
         for stretch in (1.0, 1.01)

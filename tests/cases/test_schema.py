@@ -10,12 +10,12 @@ from program import run
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "user" / "schema.md"
 TYPES = {"int32": "int32", "float64": "float64", "|S1": "char", "object": "string"}
-SCENE = """
+MODEL = """
 &structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
 &law type = 'elastic_stop', dof = 'x1', stiffness = 0.5, gap = 0.1 /
 """
-ONE_TONE = SCENE + "&load dof = 'x1', tuple = 1, cos = 0.1 /\n&tones frequency = 2.0 /\n"
-TWO_TONES = SCENE + "&load dof = 'x1', tuple = 1, 0, cos = 0.1 /\n&tones frequency = 2.0, 2.6 /\n&harmonics order = 2 /\n"
+ONE_TONE = MODEL + "&load dof = 'x1', tuple = 1, cos = 0.1 /\n&tones frequency = 2.0 /\n"
+TWO_TONES = MODEL + "&load dof = 'x1', tuple = 1, 0, cos = 0.1 /\n&tones frequency = 2.0, 2.6 /\n&harmonics order = 2 /\n"
 INPUTS = {
     "given": TWO_TONES
     + "&output samples = 16, 16 /\n&certificate improvement_steps = 1 /\n"

@@ -18,7 +18,7 @@ AUGMENTATIONS = (1e3, 1e4, 1e5, 1e6, 1e7)
 
 
 def beam(order, samples, length=1.0, force=1.0, **law):
-    """The scene of inputs/paper/wall.nml, its lengths and forces multiplied by `length` and `force`; time stays.
+    """The model of inputs/paper/wall.nml, its lengths and forces multiplied by `length` and `force`; time stays.
 
     The damping matrix of the paper, 1 N s/m and 1 N m s/rad, is no multiple of one number in other units: it is given
     as a multiple of the mass here. The thresholds are wide: the solvers are in question, not the truncated series.
@@ -41,7 +41,7 @@ def beam(order, samples, length=1.0, force=1.0, **law):
 
 
 def paper(order, samples, augmentation):
-    """The scene of inputs/paper/wall.nml itself."""
+    """The model of inputs/paper/wall.nml itself."""
     return beam(order, samples, augmentation=augmentation).replace("damping_mass = 0.5", "damping_diagonal = 1.0")
 
 
@@ -138,7 +138,7 @@ def test_homotopy_without_corrections_ends(tmp_path):
 &load dof = 'x1', tuple = 0, 1, cos = 0.3 /
 &law type = 'polynomial_coupled', dofs = 'x1', 'x2', coefficients = 2147483648, acts_on = 'x2',
    displacement_exponents = 2, 0 /
-&solver max_iterations = 2, homotopy_iterations = 2, rescue_by_march = .false. /
+&solver max_iterations = 2, homotopy_iterations = 2, fallback_by_integration = .false. /
 &sweep parameter = 'tones%frequency(2)', values = 1.414213562373095, 1.4142159765872 /
 """
     out_of_budget, diverged = 3, 13

@@ -125,7 +125,7 @@ def test_comments_and_blanks_do_not_change_an_input(tmp_path):
 def test_retry_solves_again_what_did_not_converge(tmp_path):
     text = QUICK + (
         "&sweep parameter = 'law(1)%gap', values = 1.0, 0.2e-3, -1.0e-3, 1.0e-3 /\n"
-        "&solver method = 'broyden', max_iterations = 1, rescue = .false. /\n"
+        "&solver method = 'broyden', max_iterations = 1, fallback = .false. /\n"
     )
     text = text.replace("augmentation = 100000.0", "augmentation = 1.0e5, two_sided = .true.")
     source = write(tmp_path, text)
@@ -310,7 +310,7 @@ def test_signal_ends_a_run_within_the_point_in_flight(number, tmp_path):
 
 
 POINT_OF_SECONDS = BEAM.format(order=14, samples=60, augmentation=1.0e3)
-DENSE = ("--set", "solver%method='newton'", "--set", "solver%rescue=.false.", "--set", "solver%tolerance=1e-30")
+DENSE = ("--set", "solver%method='newton'", "--set", "solver%fallback=.false.", "--set", "solver%tolerance=1e-30")
 DENSE += ("--set", "solver%max_iterations=40", "--set", "solver%line_search=.false.")
 
 
@@ -346,7 +346,7 @@ def test_point_in_flight_is_left_between_iterations_and_solved_again(ending, und
 def test_second_signal_drops_the_point_in_flight(tmp_path):
     long_point = BEAM.format(order=30, samples=150, augmentation=1.0e3)
     result = tmp_path / "case.h5"
-    dense = ("--set", "solver%method='newton'", "--set", "solver%rescue=.false.", "--set", "solver%tolerance=1e-30")
+    dense = ("--set", "solver%method='newton'", "--set", "solver%fallback=.false.", "--set", "solver%tolerance=1e-30")
     process = begin(tmp_path, "solve", write(tmp_path, long_point), "--quiet", *dense)
     wait_for(process, result.exists)
     time.sleep(0.3)
@@ -592,7 +592,7 @@ def thousand():
     gaps = ", ".join(f"{gap!r}" for gap in [*np.linspace(2.0e-3, 0.9e-3, 39).tolist(), -1.0e-4])
     text = BEAM.format(order=4, samples=20, augmentation=1.0e3).replace(" /\n&certificate", ", two_sided = .true. /\n&certificate")
     return text + (
-        "&solver first_guess = 'linear', max_iterations = 7, rescue = .false. /\n"
+        "&solver first_guess = 'linear', max_iterations = 7, fallback = .false. /\n"
         "&sweep parameter = 'load(2)%cos', from = 60.0, to = 110.0, n = 25 /\n"
         f"&sweep parameter = 'law(1)%gap', values = {gaps} /\n"
     )

@@ -202,7 +202,7 @@ def test_point_out_of_budget_is_a_status(tmp_path):
     text = swept("parameter = 'solver%max_iterations', values = 100, 1, 50").replace(
         "gap = 1.5e-3, augmentation = 1.0e5", "gap = 0.2e-3, augmentation = 1.0e3"
     )
-    text += "&solver rescue = .false. /\n"
+    text += "&solver fallback = .false. /\n"
     result = solve(text, tmp_path, status=NOT_ALL_CONVERGED)
     status, iterations, residual = read(result, "status", "iterations", "residual")
     assert status.tolist() == [CONVERGED, OUT_OF_BUDGET, CONVERGED]
@@ -245,7 +245,7 @@ def chained(tmp_path_factory):
 
 @pytest.mark.parametrize("ranks", [1, 2, 4])
 def test_chains_give_the_same_bits_on_any_ranks(ranks, chained, tmp_path):
-    assert_same_bits(chained, solve(DUFFING + FROM_NEIGHBOUR, tmp_path, ranks=ranks), (*SOLUTION, "evaluations", "rescue"))
+    assert_same_bits(chained, solve(DUFFING + FROM_NEIGHBOUR, tmp_path, ranks=ranks), (*SOLUTION, "evaluations", "fallback"))
 
 
 def test_neighbours_save_iterations(chained, tmp_path):
@@ -285,11 +285,11 @@ def test_points_without_a_way_start_alone(keys, tmp_path):
         assert "first_guess = 'auto'" in file["input_complete"][()].decode()
 
 
-@pytest.mark.parametrize("ranks, is_told", [(1, False), (2, True)])
-def test_ranks_without_a_chain_are_told(ranks, is_told, tmp_path):
+@pytest.mark.parametrize("ranks, is_reported", [(1, False), (2, True)])
+def test_ranks_without_a_chain_are_told(ranks, is_reported, tmp_path):
     (tmp_path / "case.nml").write_text(DUFFING)
     done = run("solve", "case.nml", cwd=tmp_path, ranks=ranks)
-    assert ("note: 1 chain of points for 2 ranks" in done.stdout) == is_told
+    assert ("note: 1 chain of points for 2 ranks" in done.stdout) == is_reported
 
 
 @pytest.mark.parametrize("ranks", [1, 3])
@@ -346,7 +346,7 @@ def test_chain_restarts_after_a_failed_point(tmp_path):
     text = DUFFING.split("&sweep")[0] + (
         "&sweep parameter = 'law(1)%stiffness', values = 0.1, 0.11, 0.12, 0.13, 0.14, axis = 1 /\n"
         "&sweep parameter = 'solver%max_iterations', values = 100, 100, 0, 100, 100, axis = 1 /\n"
-        "&solver first_guess = 'neighbour', rescue = .false. /\n"
+        "&solver first_guess = 'neighbour', fallback = .false. /\n"
     )
     whole = solve(text, tmp_path, status=NOT_ALL_CONVERGED)
     last_two = text.replace("0.1, 0.11, 0.12, 0.13, 0.14", "0.13, 0.14").replace("100, 100, 0, 100, 100", "100, 100")
@@ -628,4 +628,4 @@ def test_points_without_a_verdict_are_counted(tmp_path):
     """25 periods of 40 masses, which are six seconds, are more than a run takes without being asked for."""
     printed = solve_masses_under_two_tones(tmp_path, 40, 2)
     assert "0 stable, 0 unstable, 2 not known" in printed
-    assert "the stability of 2 points would take longer than the run may: &stability method = 'march'" in printed
+    assert "the stability of 2 points would take longer than the run may: &stability method = 'integration'" in printed

@@ -22,16 +22,16 @@ BEAM = """&structure type = 'beam', length = 1.0, bending_stiffness = 0.1, mass_
 STOP = "&law type = 'elastic_stop', dof = '{dof}', gap = {gap}, stiffness = 4.0 /\n"
 WALL = "&law type = 'rigid_wall', dof = '{dof}', gap = {gap}, augmentation = 3.0 /\n"
 
-SCENES = {
+MODELS = {
     "elastic stop": (ONE_MASS, "x1", STOP, 0.1, "order = 3"),
     "rigid wall": (ONE_MASS, "x1", WALL, 0.1, "order = 2"),
     "beam at a stop, diamond": (BEAM, "v3", STOP, 0.04, "set = 'diamond', order = 3"),
 }
 
 
-def scene(name, tones):
-    """Input of a scene whose tones are `tones`, numbers into OMEGA and LOAD; the load of a tone may be replaced."""
-    structure, dof, law, gap, harmonics = SCENES[name]
+def model(name, tones):
+    """Input of a model whose tones are `tones`, numbers into OMEGA and LOAD; the load of a tone may be replaced."""
+    structure, dof, law, gap, harmonics = MODELS[name]
     lines = [structure, f"&tones frequency = {', '.join(repr(float(omega)) for omega, _ in tones)} /"]
     lines += [f"&harmonics {harmonics} /", "&sampling samples = 16 /", "&solver tolerance = 1e-14 /"]
     lines.append("&certificate truncation = 10.0, aliasing = 10.0, penetration = 10.0, impact = 10.0 /")
@@ -43,7 +43,7 @@ def scene(name, tones):
 
 
 def solution(name, tones, folder):
-    result = solve(scene(name, tones), folder)
+    result = solve(model(name, tones), folder)
     return coefficients_by_tuple(result)
 
 
@@ -55,14 +55,14 @@ def look_up(harmonics, j):
     return np.array([cosine, -sine])
 
 
-@pytest.fixture(scope="module", params=SCENES)
+@pytest.fixture(scope="module", params=MODELS)
 def in_order(request, tmp_path_factory):
     tones = list(zip(OMEGA, LOAD))
     return request.param, solution(request.param, tones, tmp_path_factory.mktemp("order"))
 
 
 def test_contact_couples_the_tones(in_order):
-    """A scene without contact would make the next tests easy: combination tones must be there."""
+    """A model without contact would make the next tests easy: combination tones must be there."""
     _, harmonics = in_order
     largest = np.abs(list(harmonics.values())).max()
     assert np.abs(look_up(harmonics, (1, 1, 0))).max() > 1e-2 * largest
@@ -81,7 +81,7 @@ def test_order_of_tones_does_not_matter(in_order, order, tmp_path):
         assert np.abs(there - values).max() <= TOLERANCE * largest, j
 
 
-PLACES = [(name, place) for name in SCENES for place in range(3)]
+PLACES = [(name, place) for name in MODELS for place in range(3)]
 LONG = [("rigid wall", 0), ("rigid wall", 2)]  # seconds each
 
 
@@ -104,7 +104,7 @@ def test_third_tone_of_order_zero_is_no_tone(tmp_path):
     name = "elastic stop"
     two = solution(name, list(zip(OMEGA[:2], LOAD[:2])), tmp_path)
     tones = [*zip(OMEGA[:2], LOAD[:2]), (OMEGA[2], 0.0)]
-    text = scene(name, tones).replace("order = 3", "order = 3, 3, 0").replace("samples = 16", "samples = 16, 16, 1")
+    text = model(name, tones).replace("order = 3", "order = 3, 3, 0").replace("samples = 16", "samples = 16, 16, 1")
     text = text.replace("&load dof = 'x1', tuple = 0, 0, 1, cos = 0.0 /\n", "")
     three = coefficients_by_tuple(solve(text, tmp_path, name="flat"))
     largest = np.abs(list(two.values())).max()

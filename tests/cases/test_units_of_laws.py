@@ -15,7 +15,7 @@ LENGTH, FORCE = 1e-9, 1e6
 EXACT_LENGTH, EXACT_FORCE = 2.0**-30, 2.0**20
 SAME = 1e-12
 
-# Keys of scenes with four degrees of freedom as (value, power of force, power of length).
+# Keys of models with four degrees of freedom as (value, power of force, power of length).
 F, L = (1, 0), (0, 1)
 STIFFNESS = (1, -1)
 LAWS = {
@@ -84,7 +84,7 @@ def text_of(value, force, length):
     return ", ".join(number(one, *value[1:], force, length) for one in values)
 
 
-def scene(law, method, force=1.0, length=1.0):
+def model(law, method, force=1.0, length=1.0):
     keys = ", ".join(f"{key} = {text_of(value, force, length)}" for key, value in LAWS[law].items())
     scale = force / length
     mass = [repr(entry * scale) for entry in (1.0, 0.8, 1.0, 1.0)]
@@ -102,7 +102,7 @@ def scene(law, method, force=1.0, length=1.0):
 """
 
 
-NAMES = ("coefficients", "force_coefficients", "iterations", "evaluations", "rescue")
+NAMES = ("coefficients", "force_coefficients", "iterations", "evaluations", "fallback")
 
 
 # A smooth law, a contact and one with memory stand for the others, which see nothing of the method.
@@ -113,13 +113,13 @@ METHODS += [pytest.param(law, "broyden", marks=[pytest.mark.long] * (law not in 
 
 @pytest.mark.parametrize(("law", "method"), METHODS)
 def test_other_units_change_nothing(law, method, tmp_path):
-    plain = read(solve(scene(law, method), tmp_path, name="plain"), *NAMES)
-    scaled = read(solve(scene(law, method, FORCE, LENGTH), tmp_path, name="scaled"), *NAMES)
+    plain = read(solve(model(law, method), tmp_path, name="plain"), *NAMES)
+    scaled = read(solve(model(law, method, FORCE, LENGTH), tmp_path, name="scaled"), *NAMES)
     for unit, own, other in zip((LENGTH, FORCE), plain, scaled):
         assert np.any(own)
         assert np.max(np.abs(other / unit - own)) <= SAME * np.max(np.abs(own))
     assert [int(value[0]) for value in scaled[2:]] == [int(value[0]) for value in plain[2:]]
-    exact = read(solve(scene(law, method, EXACT_FORCE, EXACT_LENGTH), tmp_path, name="exact"), *NAMES)
+    exact = read(solve(model(law, method, EXACT_FORCE, EXACT_LENGTH), tmp_path, name="exact"), *NAMES)
     assert (exact[0] == EXACT_LENGTH * plain[0]).all() and (exact[1] == EXACT_FORCE * plain[1]).all()
     assert [int(value[0]) for value in exact[2:]] == [int(value[0]) for value in plain[2:]]
 

@@ -113,7 +113,7 @@ def test_library_is_not_taken_from_the_current_folder(name, tmp_path):
     there.mkdir()
     rogue(here, **OTHER_SPRING)
     shutil.copy(here / "rogue.so", here / "sub")
-    (there / "mine.nml").write_text(ROGUE_SCENE.replace("rogue.so", name))
+    (there / "mine.nml").write_text(ROGUE_MODEL.replace("rogue.so", name))
     done = run("check", there / "mine.nml", cwd=here)
     assert not (here / "loaded").exists()
     assert done.status == BAD_INPUT and "cannot load the library" in done.stderr, done.stderr
@@ -202,8 +202,8 @@ int rogue_evaluate(int n, int n_coordinates, int stride, const double *z, const 
 }}
 """
 ROGUE_PARTS = {"constructor": "", "info": "", "body": "", "force": "z[i]"}
-ROGUE_SCENE = ONE_MASS.replace("'wrong.so'", "'rogue.so'").replace("'wrong'", "'rogue'").replace(", parameters = 0.0", "")
-ROGUE_SCENE += "&march duration = 1.0 /\n"
+ROGUE_MODEL = ONE_MASS.replace("'wrong.so'", "'rogue.so'").replace("'wrong'", "'rogue'").replace(", parameters = 0.0", "")
+ROGUE_MODEL += "&integration duration = 1.0 /\n"
 
 
 def rogue(folder, **parts):
@@ -211,11 +211,11 @@ def rogue(folder, **parts):
     (folder / "rogue.c").write_text(ROGUE.format(**{**ROGUE_PARTS, **parts}))
     command = ["cc", "-w", "-O0", "-shared", "-fPIC", f"-I{HEADER_FOLDER}", "-o", "rogue.so", "rogue.c"]
     subprocess.run(command, cwd=folder, check=True)
-    (folder / "rogue.nml").write_text(ROGUE_SCENE)
+    (folder / "rogue.nml").write_text(ROGUE_MODEL)
     return folder
 
 
-@pytest.mark.parametrize("verb", ["check", "solve", "march", "plan"])
+@pytest.mark.parametrize("verb", ["check", "solve", "integrate", "plan"])
 @pytest.mark.parametrize("status", [0, 7])
 def test_exit_at_loading_is_no_success(status, verb, tmp_path):
     folder = rogue(tmp_path, constructor=f"__attribute__((constructor)) static void begin(void) {{ exit({status}); }}")
@@ -223,7 +223,7 @@ def test_exit_at_loading_is_no_success(status, verb, tmp_path):
     assert done.status == BAD_INPUT and "has called exit()" in done.stderr, (done.status, done.stderr)
 
 
-@pytest.mark.parametrize("verb", ["check", "march"])
+@pytest.mark.parametrize("verb", ["check", "integrate"])
 @pytest.mark.parametrize("ending", ["exit(0);", "exit(7);", "quick_exit(0);"])
 def test_exit_of_a_law_is_no_success(ending, verb, tmp_path):
     done = run(verb, "rogue.nml", cwd=rogue(tmp_path, body=ending))

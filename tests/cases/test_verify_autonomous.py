@@ -1,4 +1,4 @@
-"""`nhbm verify` on motions whose frequencies were found: every limit cycle and torus of the inputs is marched from."""
+"""`nhbm verify` on motions whose frequencies were found: every limit cycle and torus of the inputs is integrated from."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def solved_and_verified(source: Path, folder: Path, *options) -> tuple[Path, str
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name == "two_masses_energy")) for name in AUTONOMOUS])
 def test_motions_with_tones_of_their_own_stay(tmp_path, name):
     result, text = solved_and_verified(INPUTS / "autonomous" / f"{name}.nml", tmp_path)
-    status, kinds = read(result, "status", "march_verdict")
+    status, kinds = read(result, "status", "integration_verdict")
     empty = np.isin(status, (COLLAPSED, NO_MOTION, LOCKED))
     assert (kinds[empty] == NOT_DONE).all() and text.count("skipped") == empty.sum()
     expected = UNSTABLE if name == "dry_whip" else AGREES  # friction drives the whirl outwards, damping inwards
@@ -44,22 +44,22 @@ def test_motions_with_tones_of_their_own_stay(tmp_path, name):
 @pytest.mark.long
 def test_large_cycles_of_the_rotor_stay_and_small_ones_grow(tmp_path):
     result, text = solved_and_verified(INPUTS / "rotor_stator" / "rotating.nml", tmp_path)
-    kinds = read(result, "march_verdict")
+    kinds = read(result, "integration_verdict")
     assert kinds[0] == NOT_DONE and (kinds[1:14] == AGREES).all() and (kinds[14:] == UNSTABLE).all(), text
 
 
 def test_small_cycle_of_the_rotor_grows_by_its_multiplier(tmp_path):
     """By 1.954 in a period, from shooting (test_rotor_stator.py); 12 periods end before the difference is large."""
     result, text = solved_and_verified(INPUTS / "rotor_stator" / "rotating.nml", tmp_path, "--points", 20, "--periods", 12)
-    kinds, growth, frequency = read(result, "march_verdict", "march_growth", "frequency")
+    kinds, growth, frequency = read(result, "integration_verdict", "integration_growth", "frequency")
     assert kinds[20] == UNSTABLE, text
     assert np.exp(growth[20] * 2 * np.pi / frequency[20, 0]) == pytest.approx(1.954, rel=0.05)
 
 
-def test_blades_that_run_along_the_casing_are_marched(tmp_path):
+def test_blades_that_run_along_the_casing_are_integrated(tmp_path):
     """The law turns with the phase of a known tone beside an unknown one."""
     result, text = solved_and_verified(INPUTS / "rotor_stator" / "stationary.nml", tmp_path)
-    kinds, largest = read(result, "march_verdict", "march_difference")
+    kinds, largest = read(result, "integration_verdict", "integration_difference")
     assert (kinds == AGREES).all() and (largest < 1e-5).all(), text
 
 
@@ -70,7 +70,7 @@ def test_frequency_that_is_wrong_by_a_hundred_thousandth_is_seen(tmp_path):
         file["frequency"][0, 0] *= 1.00001
         file["checksum"][0] = checksum_of_row(file, 0)
     done = run("verify", result, cwd=tmp_path)
-    kinds, drift, frequency = read(result, "march_verdict", "march_drift", "frequency")
+    kinds, drift, frequency = read(result, "integration_verdict", "integration_drift", "frequency")
     assert done.status == 1 and kinds == [DIFFERS], done.stdout
     assert drift[0, 0] == pytest.approx(-1e-5 * frequency[0, 0], rel=0.1)
 
@@ -84,7 +84,7 @@ def test_phase_of_a_cycle_is_free(tmp_path):
         file["coefficients"][0, 0] = np.stack([c * np.cos(angle) + s * np.sin(angle), s * np.cos(angle) - c * np.sin(angle)]).T
         file["checksum"][0] = checksum_of_row(file, 0)
     done = run("verify", result, cwd=tmp_path)
-    assert done.status == 0 and read(result, "march_verdict") == [AGREES], done.stdout
+    assert done.status == 0 and read(result, "integration_verdict") == [AGREES], done.stdout
 
 
 def test_amplitude_that_is_wrong_is_seen_though_the_cycle_attracts(tmp_path):
@@ -93,6 +93,6 @@ def test_amplitude_that_is_wrong_is_seen_though_the_cycle_attracts(tmp_path):
         file["coefficients"][0, 0] *= 1.001
         file["checksum"][0] = checksum_of_row(file, 0)
     done = run("verify", result, cwd=tmp_path)
-    first, last = read(result, "march_first_difference", "march_drift")
-    assert done.status == 1 and read(result, "march_verdict") == [DIFFERS], done.stdout
+    first, last = read(result, "integration_first_difference", "integration_drift")
+    assert done.status == 1 and read(result, "integration_verdict") == [DIFFERS], done.stdout
     assert 1e-4 < first[0] < 1e-2 and np.isfinite(last).all()

@@ -2,7 +2,7 @@
 
 from program import BAD_INPUT, read, run, solve
 
-SCENE = """
+MODEL = """
 &structure type = 'beam', length = 1.0, bending_stiffness = 1750.0, mass_per_length = 7.8, n_elements = 4,
    damping_diagonal = 1.0 /
 &tones frequency = 2.718281828459045, 3.141592653589793 /
@@ -18,17 +18,17 @@ SCENE = """
 
 def test_wisdom_is_written_once_and_read_by_all_ranks_and_runs(tmp_path):
     wisdom = tmp_path / "plans.fftw"
-    first = read(solve(SCENE.format(wisdom=wisdom), tmp_path, name="first"), "coefficients")
+    first = read(solve(MODEL.format(wisdom=wisdom), tmp_path, name="first"), "coefficients")
     kept = wisdom.read_bytes()
     assert kept.startswith(b"(fftw-3")
-    later = read(solve(SCENE.format(wisdom=wisdom), tmp_path, ranks=2, name="later"), "coefficients")
+    later = read(solve(MODEL.format(wisdom=wisdom), tmp_path, ranks=2, name="later"), "coefficients")
     assert wisdom.read_bytes() == kept
     assert first.tobytes() == later.tobytes()
 
 
 def test_wisdom_that_cannot_be_written_is_bad_input(tmp_path):
     source = tmp_path / "case.nml"
-    source.write_text(SCENE.format(wisdom=tmp_path / "no" / "folder" / "plans.fftw"))
+    source.write_text(MODEL.format(wisdom=tmp_path / "no" / "folder" / "plans.fftw"))
     done = run("solve", source, cwd=tmp_path)
     assert done.status == BAD_INPUT
     assert "wisdom: cannot write" in done.stderr

@@ -1,4 +1,4 @@
-"""tests/workflows: a handful of its scenes are right; what it holds motions against is right itself, and tells a wrong motion."""
+"""tests/workflows: a handful of its models are right; what it holds motions against is right itself, and tells a wrong motion."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import pytest
 TESTS = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(TESTS))
 
-from judge_parts.scenes import Law, Scene  # noqa: E402
-from judge_parts.truth import Motion, build, error_of  # noqa: E402
+from point_parts.models import Law, Model  # noqa: E402
+from point_parts.truth import Motion, build, error_of  # noqa: E402
 from workflow_parts.held import GIVEN_UP, hold  # noqa: E402
 from workflow_parts.reference import Box, System, autonomous, forced  # noqa: E402
-from workflow_parts.scenes import Axis, Workflow, random_workflow  # noqa: E402
+from workflow_parts.models import Axis, Workflow, random_workflow  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -24,16 +24,16 @@ def library():
     return build()
 
 
-def one_mass(law: Law, w: float = 0.7, load: float = 0.3, damping: float = 0.1) -> Scene:
+def one_mass(law: Law, w: float = 0.7, load: float = 0.3, damping: float = 0.1) -> Model:
     words = (
         "&structure type='chain', n_masses=1, ends='free', mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, "
         f"damping_mass={damping!r}, damping_stiffness=0.0 /\n"
     )
     one = np.eye(1)
-    scene = Scene(words, one, damping * one, one, ["x1"], np.array([w]), 0)
-    scene.laws = [law]
-    scene.loads = [((1,), np.array([load]), np.zeros(1))]
-    return scene
+    model = Model(words, one, damping * one, one, ["x1"], np.array([w]), 0)
+    model.laws = [law]
+    model.loads = [((1,), np.array([load]), np.zeros(1))]
+    return model
 
 
 CUBIC = Law(0, np.ones(1), (0.5, 0.0, 0.0))
@@ -43,27 +43,27 @@ LAWS = [CUBIC, Law(1, np.ones(1), (5.0, 0.3, 1.0)), Law(2, np.ones(1), (1.0, 0.1
 
 @pytest.mark.parametrize("law", LAWS)
 def test_a_reference_is_where_integration_in_time_stays(library, law):
-    scene = one_mass(law)
+    model = one_mass(law)
     box = Box((45,), (720,))
-    system = System(scene, box)
-    answer = forced(system, np.zeros((1, len(box.tuples)), dtype=complex), scene.omega)
-    q = system.all_dofs(answer.z, scene.omega, scene.damping)
+    system = System(model, box)
+    answer = forced(system, np.zeros((1, len(box.tuples)), dtype=complex), model.omega)
+    q = system.all_dofs(answer.z, model.omega, model.damping)
     amplitudes = np.concatenate([q[45:46], 2 * q[46:]])  # one-sided
-    exact = Motion(np.arange(46) * scene.omega[0], amplitudes)
+    exact = Motion(np.arange(46) * model.omega[0], amplitudes)
     alone = Motion(exact.frequencies[:2], amplitudes[:2])
     assert answer.is_solved
-    assert error_of(library, scene, exact) < 2e-4  # fixed steps past the ends of a slip
-    assert error_of(library, scene, alone) > 3e-3  # without its third harmonic
+    assert error_of(library, model, exact) < 2e-4  # fixed steps past the ends of a slip
+    assert error_of(library, model, alone) > 3e-3  # without its third harmonic
 
 
 def test_the_period_of_a_relaxation_oscillation():
     """van der Pol's equation of strength 2: 7.6299 is known."""
-    scene = one_mass(Law(14, np.ones(1), (2.0, 1.0, 0.0)), damping=0.0)
+    model = one_mass(Law(14, np.ones(1), (2.0, 1.0, 0.0)), damping=0.0)
     box = Box((31,), (300,))
     z, omega = box.of(np.array([[1]]), np.array([[2.0]]), np.zeros((1, 1))), 0.99
     for strength in (0.3, 0.7, 1.2, 1.6, 2.0):
-        scene.laws = [Law(14, np.ones(1), (strength, 1.0, 0.0))]
-        answer = autonomous(System(scene, box), z, omega)
+        model.laws = [Law(14, np.ones(1), (strength, 1.0, 0.0))]
+        answer = autonomous(System(model, box), z, omega)
         z, omega = answer.z, float(answer.omega[0])
     assert answer.is_solved
     assert 2 * np.pi / omega == pytest.approx(7.6299, rel=1e-4)
@@ -81,7 +81,7 @@ LONG = [pytest.param(kind, number, marks=pytest.mark.long) for kind, number in (
 
 
 @pytest.mark.parametrize(("kind", "number"), [("mode_amplitude", 3), ("limit_cycle", 2), *LONG])
-def test_a_scene_of_each_kind(library, tmp_path, kind, number):
+def test_a_model_of_each_kind(library, tmp_path, kind, number):
     case = hold(library, tmp_path, 1, number, random_workflow(1, number, (kind,)), 0)
     off = [point.off for point in case.points if np.isfinite(point.off)]
     assert len(off) > 5 and max(off) < 1

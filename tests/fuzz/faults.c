@@ -1,6 +1,6 @@
 /* Faults on demand, for LD_PRELOAD (Linux). FAULT_CALL names the calls that are counted, each rank its own; FAULT_AT, from 1, is the
    one at which the fault happens. FAULT_RANK names the rank that has it, of a run under mpirun; without, all have.
-   clock   a look at the wall clock, as the watch of a run takes it before each step: the process gets the signal FAULT_NUMBER
+   clock   a look at the wall clock, as the cancellation of a run takes it before each step: the process gets the signal FAULT_NUMBER
    write   a write to a file whose name contains FAULT_FILE: this one and all later ones fail with the error FAULT_NUMBER
    sync    likewise, of fsync and fdatasync
    FAULT_COUNT names a file for the number of calls, written at the end. */

@@ -13,7 +13,7 @@ program fuzz_input
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_mpi, only: start_mpi, stop_mpi
-   use hb_scene, only: scene_t
+   use hb_model, only: model_t
    use hb_study, only: new_study, study_t
    use hb_text, only: parse_integer, string_t, to_text
    use hb_text_file, only: read_text_file
@@ -34,7 +34,7 @@ program fuzz_input
    integer, parameter :: largest_unknowns = 150, largest_samples = 1000, largest_structure = 60   ! of what is solved
    integer, parameter :: every = 10                                   ! inputs, one of which is solved
    real(wp), parameter :: memory_limit = 2.5e8_wp                     ! bytes that a study may ask for
-   real(wp), parameter :: share_of_work = 0.05_wp                     ! of rescues and of marching, which take seconds when they may
+   real(wp), parameter :: share_of_work = 0.05_wp ! of fallbacks and of time integration, which take seconds when they may
    character(:), allocatable :: folder, mutant
    type(string_t), allocatable :: texts(:)
    type(generator_t) :: generator
@@ -132,23 +132,23 @@ contains
          return
       end if
       n_sound = n_sound + 1
-      if (modulo(i, every) /= 0 .or. .not. is_small(study%scene)) return
+      if (modulo(i, every) /= 0 .or. .not. is_small(study%model)) return
       n_solved = n_solved + 1
-      do k = 1, size(study%scene%laws)
-         call check_derivatives(study%scene%laws(k)%law, check, study%scene%tones%n_tones)
+      do k = 1, size(study%model%laws)
+         call check_derivatives(study%model%laws(k)%law, check, study%model%tones%n_tones)
       end do
-      study%scene%solver%max_iterations = min(study%scene%solver%max_iterations, 2)
-      study%scene%solver%homotopy_iterations = min(study%scene%solver%homotopy_iterations, 2)
-      study%scene%solver%rescue_work = share_of_work*study%scene%solver%rescue_work
-      call solve_motion(study%scene, result, error)
+      study%model%solver%max_iterations = min(study%model%solver%max_iterations, 2)
+      study%model%solver%homotopy_iterations = min(study%model%solver%homotopy_iterations, 2)
+      study%model%solver%fallback_work = share_of_work*study%model%solver%fallback_work
+      call solve_motion(study%model, result, error)
    end subroutine try
 
-   logical function is_small(scene)
-      type(scene_t), intent(in) :: scene
+   logical function is_small(model)
+      type(model_t), intent(in) :: model
 
-      is_small = scene%structure%n_dofs <= largest_structure .and. scene%torus%n_total <= largest_samples &
-                 .and. product(real(scene%output%samples, wp)) <= largest_samples .and. &
-                 scene%harmonics%n_coefficients*size(law_dofs_of(scene%laws)) <= largest_unknowns
+      is_small = model%structure%n_dofs <= largest_structure .and. model%torus%n_total <= largest_samples &
+                 .and. product(real(model%output%samples, wp)) <= largest_samples .and. &
+                 model%harmonics%n_coefficients*size(law_dofs_of(model%laws)) <= largest_unknowns
    end function is_small
 
    subroutine write_text(path, text)

@@ -39,7 +39,7 @@ TRACES = ("Fortran runtime", "Backtrace for", "Error termination", "Program rece
           "free():", "malloc():", "double free", "stack smashing", "AddressSanitizer", "runtime error:")  # fmt: skip
 LIMITED = ("--set", "solver%memory_limit=0.25")
 
-SCENE = """
+MODEL = """
 &structure type = 'matrices', n_dofs = 2, mass = 2*1.0, damping = 2*0.1, stiffness = 2*1.0 /
 &tones frequency = 0.9, 1.2727922061357855 /
 &harmonics order = 3 /
@@ -52,8 +52,8 @@ ONE_TONE = "&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.05
 ONE_TONE += "&load dof = 'x1', tuple = 1, cos = 0.2 /\n&law type = 'elastic_stop', dof = 'x1', stiffness = 5.0, gap = 0.4 /\n"
 OTHER_RESULTS = {
     "curve": ONE_TONE + "&harmonics order = 7 /\n&curve parameter = 'tones%frequency', from = 0.8, to = 1.0, points = 40 /\n",
-    "adaptive": SCENE.replace("&harmonics order = 3 /", "&accuracy tolerance = 1e-3 /") + SPRING + SWEEP,
-    "march": ONE_TONE.replace("damping = 0.05", "damping = 0.3") + "&harmonics order = 15 /\n&solver first_way = 'march' /\n",
+    "adaptive": MODEL.replace("&harmonics order = 3 /", "&accuracy tolerance = 1e-3 /") + SPRING + SWEEP,
+    "integration": ONE_TONE.replace("damping = 0.05", "damping = 0.3") + "&harmonics order = 15 /\n&solver primary_method = 'integration' /\n",
 }
 TEXT_ACCIDENTS = ("number", "number", "number", "piece", "cut", "bits", "double", "tail", "long")
 NUMBERS = ("0", "-1", "1", "7", "1000", "100000", "100000000", "2147483647", "2147483648", "1e308", "-1e309", "5e-324",
@@ -132,14 +132,14 @@ class Campaign:
         }  # fmt: skip
         (folder / "tmp").mkdir()
         self.inputs = [path.read_bytes() for path in sorted((ROOT / "inputs").rglob("*.nml"))]
-        (folder / "good.nml").write_text(SCENE + SPRING + SWEEP + "&output samples = 8, title = 'sound' /\n")
+        (folder / "good.nml").write_text(MODEL + SPRING + SWEEP + "&output samples = 8, title = 'sound' /\n")
         self._make("solve", "good.nml", "--output", "whole.h5", "--overwrite", status=0)
         self._make("solve", "good.nml", "--output", "begun.h5", "--overwrite", "--time-limit", "0", status=3)
         for name, text in OTHER_RESULTS.items():
             (folder / f"{name}.nml").write_text(text)
             self._make("solve", f"{name}.nml", "--overwrite", status=0)
         self.results = [(folder / f"{name}.h5").read_bytes() for name in ("whole", "begun", *OTHER_RESULTS)]
-        (folder / "wise.nml").write_text(SCENE + SPRING + "&sampling planning = 'measure', wisdom = 'plans.fftw' /\n")
+        (folder / "wise.nml").write_text(MODEL + SPRING + "&sampling planning = 'measure', wisdom = 'plans.fftw' /\n")
         self._make("solve", "wise.nml", status=0)
         self.wisdom = (folder / "plans.fftw").read_bytes()
         self.library = self._build_laws()
@@ -214,7 +214,7 @@ class Campaign:
             library = generator.choice(("", "/", ".", "case.so/", "x" * 5000, "../case.so", "/dev/null", "case.nml"))
         keys = generator.choice(("", ", parameters = 1.0", ", parameters = 1000*1.0"))
         law = f"&law type = 'user', library = '{library}', name = '{name}', dof = 'x1'{keys} /\n"
-        (self.folder / "case.nml").write_text(SCENE + law)
+        (self.folder / "case.nml").write_text(MODEL + law)
         verb = generator.choice(("check", "solve"))
         return Case(f"law {how} {name[:30]}", [verb, "case.nml", *LIMITED])
 
@@ -239,7 +239,7 @@ class Campaign:
             path.mkdir()
         else:
             path.write_bytes(data)
-        (self.folder / "case.nml").write_text(SCENE + SPRING + "&sampling planning = 'measure', wisdom = 'case.fftw' /\n")
+        (self.folder / "case.nml").write_text(MODEL + SPRING + "&sampling planning = 'measure', wisdom = 'case.fftw' /\n")
         return Case(f"wisdom {how}", ["solve", "case.nml"])
 
     def _prepare_result(self, generator: random.Random) -> Case:
@@ -428,7 +428,7 @@ def main() -> int:
     n_cases, n_failed, longest, largest = collections.Counter(), collections.Counter(), 0.0, 0
     with tempfile.TemporaryDirectory(prefix="nhbm-") as folder:
         campaign = Campaign(arguments.program.resolve(), Path(folder))
-        with contextlib.suppress(KeyboardInterrupt):  # what was tried up to then is told below
+        with contextlib.suppress(KeyboardInterrupt):  # what was tried up to then is reported below
             for number in range(arguments.first, arguments.first + arguments.count):
                 kind = kinds[number % len(kinds)]
                 case = campaign.prepare(kind, random.Random(f"{arguments.seed} {number}"))

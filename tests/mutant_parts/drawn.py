@@ -73,10 +73,10 @@ class Failure(Exception):
     """The source does not build, or a suite fails, without a mutant."""
 
 
-def judge(count: int, seed: int, jobs: int, note) -> list[Verdict]:
+def assess(count: int, seed: int, jobs: int, note) -> list[Verdict]:
     """So many mutants that build, `jobs` at once, fewer where it is interrupted; `note` is called with each verdict."""
     suites = prepare(jobs)
-    reach = reach_of(suites, jobs)
+    reach = half_bandwidth_of(suites, jobs)
     verdicts: list[Verdict] = []
     drawn = enumerate(draws(SOURCE, 10 * count, seed))
 
@@ -177,7 +177,7 @@ def outcome_of(suite: Suite, seconds: float, counters: Path, libraries: str = ""
     return outcome, usage.ru_utime + usage.ru_stime
 
 
-def reach_of(suites: dict[str, Suite], jobs: int) -> dict:
+def half_bandwidth_of(suites: dict[str, Suite], jobs: int) -> dict:
     """For each suite its seconds and, of each source, the lines that it executes and all that count; known ones are used again."""
     known = json.loads(REACH.read_text(encoding="utf-8")) if REACH.is_file() else {}
     source = stamp_of_source()
@@ -286,7 +286,7 @@ def verdict_alone(number: int, draw: Draw, suites: dict[str, Suite], reach: dict
         is_built, is_alone = build_alone(draw.file, draw.applied_to((SOURCE / draw.file).read_text(encoding="utf-8")), folder)
         if not is_built:
             return Verdict(draw, NOT_BUILT, "", 0, time.monotonic() - started)
-        return judged(draw, suites, reach, str(folder), started) if is_alone else None
+        return assessed(draw, suites, reach, str(folder), started) if is_alone else None
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -297,7 +297,7 @@ def verdict_in_tree(draw: Draw, suites: dict[str, Suite], reach: dict) -> Verdic
     with built_in_tree(draw.file, text, reaching(draw, reach)) as is_built:
         if not is_built:
             return Verdict(draw, NOT_BUILT, "", 0, time.monotonic() - started)
-        return judged(draw, suites, reach, "", started)
+        return assessed(draw, suites, reach, "", started)
 
 
 @contextmanager
@@ -313,7 +313,7 @@ def built_in_tree(file: str, text: str, names: list[str]):
         target.write_text(whole, encoding="utf-8")
 
 
-def judged(draw: Draw, suites: dict[str, Suite], reach: dict, libraries: str, started: float) -> Verdict:
+def assessed(draw: Draw, suites: dict[str, Suite], reach: dict, libraries: str, started: float) -> Verdict:
     """By the suites that reach it, with the libraries of a folder before those of the build."""
     names = reaching(draw, reach)
     spent, word, by = 0.0, SURVIVED, ""

@@ -13,17 +13,17 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from judge_parts.scenes import KINDS
-from judge_parts.truth import Motion, error_of, neighbours_part
+from point_parts.models import KINDS
+from point_parts.truth import Motion, error_of, neighbours_part
 from program import command, environment
 
 from workflow_parts.reference import Answer, Box, Mode, System, autonomous, forced, on_curve
-from workflow_parts.scenes import Workflow
+from workflow_parts.models import Workflow
 
 TOLERANCE = 1e-2  # the default of `&accuracy`
 TIME_LIMIT = 12.0  # processor seconds of a run
 ORDERS = {1: (45, 90, 180), 2: (9, 13, 18)}  # of the reference, one after the other until it has nothing to speak of beyond
-CLIMB = 1.2  # ratio of orders on the way to a reference that is not reached at once
+REFINE = 1.2  # ratio of orders on the way to a reference that is not reached at once
 SAMPLES = {1: 16, 2: 8}  # of the reference, times the order of each tone
 MOST_TUPLES = 4000  # of a reference, whose matrices are dense
 FINER = (1.3, 4)  # times these samples, where Newton's method goes round between contacts of samples
@@ -34,7 +34,7 @@ SHARE_OF_CURVE = 30  # points of a curve that are looked at
 ONE_OF_MANY = "one of many"
 RESUMED_AFTER = (0.02, 0.4)  # seconds until a run is stopped
 GIVEN_UP = "references given up"
-PATIENCE = 20.0  # processor seconds of the references of a scene, after which only the direct way to one is tried
+PATIENCE = 20.0  # processor seconds of the references of a model, after which only the direct way to one is tried
 
 
 @dataclass
@@ -76,7 +76,7 @@ class Case:
         return Case(**{**line, "points": [Point(**point) for point in line["points"]]})
 
 
-def hold(library, folder: Path, seed: int, number: int, workflow: Workflow, n_marches: int, limit: float = 120.0) -> Case:
+def hold(library, folder: Path, seed: int, number: int, workflow: Workflow, n_integrations: int, limit: float = 120.0) -> Case:
     """Runs workflow `number` in `folder` and looks at all its points; at none where that takes more than `limit` processor seconds."""
     source = folder / f"workflow_{seed}_{number}.nml"
     result = source.with_suffix(".h5")
@@ -89,7 +89,7 @@ def hold(library, folder: Path, seed: int, number: int, workflow: Workflow, n_ma
         return case
     try:
         with h5py.File(result) as file, _processor_time(limit):
-            look_at(library, workflow, file, case, draw, n_marches)
+            look_at(library, workflow, file, case, draw, n_integrations)
     except (TimeoutError, MemoryError) as reason:
         case.points.clear()
         case.note = f"{GIVEN_UP}: {reason or f'more than {limit:g} s'}"
@@ -148,7 +148,7 @@ def _process(*words, ranks: int | None = None, stopped: tuple[float, int] | None
         return seconds, "no result in time" if late else f"exit status {process.returncode}: {text[-1] if text else ''}"
 
 
-def look_at(library, workflow: Workflow, file: h5py.File, case: Case, draw, n_marches: int) -> None:
+def look_at(library, workflow: Workflow, file: h5py.File, case: Case, draw, n_integrations: int) -> None:
     """Fills in the points of a case from a result file."""
     names = file["status"].attrs["flag_meanings"].split()
     statuses = [names[k] for k in file["status"][()]]
@@ -174,8 +174,8 @@ def look_at(library, workflow: Workflow, file: h5py.File, case: Case, draw, n_ma
         return
     stable = [point for point in case.points if point.said == "stable"]
     others = [point for point in stable if np.isfinite(point.error)]
-    picked = draw.choice(len(others), min(n_marches, len(others)), replace=False) if others else []
-    is_rigid = any(KINDS[law.kind] == "rigid_wall" for law in workflow.scene.laws)
+    picked = draw.choice(len(others), min(n_integrations, len(others)), replace=False) if others else []
+    is_rigid = any(KINDS[law.kind] == "rigid_wall" for law in workflow.model.laws)
     without = [point for point in case.points if point.number in found and not np.isfinite(point.error)]
     for point in [p for p in without if p.said == "stable" or is_rigid] + [others[k] for k in picked]:
         point.time_error, point.leaves = found[point.number].error_in_time(library)
@@ -190,7 +190,7 @@ class Stored:
 
     def __init__(self, workflow: Workflow, file: h5py.File, i: int, values: dict[str, float]):
         self.workflow, self.values = workflow, values
-        self.scene = workflow.at(values)
+        self.model = workflow.at(values)
         self.omega = file["frequency"][i]
         n = int(file["n_harmonics"][i])
         self.tuples = file["tuples"][i, :n] if "tuples" in file else file["tuple"][()]
@@ -221,7 +221,7 @@ class Stored:
             z = system.shapes @ answer.z if self.workflow.is_autonomous else answer.z
             if system.box.tail(z) < TOLERANCE * (BEYOND if m == 1 else BEYOND_TWO):
                 if not self.workflow.is_autonomous and self.workflow.kind != "curve":
-                    amplitudes = system.all_dofs(answer.z, answer.omega, self.scene.damping)
+                    amplitudes = system.all_dofs(answer.z, answer.omega, self.model.damping)
                     self.better = Motion(system.box.tuples @ self.omega, amplitudes)
                 return float(np.hypot(system.box.norm(z - stored) / max(system.box.norm(z), 1e-300), change))
         return np.nan
@@ -229,7 +229,7 @@ class Stored:
     @property
     def has_reference(self) -> bool:
         """Not of rigid walls, nor of Jenkins elements on a torus."""
-        names = [KINDS[law.kind] for law in self.scene.laws]
+        names = [KINDS[law.kind] for law in self.model.laws]
         return "rigid_wall" not in names and not (len(self.omega) > 1 and "jenkins" in names)
 
     @property
@@ -238,22 +238,22 @@ class Stored:
         return np.abs(self.tuples).max(0) if len(self.tuples) else np.zeros(len(self.omega), int)
 
     def _system(self, orders: tuple[int, ...], times: float = 1) -> tuple[System, np.ndarray]:
-        """The scene in a box, and the stored motion there."""
+        """The model in a box, and the stored motion there."""
         m = len(orders)
         if np.prod([2 * n + 1 for n in orders]) > MOST_TUPLES:
             raise MemoryError(f"a box of orders {', '.join(map(str, orders))}")
         box = Box(orders, tuple(_fast(int(times * max(SAMPLES[m] * n, FEWEST_SAMPLES[m]))) for n in orders))
-        return System(self.scene, box), box.of(self.tuples, self.coefficients[..., 0], self.coefficients[..., 1])
+        return System(self.model, box), box.of(self.tuples, self.coefficients[..., 0], self.coefficients[..., 1])
 
     def _climbed(self, system: System) -> tuple[Answer, float]:
         """The motion in the box of `system` by way of lower orders, from that of the stored motion on."""
         below, q = self._system((max(int(self.reach[0]), 1),))
         while True:
             answer, change = self._answer(below, q)
-            order = min(int(CLIMB * below.box.orders[0]) + 1, system.box.orders[0])
+            order = min(int(REFINE * below.box.orders[0]) + 1, system.box.orders[0])
             if not answer.is_solved or order == below.box.orders[0]:
                 return answer, change
-            q = below.all_dofs(answer.z, answer.omega, below.scene.damping).T
+            q = below.all_dofs(answer.z, answer.omega, below.model.damping).T
             above = self._system((order,))[0]
             q, below = below.box.enlarged(q, above.box), above
 
@@ -273,8 +273,8 @@ class Stored:
         value = self.values[path]
 
         def system_at(there):
-            scene = workflow.at({path: there})
-            return System(scene, system.box), scene.omega
+            model = workflow.at({path: there})
+            return System(model, system.box), model.omega
 
         answer = on_curve(system_at, z, value, abs(value))
         return answer, abs(answer.value / value - 1)
@@ -284,10 +284,10 @@ class Stored:
         high order remains there, so that only what attracts it is narrower than the error of the stored one."""
         values = self.coefficients
         motion = Motion(self.tuples @ self.omega, (values[..., 0] - 1j * values[..., 1]).T.copy())
-        error = error_of(library, self.scene, motion)
-        leaves = error > TOLERANCE and neighbours_part(library, self.scene, motion)
+        error = error_of(library, self.model, motion)
+        leaves = error > TOLERANCE and neighbours_part(library, self.model, motion)
         if leaves and self.better is not None:
-            leaves = error_of(library, self.scene, self.better) > TOLERANCE
+            leaves = error_of(library, self.model, self.better) > TOLERANCE
         return error, leaves
 
 

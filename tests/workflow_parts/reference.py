@@ -1,4 +1,4 @@
-"""Harmonic balance of a high order, for tests/workflows: shares nothing with the program but the scene.
+"""Harmonic balance of a high order, for tests/workflows: shares nothing with the program but the model.
 
 Unknowns are the complex coefficients Z of the coordinates z of the laws, over a full box of tuples with both signs:
 Z + G(w) F(z) - Z_linear = 0, G the flexibility of the structure between the coordinates. Forces F are sampled on a torus of many
@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from judge_parts.scenes import KINDS, Scene
+from point_parts.models import KINDS, Model
 
 SOLVED = 1e-7  # residual relative to the motion
 MOST_STEPS = 25
@@ -88,15 +88,15 @@ class Box:
 
 @dataclass
 class System:
-    """A scene on the coordinates of its laws, in a box."""
+    """A model on the coordinates of its laws, in a box."""
 
-    scene: Scene
+    model: Model
     box: Box
 
     def __post_init__(self):
         shapes = []
         self.law_at = []
-        for law in self.scene.laws:
+        for law in self.model.laws:
             for place, shape in enumerate(shapes):
                 if np.allclose(shape, law.shape):
                     break
@@ -112,13 +112,13 @@ class System:
     def flexibility(self, omega: np.ndarray, damping: np.ndarray) -> np.ndarray:
         """From forces on all degrees of freedom to these, (n, n_dofs, n_dofs)."""
         w = self.frequencies(omega)[:, None, None]
-        return np.linalg.inv(self.scene.stiffness - w**2 * self.scene.mass + 1j * w * damping)
+        return np.linalg.inv(self.model.stiffness - w**2 * self.model.mass + 1j * w * damping)
 
     def loads(self) -> np.ndarray:
         """(n, n_dofs)"""
-        n = len(self.scene.mass)
+        n = len(self.model.mass)
         total = np.zeros((n, len(self.box.tuples)), dtype=complex)
-        for harmonic, cosine, sine in self.scene.loads:
+        for harmonic, cosine, sine in self.model.loads:
             total += self.box.of(np.array([harmonic]), np.array(cosine)[:, None], np.array(sine)[:, None])
         return total.T
 
@@ -132,7 +132,7 @@ class System:
         for c in range(len(z)):
             f = np.zeros_like(samples[c])
             by_z, by_rate = np.zeros_like(f), np.zeros_like(f)
-            for law, place in zip(self.scene.laws, self.law_at):
+            for law, place in zip(self.model.laws, self.law_at):
                 if place != c:
                     continue
                 if KINDS[law.kind] == "jenkins":
@@ -268,7 +268,7 @@ class Answer:
 
 def forced(system: System, z, omega) -> Answer:
     """The motion of given tones next to `z`."""
-    damping = system.scene.damping
+    damping = system.model.damping
     return _newton(system, z, lambda z, tangent: system.residual(z, omega, damping, tangent), omega)
 
 
@@ -329,13 +329,13 @@ def on_curve(system_at, z, value, scale) -> Answer:
     h = 1e-6 * scale
     for _ in range(MOST_STEPS):
         system, omega = system_at(value)
-        r, matrix = system.residual(z, omega, system.scene.damping)
+        r, matrix = system.residual(z, omega, system.model.damping)
         if np.linalg.norm(r) < SOLVED * size and _ > 0:
             return Answer(z, omega, value, is_solved=True)
         slope = 0.0
         for sign in (1, -1):
             other, tones = system_at(value + sign * h)
-            slope = slope + sign * other.residual(z, tones, other.scene.damping, False)[0]
+            slope = slope + sign * other.residual(z, tones, other.model.damping, False)[0]
         slope = slope / (2 * h)
         try:
             a, b = _solution(matrix, r).ravel(), _solution(matrix, slope).ravel()
@@ -357,15 +357,15 @@ def autonomous(system: System, q, omega: float, mode: Mode | None = None, dampin
     """A motion of its own next to `q` (n_dofs, n): a limit cycle, or with `mode` a normal mode, kept up by artificial damping.
     All degrees of freedom are unknowns, since the undamped structure alone may be singular."""
     n = q.size
-    scene, box = system.scene, system.box
+    model, box = system.model, system.box
     k = box.tuples[:, 0]
     anchor = (1j * k * q * box.weights**2).ravel().conj()
     size, first = max(box.norm(q), 1e-300), q.ravel()
-    scale = np.abs(scene.stiffness).max()
+    scale = np.abs(model.stiffness).max()
 
     def all_of(q, w, xi, with_tangent=True):
         at = (w * k)[:, None, None]
-        dynamic = (scene.stiffness - at**2 * scene.mass + 1j * at * (scene.damping + xi * scene.mass)) / scale
+        dynamic = (model.stiffness - at**2 * model.mass + 1j * at * (model.damping + xi * model.mass)) / scale
         force, tangent = system.forces(system.shapes @ q, w * k, with_tangent)
         r = np.einsum("kab,bk->ak", dynamic, q) + system.shapes.T @ force / scale
         shift = anchor @ (q.ravel() - first) / size
@@ -429,14 +429,14 @@ class Mode:
         else:
             rows[0] = anchor.reshape(q.shape)
             force, _ = system.forces(system.shapes @ q, omega * k, False)
-            stored = system.scene.stiffness @ q + (omega * k) ** 2 * (system.scene.mass @ q) + system.shapes.T @ force
+            stored = system.model.stiffness @ q + (omega * k) ** 2 * (system.model.mass @ q) + system.shapes.T @ force
             rows[1] = stored.conj() * max(system.box.norm(q), 1e-300) / self.energy
         return rows.reshape(2, -1)
 
     @staticmethod
     def _energy(system: System, q, omega) -> float:
         rates = omega * system.box.tuples[:, 0] * q
-        moves = np.einsum("ak,ab,bk->", rates.conj(), system.scene.mass, rates).real / 2
-        strains = np.einsum("ak,ab,bk->", q.conj(), system.scene.stiffness, q).real / 2
+        moves = np.einsum("ak,ab,bk->", rates.conj(), system.model.mass, rates).real / 2
+        strains = np.einsum("ak,ab,bk->", q.conj(), system.model.stiffness, q).real / 2
         samples = system.box.sampled(system.shapes @ q)
-        return moves + strains + sum(potential(law, samples[c]).mean() for law, c in zip(system.scene.laws, system.law_at))
+        return moves + strains + sum(potential(law, samples[c]).mean() for law, c in zip(system.model.laws, system.law_at))

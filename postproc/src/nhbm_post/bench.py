@@ -203,7 +203,7 @@ def _by_tuple(motion: Motion) -> dict[tuple[str, tuple[int, ...]], np.ndarray]:
 
 def read_reference(text: str) -> Motion:
     """A motion from `FILE` or `FILE@POINT`: a table with the columns dof, tuple ..., cos, sin, or an HDF5 file with `tuple`, `dof`
-    and `coefficients` ([point,] dof, harmonic, component), such as nhbm solve and nhbm march write."""
+    and `coefficients` ([point,] dof, harmonic, component), such as nhbm solve and nhbm integrate write."""
     name, _, point = text.rpartition("@") if "@" in text and text.rpartition("@")[2].isdigit() else (text, "", "")
     path = Path(name)
     if path.suffix == ".csv":

@@ -154,10 +154,10 @@ def _parser() -> argparse.ArgumentParser:
         "table t,x in a text file (a column headed like the dof, else the second); may be repeated",
     )
     sub.add_argument(
-        "--march",
+        "--integration",
         type=options.overlay,
         metavar="[LABEL:]PATH",
-        help="draw below: a record of nhbm march, with the difference to it in a second panel",
+        help="draw below: a record of nhbm integrate, with the difference to it in a second panel",
     )
     sub.add_argument(
         "--difference", action="store_true", help="add a panel with the difference to the first overlay"
@@ -341,7 +341,7 @@ def _parser() -> argparse.ArgumentParser:
         (
             "work-precision",
             verbs.work_precision,
-            "error over time of the points of a ladder",
+            "error over time of the points of a sequence of orders",
             "Draws the error of each point of a file of nhbm-bench over its wall time, one curve for each setting of all swept "
             "values but one number.",
         ),
@@ -380,7 +380,7 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument(
                 "--reference",
                 metavar="FILE[@POINT]",
-                help="what errors are measured against: a point of a result file, a record of a march, or a table (.csv) with the "
+                help="what errors are measured against: a point of a result file, a record of a time integration, or a table (.csv) with the "
                 "columns dof, tuple ..., cos, sin (default: the solved point with the most harmonics)",
             )
             sub.add_argument(
@@ -393,7 +393,7 @@ def _parser() -> argparse.ArgumentParser:
     sub = command(
         "bench",
         verbs.bench,
-        "time of each kernel over the size of a scene, with its exponent",
+        "time of each kernel over the size of a model, with its exponent",
         "Draws what nhbm-bench measured (residual, tangent, Newton step, solution, whole point) over harmonics, tones, unknowns, "
         "samples or a swept parameter, with the yardsticks, and prints the exponents of the larger half of the sizes.",
         file_help="file of nhbm-bench (HDF5)",

@@ -9,7 +9,7 @@ PENDING, CONVERGED, FAILED, CRASHED, UNUSED = 0, 1, 6, 12, 17
 # No motion was reached that could be looked at.
 EMPTY = (PENDING, FAILED, CRASHED, UNUSED)
 # There is a motion: of the balance, where all but the first miss a threshold of the certificate and do not count as converged, or
-# marched.
+# integrated.
 SOLVED = (CONVERGED, 7, 8, 9, 16, 18, 21)
 
 TEXTS = {
@@ -31,7 +31,7 @@ TEXTS = {
     "timed_out": "timed out: the point has used its limit of processor time",
     "impact": "impact: solved, but a wall is struck: a law of impact is missing",
     "unused": "unused: room for a point of a curve that has ended before",
-    "marched": "marched: the motion is from time integration, no balance found",
+    "time_domain": "time domain: from time integration, no balance was found",
     "subharmonic": "subharmonic: the motion takes several periods, see the message",
     "broadband": "broadband: time integration finds no motion of these tones",
     "several": "several: time integration ends in different motions, see message",

@@ -8,7 +8,7 @@ import numpy as np
 
 # An error reaches a plateau, ruled by something else than the order, where it drops less than this.
 _LEAST_DROP = 0.8
-# Sizes must span this factor, and the exponent be as certain as this (standard error), for an exponent of cost to be told.
+# Sizes must span this factor, and the exponent be as certain as this (standard error), for an exponent of cost to be reported.
 _LEAST_SPAN = 2.0
 _LARGEST_DEVIATION = 0.3
 # Errors that rounding decides.
@@ -55,7 +55,7 @@ class NoRate:
 
 
 def convergence_rate(x: np.ndarray, error: np.ndarray, kind: str = "") -> Rate | None:
-    """Rate of the falling part of an error, exponential or algebraic, whichever fits better; None for fewer than three rungs."""
+    """Rate of the falling part of an error, exponential or algebraic, whichever fits better; None for fewer than three levels."""
     chosen = falling_part(error)
     x, error = x[chosen], error[chosen]
     if len(x) < 3 or (x <= 0.0).any():

@@ -204,7 +204,7 @@ class Results:
 
     @property
     def has_rigid_law(self) -> bool:
-        """Whether the scene has a law that corrects the motion: a rigid wall, or contacts of another law that are rigid."""
+        """Whether the model has a law that corrects the motion: a rigid wall, or contacts of another law that are rigid."""
         return re.search(r"'rigid_wall'|^ *contact = 'rigid'", self.input_complete, re.MULTILINE) is not None
 
     @property
@@ -245,7 +245,7 @@ class Results:
 
     @property
     def solved(self) -> np.ndarray:
-        """Numbers of the points with a motion: converged, truncated, aliased, penetrating, impact, marched, several."""
+        """Numbers of the points with a motion: converged, truncated, aliased, penetrating, impact, integrated, several."""
         return np.flatnonzero(np.isin(self.status, SOLVED))
 
     @property
@@ -572,8 +572,8 @@ class Results:
             raise ReaderError(
                 f"{self.path}: schema version {version}; this nhbm-post reads version {SCHEMA_VERSION}"
             )
-        if self._file.attrs.get("kind") == "march":
-            raise ReaderError(f"{self.path}: the record of a march, which nhbm-post info and nhbm-post time --march read")
+        if self._file.attrs.get("kind") == "integration":
+            raise ReaderError(f"{self.path}: the record of a time integration, which nhbm-post info and nhbm-post time --integration read")
         missing = [name for name in _REQUIRED if name not in self._file]
         if "tuple" not in self._file and "tuples" not in self._file:
             missing.append("tuple")

@@ -108,11 +108,11 @@ class Series:
         summits = summits[np.argsort(height[is_summit])[::-1][:4]]
         best = float(height.max())
         for summit in summits:
-            best = max(best, self._climb(2.0 * np.pi * summit / shape))
+            best = max(best, self._refine(2.0 * np.pi * summit / shape))
         return best
 
-    def _climb(self, tau: np.ndarray) -> float:
-        """Largest |x| met by Newton steps on the gradient from `tau`; a step without gain ends the climb."""
+    def _refine(self, tau: np.ndarray) -> float:
+        """Largest |x| met by Newton steps on the gradient from `tau`; a step without gain ends the refine."""
         j = self.tuples
         height = abs(float(self.at(tau)))
         for _ in range(8):

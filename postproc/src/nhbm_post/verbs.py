@@ -9,7 +9,7 @@ import numpy as np
 from . import report
 from .bench import Bench, read_reference
 from .errors import UsageError
-from . import march
+from . import integration
 from .measure import Measure
 from .outcome import CONVERGED, words
 from .reader import QUANTITIES, Results
@@ -19,8 +19,8 @@ from .text import list_text, number_text
 
 
 def info(arguments):
-    if march.is_record(arguments.file):
-        print(march.info(arguments.file))
+    if integration.is_record(arguments.file):
+        print(integration.info(arguments.file))
         return
     with Results(arguments.file) as results:
         print(report.info(results, arguments.dof, arguments.points))
@@ -284,12 +284,12 @@ def time(arguments):
         outcome = results.warning(points[0]) if len(points) == 1 else ""
         title = ", ".join(part for part in (results.title, *_common_parameters(results, points), outcome) if part)
     references = []
-    if arguments.march:
-        label, path = arguments.march
+    if arguments.integration:
+        label, path = arguments.integration
         if arguments.quantity == "force":
-            raise UsageError("--march compares motions: a record has forces by coordinate of a law, not by dof")
-        method, t, x = march.read_displacement(path, dof)
-        references.append(Record(label or f"marching, {method}", t, x))
+            raise UsageError("--integration compares motions: a record has forces by coordinate of a law, not by dof")
+        method, t, x = integration.read_displacement(path, dof)
+        references.append(Record(label or f"integration, {method}", t, x))
     for label, path in arguments.overlay:
         if path.suffix.lower() in (".h5", ".hdf5", ".nc"):
             with Results(path) as other:
@@ -308,7 +308,7 @@ def time(arguments):
         t_to=arguments.t_to,
         level=arguments.level,
         n_samples=arguments.samples,
-        has_difference=arguments.difference or bool(arguments.march),
+        has_difference=arguments.difference or bool(arguments.integration),
     )
     _save(fig, arguments)
 

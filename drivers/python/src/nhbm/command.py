@@ -139,7 +139,7 @@ def _reduction(verb, n_modes: int, more: str = "", methods=reduction.MODAL) -> N
     default = "krylov with --up-to and without --modes, else free-interface" if has_krylov else methods[0]
     verb.add_argument("--modes", type=int, help=f"number of modes{' ' * bool(more)}{more} (default: {n_modes})")
     verb.add_argument("--method", choices=methods, help=f"(default: {default})")
-    verb.add_argument("--up-to", type=float, metavar="RAD/S", help="highest frequency that the model is for, where errors are told")
+    verb.add_argument("--up-to", type=float, metavar="RAD/S", help="highest frequency that the model is for, where errors are reported")
     verb.add_argument("--no-error", action="store_true", help="do not compare with the full model")
     verb.add_argument("--tolerance", type=float, metavar="E",
                       help="largest error up to there: doubles the modes until it is met"

@@ -243,7 +243,7 @@ def reduced_wheel(sector: Sector, wanted: Reduction, diameter: int | None = None
         for name, vector in zip(part.reduced.loads, load_matrix(part.reduced).T):
             loads[name] = (np.arange(starts[-1]), part.weight * (part.place.T @ vector))
     body = _body(sector)
-    kept = _kept_nodes(sector, body, parts[0], range(n) if diameter is None else None)
+    kept = _retained_nodes(sector, body, parts[0], range(n) if diameter is None else None)
     n_modes = int(starts[-1]) - n_kept
     model = Structure(
         **{name: sp.csr_matrix(matrix) for name, matrix in matrices.items()},
@@ -305,7 +305,7 @@ def _of_sine(full: Structure, sector: Sector, name: str) -> str:
     return f"{stem}_sin{dot}{direction}"
 
 
-def _kept_nodes(sector: Sector, body: dict, part: _Part, sectors: range | None) -> dict:
+def _retained_nodes(sector: Sector, body: dict, part: _Part, sectors: range | None) -> dict:
     """Nodes, degrees of freedom and sets of what is kept in all sectors or, without these, of both amplitudes of a wave. Pairs, and
     sines of other nodes, have nodes of their own behind those of the wheel."""
     reduced, n_kept = part.reduced, part.n_kept

@@ -41,7 +41,7 @@ def guarded(main, program: str) -> int:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
         sys.stdout, sys.stderr = _Printable(sys.stdout), _Printable(sys.stderr)
         try:
-            _watch(place)
+            _cancellation(place)
             status = main()
         except SystemExit as end:  # argparse: help, or a mistake that it has told
             status = end.code if isinstance(end.code, int) else 1
@@ -147,7 +147,7 @@ class _Printable:
         return getattr(self._stream, name)
 
 
-def _watch(place: mmap.mmap) -> None:
+def _cancellation(place: mmap.mmap) -> None:
     """From now on each call that reads says so, and the process is ended by a signal where it takes too long."""
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
     is_inside = False

@@ -247,7 +247,7 @@ class _Caller:
     """What the library calls: faults are kept until it has returned."""
 
     def __call__(self, pointer: Any) -> int:
-        if getattr(_state, "fault", None) is not None:  # it has failed before, and nobody has been told yet
+        if getattr(_state, "fault", None) is not None:  # it has failed before, and nobody has been reported yet
             return _FATAL
         _state.running = True
         try:

@@ -22,7 +22,7 @@ from nhbm.structure import Structure
 
 GROUPS = (
     "structure", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", "certificate", "stability",
-    "output", "march", "accuracy", "curve", "tie",
+    "output", "integration", "accuracy", "curve", "tie",
 )  # fmt: skip
 _IN_MEMORY = "structure in memory"
 
@@ -226,20 +226,20 @@ class Model:
         return found.set_coords(identifier(path)).assign_attrs(varies=[identifier(path)])
 
     def integrate(self, duration: float | None = None, *, order: int | None = None, **keys) -> xr.Dataset:
-        """Integrates the model through time, from rest if nothing else is said, and returns the record that `nhbm march` writes.
+        """Integrates the model through time, from rest if nothing else is said, and returns the record that `nhbm integrate` writes.
 
-        duration: of the record [s], after the `transient`; keys: of the group &march, such as method, transient, step. The coefficients are
+        duration: of the record [s], after the `transient`; keys: of the group &integration, such as method, transient, step. The coefficients are
         those of the harmonics of the model or of `order`.
         """
         given = {"duration": None if duration is None else float(duration), **keys}
-        session = self._live(None, order, {"march": {key: value for key, value in given.items() if value is not None}}).session
+        session = self._live(None, order, {"integration": {key: value for key, value in given.items() if value is not None}}).session
         session.integrate()
         return dataset.record_of(session)
 
     def verify(self, motion: xr.Dataset | None = None, *, periods: int = 0) -> xr.Dataset:
         """Integrates through time from the motion that `solve` has found last, and from beside it, until it is clear whether it stays there.
 
-        Returns what `nhbm verify` writes: `march_verdict` ("agrees", "unstable", "differs", "undecided"), the differences of the motion
+        Returns what `nhbm verify` writes: `integration_verdict` ("agrees", "unstable", "differs", "undecided"), the differences of the motion
         in the first and in the last periods, the limit of the latter by the estimated error, the growth of disturbances [1/s]. `motion`, where
         given, must be the one found last; `periods` of the slowest tone is the most (0: as many as the decay takes).
         """
@@ -251,7 +251,7 @@ class Model:
             raise ModelError("only the motion that this model has found last can be verified")
         session.verify(periods)
         found = dataset.record_of(session)
-        return found.assign(march_verdict=dataset.VERDICTS[int(found["march_verdict"])])
+        return found.assign(integration_verdict=dataset.VERDICTS[int(found["integration_verdict"])])
 
     def sweep(self, values: Mapping[str, Iterable], *, paired: bool = False, of: str | Callable[[Model], object] | None = None,
               tolerance: float | None = None, order: int | None = None, warm: bool = False,
@@ -263,7 +263,7 @@ class Model:
         of the point and returns a number or a mapping of numbers, such as functools.partial(nhbm.Model.peak, of="x1", ...).
         `warm` starts each point from its neighbour along the last path. The work is spread over lines of the grid (points, where nothing
         is warm): over `workers` processes, an executor with `map` (concurrent.futures, mpi4py.futures, Dask), or the ranks of an MPI
-        communicator, each of which gets the whole dataset. Points that have no motion are told by `status` and `message`.
+        communicator, each of which gets the whole dataset. Points that have no motion are reported by `status` and `message`.
         """
         grid = {path_of(path, GROUPS): list(np.atleast_1d(list(np.atleast_1d(line)))) for path, line in values.items()}
         if not grid or not all(grid.values()):

@@ -426,7 +426,7 @@ def _uncoupled(matrix, n_kept) -> np.ndarray:
 
 
 def band(reduced: Structure, up_to: float, most: int = 6) -> np.ndarray:
-    """Frequencies up to one at which errors are told: four over the band, then resonances of the reduced model, where it is off
+    """Frequencies up to one at which errors are reported: four over the band, then resonances of the reduced model, where it is off
     most; some of them, with the lowest and the highest."""
     found = resonances(reduced, up_to)
     chosen = found[np.unique(np.linspace(0, len(found) - 1, most).astype(int))] if len(found) else found
@@ -509,5 +509,5 @@ def _solve(a, b, guess, factors):
     m = spla.LinearOperator(a.shape, matvec=precondition, dtype=complex)
     x, info = spla.gmres(a, b, x0=guess, M=m, tol=1.0e-10, atol=rounding(guess), restart=200, maxiter=5)
     if info != 0 and not np.linalg.norm(a @ x - b) <= max(1.0e-8 * np.linalg.norm(b), 10 * rounding(x)):
-        raise ModelError("the full model could not be solved at a frequency: no error can be told there")
+        raise ModelError("the full model could not be solved at a frequency: no error can be reported there")
     return x

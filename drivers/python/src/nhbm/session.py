@@ -244,7 +244,7 @@ class Session:
         return bool(is_point.value)
 
     def integrate(self) -> None:
-        """Integrates the model through time as the group &march says; `time_column` has the record then."""
+        """Integrates the model through time as the group &integration says; `time_column` has the record then."""
         with _Interrupts(self):
             self._call("integrate")
 

@@ -1,4 +1,4 @@
-"""Cost of the kernels of a scene over its size."""
+"""Cost of the kernels of a model over its size."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def draw_bench(times: Bench, over: str | None = None) -> tuple[Figure, list[tupl
     residual (the bare pair of transforms) and of all others (LU of a full matrix).
     """
     if not times.has_kernels:
-        raise UsageError(f"{times.path}: no kernel was timed; nhbm-bench --budget 0 leaves them out, a scene without laws has none")
+        raise UsageError(f"{times.path}: no kernel was timed; nhbm-bench --budget 0 leaves them out, a model without laws has none")
     over = over or times.varying()
     x = times.column(over).astype(float)
     order = np.argsort(x, kind="stable")

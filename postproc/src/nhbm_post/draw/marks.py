@@ -41,7 +41,7 @@ _MARKS = {
     "aliased": Mark("s", "#56B4E9"),
     "penetrating": Mark("v", "#CC79A7"),
     "impact": Mark("<", "#F0E442"),
-    "marched": Mark("d", "#009E73"),
+    "time_domain": Mark("d", "#009E73"),
     "several": Mark("D", "#009E73", is_filled=False),
     "stalled": Mark("x", style.FAILURE),
     "out_of_budget": Mark("+", style.FAILURE),

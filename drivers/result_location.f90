@@ -1,0 +1,35 @@
+!> Where a verb puts its result: the file that a link leads to, never the input or a model.
+module result_location
+   use arguments, only: arguments_t
+   use hb_error, only: error_t, fail
+   use hb_fe_model_file, only: is_model_file
+   use hb_mpi, only: broadcast_text, comm_t, rank_of, share_error
+   use hb_system, only: follow_links, is_same_file
+   implicit none
+   private
+   public :: place_result
+
+contains
+
+   !> Gives the path of the result file, the same on all ranks; collective.
+   subroutine place_result(options, comm, path, error)
+      type(arguments_t), intent(in) :: options
+      type(comm_t), intent(in) :: comm
+      character(:), allocatable, intent(out) :: path
+      type(error_t), allocatable, intent(out) :: error
+
+      if (rank_of(comm) == 0) then
+         call follow_links(options%result_path(), path)
+         if (is_same_file(path, options%input)) then
+            call fail(error, "result file '"//path//"' is the input file; give another --output")
+            if (index(path, ".h5", back=.true.) == max(1, len(path) - 2)) error%message = error%message// &
+               "; if it is a result already: nhbm info says what it holds, nhbm resume goes on with it"
+         end if
+         if (.not. allocated(error)) then
+            if (is_model_file(path)) call fail(error, "result file '"//path//"' is a model file; give another --output")
+         end if
+      end if
+      call share_error(comm, error)
+      if (.not. allocated(error)) call broadcast_text(comm, path, 0)
+   end subroutine place_result
+end module result_location

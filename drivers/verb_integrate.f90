@@ -1,0 +1,166 @@
+!> `nhbm integrate`: follows a model through time and writes the record.
+module verb_integrate
+   use arguments, only: arguments_t
+   use console, only: say
+   use hb_clock, only: wall_clock
+   use hb_coexisting_motions, only: report_motions
+   use hb_document, only: document_t
+   use hb_error, only: annotate, error_t, fail
+   use hb_file_location, only: check_place
+   use hb_input_keys, only: choices_of
+   use hb_integration, only: check_integration, integrate_model, integration_t
+   use hb_kinds, only: wp
+   use hb_integration_file, only: integration_origin_t, read_integration_state, write_integration_file
+   use hb_integration_state, only: integration_state_t, new_integration_state
+   use hb_mpi, only: comm_t, rank_of, share_error
+   use hb_outcome, only: outcome
+   use hb_progress, only: log_level, new_progress, progress_t
+   use hb_run_callbacks, only: run_callbacks
+   use hb_model_reader, only: read_model
+   use hb_study, only: study_t
+   use hb_text, only: to_text
+   use hb_cancellation, only: cancellation_t
+   use result_location, only: place_result
+   use verb_solve, only: load_study
+   implicit none
+   private
+   public :: run_integrate
+
+   type, extends(cancellation_t) :: shown_progress_t
+      type(progress_t) :: line
+      logical :: is_begun = .false.
+      integer :: level = log_level%normal
+      integer :: n_steps = 0
+   contains
+      procedure :: note_progress => shown_progress_note_progress
+   end type shown_progress_t
+
+contains
+
+   !> Runs the verb; one rank does the work.
+   subroutine run_integrate(options, comm, error)
+      type(arguments_t), intent(in) :: options
+      type(comm_t), intent(in) :: comm
+      type(error_t), allocatable, intent(out) :: error
+      type(study_t) :: study
+      character(:), allocatable :: path
+
+      call load_study(options, comm, study, error)
+      if (allocated(error)) return
+      call choose_point(options, study, error)
+      if (allocated(error)) return
+      call check_integration(study%model, error)
+      call annotate(error, options%input)
+      if (allocated(error)) return
+      call place_result(options, comm, path, error)
+      if (allocated(error)) return
+      if (rank_of(comm) == 0) call integrate_to_file(options, study, path, error)
+      call share_error(comm, error)
+   end subroutine run_integrate
+
+   !> Makes the model of the study that of the point asked for; fails where a sweep leaves the choice open.
+   subroutine choose_point(options, study, error)
+      type(arguments_t), intent(in) :: options
+      type(study_t), intent(inout) :: study
+      type(error_t), allocatable, intent(out) :: error
+      type(document_t), target :: document
+
+      if (options%point < 0 .and. study%plan%n_points == 1) return
+      if (options%point < 0 .and. allocated(study%plan%curve) .and. study%plan%n_points == study%plan%n_fastest()) return  ! start
+      if (options%point < 0 .or. options%point >= study%plan%n_points) then
+         call fail(error, "the input has the points 0 to "//to_text(study%plan%n_points - 1)// &
+                   "; time integration follows one of them, say which by --point")
+         return
+      end if
+      document = study%document
+      call study%plan%apply(options%point + 1, document)
+      call read_model(study%model, document, error, callbacks=run_callbacks(is_followed=allocated(study%plan%curve)))
+      call annotate(error, "point "//to_text(options%point))
+   end subroutine choose_point
+
+   subroutine integrate_to_file(options, study, path, error)
+      type(arguments_t), intent(in) :: options
+      type(study_t), intent(in) :: study
+      character(*), intent(in) :: path                                !! of the record
+      type(error_t), allocatable, intent(out) :: error
+      type(integration_t), target :: content
+      type(integration_origin_t) :: origin
+      type(integration_state_t), allocatable :: earlier
+      type(shown_progress_t), target :: progress
+      real(wp) :: seconds
+      character(:), allocatable :: methods(:)
+      character(:), allocatable :: motions
+      character(300) :: line
+      integer :: i
+
+      call check_place(path, options%overwrite, error)
+      call annotate(error, "time integration record '"//path//"'")
+      if (allocated(error)) return
+      associate (model => study%model)
+         if (len(model%integration%record) > 0) then
+            allocate (earlier)
+            call new_integration_state(earlier, model%structure%n_dofs, sum([(model%laws(i)%law%n_states, i=1, size(model%laws))]))
+            call read_integration_state(model%integration%record, earlier, error)
+            if (allocated(error)) return
+         end if
+         progress%level = options%level
+         seconds = wall_clock()
+         call progress%enter(huge(1.0_wp))
+         call integrate_model(content, model, error, earlier)
+         call progress%leave()
+         if (allocated(error)) return
+         seconds = wall_clock() - seconds
+         if (progress%is_begun) call progress%line%finish(progress%n_steps, 0)
+         origin%title = model%output%title
+         methods = choices_of("integration", "method")
+         origin%method = trim(methods(model%integration%method))
+         origin%input_text = study%input_text
+         origin%input_complete = study%input_complete
+         origin%omega = content%omega
+         origin%tuples = model%harmonics%tuples
+         origin%retained_dofs = model%output%dofs
+         call write_integration_file(path, options%overwrite, origin, model%structure, content%system%laws, content, error)
+      end associate
+      if (allocated(error) .or. options%level < log_level%normal) return
+      write (line, "(f0.3)") seconds
+      call say("integrated to t = "//to_text(content%state%time)//" s in "//trim(line)//" s of computing; record in "//path)
+      if (any(study%model%tones%is_unknown)) then
+         if (content%share > 0.0_wp) then
+            write (line, "(*(es23.15e2))") pack(content%omega, study%model%tones%is_unknown)
+            call say("frequencies read from the record [rad/s]:"//trim(line))
+         else
+            call say("the record has no tone of its own; the coefficients of unknown tones mean nothing")
+         end if
+      end if
+      if (allocated(content%motion)) then
+         call report_motions(content%motion, [(outcome%time_domain, i=1, size(content%motion))], &
+                           [(amplitude_of(content, content%motion(i)), i=1, size(content%motion))], motions)
+         call say(motions)
+      end if
+      write (line, "(es7.1)") maxval(content%assessment%spread)
+      call say("largest difference between coefficients of both halves of the record: "//trim(line))
+   end subroutine integrate_to_file
+
+   !> Amplitude of an oscillation with the same root mean square, of the degree of freedom that has the largest one.
+   pure real(wp) function amplitude_of(content, motion) result(amplitude)
+      type(integration_t), intent(in) :: content
+      integer, intent(in) :: motion                                   !! 0: none
+      integer :: k
+
+      amplitude = 0.0_wp
+      if (motion == 0) return
+      associate (c => content%motions(motion)%coefficients)           ! the zero tuple is the first one
+         amplitude = maxval([(norm2(abs(c(2:, k))), k=1, size(c, 2))])
+      end associate
+   end function amplitude_of
+
+   subroutine shown_progress_note_progress(self, n_done, n_steps)
+      class(shown_progress_t), intent(inout) :: self
+      integer, intent(in) :: n_done, n_steps
+
+      if (.not. self%is_begun) call new_progress(self%line, n_steps, self%level, is_first=.true., what="steps")
+      self%is_begun = .true.
+      self%n_steps = n_steps
+      if (self%line%is_due()) call self%line%show(n_done, 0)
+   end subroutine shown_progress_note_progress
+end module verb_integrate

@@ -1,0 +1,61 @@
+"""The only reader of the records of `nhbm integrate`; docs/user/schema.md says what is in them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from .errors import ReaderError
+
+
+def is_record(path) -> bool:
+    """Whether a file is the record of a time integration; not where it cannot be read."""
+    try:
+        with h5py.File(path, "r") as file:
+            return file.attrs.get("kind") == "integration"
+    except OSError:
+        return False
+
+
+def info(path) -> str:
+    """What a record holds, in lines: how it was integrated, the largest displacement at each degree of freedom [m or rad] and, of
+    several starts, the motions that were found with the size of their coefficients at the first one."""
+    try:
+        with h5py.File(path, "r") as file:
+            t, dofs = file["time"][()], list(file["dof"].asstr()[()])
+            lines = [
+                f"file       {path}",
+                f"written by nhbm {file.attrs['program_version']}, commit {file.attrs['git_commit']}, {file.attrs['created_utc']}",
+                f"record     by {str(file.attrs['method']).replace('_', ' ')}, {len(t)} samples from {t[0]:g} to {t[-1]:g} s",
+                f"tones      {', '.join(f'{w:.10g}' for w in np.atleast_1d(file['frequency'][()]))} rad/s",
+            ]
+            lines += [f"largest    {np.max(np.abs(x)):.4g} at {dof}" for dof, x in zip(dofs, file["displacement"][()], strict=True)]
+            if "start_motion" in file:
+                starts = file["start_motion"][()]
+                for k, motion in enumerate(file["motion_coefficients"][()], start=1):
+                    size = np.sqrt(np.sum(motion[0] ** 2))
+                    lines.append(f"motion {k}   from {np.sum(starts == k)} of {len(starts)} starts, {size:.4g} at {dofs[0]}")
+    except (OSError, KeyError, ValueError) as error:
+        raise ReaderError(f"{path}: cannot be read as a record of nhbm integrate ({error})") from None
+    return "\n".join(lines)
+
+
+def read_displacement(path, dof: str) -> tuple[str, np.ndarray, np.ndarray]:
+    """Method, times [s] and displacements of one degree of freedom."""
+    path = Path(path)
+    try:
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("kind") != "integration":
+                raise ReaderError(f"{path}: is no record of nhbm integrate")
+            labels = list(file["dof"].asstr()[()])
+            if dof not in labels:
+                raise ReaderError(f"{path}: has no degree of freedom '{dof}'; recorded: {', '.join(labels)}")
+            t, x = file["time"][()], file["displacement"][labels.index(dof)]
+            method = str(file.attrs["method"]).replace("_", " ")
+    except (OSError, KeyError) as error:
+        raise ReaderError(f"{path}: cannot be read as a record of nhbm integrate ({error})") from None
+    if len(t) < 2:
+        raise ReaderError(f"{path}: holds fewer than two samples")
+    return method, t, x

@@ -1,0 +1,155 @@
+!> Cancellation: whether long work ends before it is done, and where it reports its progress.
+!>
+!> A cancellation knows the processor time that a point may take. What has other reasons to end a point, such as a signal, extends
+!> it and answers `wants_end`; what shows progress has `note_progress`. A verdict stays until the next point begins, so that
+!> all that is under way ends soon; that the run ends stays for good, so that no later step of the same work hides it.
+!>
+!> Between `enter` and `leave` a cancellation is that of its thread: any loop that may take long calls `work_is_over` and leaves
+!> with whatever it has; the procedure that entered the cancellation discards that. One cancellation may be entered within another,
+!> and then also ends with it.
+module hb_cancellation
+   use, intrinsic :: iso_c_binding, only: c_associated, c_f_pointer, c_loc, c_null_ptr, c_ptr
+   use hb_kinds, only: wp
+   implicit none
+   private
+   public :: note_progress, verdict, verdict_on_work, cancellation_t, work_is_over
+
+   type :: verdict_t
+      integer :: go_on = 0
+      integer :: timed_out = 1                                        !! the point has had its time
+      integer :: interrupted = 2                                      !! the run ends; the point has to be solved again
+   end type verdict_t
+   type(verdict_t), parameter :: verdict = verdict_t()
+
+   type :: place_t
+      class(cancellation_t), pointer :: cancellation => null()
+   end type place_t
+
+   type :: cancellation_t
+      integer :: verdict = verdict%go_on
+      real(wp), private :: cpu_end = huge(1.0_wp)                     ! processor time at which the point has to end [s]
+      integer, private :: n_entered = 0
+      type(place_t), private :: place                                 ! to which the thread points
+      type(c_ptr), private :: outer = c_null_ptr                      ! place of the cancellation within which this one was entered
+   contains
+      procedure :: begin => cancellation_begin
+      procedure :: enter => cancellation_enter
+      procedure :: is_over => cancellation_is_over
+      procedure :: leave => cancellation_leave
+      procedure :: note_progress => cancellation_note_progress
+      procedure :: wants_end => cancellation_wants_end
+   end type cancellation_t
+
+   interface
+      !> Source: hb_current_cancellation.h.
+      type(c_ptr) function hb_current_cancellation() bind(c, name="hb_current_cancellation")
+         import :: c_ptr
+      end function hb_current_cancellation
+
+      subroutine hb_set_current_cancellation(cancellation) bind(c, name="hb_set_current_cancellation")
+         import :: c_ptr
+         type(c_ptr), value :: cancellation
+      end subroutine hb_set_current_cancellation
+   end interface
+
+contains
+
+   !> Begins a point that may take `time_limit`.
+   subroutine cancellation_begin(self, time_limit)
+      class(cancellation_t), intent(inout) :: self
+      real(wp), intent(in) :: time_limit                              !! of the processor [s], huge for any
+      real(wp) :: now
+
+      if (self%verdict /= verdict%interrupted) self%verdict = verdict%go_on
+      self%cpu_end = huge(1.0_wp)
+      if (time_limit >= huge(1.0_wp)) return
+      call cpu_time(now)
+      self%cpu_end = now + time_limit
+   end subroutine cancellation_begin
+
+   !> Makes this the cancellation of the thread. Where it was not entered yet a point begins with it; else its clock goes on.
+   subroutine cancellation_enter(self, time_limit)
+      class(cancellation_t), intent(inout), target :: self            !! stays where it is until it is left
+      real(wp), intent(in) :: time_limit                              !! as that of `begin`
+
+      if (self%n_entered == 0) then
+         call self%begin(time_limit)
+         self%place%cancellation => self
+         self%outer = hb_current_cancellation()
+         call hb_set_current_cancellation(c_loc(self%place))
+      end if
+      self%n_entered = self%n_entered + 1
+   end subroutine cancellation_enter
+
+   !> Undoes one `enter`.
+   subroutine cancellation_leave(self)
+      class(cancellation_t), intent(inout) :: self
+
+      self%n_entered = self%n_entered - 1
+      if (self%n_entered > 0) return
+      call hb_set_current_cancellation(self%outer)
+      self%outer = c_null_ptr
+   end subroutine cancellation_leave
+
+   !> Whether the point shall end; `verdict` then says why.
+   recursive logical function cancellation_is_over(self) result(is_over)
+      class(cancellation_t), intent(inout) :: self
+      type(place_t), pointer :: outer
+      real(wp) :: now
+
+      if (self%verdict == verdict%go_on) then
+         if (self%wants_end()) self%verdict = verdict%interrupted
+      end if
+      if (self%verdict == verdict%go_on .and. c_associated(self%outer)) then
+         call c_f_pointer(self%outer, outer)
+         if (outer%cancellation%is_over()) self%verdict = outer%cancellation%verdict
+      end if
+      if (self%verdict == verdict%go_on .and. self%cpu_end < huge(1.0_wp)) then
+         call cpu_time(now)
+         if (now >= self%cpu_end) self%verdict = verdict%timed_out
+      end if
+      is_over = self%verdict /= verdict%go_on
+   end function cancellation_is_over
+
+   !> Takes note of how far the work is; does nothing here.
+   subroutine cancellation_note_progress(self, n_done, n_steps)
+      class(cancellation_t), intent(inout) :: self
+      integer, intent(in) :: n_done, n_steps
+   end subroutine cancellation_note_progress
+
+   !> Whether something else than the point demands its end; nothing does.
+   logical function cancellation_wants_end(self)
+      class(cancellation_t), intent(inout) :: self
+
+      cancellation_wants_end = .false.
+   end function cancellation_wants_end
+
+   !> Whether the work of this thread shall end. Takes a tenth of a microsecond, with a limit on processor time half a one.
+   logical function work_is_over()
+      work_is_over = verdict_on_work() /= verdict%go_on
+   end function work_is_over
+
+   !> Reports how far the work of this thread is, to the cancellation that it has entered.
+   subroutine note_progress(n_done, n_steps)
+      integer, intent(in) :: n_done, n_steps
+      type(c_ptr) :: current
+      type(place_t), pointer :: place
+
+      current = hb_current_cancellation()
+      if (.not. c_associated(current)) return
+      call c_f_pointer(current, place)
+      call place%cancellation%note_progress(n_done, n_steps)
+   end subroutine note_progress
+
+   !> Why the work of this thread shall end; `go_on` where it shall not, or where nothing watches over it.
+   integer function verdict_on_work() result(found)
+      type(c_ptr) :: current
+      type(place_t), pointer :: place
+
+      found = verdict%go_on
+      current = hb_current_cancellation()
+      if (.not. c_associated(current)) return
+      call c_f_pointer(current, place)
+      if (place%cancellation%is_over()) found = place%cancellation%verdict
+   end function verdict_on_work
+end module hb_cancellation

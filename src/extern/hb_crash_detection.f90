@@ -1,0 +1,65 @@
+!> Crashes of single points: where the solution of a point ends the whole process, as a law of the user's own may, a status
+!> in the result file says so before the process is gone. Source of the interface: hb_crash.h.
+module hb_crash_detection
+   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long_long, c_null_char
+   use, intrinsic :: iso_fortran_env, only: int64
+   implicit none
+   private
+   public :: begin_point, crash_location_t, end_point, end_cancellation, detect_crashes
+
+   !> What is noted of a crash, and where: bytes of the file, of the first row each.
+   type :: crash_location_t
+      integer(int64) :: status_offset = -1             !! rows of four bytes, least significant first; negative: nothing is noted
+      integer(int64) :: message_offset = -1            !! rows of `message_length` bytes; negative: no message
+      integer :: message_length = 0                    !! at most 512
+      integer :: status = 0                            !! that a crashed point gets
+      integer :: exit_status = 1                       !! of the process, where it is exit() that ends it within a point
+   end type crash_location_t
+
+   type, bind(c) :: hb_crash_location_t
+      integer(c_long_long) :: status_offset, message_offset, message_length
+      integer(c_int) :: status, exit_status
+   end type hb_crash_location_t
+
+   interface
+      integer(c_int) function hb_detect_crashes(path, place) bind(c, name="hb_detect_crashes")
+         import :: c_char, c_int, hb_crash_location_t
+         character(c_char), intent(in) :: path(*)
+         type(hb_crash_location_t), intent(in) :: place
+      end function hb_detect_crashes
+
+      subroutine hb_begin_point(row) bind(c, name="hb_begin_point")
+         import :: c_long_long
+         integer(c_long_long), value :: row
+      end subroutine hb_begin_point
+
+      !> No point is being solved any more.
+      subroutine end_point() bind(c, name="hb_end_point")
+      end subroutine end_point
+
+      !> Ends what `detect_crashes` has begun; safe to call twice.
+      subroutine end_cancellation() bind(c, name="hb_end_cancellation")
+      end subroutine end_cancellation
+   end interface
+
+contains
+
+   !> Has crashes noted in the file at `path` from here on, by this rank for its own points. Where the place is not known or
+   !> the file cannot be opened once more, a crash is what it is without: nothing else depends on it.
+   subroutine detect_crashes(path, place)
+      character(*), intent(in) :: path
+      type(crash_location_t), intent(in) :: place
+      integer(c_int) :: ignored
+
+      ignored = hb_detect_crashes(path//c_null_char, hb_crash_location_t(int(place%status_offset, c_long_long), &
+         int(place%message_offset, c_long_long), int(place%message_length, c_long_long), int(place%status, c_int), &
+         int(place%exit_status, c_int)))
+   end subroutine detect_crashes
+
+   !> Point `i`, from 1, is being solved from here on.
+   subroutine begin_point(i)
+      integer, intent(in) :: i
+
+      call hb_begin_point(int(i - 1, c_long_long))
+   end subroutine begin_point
+end module hb_crash_detection

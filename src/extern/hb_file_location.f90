@@ -1,0 +1,88 @@
+!> Where files are: what is no file to read is refused; so is, before the work, what is no place for a file of results, which is
+!> put in place when it is complete. Only a regular file is ever replaced.
+module hb_file_location
+   use hb_error, only: error_t, fail
+   use hb_system, only: exists, file_kind, kind_of_file, link_file, remove_file, rename_file
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: check_place, check_source, put_in_place
+
+   integer, parameter :: longest_name = 240                           ! bytes; parallel HDF5 under Open MPI aborts from 245 on
+
+contains
+
+   !> Fails where there is nothing to read under this name.
+   subroutine check_source(path, error)
+      character(*), intent(in) :: path
+      type(error_t), allocatable, intent(out) :: error
+      integer :: kind
+
+      kind = kind_of_file(path)
+      if (kind == file_kind%none) then
+         call fail(error, "file '"//path//"' does not exist")
+      else if (kind == file_kind%lost_link) then
+         call fail(error, "'"//path//"' is a link to a file that does not exist")
+      else if (kind == file_kind%empty) then
+         call fail(error, "file '"//path//"' is empty")
+      else if (kind == file_kind%folder) then
+         call fail(error, "'"//path//"' is a directory, not a file")
+      else if (kind == file_kind%device_or_pipe) then
+         call fail(error, "'"//path//"' is a pipe or a device; a regular file is needed")
+      end if
+   end subroutine check_source
+
+   !> Fails where a file of this name cannot or must not be made.
+   subroutine check_place(path, overwrite, error)
+      character(*), intent(in) :: path
+      logical, intent(in) :: overwrite
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: folder
+      integer :: kind
+
+      folder = path(:index(path, "/", back=.true.))
+      if (folder == "") folder = "./"
+      kind = kind_of_file(path)
+      if (kind_of_file(folder) /= file_kind%folder) then
+         call fail(error, "folder '"//folder//"' does not exist; make it or give another --output")
+      else if (len(path) - index(path, "/", back=.true.) > longest_name) then
+         call fail(error, "its name has more than "//to_text(longest_name)//" bytes; give another --output")
+      else if (len_trim(path) < len(path)) then
+         call fail(error, "its name ends with a blank; give another --output")
+      else if (kind == file_kind%folder) then
+         call fail(error, "is a folder; give another --output")
+      else if (kind == file_kind%device_or_pipe) then
+         call fail(error, "is a pipe or a device, which is never replaced; give another --output")
+      else if (kind == file_kind%lost_link) then
+         call fail(error, "is a link that leads nowhere; give another --output")
+      else if (kind /= file_kind%none .and. .not. overwrite) then
+         call fail(error, "exists; give --overwrite or another --output")
+      end if
+   end subroutine check_place
+
+   !> Gives a finished file its name, atomically.
+   subroutine put_in_place(temporary, path, overwrite, error)
+      character(*), intent(in) :: temporary, path
+      logical, intent(in) :: overwrite
+      type(error_t), allocatable, intent(out) :: error
+      logical :: ok
+
+      call check_place(path, overwrite, error)                        ! something may have taken the name meanwhile
+      if (allocated(error)) return
+      if (.not. overwrite) then
+         ! another run may have made the file at this moment: link refuses then, and rename would not
+         call link_file(temporary, path, ok)
+         if (ok) then
+            call remove_file(temporary)
+            return
+         end if
+         if (exists(path)) then
+            call fail(error, "exists; give --overwrite or another --output")
+            return
+         end if
+         ! a file system without links: rename after all
+      end if
+      call rename_file(temporary, path, ok)
+      if (.not. ok) call fail(error, "'"//temporary//"' cannot be renamed to it; give another --output")
+   end subroutine put_in_place
+end module hb_file_location

@@ -1,0 +1,384 @@
+!> An integrated motion to an accuracy: the tuples that it has are found in its record.
+!>
+!> Models are integrated with many candidates for a set, to all of which the record is fitted (hb_line_fit); kept are those that
+!> matter. What the kept series leaves of the record where the fit has not seen it is the estimated error. Either the model is
+!> integrated before any balance is tried, from rest, or from where the sequence of orders of the balance ends above the tolerance:
+!> its motion is then nearly steady from the beginning.
+module hb_integrate_to_tolerance
+   use hb_advice, only: rounded
+   use hb_amplitudes, only: as_amplitudes
+   use hb_coordinates, only: coordinates_t
+   use hb_error, only: error_t
+   use hb_primary_method, only: primary_method, integration_counts_t, integration_is_cheaper
+   use hb_harmonics, only: harmonics_t, new_harmonics
+   use hb_kinds, only: wp
+   use hb_law, only: hold_t
+   use hb_integrated_result, only: guess_from, keep_integrated
+   use hb_modes, only: slowest_decay
+   use hb_motion, only: solve_motion, status_of_ended
+   use hb_motion_result, only: motion_result_t
+   use hb_outcome, only: outcome
+   use hb_refinement, only: refinable_t, refine
+   use hb_level, only: degree_of, distance, estimate_of, is_rigid, put_on_level, put_on_set, reliable, level_t
+   use hb_model, only: model_t, share_of_integrated
+   use hb_model_coordinates, only: coordinates_of
+   use hb_stability, only: stability_method
+   use hb_structure, only: most_dense, structure_t
+   use hb_text, only: to_text
+   use hb_time_domain, only: steady_motion_t
+   use hb_torus, only: samples_for
+   use hb_tuple_choice, only: largest_places, lowest_order, new_lowest_set
+   use hb_cancellation, only: verdict, verdict_on_work, work_is_over
+   implicit none
+   private
+   public :: loaded_tuples, integrate_from_balance, integrate_to_tolerance, integrates_first
+
+   integer, parameter :: candidates_of_kept = 4                       ! at most, for each place of a set
+   real(wp), parameter :: fall = 0.7_wp                               ! power of the tolerance with which orders of candidates grow
+   real(wp), parameter :: fall_of_one_tone = 0.4_wp                   ! likewise: a larger box costs little then
+   real(wp), parameter :: safety = 3.0_wp                             ! of estimates: what is farther apart is another motion
+   real(wp), parameter :: nearly = 0.9_wp                             ! of the tolerance: the error at which a time integration ends
+   real(wp), parameter :: share_of_steps = 1.0e-4_wp                  ! of that: tolerance of the steps
+   real(wp), parameter :: share_of_tail = 0.3_wp                      ! of that error, in tuples that are not kept
+
+   !> A motion found by time integration whose candidates for a set are refined.
+   type, extends(refinable_t) :: refined_record_t
+      type(model_t), pointer :: model => null()
+      type(model_t) :: here                                           ! the same on the candidates tried last
+      type(coordinates_t) :: coordinates
+      type(harmonics_t) :: candidates
+      integer :: order = 1                                            ! of their box
+      integer :: room = 0                                             ! tuples of a set
+      integer :: n_found = 0                                          ! motions
+      real(wp) :: work = 0.0_wp, most_work = 0.0_wp
+      type(steady_motion_t) :: settled                                ! what is said of the best motion, else of the first candidates
+      type(motion_result_t) :: result
+      type(level_t) :: found
+      logical :: is_ended = .false.                                   ! no box will do better
+   contains
+      procedure :: solve => refined_record_solve
+      procedure :: choose => refined_record_choose
+      procedure :: is_accurate => refined_record_is_accurate
+      procedure :: is_over => refined_record_is_over
+   end type refined_record_t
+
+contains
+
+   !> Whether time integration comes before the balance: asked for, or cheaper by counts.
+   logical function integrates_first(model)
+      type(model_t), intent(in) :: model
+      real(wp), parameter :: largest_tolerance = 1.0e-3_wp            ! above it the balance is cheaper in any case
+      type(hold_t) :: hold
+      type(integration_counts_t) :: counts
+      type(structure_t) :: structure
+      integer :: i
+
+      integrates_first = model%primary_method == primary_method%integration
+      if (model%primary_method /= primary_method%auto .or. model%tones%n_tones /= 1 .or. any(model%tones%is_unknown)) return
+      if (.not. is_rigid(model) .or. .not. model%accuracy%grows_set .or. size(model%accuracy%outputs) > 0) return
+      if (model%accuracy%tolerance > largest_tolerance .or. model%structure%n_dofs > most_dense .or. model%chain%is_on) return
+      structure = model%structure
+      call structure%unpack()
+      counts%n_dofs = structure%n_dofs
+      counts%n_coordinates = size(model%laws)
+      counts%max_harmonics = model%accuracy%max_harmonics
+      counts%tolerance = model%accuracy%tolerance
+      counts%omega = model%tones%omega(1)
+      do i = 1, size(model%laws)
+         if (.not. model%laws(i)%law%is_multiplier) cycle
+         hold = model%laws(i)%law%hold()
+         counts%has_walls = counts%has_walls .or. hold%is_wall
+      end do
+      counts%decay = slowest_decay(structure%mass, structure%damping, structure%stiffness)
+      counts%fastest = maxval([(sqrt(abs(structure%stiffness(i, i))/max(abs(structure%mass(i, i)), tiny(1.0_wp))), &
+                                i=1, structure%n_dofs)])
+      integrates_first = integration_is_cheaper(counts)
+   end function integrates_first
+
+   !> Integrates from rest or the `&start` amplitudes. Not done where that finds no motion.
+   subroutine integrate_to_tolerance(model, result, is_done)
+      type(model_t), intent(in) :: model
+      type(motion_result_t), intent(inout) :: result
+      logical, intent(out) :: is_done
+      type(motion_result_t) :: integrated
+      type(level_t) :: found
+      type(steady_motion_t) :: settled
+
+      is_done = .false.
+      if (.not. can_integrate(model)) return
+      integrated%integration_work = result%integration_work
+      call integration(model, settled, integrated, found)
+      is_done = work_is_over() .or. settled%status /= outcome%pending
+      if (.not. is_done) then
+         if (allocated(settled%message) .and. allocated(result%message)) result%message = settled%message//"; "//result%message
+         return
+      end if
+      integrated%is_integrated_first = result%work <= 0.0_wp
+      integrated%work = integrated%work + result%work
+      integrated%status = settled%status
+      if (allocated(integrated%coefficients)) integrated%status = status_within(model, settled, integrated)
+      if (work_is_over()) integrated%status = status_of_ended()
+      result = integrated
+   end subroutine integrate_to_tolerance
+
+   !> Integrates from the motion in which the sequence of orders has ended above the tolerance, and takes what that gives where it
+   !> is the same motion to the tolerance, or at least nearer to it. The result is else what it was, and says what time integration
+   !> has found.
+   subroutine integrate_from_balance(model, result, top)
+      type(model_t), intent(in) :: model
+      type(motion_result_t), intent(inout) :: result                  !! of the sequence of orders, `truncated`
+      type(level_t), intent(in) :: top                                !! its last level
+      type(motion_result_t) :: integrated
+      type(level_t) :: found
+      type(model_t) :: from
+      type(steady_motion_t) :: settled
+      real(wp) :: apart, estimate, estimate_before
+      logical :: is_there
+
+      if (.not. (model%solver%fallback .and. model%solver%fallback_by_integration .and. can_integrate(model))) return
+      if (allocated(result%output_estimate)) return                   ! of outputs time integration knows nothing
+      call start_on(model, top, from, is_there)
+      if (.not. is_there) return
+      call integration(from, settled, integrated, found)
+      result%work = result%work + settled%work
+      if (verdict_on_work() == verdict%interrupted) result%status = outcome%interrupted
+      if (work_is_over()) return                      ! there is a motion, however late it is
+      if (settled%status /= outcome%time_domain .and. settled%status /= outcome%several) then
+         if (allocated(settled%message)) result%message = settled%message
+         return
+      end if
+      estimate = estimate_of(integrated)
+      estimate_before = estimate_of(result)
+      apart = distance(top, found, .false.)
+      if (estimate_before < reliable .and. apart > safety*(estimate + estimate_before)) then
+         result%message = "time integration from it leads to another motion, "//rounded(apart)//" of it away"
+         return
+      end if
+      if (estimate >= estimate_before) return
+      integrated%status = status_within(model, settled, integrated)
+      integrated%work = result%work
+      integrated%iterations = result%iterations
+      integrated%evaluations = result%evaluations
+      integrated%fallback = result%fallback
+      integrated%n_levels = result%n_levels
+      integrated%level_difference = apart
+      integrated%setup_seconds = result%setup_seconds
+      integrated%solver_seconds = result%solver_seconds
+      integrated%certificate_seconds = result%certificate_seconds
+      integrated%certificate_cpu_seconds = result%certificate_cpu_seconds
+      integrated%message = integrated%message//"; from a balance with an estimate of "//rounded(estimate_before)
+      result = integrated
+   end subroutine integrate_from_balance
+
+   !> Status of a motion that was integrated: an answer where the estimate is within the tolerance.
+   pure integer function status_within(model, settled, result) result(status)
+      type(model_t), intent(in) :: model
+      type(steady_motion_t), intent(in) :: settled
+      type(motion_result_t), intent(in) :: result
+
+      status = merge(settled%status, outcome%truncated, estimate_of(result) <= model%accuracy%tolerance)
+   end function status_within
+
+   !> Whether an integrated motion would be an answer.
+   pure logical function can_integrate(model)
+      type(model_t), intent(in) :: model
+
+      can_integrate = model%accuracy%grows_set .and. size(model%laws) > 0 .and. .not. any(model%tones%is_unknown) .and. &
+                  .not. model%normal_mode%is_asked
+   end function can_integrate
+
+   !> Gives the model with the motion of a level as its start, in all degrees of freedom.
+   subroutine start_on(model, level, from, is_there)
+      type(model_t), intent(in) :: model
+      type(level_t), intent(in) :: level
+      type(model_t), intent(out) :: from
+      logical, intent(out) :: is_there
+      type(error_t), allocatable :: error
+      type(motion_result_t) :: whole
+      integer :: i
+
+      is_there = model%structure%n_dofs <= most_dense
+      if (.not. is_there) return
+      from = model
+      from%may_integrate = .false.
+      from%certificate%is_on = .false.
+      from%stability%method = stability_method%off
+      from%output%dofs = [(i, i=1, model%structure%n_dofs)]
+      call put_on_level(from, model, level, error)
+      if (.not. allocated(error)) call solve_motion(from, whole, error, level%unknowns)
+      is_there = .not. allocated(error) .and. whole%status == outcome%converged
+      if (.not. is_there) return
+      from%certificate = model%certificate
+      from%stability = model%stability
+      from%output = model%output
+      from%start = as_amplitudes(transpose(cmplx(whole%coefficients(1, :, :), -whole%coefficients(2, :, :), wp)))
+   end subroutine start_on
+
+   !> Integrates with candidates in a box, then in the next one of twice the order where they leave too much, and keeps what matters
+   !> of the best of them. Lines beyond a small box look as if the motion did not repeat, so a larger box has the last word. Without
+   !> a motion there is only what is said of it.
+   subroutine integration(model, settled, result, found)
+      type(model_t), intent(in), target :: model
+      type(steady_motion_t), intent(out) :: settled
+      type(motion_result_t), intent(inout) :: result
+      type(level_t), intent(out) :: found                             !! its set and motion
+      type(refined_record_t) :: record
+
+      record%model => model
+      record%here = model
+      record%here%integration%aim = nearly*model%accuracy%tolerance
+      record%here%integration%tolerance = max(model%integration%tolerance, share_of_steps*record%here%integration%aim)
+      record%here%certificate%truncation = min(model%certificate%truncation, model%accuracy%tolerance)
+      record%coordinates = coordinates_of(model)
+      record%room = share_of_integrated*model%accuracy%max_harmonics
+      record%order = first_order(model, candidates_of_kept*record%room)
+      record%most_work = 2.0_wp*model%integration%work_limit - result%integration_work ! two methods may take as much
+      record%most_failures = huge(1)
+      record%result = result
+      call new_lowest_set(record%candidates, model%tones%n_tones, loaded_tuples(model), record%error, record%order)
+      if (.not. allocated(record%error)) call refine(record)
+      settled = record%settled
+      settled%work = record%work
+      found = record%found
+      result = record%result
+      result%work = record%work
+      result%integration_work = record%work
+      result%n_motions = settled%n_motions
+      if (allocated(settled%message)) result%message = settled%message
+   end subroutine integration
+
+   !> Integrates with the candidates chosen last, and keeps what was found where it is the best so far.
+   subroutine refined_record_solve(self, is_solved)
+      class(refined_record_t), intent(inout) :: self
+      logical, intent(out) :: is_solved
+      type(motion_result_t) :: result
+      type(level_t) :: found
+      type(steady_motion_t) :: settled
+
+      is_solved = .false.
+      call put_on_set(self%here, self%model, self%candidates)
+      self%here%integration%work_limit = 0.5_wp*max(0.0_wp, self%most_work - self%work)
+      call self%model%callbacks%time_domain_solver%settle(self%here, self%coordinates%dofs, settled, self%error)
+      self%work = self%work + settled%work
+      settled%work = self%work
+      if (allocated(self%error)) then
+         if (self%n_levels == 0) self%settled%message = "integration: "//self%error%message
+         return
+      end if
+      if (self%n_found == 0) self%settled = settled
+      is_solved = any(settled%status == [outcome%time_domain, outcome%several])
+      self%is_ended = .not. (is_solved .or. any(settled%status == [outcome%subharmonic, outcome%broadband]))
+      if (work_is_over() .or. .not. is_solved) return
+      result = self%result
+      call keep_lines(self%here, self%coordinates, self%room, settled, result, found)
+      self%n_found = self%n_found + 1
+      if (self%n_found == 1 .or. estimate_of(result) < self%estimate) then
+         self%settled = settled
+         self%result = result
+         self%found = found
+         self%estimate = estimate_of(result)
+      end if
+      self%result%n_levels = self%n_found
+      self%is_ended = settled%change_by_steps > self%model%accuracy%tolerance   ! of which a larger box sees nothing
+   end subroutine refined_record_solve
+
+   !> Chooses the candidates in a box of twice the order, as far as there is room and work for them.
+   subroutine refined_record_choose(self, is_there)
+      class(refined_record_t), intent(inout) :: self
+      logical, intent(out) :: is_there
+
+      is_there = .false.
+      self%order = 2*self%order
+      call new_lowest_set(self%candidates, self%model%tones%n_tones, loaded_tuples(self%model), self%error, self%order)
+      if (allocated(self%error)) return
+      if (self%candidates%n_harmonics > candidates_of_kept*self%room) return
+      is_there = self%work < self%most_work
+      if (.not. is_there .and. self%n_found == 0) call leave_open(self%settled, self%here%harmonics%n_harmonics)
+   end subroutine refined_record_choose
+
+   logical function refined_record_is_accurate(self) result(is_accurate)
+      class(refined_record_t), intent(inout) :: self
+
+      is_accurate = self%estimate <= self%model%accuracy%tolerance
+   end function refined_record_is_accurate
+
+   logical function refined_record_is_over(self) result(is_over)
+      class(refined_record_t), intent(inout) :: self
+
+      is_over = self%is_ended .or. work_is_over()
+   end function refined_record_is_over
+
+   !> What a box leaves may be lines of the next one, for which no work is left: nothing is known of the motion.
+   subroutine leave_open(settled, n_candidates)
+      type(steady_motion_t), intent(inout) :: settled
+      integer, intent(in) :: n_candidates
+
+      settled%status = outcome%pending
+      settled%message = "time integration over "//to_text(settled%n_periods)//" periods of the slowest tone: "// &
+                        to_text(n_candidates)//" tuples leave "//rounded(settled%spread)// &
+                        " of the worst quarter, and there is no work left for more; raise &solver fallback_work"
+   end subroutine leave_open
+
+   !> Order of the first box of candidates: with one tone or a coarse tolerance fewer than there is room for.
+   pure integer function first_order(model, most)
+      type(model_t), intent(in) :: model
+      integer, intent(in) :: most                                     !! candidates
+
+      associate (n_tones => model%tones%n_tones, tolerance => model%accuracy%tolerance)
+         first_order = min(ceiling(min(1.0e6_wp, tolerance**(-merge(fall_of_one_tone, fall, n_tones == 1)))), &
+                           int(0.5_wp*((2.0_wp*most)**(1.0_wp/n_tones) - 1.0_wp)))
+         first_order = max(first_order, lowest_order(n_tones))
+      end associate
+   end function first_order
+
+   !> Keeps the candidates that matter, and the motion in them. The estimate counts what the others carry.
+   subroutine keep_lines(model, coordinates, room, settled, result, found)
+      type(model_t), intent(in) :: model                              !! on all candidates
+      type(coordinates_t), intent(in) :: coordinates
+      integer, intent(in) :: room                                     !! tuples
+      type(steady_motion_t), intent(in) :: settled
+      type(motion_result_t), intent(inout) :: result
+      type(level_t), intent(out) :: found
+      type(error_t), allocatable :: error
+      type(model_t) :: here
+      type(steady_motion_t) :: kept
+      real(wp) :: carried(model%harmonics%n_harmonics), tail
+      logical :: is_kept(model%harmonics%n_harmonics), is_needed(model%harmonics%n_harmonics)
+      integer, allocatable :: places(:)
+      integer :: h, k
+
+      carried = 0.0_wp
+      do k = 1, size(settled%averages, 2)
+         carried = max(carried, abs(settled%averages(:, k))/max(norm2(abs(settled%averages(:, k))), tiny(1.0_wp)))
+      end do
+      is_needed = [(sum(abs(model%harmonics%tuples(:, h))) <= 1 .or. .not. model%loads%is_zero_at(h), h=1, size(carried))]
+      tail = share_of_tail*model%integration%aim
+      places = largest_places(merge(huge(1.0_wp), carried, is_needed), tail, room)
+      is_kept = .false.
+      is_kept(places) = .true.
+      tail = norm2(pack(carried, .not. is_kept))
+      call new_harmonics(found%set, model%harmonics%tuples(:, places), error)
+      if (allocated(error)) return                                    ! cannot be: they are tuples of a set
+      here = model
+      call put_on_set(here, model, found%set)
+      kept = settled
+      kept%amplitudes = settled%amplitudes(:, places)
+      kept%averages = settled%averages(places, :)
+      call keep_integrated(here, coordinates, kept, result)
+      result%certificate%truncation = hypot(settled%spread, tail)
+      found%n_samples = samples_for(found%set%highest, degree_of(model))
+      found%unknowns = guess_from(here, coordinates, kept)
+      result%harmonics = found%set
+      result%n_samples = found%n_samples
+   end subroutine keep_lines
+
+   !> Tuples of the model that have a load or a first guess.
+   pure function loaded_tuples(model) result(tuples)
+      type(model_t), intent(in) :: model
+      integer, allocatable :: tuples(:, :)
+      integer :: h
+
+      tuples = model%harmonics%tuples(:, pack([(h, h=1, model%harmonics%n_harmonics)], &
+         [(.not. (model%loads%is_zero_at(h) .and. model%start%is_zero_at(h)), h=1, model%harmonics%n_harmonics)]))
+   end function loaded_tuples
+end module hb_integrate_to_tolerance

@@ -1,0 +1,119 @@
+!> What is kept of a motion that was integrated: the result of a point for which the balance has found none.
+module hb_integrated_result
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_certificate, only: near_commensurate
+   use hb_coordinates, only: coordinates_t
+   use hb_kinds, only: wp
+   use hb_mean_energy, only: new_mean_energy
+   use hb_motion_result, only: motion_result_t
+   use hb_outcome, only: outcome
+   use hb_model, only: model_t
+   use hb_stability, only: stability_method, verdict
+   use hb_time_domain, only: steady_motion_t
+   implicit none
+   private
+   public :: guess_from, is_lost, keep_integrated
+
+contains
+
+   !> Whether a search has ended without a motion, and with time left; laws without a force would end a time integration as well.
+   !> One that has `failed` without an error did so for states of sliders that do not repeat on a grid.
+   elemental logical function is_lost(status)
+      integer, intent(in) :: status
+
+      is_lost = any(status == [outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%diverged, outcome%failed])
+   end function is_lost
+
+   !> First guess of the balance, as hb_motion takes it: coefficients at the coordinates, then all base frequencies.
+   function guess_from(model, coordinates, settled) result(guess)
+      type(model_t), intent(in) :: model
+      type(coordinates_t), intent(in) :: coordinates
+      type(steady_motion_t), intent(in) :: settled
+      real(wp), allocatable :: guess(:)
+      complex(wp) :: z(coordinates%n, model%harmonics%n_harmonics)
+      real(wp) :: u(model%harmonics%n_coefficients, coordinates%n)
+      integer :: h
+
+      z = coordinates%amplitudes_of(settled%amplitudes)
+      u = 0.0_wp
+      associate (set => model%harmonics)
+         do h = 1, set%n_harmonics
+            u(set%cos_at(h), :) = real(z(:, h), wp)
+            if (set%sin_at(h) > 0) u(set%sin_at(h), :) = -aimag(z(:, h))
+         end do
+      end associate
+      guess = [u, model%tones%omega]
+   end function guess_from
+
+   !> Puts a motion that was integrated into a result. The forces of the laws are what its inertia, damping, stiffness and loads
+   !> leave.
+   subroutine keep_integrated(model, coordinates, settled, result)
+      type(model_t), intent(in) :: model
+      type(coordinates_t), intent(in) :: coordinates
+      type(steady_motion_t), intent(in) :: settled
+      type(motion_result_t), intent(inout) :: result
+      complex(wp), dimension(model%loads%n_dofs, model%harmonics%n_harmonics) :: c, forces
+      real(wp) :: w(model%harmonics%n_harmonics)
+      integer :: h
+
+      c = settled%amplitudes
+      w = model%harmonics%frequencies(model%tones%omega)
+      do h = 1, size(w)
+         forces(:, h) = model%loads%of(h) - forces_of(model, c(:, h), w(h))
+      end do
+      result%frequency = model%tones%omega
+      result%n_harmonics = model%harmonics%n_harmonics
+      result%is_odd = .false.
+      result%coefficients = pairs_of(c(model%output%dofs, :))
+      result%force_coefficients = pairs_of(forces(coordinates%dofs, :))
+      result%corrected_coefficients = pairs_of(c(coordinates%dofs, :))
+      result%stability%verdict = verdict%stable             ! time integration came there
+      result%stability%method = stability_method%integration
+      associate (found => result%certificate, nan => ieee_value(1.0_wp, ieee_quiet_nan))
+         call near_commensurate(model%tones, found%combination, found%combination_frequency)
+         result%is_near_commensurate = model%tones%n_tones > 1 .and. &
+            found%combination_frequency < model%certificate%commensurability*maxval(model%tones%omega)
+         found%truncation = settled%spread
+         found%aliasing = 0.0_wp
+         if (model%integration%aim <= 0.0_wp) then                   ! averages: what the set cannot hold, and how far they spread
+            found%truncation = settled%left_out
+            found%aliasing = settled%spread
+         end if
+         found%impact = nan
+         found%defects%penetration = nan
+         found%defects%tension = nan
+         found%defects%complementarity = nan
+         found%defects%slip = nan
+         found%power_laws = spread(nan, 1, size(model%laws))
+         found%power_in = 0.0_wp
+         found%power_damping = 0.0_wp
+         do h = 1, size(w)
+            found%power_in = found%power_in - 0.5_wp*w(h)*aimag(dot_product(model%loads%of(h), c(:, h)))
+            found%power_damping = found%power_damping + &
+                                  0.5_wp*w(h)**2*real(dot_product(c(:, h), model%structure%damping_times(c(:, h))))
+         end do
+         call new_mean_energy(found%energy, model%structure, c, w)
+      end associate
+   end subroutine keep_integrated
+
+   !> Forces that a motion takes without laws.
+   function forces_of(model, c, w) result(forces)
+      type(model_t), intent(in) :: model
+      complex(wp), intent(in) :: c(:)                                 !! [m], (n_dofs)
+      real(wp), intent(in) :: w                                       !! [rad/s]
+      complex(wp) :: forces(size(c))
+
+      associate (s => model%structure)
+         forces = matmul(s%stiffness - w**2*s%mass, c) + cmplx(0.0_wp, w, wp)*s%damping_times(c)
+      end associate
+   end function forces_of
+
+   !> Amplitudes cos - i sin as (cos and sin, harmonic, any).
+   pure function pairs_of(c) result(pairs)
+      complex(wp), intent(in) :: c(:, :)                              !! (any, n_harmonics)
+      real(wp) :: pairs(2, size(c, 2), size(c, 1))
+
+      pairs(1, :, :) = real(transpose(c), wp)
+      pairs(2, :, :) = -aimag(transpose(c))
+   end function pairs_of
+end module hb_integrated_result

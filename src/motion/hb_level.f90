@@ -1,0 +1,457 @@
+!> A set of harmonics with its grid and a motion in it, and which one should follow: what the certificate says that the tuples carry
+!> that it lacks, and what its grid does to the motion. A set takes the tuples that matter and drops those that do not.
+!> Source: docs/why/accuracy.md.
+module hb_level
+   use hb_basis, only: transfer_coefficients
+   use hb_characteristic, only: samples_along_time
+   use hb_error, only: error_t
+   use hb_harmonics, only: harmonics_t, new_box, new_harmonics
+   use hb_kinds, only: wp
+   use hb_memory_estimate, only: check_memory
+   use hb_memory_sizes, only: sizes_of
+   use hb_motion_result, only: curve_position_t, motion_result_t
+   use hb_model, only: model_t
+   use hb_torus, only: fast_size, new_torus, samples_for
+   use hb_tuple_choice, only: chosen_tuples, largest_places
+   use hb_tuple_union, only: tuple_union_t
+   implicit none
+   private
+   public :: carry, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted
+   public :: idle, is_rigid, join, least_goal, margin, most_failures, needed_samples, put_on_level, put_on_set, reliable, level_of
+   public :: level_t, same_set, trim_set, with_caution
+
+   integer, parameter :: most_failures = 3                            ! of levels one after the other
+   real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a level
+   real(wp), parameter :: margin = 0.6_wp                             ! of the tolerance: estimates were up to 1.6 times too small
+   real(wp), parameter :: idle = 0.8_wp                               !! of the estimate before: a level that gains nothing
+   real(wp), parameter :: least_goal = 0.03_wp                        !! of the estimate: error that the next level is made for
+   real(wp), parameter :: reliable = 0.3_wp                           ! largest estimate that says something
+   real(wp), parameter :: near = 0.02_wp                              ! errors of first order that can be taken out
+   real(wp), parameter :: largest_amplification = 5.0_wp              ! of what is neglected, by what answers it
+   real(wp), parameter :: largest_growth = 1.8_wp                     ! of a set, from one level to the next
+   real(wp), parameter :: least_growth = 1.1_wp                       ! of a set that does not hold the motion
+   integer, parameter :: most_tails = 6
+   real(wp), parameter :: smaller_tail = 0.2_wp
+   integer, parameter :: smallest_growing = 50                        ! tuples, from which on that is looked at
+   real(wp), parameter :: caution = 2.0_wp                            ! with rigid laws, whose estimates were .34 to 2 times the error
+   real(wp), parameter :: spare = 0.1_wp                              ! of the tolerance: what a neighbour need not have
+   real(wp), parameter :: clearly_smaller = 0.8_wp
+   real(wp), parameter :: wider = 1.6_wp                              ! orders of a box around a set that says nothing
+   real(wp), parameter :: least_refinement = 0.8_wp, largest_refinement = 2.5_wp ! of a grid
+   real(wp), parameter :: decay = 2.4_wp                              ! power of the spacing of samples with which aliasing falls
+   real(wp), parameter :: least_density = 1.5_wp                      ! samples of a grid, relative to 2 N + 1
+
+   !> A set with its grid, and a motion in it.
+   type :: level_t
+      type(harmonics_t) :: set
+      integer, allocatable :: n_samples(:)                            !! (n_tones)
+      real(wp), allocatable :: unknowns(:)                            !! coefficients at the laws' coordinates, then all base
+                                                                      !! frequencies; not allocated: not known
+   end type level_t
+
+contains
+
+   !> Chooses the next level, with the motion of this one as first guess; there is none where nothing is left to change, or no room.
+   subroutine choose_next(model, result, top, goal, n_failures, next, is_there)
+      type(model_t), intent(in) :: model
+      type(motion_result_t), intent(in) :: result
+      type(level_t), intent(in) :: top
+      real(wp), intent(in) :: goal                                    !! estimated error
+      integer, intent(in) :: n_failures                               !! of levels chosen from this one
+      type(level_t), intent(out) :: next
+      logical, intent(out) :: is_there
+      type(error_t), allocatable :: error
+      real(wp) :: finer
+      integer, allocatable :: least(:)
+
+      is_there = .false.
+      next%set = top%set
+      next%n_samples = top%n_samples
+      if (model%accuracy%grows_set) call choose_set(model, result, top, goal, n_failures == most_failures - 1 .or. &
+         raised_by(result)*result%certificate%truncation >= merge(reliable, near, n_failures == 0), next%set, error)
+      if (allocated(error)) return
+      if (model%accuracy%refines_grid) then
+         least = needed_samples(next%set%highest, degree_of(model))
+         finer = 1.0_wp
+         if (degree_of(model) == 0) then
+            finer = (raised_by(result)*result%certificate%aliasing/(share_of_grid*goal))**(1.0_wp/decay)
+            finer = max(least_refinement, min(finer, largest_refinement))*1.3_wp**n_failures
+         end if
+         next%n_samples = max(least, fast_size(ceiling(finer*top%n_samples)))
+         if (degree_of(model) > 0) next%n_samples = least
+         if (has_memory(model) .and. .not. any(model%tones%is_unknown)) &
+            next%n_samples = samples_along_time(next%n_samples, model%tones%omega)
+         do while (product(real(next%n_samples, wp)) > model%accuracy%max_samples)
+            if (all(next%n_samples <= least)) return
+            next%n_samples = max(least, min(next%n_samples - 2, fast_size(floor(0.9_wp*next%n_samples))))
+         end do
+      else if (any(next%n_samples < 2*next%set%highest + 1)) then
+         return
+      end if
+      if (min(next%set%n_harmonics, top%set%n_harmonics) >= model%accuracy%max_harmonics .and. &
+          result%certificate%truncation > result%certificate%aliasing) return ! other tuples, no more of them
+      if (same_set(next%set, top%set) .and. all(next%n_samples == top%n_samples)) return
+      next%unknowns = on_other_set(top, next%set)
+      if (allocated(result%certificate%first_order) .and. n_failures == 0 .and. .not. any(model%tones%is_unknown)) &
+         call take_errors_out(result, top, next)
+      is_there = .true.
+   end subroutine choose_next
+
+   !> Takes first-order errors out of the start on a level, where they are small, whatever the estimate says.
+   subroutine take_errors_out(result, top, next)
+      type(motion_result_t), intent(in) :: result                     !! on `top`
+      type(level_t), intent(in) :: top
+      type(level_t), intent(inout) :: next                            !! with the motion of `top`
+      type(level_t) :: corrected
+
+      corrected%set = next%set
+      corrected%unknowns = carry(result%certificate%around, next%set, [result%certificate%first_order, &
+                                                            top%unknowns(size(top%unknowns) - top%set%n_tones + 1:)], &
+                                 top%set%n_tones)
+      if (distance(next, corrected, .false.) < near) next%unknowns = corrected%unknowns
+   end subroutine take_errors_out
+
+   !> Chooses the set of the next level.
+   subroutine choose_set(model, result, top, goal, as_box, set, error)
+      type(model_t), intent(in) :: model
+      type(motion_result_t), intent(in) :: result
+      type(level_t), intent(in) :: top
+      real(wp), intent(in) :: goal                                    !! estimated error
+      logical, intent(in) :: as_box                                   !! what the set neglects cannot be reported
+      type(harmonics_t), intent(out) :: set
+      type(error_t), allocatable, intent(out) :: error
+      type(harmonics_t) :: around
+      real(wp), allocatable :: carried(:), neglected(:)
+      real(wp) :: amplification, tail
+      integer :: i, room
+      logical, allocatable :: is_needed(:)
+      integer :: h
+
+      if (as_box) then
+         call new_box(set, ceiling(wider*top%set%highest), .false., error)
+         if (allocated(error)) return
+         if (set%n_harmonics <= model%accuracy%max_harmonics .and. has_all_of(set, top%set)) return
+      end if
+      carried = amplitudes_of(top)
+      carried = carried/max(norm2(carried), tiny(1.0_wp))
+      is_needed = [(is_needed_at(model, top%set%tuples(:, h)), h=1, top%set%n_harmonics)]
+      if (allocated(result%certificate%neglected)) then
+         around = result%certificate%around
+         neglected = result%certificate%neglected
+      else                                                            ! the tangent was of no use: one more all around
+         call new_box(around, top%set%highest + 1, .false., error)
+         if (allocated(error)) return
+         allocate (neglected(around%n_harmonics), source=goal)
+      end if
+      amplification = raised_by(result)*result%certificate%truncation/max(norm2(neglected), tiny(1.0_wp)) ! by what is kept
+      amplification = max(1.0_wp, min(amplification, largest_amplification))
+      tail = share_of_tail*goal/amplification
+      room = min(model%accuracy%max_harmonics, int(largest_growth*max(top%set%n_harmonics, smallest_growing)))
+      do i = 1, most_tails                                            ! what is neglected may look small and matter
+         call new_harmonics(set, chosen_tuples(top%set, carried, around, neglected, is_needed, tail, room), error)
+         if (allocated(error)) return
+         if (raised_by(result)*result%certificate%truncation <= goal .or. &
+             set%n_harmonics > least_growth*top%set%n_harmonics) return
+         tail = smaller_tail*tail
+      end do
+   end subroutine choose_set
+
+   !> Whether two sets have the same tuples in the same order.
+   pure logical function same_set(a, b)
+      type(harmonics_t), intent(in) :: a, b
+
+      same_set = a%n_harmonics == b%n_harmonics
+      if (same_set) same_set = all(a%tuples == b%tuples)
+   end function same_set
+
+   pure logical function has_all_of(set, other)
+      type(harmonics_t), intent(in) :: set, other
+      integer :: h
+
+      has_all_of = all([(set%index_of(other%tuples(:, h)) > 0, h=1, other%n_harmonics)])
+   end function has_all_of
+
+   !> Takes out of a level what a neighbour can do without: tuples that together carry a small share of the tolerance.
+   subroutine trim_set(model, level)
+      type(model_t), intent(in) :: model
+      type(level_t), intent(inout) :: level
+      type(level_t) :: trimmed
+      type(error_t), allocatable :: error
+      real(wp), allocatable :: amplitudes(:)
+      integer, allocatable :: kept(:)
+      integer :: h
+
+      amplitudes = amplitudes_of(level)
+      amplitudes = amplitudes/max(norm2(amplitudes), tiny(1.0_wp))
+      do h = 1, level%set%n_harmonics
+         if (is_needed_at(model, level%set%tuples(:, h))) amplitudes(h) = huge(1.0_wp)
+      end do
+      kept = largest_places(amplitudes, spare*model%accuracy%tolerance, size(amplitudes))
+      if (size(kept) == size(amplitudes)) return
+      call new_harmonics(trimmed%set, level%set%tuples(:, kept), error)
+      if (allocated(error)) return
+      trimmed%n_samples = level%n_samples
+      trimmed%unknowns = on_other_set(level, trimmed%set)
+      level = trimmed
+   end subroutine trim_set
+
+   !> Chooses a smaller set and a coarser grid for a motion that is far more accurate than is asked for; `is_smaller` tells whether
+   !> it is worth the change.
+   subroutine choose_smaller(model, level, is_smaller)
+      type(model_t), intent(in) :: model
+      type(level_t), intent(inout) :: level
+      logical, intent(out) :: is_smaller
+      integer, allocatable :: least(:), n_samples(:)
+      integer :: n_harmonics
+
+      n_harmonics = level%set%n_harmonics
+      n_samples = level%n_samples
+      if (model%accuracy%grows_set) call trim_set(model, level)
+      if (model%accuracy%refines_grid) then
+         least = needed_samples(level%set%highest, degree_of(model))
+         if (degree_of(model) == 0) least = max(least, fast_size(ceiling(least_refinement*n_samples)))
+         level%n_samples = min(n_samples, least)
+      end if
+      is_smaller = level%set%n_harmonics <= clearly_smaller*n_harmonics .or. &
+                   product(real(level%n_samples, wp)) <= clearly_smaller*product(real(n_samples, wp))
+   end subroutine choose_smaller
+
+   !> Makes a level one that has all tuples of a set as well; its motion is zero there. `is_new` tells of any.
+   subroutine join(level, set, is_new)
+      type(level_t), intent(inout) :: level
+      type(harmonics_t), intent(in) :: set
+      logical, intent(out) :: is_new
+      type(tuple_union_t) :: union
+      type(level_t) :: joined
+      type(error_t), allocatable :: error
+
+      is_new = .not. has_all_of(level%set, set)
+      if (.not. is_new) return
+      call union%add(level%set%tuples)
+      call union%add(set%tuples)
+      call new_harmonics(joined%set, union%list(), error)
+      is_new = .not. allocated(error)
+      if (.not. is_new) return
+      joined%n_samples = max(level%n_samples, needed_samples(joined%set%highest, 0))
+      joined%unknowns = on_other_set(level, joined%set)
+      level = joined
+   end subroutine join
+
+   !> Set and grid of a stored point; those of the model where it has none of its own.
+   function level_of(model, place) result(level)
+      type(model_t), intent(in) :: model
+      type(curve_position_t), intent(in), optional :: place
+      type(level_t) :: level
+      type(error_t), allocatable :: error
+
+      level%set = model%harmonics
+      level%n_samples = model%torus%n_samples
+      if (.not. present(place)) return
+      if (allocated(place%tuples)) call new_harmonics(level%set, place%tuples, error)  ! cannot fail: there was a motion in it
+      if (allocated(place%n_samples)) level%n_samples = place%n_samples
+   end function level_of
+
+   !> Whether a set must have a tuple: the mean value, fundamentals, and what is loaded.
+   pure logical function is_needed_at(model, tuple) result(is_needed)
+      type(model_t), intent(in) :: model
+      integer, intent(in) :: tuple(:)
+      integer :: h
+
+      is_needed = sum(abs(tuple)) <= 1
+      if (allocated(model%accuracy%outputs)) then
+         do h = 1, size(model%accuracy%outputs)
+            associate (output => model%accuracy%outputs(h))
+               if (allocated(output%tuple)) is_needed = is_needed .or. all(output%tuple == tuple) .or. all(output%tuple == -tuple)
+            end associate
+         end do
+      end if
+      h = model%harmonics%index_of(tuple)
+      if (h > 0 .and. .not. is_needed) is_needed = .not. model%loads%is_zero_at(h)
+   end function is_needed_at
+
+   !> Puts the model on the set and the grid of a level.
+   subroutine put_on_level(here, model, level, error)
+      type(model_t), intent(inout) :: here
+      type(model_t), intent(in) :: model                              !! on a set that has all loads
+      type(level_t), intent(in) :: level
+      type(error_t), allocatable, intent(out) :: error
+      logical :: corrects_kinks
+
+      corrects_kinks = model%torus%corrects_kinks
+      call put_on_set(here, model, level%set)
+      call new_torus(here%torus, level%n_samples, level%set, error)
+      if (allocated(error)) return
+      here%torus%corrects_kinks = corrects_kinks
+      call check_memory(sizes_of(here), model%memory_limit, error)
+   end subroutine put_on_level
+
+   !> Gives a model another set of harmonics.
+   subroutine put_on_set(here, model, set)
+      type(model_t), intent(inout) :: here
+      type(model_t), intent(in) :: model                              !! on a set that has all loads
+      type(harmonics_t), intent(in) :: set
+
+      here%harmonics = set
+      here%loads = model%loads%in_set(model%harmonics, set)
+      here%load_slopes = model%load_slopes%in_set(model%harmonics, set)
+      here%start = model%start%in_set(model%harmonics, set)
+   end subroutine put_on_set
+
+   !> Norm of the coefficients of each tuple over all coordinates.
+   pure function amplitudes_of(level) result(amplitudes)
+      type(level_t), intent(in) :: level
+      real(wp) :: amplitudes(level%set%n_harmonics)
+      real(wp), allocatable :: u(:, :)
+      integer :: h
+
+      u = coefficients_of(level)
+      associate (set => level%set)
+         do h = 1, set%n_harmonics
+            amplitudes(h) = norm2(u(set%cos_at(h):max(set%cos_at(h), set%sin_at(h)), :))
+         end do
+      end associate
+   end function amplitudes_of
+
+   !> Coefficients (n_coefficients, coordinates) of the motion of a level.
+   pure function coefficients_of(level) result(u)
+      type(level_t), intent(in) :: level
+      real(wp), allocatable :: u(:, :)
+
+      associate (n => level%set%n_coefficients, n_all => size(level%unknowns) - level%set%n_tones)
+         u = reshape(level%unknowns(:n_all), [n, n_all/n])
+      end associate
+   end function coefficients_of
+
+   !> Unknowns of the motion of a level in another set.
+   pure function on_other_set(level, set) result(unknowns)
+      type(level_t), intent(in) :: level
+      type(harmonics_t), intent(in) :: set
+      real(wp), allocatable :: unknowns(:)
+
+      unknowns = carry(level%set, set, level%unknowns, level%set%n_tones)
+   end function on_other_set
+
+   !> Unknowns of one set in another one: those that only this has are zero.
+   pure function carry(from_set, to_set, x, n_further) result(moved)
+      type(harmonics_t), intent(in) :: from_set, to_set
+      real(wp), intent(in) :: x(:)                                    !! coefficients of all coordinates, and others
+      integer, intent(in) :: n_further                                !! of the others
+      real(wp), allocatable :: moved(:)
+      real(wp), allocatable :: u(:, :)
+
+      associate (n => from_set%n_coefficients, n_all => size(x) - n_further)
+         allocate (u(to_set%n_coefficients, n_all/n))
+         call transfer_coefficients(from_set, to_set, reshape(x(:n_all), [n, n_all/n]), u)
+         moved = [u, x(n_all + 1:)]
+      end associate
+   end function carry
+
+   !> Distance of the motions of two levels relative to the second; of amplitudes alone where phases are free.
+   pure real(wp) function distance(lower, upper, has_free_phases)
+      type(level_t), intent(in) :: lower, upper
+      logical, intent(in) :: has_free_phases
+      type(level_t) :: moved
+      real(wp), allocatable :: u(:, :)
+
+      moved%set = upper%set
+      moved%unknowns = on_other_set(lower, upper%set)
+      u = coefficients_of(upper)
+      if (has_free_phases) then
+         distance = norm2(amplitudes_of(moved) - amplitudes_of(upper))
+      else
+         distance = norm2(coefficients_of(moved) - u)
+      end if
+      distance = distance/max(norm2(u), tiny(1.0_wp))
+   end function distance
+
+   !> Estimated error of a motion, by its certificate or as the level below shows it.
+   pure real(wp) function estimate_of(result)
+      type(motion_result_t), intent(in) :: result
+
+      estimate_of = max(estimate_of_motion(result), result%level_estimate)
+   end function estimate_of
+
+   !> Estimated error that follows from the motion alone: those by its set and by its grid have nothing to do with each other.
+   pure real(wp) function estimate_of_motion(result) result(estimate)
+      type(motion_result_t), intent(in) :: result
+
+      estimate = hypot(result%certificate%truncation, result%certificate%aliasing)
+   end function estimate_of_motion
+
+   !> By how much the level below shows that the certificate estimates too little.
+   pure real(wp) function raised_by(result)
+      type(motion_result_t), intent(in) :: result
+
+      raised_by = max(1.0_wp, result%level_estimate/max(estimate_of_motion(result), tiny(1.0_wp)))
+   end function raised_by
+
+   !> Largest estimated error of what the tolerance is for: the outputs that are named, or else the motion and its frequencies.
+   pure real(wp) function estimate_of_wanted(result) result(estimate)
+      type(motion_result_t), intent(in) :: result
+
+      if (allocated(result%output_estimate)) then
+         estimate = maxval(max(result%output_estimate, result%output_level_estimate))
+         return
+      end if
+      estimate = estimate_of(result)
+      associate (found => result%certificate)
+         if (allocated(found%frequency_error) .and. allocated(result%frequency)) &
+            estimate = max(estimate, maxval(found%frequency_error/result%frequency))
+      end associate
+   end function estimate_of_wanted
+
+   !> Estimates the error of a motion against rigid laws, of which certificates see too little.
+   pure subroutine with_caution(model, result)
+      type(model_t), intent(in) :: model
+      type(motion_result_t), intent(inout) :: result
+
+      if (.not. is_rigid(model)) return
+      result%level_estimate = min(1.0_wp, hypot(caution*result%certificate%truncation, result%certificate%aliasing))
+      if (allocated(result%output_estimate)) result%output_level_estimate = min(1.0_wp, caution*result%output_estimate)
+   end subroutine with_caution
+
+   !> Whether a law is rigid.
+   pure logical function is_rigid(model)
+      type(model_t), intent(in) :: model
+      integer :: i
+
+      is_rigid = any([(model%laws(i)%law%is_multiplier, i=1, size(model%laws))])
+   end function is_rigid
+
+   !> Whether a law has a memory.
+   pure logical function has_memory(model)
+      type(model_t), intent(in) :: model
+      integer :: i
+
+      has_memory = any([(model%laws(i)%law%n_states > 0, i=1, size(model%laws))])
+   end function has_memory
+
+   !> Degree of the laws where all are polynomials, else 0.
+   pure integer function degree_of(model) result(degree)
+      type(model_t), intent(in) :: model
+      integer :: i
+
+      degree = 1
+      do i = 1, size(model%laws)
+         if (model%laws(i)%law%degree == 0) then
+            degree = 0
+            return
+         end if
+         degree = max(degree, model%laws(i)%law%degree)
+      end do
+   end function degree_of
+
+   !> Fewest samples of each tone for the largest entries of a set: without aliasing for polynomials, else a little more than what
+   !> tells its harmonics apart.
+   pure function needed_samples(highest, degree) result(n_samples)
+      integer, intent(in) :: highest(:)                               !! (n_tones)
+      integer, intent(in) :: degree                                   !! of the laws, 0: no polynomials
+      integer :: n_samples(size(highest))
+
+      if (degree > 0) then
+         n_samples = samples_for(highest, degree)
+      else
+         n_samples = max(8, fast_size(ceiling(least_density*(2*highest + 1))))
+      end if
+   end function needed_samples
+end module hb_level

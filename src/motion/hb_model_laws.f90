@@ -1,0 +1,145 @@
+!> The laws of a model: all groups `&law`, or those that take other numbers, and which laws exclude each other.
+module hb_model_laws
+   use hb_document, only: document_t
+   use hb_error, only: error_t
+   use hb_law, only: law_box_t, law_t
+   use hb_law_catalogue, only: read_law
+   use hb_properties, only: properties_t
+   use hb_model, only: model_t
+   use hb_structure, only: structure_t
+   use hb_text, only: to_text
+   implicit none
+   private
+   public :: read_laws, update_laws
+
+contains
+
+   !> Reads all `&law`, one law for each place of a group; `error` is a kind that is not known.
+   subroutine read_laws(self, document, error)
+      type(model_t), intent(inout) :: self                            !! with its structure and its tones
+      type(document_t), intent(inout), target :: document
+      type(error_t), allocatable, intent(out) :: error
+      type(properties_t), pointer :: group
+      type(law_box_t), allocatable :: boxes(:)                        ! by group
+      integer :: first, i, last
+
+      allocate (boxes(document%count("law")), self%law_groups(0))
+      do i = 1, size(boxes)
+         group => document%group("law", i)
+         call read_law(boxes(i), group, self%structure, i)
+         if (.not. allocated(boxes(i)%law)) then
+            call group%tell_first(error)
+            return
+         end if
+         self%law_groups = [self%law_groups, spread(i, 1, n_places(boxes(i)))]
+         if (boxes(i)%law%n_phases > self%tones%n_tones) then
+            call group%problem("tone", "there are only "//to_text(self%tones%n_tones)//" tones")
+         end if
+      end do
+      allocate (self%laws(size(self%law_groups)))
+      last = 0
+      do i = 1, size(boxes)
+         group => document%group("law", i)
+         first = last + 1
+         last = last + n_places(boxes(i))
+         call put_laws(boxes(i), self%structure, self%laws(first:last))
+         call check_rigid_laws(self%laws(:first - 1), self%laws(first:last), group)
+      end do
+   end subroutine read_laws
+
+   !> Reads the laws anew in whose groups values have changed, if they differ from before in numbers alone; else `are_read` is
+   !> false, and the model of no use.
+   subroutine update_laws(self, document, are_read)
+      type(model_t), intent(inout) :: self
+      type(document_t), intent(inout), target :: document
+      logical, intent(out) :: are_read
+      type(properties_t), pointer :: group
+      type(law_box_t) :: box
+      type(law_box_t), allocatable :: laws(:)
+      integer :: i, k, n
+
+      are_read = .false.
+      do i = 1, document%count("law")
+         group => document%changed_group("law", i)
+         if (.not. associated(group)) cycle
+         call read_law(box, group, self%structure, i)
+         if (.not. allocated(box%law)) return
+         allocate (laws(n_places(box)))
+         call put_laws(box, self%structure, laws)
+         if (size(laws) /= count(self%law_groups == i)) return
+         n = findloc(self%law_groups, i, dim=1) - 1
+         do k = 1, size(laws)
+            if (.not. is_alike(laws(k)%law, self%laws(n + k)%law)) return
+            call move_alloc(laws(k)%law, self%laws(n + k)%law)
+         end do
+         deallocate (laws)
+      end do
+      are_read = .true.
+   end subroutine update_laws
+
+   !> Number of laws that one as it was read stands for.
+   pure integer function n_places(box)
+      type(law_box_t), intent(in) :: box
+
+      n_places = 1
+      if (allocated(box%law%places)) n_places = size(box%law%places, 2)
+   end function n_places
+
+   !> Makes of a law that was read one for each of its places, each labelled by the first degree of freedom there.
+   subroutine put_laws(box, structure, laws)
+      type(law_box_t), intent(inout) :: box                           !! empty afterwards, if there is one place
+      type(structure_t), intent(in) :: structure
+      type(law_box_t), intent(inout) :: laws(:)                       !! (n_places), empty
+      integer :: i
+
+      if (.not. allocated(box%law%places)) then
+         call move_alloc(box%law, laws(1)%law)
+         return
+      end if
+      do i = 1, size(laws)
+         allocate (laws(i)%law, source=box%law)
+         laws(i)%law%dofs = box%law%places(:, i)
+         laws(i)%law%label = box%law%label//" "//trim(structure%labels(box%law%places(1, i)))
+         deallocate (laws(i)%law%places)
+      end do
+   end subroutine put_laws
+
+   !> Whether two laws differ by numbers alone.
+   logical function is_alike(law, other)
+      class(law_t), intent(in) :: law, other
+
+      is_alike = .false.
+      if (.not. (same_type_as(law, other) .and. allocated(law%dofs) .and. allocated(law%shape))) return
+      if (size(law%dofs) /= size(other%dofs) .or. any(shape(law%shape) /= shape(other%shape))) return
+      is_alike = all(law%dofs == other%dofs) .and. law%label == other%label .and. law%degree == other%degree .and. &
+                 (law%needs_velocity .eqv. other%needs_velocity) .and. (law%is_multiplier .eqv. other%is_multiplier) .and. &
+                 law%n_phases == other%n_phases .and. law%n_states == other%n_states
+   end function is_alike
+
+   !> Refuses laws where one of them and one before are rigid and share a degree of freedom: each would take the whole
+   !> reaction.
+   subroutine check_rigid_laws(before, laws, group)
+      type(law_box_t), intent(in) :: before(:)
+      type(law_box_t), intent(in) :: laws(:)                               !! of one group, which share none
+      type(properties_t), intent(inout) :: group
+      integer :: i, k, n
+
+      do n = 1, size(laws)
+         if (.not. is_placed_and_rigid(laws(n))) return
+         associate (law => laws(n)%law)
+            do i = 1, size(before)
+               if (.not. is_placed_and_rigid(before(i))) cycle
+               if (.not. any([(before(i)%law%dofs == law%dofs(k), k=1, size(law%dofs))])) cycle
+               call group%problem("type", "laws '"//before(i)%law%label//"' and '"//law%label//"' are both rigid and share a "// &
+                                  "degree of freedom; use one two-sided wall, or an elastic stop for one of them")
+            end do
+         end associate
+      end do
+   end subroutine check_rigid_laws
+
+   logical function is_placed_and_rigid(box)
+      type(law_box_t), intent(in) :: box
+
+      is_placed_and_rigid = box%law%is_multiplier .and. allocated(box%law%dofs)   ! without a place: a problem by now
+   end function is_placed_and_rigid
+end module hb_model_laws

@@ -1,0 +1,229 @@
+!> Reads models from documents: which groups there are, and in which order they are read, each by its own procedure; and which of
+!> them are read again when values of the document change.
+module hb_model_reader
+   use hb_document, only: document_t
+   use hb_error, only: annotate, error_t
+   use hb_floquet, only: floquet_t
+   use hb_kinds, only: wp
+   use hb_integration_config, only: read_integration
+   use hb_memory_estimate, only: check_memory
+   use hb_memory_sizes, only: sizes_of
+   use hb_properties, only: properties_t
+   use hb_model, only: model_t, callbacks_t, symmetry
+   use hb_model_laws, only: read_laws, update_laws
+   use hb_model_loads, only: loaded_tuples, read_loads, read_starts
+   use hb_model_settings, only: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
+   use hb_model_symmetry, only: check_symmetry
+   use hb_model_ties, only: read_ties, refuse_unknown_tones
+   use hb_model_tones, only: read_tones
+   use hb_model_unknown_tones, only: check_fundamentals, read_normal_mode, read_phase
+   use hb_solver_types, only: share_of_solver
+   use hb_structure, only: structure_t
+   use hb_structure_catalogue, only: read_structure
+   use hb_text, only: to_text
+   use hb_tones, only: tones_t
+   use hb_truncation, only: read_harmonics, read_lowest_set
+   implicit none
+   private
+   public :: group_names, read_model, update_model
+
+   !> Every group that an input file may have.
+   character(11), parameter :: group_names(16) = [character(11) :: &
+      "structure", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", &
+      "certificate", "stability", "output", "integration", "accuracy", "tie"]
+
+   !> Groups that are read by themselves while nothing but numbers changes in them.
+   character(9), parameter :: read_alone(5) = [character(9) :: "structure", "tones", "load", "law", "start"]
+
+   real(wp), parameter :: work_of_method = 0.5_wp*(1.0_wp/share_of_solver - 1.0_wp)   ! of time integration, two share what is left;
+                                                                      ! relative to that of the solver's fallbacks
+
+contains
+
+   !> Reads a model. All problems of the input are collected in one message, a line each. Fails as well where the model would
+   !> need more memory than its key `memory_limit` or, where that is zero, `available` says.
+   subroutine read_model(self, document, error, available, callbacks)
+      type(model_t), intent(out) :: self
+      type(document_t), intent(inout), target :: document
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: available                     !! bytes for this process
+      type(callbacks_t), intent(in), optional :: callbacks
+
+      if (present(available)) self%memory_limit = available
+      if (present(callbacks)) self%callbacks = callbacks
+      call document%begin()
+      call read_ties(document)
+      call read_parts(self, document, error)
+      if (.not. allocated(error)) call document%finish(error)
+      self%is_read = .not. allocated(error)
+      if (self%is_read) call document%accept_changes()
+   end subroutine read_model
+
+   !> Brings a model, read from a document before, to the values that this has now: reads what has changed, or everything where
+   !> more than numbers did. Whatever is unusual, a mistake in the input included, ends in a complete reading, which has the last
+   !> word. `is_new` tells of that.
+   subroutine update_model(self, document, is_new, error, available, callbacks)
+      type(model_t), intent(inout) :: self
+      type(document_t), intent(inout), target :: document
+      logical, intent(out) :: is_new
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: available                     !! bytes for this process
+      type(callbacks_t), intent(in), optional :: callbacks             !! else those of before
+      type(callbacks_t) :: same
+      logical :: is_read
+
+      is_read = self%is_read
+      call document%follow_ties()
+      if (is_read) is_read = .not. document%has_changed(read_alone, others=.true.)
+      if (is_read) then
+         call document%begin()
+         call read_changes(self, document, is_read)
+         if (is_read) call document%accept_changes()
+      end if
+      is_new = .not. is_read
+      if (.not. is_new) return
+      same = self%callbacks
+      if (present(callbacks)) same = callbacks
+      call read_model(self, document, error, available, same)
+   end subroutine update_model
+
+   !> Tuples of loads, first guesses and outputs whose accuracy is asked for, (n_tones, any).
+   function wanted_tuples(self, document) result(tuples)
+      type(model_t), intent(in) :: self
+      type(document_t), intent(inout), target :: document
+      integer, allocatable :: tuples(:, :)
+      integer, allocatable :: entries(:)
+      integer :: i
+
+      associate (outputs => self%accuracy%outputs, n_tones => self%tones%n_tones)
+         entries = [loaded_tuples(document, n_tones)]
+         do i = 1, size(outputs)
+            if (allocated(outputs(i)%tuple)) entries = [entries, outputs(i)%tuple]
+         end do
+         tuples = reshape(entries, [n_tones, size(entries)/n_tones])
+      end associate
+   end function wanted_tuples
+
+   !> Reads group after group; `error` is what stops the reading, problems of single keys wait in the document.
+   subroutine read_parts(self, document, error)
+      type(model_t), intent(inout) :: self
+      type(document_t), intent(inout), target :: document
+      type(error_t), allocatable, intent(out) :: error
+      type(properties_t), pointer :: group
+
+      call read_solver(self, document%optional_group("solver"))
+      call document%required_group("structure", group, error)
+      if (allocated(error)) return
+      call read_structure(group, self%structure, error, self%memory_limit, self%callbacks%fe_models)
+      if (allocated(error)) return
+      call read_tones(self%tones, document, error)
+      if (allocated(error)) return
+      call refuse_unknown_tones(document, self%tones%is_unknown)
+      call read_accuracy(self%accuracy, document, self%structure, self%tones%n_tones, self%callbacks%is_followed)
+      if (self%accuracy%grows_set) then
+         call read_lowest_set(self%harmonics, document, wanted_tuples(self, document), error, self%symmetry)
+         if (.not. allocated(error) .and. self%harmonics%n_harmonics > self%accuracy%max_harmonics) then
+            group => document%optional_group("accuracy")
+            call group%problem("max_harmonics", "must be "//to_text(self%harmonics%n_harmonics)// &
+                               " or more, the tuples to begin with")
+         end if
+      else
+         call read_harmonics(self%harmonics, document, self%tones%n_tones, error, self%symmetry)
+      end if
+      if (allocated(error)) return
+      call read_laws(self, document, error)
+      if (allocated(error)) return
+      call read_certificate(self%certificate, document%optional_group("certificate"))
+      if (.not. allocated(self%callbacks%stability_finder)) allocate (self%callbacks%stability_finder, source=floquet_t())
+      call read_stability(self%stability, document%optional_group("stability"), &
+                          is_patient=(self%callbacks%is_followed .or. self%accuracy%is_on) .and. self%tones%n_tones == 1)
+      call read_output(self, document%optional_group("output"))
+      call read_sampling(self, document%optional_group("sampling"))
+      call check_memory(sizes_of(self), self%memory_limit, error)
+      if (allocated(error)) then
+         call annotate(error, document%file_name)
+         return
+      end if
+      call read_loads(self, document)
+      call read_starts(self, document)
+      call check_symmetry(self, document%optional_group("harmonics"))
+      call check_memory(sizes_of(self), self%memory_limit, error)     ! again: loads tell whether motions are odd
+      if (allocated(error)) then
+         call annotate(error, document%file_name)
+         return
+      end if
+      if (self%accuracy%is_on .and. self%certificate%improvement_steps > 0) then
+         group => document%optional_group("certificate")
+         call group%problem("improvement_steps", &
+                            "needs a given set: give &harmonics order and leave out &accuracy, or leave it out")
+      end if
+      if (any(self%tones%is_unknown)) then
+         if (self%certificate%improvement_steps > 0) then
+            group => document%optional_group("certificate")
+            call group%problem("improvement_steps", "only tones that are given allow it; leave it out")
+         end if
+         call check_fundamentals(self, document%optional_group("harmonics"))
+         call read_phase(self, document%optional_group("phase"))
+      end if
+      if (document%count("normal_mode") > 0) call read_normal_mode(self, document%optional_group("normal_mode"))
+      call read_integration(self%integration, document%optional_group("integration"))
+      self%integration%work_limit = work_of_method*self%solver%fallback_work
+      if (.not. self%solver%has_fallback_work) self%integration%work_limit = &
+         self%callbacks%share_of_integration*self%integration%work_limit
+   end subroutine read_parts
+
+   !> Reads those groups anew that have changed; `is_read` is false, and the model of no use, where something is wrong with them,
+   !> or where they differ in more than numbers.
+   subroutine read_changes(self, document, is_read)
+      type(model_t), intent(inout) :: self
+      type(document_t), intent(inout), target :: document
+      logical, intent(out) :: is_read
+      type(tones_t) :: tones
+      type(error_t), allocatable :: error
+
+      is_read = .false.
+      if (any(self%tones%is_unknown) .or. self%symmetry == symmetry%odd) return
+      if (document%has_changed(["structure"])) then
+         call read_other_numbers(self, document, is_read)
+         if (.not. is_read) return
+         call check_memory(sizes_of(self), self%memory_limit, error)  ! zeros among them make a structure smaller
+         is_read = .not. allocated(error)
+         if (.not. is_read) return
+      end if
+      if (document%has_changed(["tones"])) then
+         is_read = .false.
+         call read_tones(tones, document, error)
+         if (allocated(error)) return
+         if (tones%n_tones /= self%tones%n_tones .or. any(tones%is_unknown)) return
+         self%tones = tones
+      end if
+      call update_laws(self, document, is_read)
+      if (.not. is_read) return
+      if (document%has_changed(["load"]) .or. (self%has_inertia_loads .and. document%has_changed(["tones"]))) &
+         call read_loads(self, document)
+      if (document%has_changed(["start"])) call read_starts(self, document)
+      call document%finish(error)
+      is_read = .not. allocated(error)
+   end subroutine read_changes
+
+   !> Reads the structure anew, if its degrees of freedom are what they were; all that names them stays true then.
+   subroutine read_other_numbers(self, document, is_read)
+      type(model_t), intent(inout) :: self
+      type(document_t), intent(inout), target :: document
+      logical, intent(out) :: is_read
+      type(structure_t) :: other
+      type(properties_t), pointer :: group
+      type(error_t), allocatable :: error
+
+      is_read = .false.
+      call document%required_group("structure", group, error)
+      if (allocated(error)) return
+      call read_structure(group, other, error, self%memory_limit, self%callbacks%fe_models)
+      if (allocated(error)) return
+      associate (structure => self%structure)
+         if (other%n_dofs /= structure%n_dofs) return
+         is_read = all(other%labels == structure%labels) .and. all(other%units == structure%units)
+         if (is_read) structure = other
+      end associate
+   end subroutine read_other_numbers
+end module hb_model_reader

@@ -1,0 +1,202 @@
+!> How a model is solved, assessed and stored: the groups `&solver`, `&sampling`, `&certificate` and `&output`.
+module hb_model_settings
+   use hb_document, only: document_t
+   use hb_error, only: error_t
+   use hb_fftw, only: planning
+   use hb_kinds, only: wp
+   use hb_memory_estimate, only: gib
+   use hb_properties, only: properties_t
+   use hb_response, only: new_response
+   use hb_model, only: accuracy_t, certificate_config_t, model_t
+   use hb_solver_types, only: share_of_solver, unit_of_work
+   use hb_stability, only: stability_config_t
+   use hb_structure, only: structure_t
+   use hb_text, only: string_t, to_text
+   use hb_torus, only: default_samples, fast_size, new_torus, torus_t
+   implicit none
+   private
+   public :: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
+
+   real(wp), parameter :: much_patience = 6.0_wp                      ! usual points that stability may take
+
+contains
+
+   !> Reads `&solver` into its configuration.
+   subroutine read_solver(self, group)
+      type(model_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+      character(:), allocatable :: first_guess
+      real(wp) :: limit
+      integer :: first_jacobian                                       ! linear, tangent
+
+      associate (solver => self%solver)
+         call group%choose("method", solver%method)
+         solver%has_tolerance = group%given("tolerance")
+         call group%get("tolerance", solver%tolerance)
+         call group%get("max_iterations", solver%max_iterations)
+         call group%get("line_search", solver%line_search)
+         call group%get("fallback", solver%fallback)
+         call group%get("fallback_by_integration", solver%fallback_by_integration)
+         call group%choose("primary_method", self%primary_method)
+         call group%get("homotopy_iterations", solver%homotopy_iterations)
+         call group%get("memory", solver%memory)
+         call group%choose("first_jacobian", first_jacobian)
+         call group%get("first_guess", first_guess)
+         call group%get("chain_length", self%chain%length)
+         call group%get("secant", self%chain%secant)
+         call group%get("memory_limit", limit)
+         if (limit > 0.0_wp) self%memory_limit = limit*gib
+         call group%get("time_limit", limit)
+         if (limit > 0.0_wp) solver%time_limit = limit
+         solver%has_fallback_work = group%given("fallback_work")
+         call group%get("fallback_work", limit)
+         solver%fallback_work = share_of_solver*limit*unit_of_work
+         solver%start_with_tangent = first_jacobian == 2
+         self%chain%is_auto = first_guess == "auto"
+         self%chain%is_on = first_guess == "neighbour"
+         self%start_from_linear = first_guess /= "zero"
+         self%start_from_integration = first_guess == "integration"
+      end associate
+   end subroutine read_solver
+
+   !> Reads `&accuracy`: the tolerance, what it is for, what may be spent on it. Without a set in `&harmonics` it is on in any case.
+   subroutine read_accuracy(self, document, structure, n_tones, is_followed)
+      type(accuracy_t), intent(inout) :: self
+      type(document_t), intent(inout), target :: document
+      type(structure_t), intent(in) :: structure
+      integer, intent(in) :: n_tones
+      logical, intent(in) :: is_followed
+      type(properties_t), pointer :: group
+      type(string_t), allocatable :: names(:)
+      type(error_t), allocatable :: error
+      real(wp) :: work
+      integer :: i
+
+      allocate (self%outputs(0))
+      group => document%optional_group("harmonics")
+      self%grows_set = .not. (group%given("order") .or. group%given("tuples") .or. group%given("set") .or. group%given("odd_only"))
+      self%is_on = document%count("accuracy") > 0 .or. self%grows_set
+      if (.not. self%is_on) return
+      group => document%optional_group("accuracy")
+      call group%get("tolerance", self%tolerance)
+      call group%get("of", names)
+      if (.not. allocated(names)) allocate (names(0))
+      deallocate (self%outputs)
+      allocate (self%outputs(size(names)))
+      do i = 1, size(names)
+         call new_response(self%outputs(i), names(i)%value, structure, n_tones, error)
+         if (allocated(error)) call group%problem("of", error%message)
+      end do
+      if (size(names) > 0 .and. is_followed) &
+         call group%problem("of", "is for points and sweeps; leave it out with &curve, whose tolerance is that of the motion")
+      call group%get("max_harmonics", self%max_harmonics)
+      call group%get("max_samples", self%max_samples)
+      call group%get("max_work", work)
+      self%max_work = work*unit_of_work
+   end subroutine read_accuracy
+
+   !> Reads `&sampling`: `samples` per tone, whether kinks between them are corrected, effort and wisdom file of FFTW.
+   subroutine read_sampling(self, group)
+      type(model_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+      integer, allocatable :: samples(:)
+      character(:), allocatable :: kinks
+      type(error_t), allocatable :: error
+      real(wp) :: oversampling
+      integer, parameter :: efforts(3) = [planning%estimate, planning%measure, planning%patient]
+      integer :: degree, effort, i
+
+      degree = 1
+      do i = 1, size(self%laws)
+         if (self%laws(i)%law%degree == 0 .or. degree == 0) then
+            degree = 0
+         else
+            degree = max(degree, self%laws(i)%law%degree)
+         end if
+      end do
+      call group%get("samples", samples)
+      call group%get("oversampling", oversampling)
+      self%accuracy%refines_grid = all(samples == 0) .and. .not. oversampling > 0.0_wp
+      if (oversampling > 0.0_wp) then
+         if (any(samples > 0)) call group%problem("oversampling", "give either 'samples' or 'oversampling', not both")
+         samples = fast_size(ceiling(max(1.0_wp, oversampling)*(2*self%harmonics%highest + 1)))
+      end if
+      if (size(samples) == 1) samples = spread(samples(1), 1, self%tones%n_tones)
+      if (size(samples) == self%tones%n_tones) &
+         samples = merge(samples, default_samples(self%harmonics, degree), samples > 0)
+      call new_torus(self%torus, samples, self%harmonics, error)
+      if (allocated(error)) call group%problem("samples", error%message)
+      kinks = "plain"
+      if (self%accuracy%is_on .or. self%callbacks%is_followed) kinks = "corrected"   ! samples must not make folds
+      call group%get("kinks", kinks)
+      self%torus%corrects_kinks = kinks == "corrected"
+
+      call group%choose("planning", effort)
+      self%planning = efforts(effort)
+      call group%get("wisdom", self%wisdom)
+   end subroutine read_sampling
+
+   !> Reads `&certificate`: whether it is made, and its thresholds.
+   subroutine read_certificate(self, group)
+      type(certificate_config_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+
+      call group%get("is_on", self%is_on)
+      call group%get("truncation", self%truncation)
+      call group%get("aliasing", self%aliasing)
+      call group%get("penetration", self%penetration)
+      call group%get("impact", self%impact)
+      call group%get("improvement_steps", self%improvement_steps)
+      call group%get("commensurability", self%commensurability)
+   end subroutine read_certificate
+
+   !> Reads `&stability`: whether and how multipliers are found.
+   subroutine read_stability(self, group, is_patient)
+      type(stability_config_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+      logical, intent(in) :: is_patient                               !! a motion with one tone is followed, or found to a tolerance
+
+      if (is_patient) self%patience = much_patience
+      call group%choose("method", self%method)
+      self%method = self%method - 1
+      call group%get("tolerance", self%tolerance)
+   end subroutine read_stability
+
+   !> Reads `&output`: title, stored degrees of freedom, grid of stored surfaces.
+   subroutine read_output(self, group)
+      type(model_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+      type(string_t), allocatable :: names(:)
+      type(torus_t) :: torus
+      type(error_t), allocatable :: error
+      integer, allocatable :: dofs(:)
+      integer :: i
+
+      associate (output => self%output)
+         call group%get("title", output%title)
+         call group%get("samples", output%samples)
+         if (.not. allocated(output%samples)) allocate (output%samples(0))
+         if (size(output%samples) == 1) output%samples = spread(output%samples(1), 1, self%tones%n_tones)
+         if (size(output%samples) > 0 .and. size(output%samples) /= self%tones%n_tones) then
+            call group%problem("samples", "give one number, or one for each of the "//to_text(self%tones%n_tones)//" tones")
+         else if (size(output%samples) > 0) then
+            call new_torus(torus, output%samples, self%harmonics, error)
+            if (allocated(error)) call group%problem("samples", error%message)
+         end if
+         call group%get("dofs", names)
+         if (allocated(names)) then
+            allocate (output%dofs(0))
+            do i = 1, size(names)
+               call self%structure%find_dofs(names(i)%value, dofs, error)
+               if (allocated(error)) then
+                  call group%problem("dofs", error%message)
+               else
+                  output%dofs = [output%dofs, dofs]
+               end if
+            end do
+         else
+            output%dofs = [(i, i=1, self%structure%n_dofs)]
+         end if
+      end associate
+   end subroutine read_output
+end module hb_model_settings

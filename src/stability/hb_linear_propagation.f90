@@ -1,0 +1,116 @@
+!> Disturbances carried along a motion of several tones by its linearised equations.
+!>
+!> A phase of the motion's own can be shifted: such disturbances, known at each time, are taken out. Beside a slow tone a
+!> disturbance may grow for a part of a period and decay on the rest: periods are cut into parts to see how far it gets.
+module hb_linear_propagation
+   use hb_exponents, only: propagation_t, orthogonalise
+   use hb_kinds, only: two_pi, wp
+   use hb_koopman_hill, only: hill_t
+   use hb_monodromy, only: find_transfer, monodromy_t, n_looks_of, work_of_transfer
+   use hb_variation, only: piece_t, variation_t
+   use hb_variation_pieces, only: cut_time
+   use hb_cancellation, only: work_is_over
+   implicit none
+   private
+   public :: linear_propagation_t, new_linear_propagation
+
+   real(wp), parameter :: most_of_usual = 100.0_wp                    ! work of a period
+   integer, parameter :: turns_of_part = 4                            ! of the fastest tone, at least
+   integer, parameter :: most_parts = 16                              ! of a period
+
+   type, extends(propagation_t) :: linear_propagation_t
+      type(variation_t), pointer :: variation => null()
+      complex(wp), allocatable :: shifts(:, :, :)                     !! by phases, as series in the tones, cos - i sin,
+                                                                      !! (size, n_harmonics, n_shifts)
+      real(wp) :: tolerance = 0.0_wp                                  !! of a period, relative
+      type(hill_t), allocatable :: hill                               !! follows them by Hill's problem, where there is one
+      real(wp), private :: time = 0.0_wp                              ! [s]
+      integer, private :: n_parts = 1                                 ! of a period
+      real(wp), private :: refine = 0.0_wp                            ! of the first disturbance from its last lowest point, in
+                                                                      ! logarithms
+   contains
+      procedure :: settle => linear_propagation_settle
+      procedure :: carry => linear_propagation_carry
+   end type linear_propagation_t
+
+contains
+
+   !> Disturbances of a motion but those that shift its own phases.
+   subroutine new_linear_propagation(self, variation, shifts, tolerance)
+      type(linear_propagation_t), intent(out) :: self
+      type(variation_t), intent(inout), target :: variation
+      complex(wp), intent(in) :: shifts(:, :, :)
+      real(wp), intent(in) :: tolerance
+
+      self%variation => variation
+      self%shifts = shifts
+      self%tolerance = tolerance
+      self%size = variation%size
+      self%n_begun = 2*variation%n_dofs
+      self%n_followed = self%n_begun - size(shifts, 3)
+      self%length = two_pi/minval(variation%motion%omega)
+      associate (ratio => maxval(variation%motion%omega)/minval(variation%motion%omega))
+         self%n_parts = max(1, int(min(real(most_parts, wp), ratio/turns_of_part)))
+      end associate
+      self%work = self%n_parts*work_of_transfer(variation, self%length/self%n_parts)
+   end subroutine new_linear_propagation
+
+   !> Lets sliders find their places.
+   subroutine linear_propagation_settle(self, n_periods, is_done)
+      class(linear_propagation_t), intent(inout) :: self
+      integer, intent(in) :: n_periods
+      logical, intent(out) :: is_done
+      type(piece_t), allocatable :: pieces(:)
+      integer :: i
+
+      is_done = .true.
+      if (self%variation%n_states == 0) return
+      do i = -n_periods, -1
+         is_done = .not. work_is_over()
+         if (.not. is_done) return
+         call cut_time(self%variation, i*self%length, (i + 1)*self%length, n_looks_of(self%variation, self%length), pieces)
+      end do
+   end subroutine linear_propagation_settle
+
+   subroutine linear_propagation_carry(self, x, is_done)
+      class(linear_propagation_t), intent(inout) :: self
+      real(wp), intent(inout), contiguous :: x(:, :)
+      logical, intent(out) :: is_done
+      type(monodromy_t) :: part
+      real(wp) :: before, length
+      integer :: i
+
+      is_done = .true.
+      length = self%length/self%n_parts
+      do i = 1, self%n_parts
+         if (allocated(self%hill)) then
+            call self%hill%transfer(self%time, length, self%tolerance, part%matrix, part%estimate)
+         else
+            call find_transfer(part, self%variation, self%time, self%time + length, self%tolerance, most_of_usual*self%work)
+         end if
+         before = norm2(x(:, 1))
+         x = matmul(part%matrix, x)
+         self%time = self%time + length
+         call remove_shifts(self, x)
+         self%refine = max(0.0_wp, self%refine + log(max(norm2(x(:, 1)), tiny(1.0_wp))/max(before, tiny(1.0_wp))))
+         if (self%n_parts > 1) self%surge = max(self%surge, self%refine)
+      end do
+   end subroutine linear_propagation_carry
+
+   !> Takes out of disturbances what shifts phases of the motion.
+   subroutine remove_shifts(self, x)
+      type(linear_propagation_t), intent(in) :: self
+      real(wp), intent(inout) :: x(:, :)
+      real(wp) :: basis(size(x, 1), size(self%shifts, 3)), lost(size(self%shifts, 3)), waves(2, size(self%shifts, 2))
+      integer :: k
+
+      if (size(self%shifts, 3) == 0) return
+      waves(1, :) = cos(self%variation%motion%frequencies*self%time)
+      waves(2, :) = sin(self%variation%motion%frequencies*self%time)
+      do k = 1, size(self%shifts, 3)
+         basis(:, k) = matmul(real(self%shifts(:, :, k)), waves(1, :)) - matmul(aimag(self%shifts(:, :, k)), waves(2, :))
+      end do
+      call orthogonalise(basis, lost)
+      x = x - matmul(basis, matmul(transpose(basis), x))
+   end subroutine remove_shifts
+end module hb_linear_propagation

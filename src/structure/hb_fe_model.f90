@@ -1,0 +1,188 @@
+!> Structure from a model: sparse matrices, labels, sets of nodes and load vectors that another program made.
+!>
+!> Where models come from is not known here: whoever reads models hands in a `fe_model_source_t`, the program one that reads files
+!> (hb_fe_model_file).
+module hb_fe_model
+   use hb_error, only: annotate, error_t, fail
+   use hb_kinds, only: wp
+   use hb_node_sets, only: named_vectors_t, node_sets_t
+   use hb_path, only: beside
+   use hb_properties, only: properties_t
+   use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
+   use hb_sparse, only: sparse_sum, sparse_t
+   use hb_structure, only: check_room, max_sparse_dofs, new_structure, structure_t
+   use hb_structure_fingerprint, only: structure_fingerprint
+   use hb_text, only: number_of, to_text
+   implicit none
+   private
+   public :: fe_model_source_t, fe_model_t, most_speeds, new_fe_model_structure, read_fe_model
+
+   integer, parameter :: most_speeds = 2                              !! shafts that turn by speeds of their own
+
+   !> What a speed Omega [rad/s] adds: Omega G to what multiplies the velocity, Omega K_1 + Omega**2 K_2 to the stiffness.
+   !> Source: G. Genta, Dynamics of Rotating Systems, Springer 2005, chapter 4.
+   type :: speed_terms_t
+      type(sparse_t) :: gyroscopic                                    !! G [N s2/m], skew-symmetric
+      type(sparse_t) :: stiffness                                     !! K_1 [N s/m], such as that of damping that turns along
+      type(sparse_t) :: stiffness_squared                             !! K_2 [N s2/m]
+   end type speed_terms_t
+
+   !> A model as it comes. Matrices that it does not have, stiffness and mass excepted, have no rows.
+   type :: fe_model_t
+      integer :: n_dofs = 0
+      type(sparse_t) :: mass, stiffness                               !! [kg], [N/m]
+      type(sparse_t) :: damping                                       !! [N s/m], viscous
+      type(sparse_t) :: gyroscopic                                    !! [N s/m], skew-symmetric
+      type(sparse_t) :: structural                                    !! [N/m]: H of the complex stiffness K + i H
+      type(speed_terms_t) :: speeds(most_speeds)
+      character(:), allocatable :: labels(:), units(:)                !! (n_dofs)
+      type(node_sets_t) :: sets
+      type(named_vectors_t) :: vectors
+      real(wp) :: up_to = 0.0_wp                                      !! [rad/s], as of `structure_t`
+   end type fe_model_t
+
+   !> Where models come from.
+   type, abstract :: fe_model_source_t
+   contains
+      procedure(fetch_model), deferred :: fetch
+   end type fe_model_source_t
+
+   abstract interface
+      !> Gives the model of a name, as a file's. Sizes of its parts agree, numbers are finite.
+      subroutine fetch_model(self, name, fe_model, error)
+         import :: error_t, fe_model_source_t, fe_model_t
+         class(fe_model_source_t), intent(in) :: self
+         character(*), intent(in) :: name
+         type(fe_model_t), intent(out) :: fe_model
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine fetch_model
+   end interface
+
+contains
+
+   !> Reads the structure from the keys of its group `&structure`.
+   subroutine read_fe_model(group, structure, error, memory_limit, source)
+      type(properties_t), intent(inout) :: group
+      type(structure_t), intent(out) :: structure
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: memory_limit                  !! bytes
+      class(fe_model_source_t), intent(in), optional :: source
+      type(fe_model_t) :: fe_model
+      type(proportional_damping_t) :: proportional
+      character(:), allocatable :: file
+      real(wp), allocatable :: speeds(:)
+      real(wp) :: structural_frequency
+
+      allocate (speeds(0))
+      call group%get("file", file)
+      call group%get("speed", speeds, required=.false.)
+      call group%get("structural_frequency", structural_frequency, required=.false.)
+      call read_proportional_damping(group, proportional)
+      call group%finish(error)
+      if (allocated(error)) return
+      if (.not. present(source)) then
+         call fail(error, "models are not read here: there is nothing to read them with")
+      else
+         call source%fetch(trim(beside(group%file_name, file)), fe_model, error)
+      end if
+      if (.not. allocated(error)) call check_room(fe_model%n_dofs, error, memory_limit, fe_model%mass%n_entries() + &
+                                                        2*fe_model%stiffness%n_entries() + fe_model%damping%n_entries())
+      if (.not. allocated(error)) call new_fe_model_structure(structure, fe_model, proportional, structural_frequency, speeds, &
+         error)
+      structure%model_file = file
+      if (.not. allocated(error)) structure%origin = "model '"//file//"': "//trim(structure_fingerprint(structure))
+      call annotate(error, group%place())
+   end subroutine read_fe_model
+
+   !> Makes a structure from a model. Structural damping becomes viscous damping that is the same at one frequency. Fails for a
+   !> gyroscopic matrix that is not skew-symmetric, else as `new_structure`.
+   subroutine new_fe_model_structure(structure, fe_model, proportional, structural_frequency, speeds, error)
+      type(structure_t), intent(out) :: structure
+      type(fe_model_t), intent(in) :: fe_model
+      type(proportional_damping_t), intent(in) :: proportional
+      real(wp), intent(in) :: structural_frequency                    !! [rad/s], > 0 where there is structural damping
+      real(wp), intent(in) :: speeds(:)                               !! [rad/s], one for each that the model has terms of
+      type(error_t), allocatable, intent(out) :: error
+      type(sparse_t) :: damping, stiffness
+      integer :: i
+
+      if (fe_model%n_dofs > max_sparse_dofs) then
+         call fail(error, "the model has "//to_text(fe_model%n_dofs)//" degrees of freedom, at most "//to_text(max_sparse_dofs)// &
+                   " are taken as they are; 'nhbm-model reduce' makes a small model of a large one")
+         return
+      else if (fe_model%structural%n_rows > 0 .and. .not. structural_frequency > 0.0_wp) then
+         call fail(error, "the model has structural damping H; give structural_frequency, where the viscous damping "// &
+                   "H/frequency that takes its place is to be the same")
+         return
+      end if
+      damping = proportional%matrix(fe_model%mass, fe_model%stiffness)
+      if (fe_model%damping%n_rows > 0) damping = sparse_sum(1.0_wp, damping, 1.0_wp, fe_model%damping)
+      if (fe_model%structural%n_rows > 0) damping = sparse_sum(1.0_wp, damping, 1.0_wp/structural_frequency, fe_model%structural)
+      call check_speeds(fe_model, speeds, error)
+      if (allocated(error)) return
+      stiffness = fe_model%stiffness
+      call add_skew(1.0_wp, fe_model%gyroscopic)
+      do i = 1, size(speeds)
+         associate (terms => fe_model%speeds(i), speed => speeds(i))
+            call add_skew(speed, terms%gyroscopic)
+            if (terms%stiffness%n_rows > 0) stiffness = sparse_sum(1.0_wp, stiffness, speed, terms%stiffness)
+            if (terms%stiffness_squared%n_rows > 0) stiffness = sparse_sum(1.0_wp, stiffness, speed**2, terms%stiffness_squared)
+         end associate
+      end do
+      if (allocated(error)) return
+      call new_structure(structure, fe_model%mass, damping, stiffness, fe_model%labels, fe_model%units, error)
+      if (allocated(error)) return
+      structure%sets = fe_model%sets
+      structure%vectors = fe_model%vectors
+      structure%up_to = fe_model%up_to
+
+   contains
+
+      subroutine add_skew(factor, matrix)
+         real(wp), intent(in) :: factor
+         type(sparse_t), intent(in) :: matrix
+
+         if (matrix%n_rows == 0 .or. allocated(error)) return
+         call check_skew(matrix, fe_model%labels, error)
+         damping = sparse_sum(1.0_wp, damping, factor, matrix)
+      end subroutine add_skew
+   end subroutine new_fe_model_structure
+
+   !> Fails unless there is a number for each speed that the model has terms of.
+   subroutine check_speeds(fe_model, speeds, error)
+      type(fe_model_t), intent(in) :: fe_model
+      real(wp), intent(in) :: speeds(:)
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i, n
+
+      n = 0
+      do i = 1, most_speeds
+         associate (terms => fe_model%speeds(i))
+            if (terms%gyroscopic%n_rows + terms%stiffness%n_rows + terms%stiffness_squared%n_rows > 0) n = i
+         end associate
+      end do
+      if (size(speeds) /= n) call fail(error, "the model has terms of "//number_of(n, "speed")//", 'speed' has "// &
+                                       number_of(size(speeds), "number")//"; give one for each, in rad/s")
+   end subroutine check_speeds
+
+   subroutine check_skew(matrix, labels, error)
+      type(sparse_t), intent(in) :: matrix
+      character(*), intent(in) :: labels(:)
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: tolerance
+      integer :: e, i
+
+      tolerance = 1.0e-10_wp*maxval(abs(matrix%value))
+      do i = 1, matrix%n_rows
+         do e = matrix%first(i), matrix%first(i + 1) - 1
+            associate (j => matrix%column(e))
+               if (abs(matrix%value(e) + matrix%at(j, i)) <= tolerance) cycle
+               call fail(error, "the gyroscopic matrix must be skew-symmetric, between "//trim(labels(i))//" and "// &
+                         trim(labels(j))//" it is "//to_text(matrix%value(e))//" one way and "//to_text(matrix%at(j, i))// &
+                         " the other")
+               return
+            end associate
+         end do
+      end do
+   end subroutine check_skew
+end module hb_fe_model

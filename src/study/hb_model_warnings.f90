@@ -1,0 +1,204 @@
+!> What is doubtful about a model that can be solved: tones that are multiples of each other, nothing that moves it, speeds that stay
+!> while tones move, and models that are large or were reduced for lower frequencies.
+module hb_model_warnings
+   use hb_certificate, only: near_commensurate
+   use hb_document, only: document_t, parameter_t
+   use hb_kinds, only: wp
+   use hb_properties, only: properties_t
+   use hb_model, only: model_t
+   use hb_sweep_plan, only: sweep_plan_t
+   use hb_text, only: join, max_name, string_t, to_text
+   use hb_tones, only: tones_t
+   implicit none
+   private
+   public :: commensurate_text, frozen_speed_text, has_no_load, model_text
+
+   real(wp), parameter :: rounding = 1.0e-12_wp                       ! of a frequency that is zero
+
+contains
+
+   !> Whether nothing drives the model: no load, and no unknown tone that it would keep up by itself.
+   pure logical function has_no_load(model)
+      type(model_t), intent(in) :: model
+
+      has_no_load = .not. any(model%tones%is_unknown) .and. model%loads%is_zero()
+   end function has_no_load
+
+   !> Which speed of a structure stays where it is while the frequency of a tone moves, and what lets it follow; empty for none.
+   function frozen_speed_text(plan, document) result(text)
+      type(sweep_plan_t), intent(in) :: plan
+      type(document_t), intent(inout) :: document                     !! that was read
+      character(:), allocatable :: text
+      type(properties_t), pointer :: group
+      type(parameter_t) :: moving
+      character(:), allocatable :: path
+      integer :: i
+
+      text = ""
+      group => document%group("structure", 1)
+      if (.not. group%given("speed")) return
+      do i = 1, size(plan%parameters)
+         associate (parameter => plan%parameters(i)%parameter)
+            if (group_of(parameter) == "structure" .and. parameter%key == "speed") return
+            if (group_of(parameter) == "tones") moving = parameter
+         end associate
+      end do
+      if (allocated(plan%curve)) then
+         if (group_of(plan%curve%parameter) == "tones") moving = plan%curve%parameter
+      end if
+      if (moving%i_group == 0) return
+      do i = 1, document%count("tie")
+         group => document%group("tie", i)
+         call group%get("parameter", path)
+         if (index(path, "%speed") > 0) return
+      end do
+      text = "structure%speed stays as it is while tones%"//trim(moving%key)//" moves; if they belong together: "// &
+         "&tie parameter = 'structure%speed', to = 'tones%"//trim(moving%key)//"' /"
+
+   contains
+
+      pure function group_of(parameter) result(name)
+         type(parameter_t), intent(in) :: parameter
+         character(max_name) :: name
+
+         name = document%groups%holders(parameter%i_group)%group%name
+      end function group_of
+   end function frozen_speed_text
+
+   !> What is doubtful about a structure from a model, empty for none: it is large, or was reduced for lower frequencies.
+   function model_text(model, document) result(text)
+      type(model_t), intent(in) :: model
+      type(document_t), intent(inout) :: document                     !! that the model was made from
+      character(:), allocatable :: text
+      real(wp) :: highest
+
+      text = ""
+      highest = maxval([0.0_wp, abs(model%harmonics%frequencies(model%tones%omega))])
+      associate (structure => model%structure)
+         if (structure%up_to > 0.0_wp .and. highest > structure%up_to) then
+            text = "harmonics up to "//to_text(highest)//" rad/s: the model was reduced for frequencies up to "// &
+                   to_text(structure%up_to)//" rad/s (nhbm-model reduce --up-to)"
+         else if (allocated(structure%sparse) .and. allocated(structure%model_file) .and. .not. structure%up_to > 0.0_wp) then
+            text = "the model has "//to_text(structure%n_dofs)//" degrees of freedom, which are condensed at each frequency "// &
+                   "anew; a small model of it, made once, is much faster:"//new_line("a")// &
+                   "   nhbm-model reduce "//structure%model_file//" --keep "//named_dofs(document)//" --up-to "// &
+                   to_text(real(ceiling(1.01_wp*highest), wp))//" -o small.h5"
+         end if
+      end associate
+   end function model_text
+
+   !> Names of degrees of freedom and sets in an input, with commas.
+   function named_dofs(document) result(text)
+      type(document_t), intent(inout) :: document
+      character(:), allocatable :: text
+      character(6), parameter :: groups(4) = [character(6) :: "law", "load", "start", "output"]
+      character(11), parameter :: keys(3) = [character(11) :: "dof", "dofs", "normal_dofs"]
+      type(properties_t), pointer :: group
+      type(string_t), allocatable :: names(:)
+      integer :: g, i, k, n
+
+      text = ""
+      do g = 1, size(groups)
+         do i = 1, document%count(trim(groups(g)))
+            group => document%group(trim(groups(g)), i)
+            do k = 1, size(keys)
+               if (.not. group%given(trim(keys(k)))) cycle
+               call group%get(trim(keys(k)), names)
+               do n = 1, size(names)
+                  if (index(","//text//",", ","//names(n)%value//",") == 0) text = text//","//names(n)%value
+               end do
+            end do
+         end do
+      end do
+      text = text(2:)
+   end function named_dofs
+
+   !> Which combination of given tones has a frequency below `limit` times the largest, and the model with fewer tones that is
+   !> meant where it is zero; empty where there is none.
+   function commensurate_text(tones, limit) result(text)
+      type(tones_t), intent(in) :: tones
+      real(wp), intent(in) :: limit                                   !! relative to the largest tone
+      character(:), allocatable :: text
+      integer, allocatable :: k(:)
+      real(wp) :: frequency
+
+      text = ""
+      if (tones%n_tones < 2 .or. any(tones%is_unknown)) return
+      call near_commensurate(tones, k, frequency)
+      if (frequency > max(limit, rounding)*maxval(tones%omega)) return
+      k = k/common_divisor(k)
+      frequency = abs(dot_product(k, tones%omega))
+      text = "tones "//list_of(tones%omega)//" rad/s: their combination "//tuple_text(k)//" has the frequency "
+      if (frequency > rounding*maxval(tones%omega)) then
+         text = text//to_text(frequency)//" rad/s; such tones are hard to tell from commensurate ones"
+      else
+         text = text//"0; "//model_of_fewer(tones%omega, k)
+      end if
+   end function commensurate_text
+
+   !> The model of fewer tones that has the same loads, where k.omega = 0.
+   function model_of_fewer(omega, k) result(text)
+      real(wp), intent(in) :: omega(:)
+      integer, intent(in) :: k(:)
+      character(:), allocatable :: text
+      integer, allocatable :: in_it(:)
+      integer :: i, m
+
+      in_it = pack([(i, i=1, size(k))], k /= 0)
+      m = findloc(abs(k(in_it)), 1, dim=1, back=.true.)
+      if (size(in_it) == 2) then
+         associate (a => in_it(1), b => in_it(2))
+            text = "use one tone of "//to_text(rounded(omega(a)/abs(k(b))))//" rad/s instead of both, with tuple "// &
+               to_text(abs(k(b)))//" for loads of tone "//to_text(a)//" and "//to_text(abs(k(a)))//" for those of tone "//to_text(b)
+         end associate
+      else if (m > 0) then
+         m = in_it(m)
+         text = "leave out tone "//to_text(m)//", and give its loads the tuple "// &
+            tuple_text(-k(m)*pack(k, [(i /= m, i=1, size(k))]))//" of the others"
+      else
+         text = "fewer tones, of which these are integer combinations, give the same motion"
+      end if
+   end function model_of_fewer
+
+   !> A number without the rounding of its last digits.
+   real(wp) function rounded(number)
+      real(wp), intent(in) :: number
+      character(24) :: digits
+
+      write (digits, "(es19.11)") number
+      read (digits, *) rounded
+   end function rounded
+
+   pure integer function common_divisor(k)
+      integer, intent(in) :: k(:)
+
+      do common_divisor = maxval(abs(k)), 2, -1
+         if (all(modulo(k, common_divisor) == 0)) return
+      end do
+      common_divisor = 1
+   end function common_divisor
+
+   function tuple_text(k) result(text)
+      integer, intent(in) :: k(:)
+      character(:), allocatable :: text
+      type(string_t) :: words(size(k))
+      integer :: i
+
+      do i = 1, size(k)
+         words(i)%value = to_text(k(i))
+      end do
+      text = "("//join(words, ", ")//")"
+   end function tuple_text
+
+   function list_of(omega) result(text)
+      real(wp), intent(in) :: omega(:)
+      character(:), allocatable :: text
+      type(string_t) :: words(size(omega))
+      integer :: i
+
+      do i = 1, size(omega)
+         words(i)%value = to_text(omega(i))
+      end do
+      text = join(words(:size(omega) - 1), ", ")//" and "//words(size(omega))%value
+   end function list_of
+end module hb_model_warnings

@@ -1,0 +1,52 @@
+!> Files of points with tuples of their own have places for as many as the input allows. A file that is complete keeps those that
+!> its points use: with many degrees of freedom the others are most of its size.
+module hb_padding
+   use hb_error, only: error_t
+   use hb_hdf5, only: h5_file_t, open_file
+   use hb_kinds, only: wp
+   use hb_result_columns, only: new_plan, plan_t
+   use hb_results_file, only: make_file
+   use hb_results_layout, only: results_layout_t
+   use hb_results_plan, only: measure_row
+   use hb_results_record, only: open_points, read_record, record_t
+   use hb_study, only: describe_layout, row_of_study, study_t
+   implicit none
+   private
+   public :: remove_padding
+
+   real(wp), parameter :: worth_it = 1.0e6_wp                         ! [B] that a copy without them is smaller by
+
+contains
+
+   !> Puts a copy without spare places in the place of a complete file, where it is less than half as large. Not of one with points
+   !> that could be tried again, which may need them. What goes wrong leaves the file as it is.
+   subroutine remove_padding(study, path)
+      type(study_t), intent(in) :: study
+      character(*), intent(in) :: path                                !! of the result file, which nobody writes to
+      type(results_layout_t) :: layout
+      type(record_t) :: record
+      type(plan_t) :: plan
+      type(h5_file_t) :: file
+      type(error_t), allocatable :: error
+      integer, allocatable :: n_harmonics(:)
+      real(wp) :: narrow, wide
+      integer :: n_datasets
+
+      if (.not. study%model%accuracy%grows_set) return
+      call read_record(record, path, error)
+      if (allocated(error)) return
+      if (size(open_points(record, .true.)) > 0) return
+      call open_file(file, path, error)
+      if (allocated(error)) return
+      call file%get("n_harmonics", n_harmonics, error)
+      if (.not. allocated(error)) then
+         call describe_layout(study, record%n_ranks, layout, min(size(record%tuples, 2), max(1, maxval(n_harmonics))))
+         call new_plan(plan, layout)
+         call measure_row(plan, size(layout%parameters), narrow, n_datasets)
+         call row_of_study(study, wide, n_datasets, size(record%tuples, 2))
+         if (narrow < 0.5_wp*wide .and. record%n_points*(wide - narrow) > worth_it) &
+            call make_file(path, layout, plan, .true., error, file)
+      end if
+      call file%close(error)
+   end subroutine remove_padding
+end module hb_padding

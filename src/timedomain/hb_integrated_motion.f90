@@ -1,0 +1,513 @@
+!> The last way to a motion: the model is followed through time until it is steady.
+!>
+!> Windows follow each other, each twice as long as the one before. The averages over each (hb_birkhoff) are coefficients at all
+!> tuples
+!> of the set; how far they differ from those of the window before, which is shorter and nearer to the start, is the spread, and
+!> where
+!> it no longer falls the motion has no order or is still on its way. Averages see nothing of lines between the tuples: what the
+!> series
+!> leaves of the record has to repeat as the tones do (hb_recurrence), or in several periods of them.
+module hb_integrated_motion
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_advice, only: rounded
+   use hb_birkhoff, only: coefficients_at
+   use hb_coordinates, only: coordinates_t
+   use hb_error, only: error_t, fail
+   use hb_hysteretic_law, only: hysteretic_law_t
+   use hb_kinds, only: int64, two_pi, wp
+   use hb_line_fit, only: line_fit_t, new_line_fit
+   use hb_time_stepping, only: integrate_from, integration_record_t
+   use hb_integration_config, only: integration_config_t, integration_method, step_of
+   use hb_integration_state, only: integration_state_t, new_integration_state
+   use hb_integration_system, only: integration_system_t, new_integration_system
+   use hb_modes, only: modes_t, new_modes, slowest_decay
+   use hb_outcome, only: outcome
+   use hb_recurrence, only: repetition, turns_to_repeat
+   use hb_model, only: model_t
+   use hb_model_coordinates, only: coordinates_of
+   use hb_structure, only: most_dense, structure_t
+   use hb_text, only: to_text
+   use hb_time_domain, only: steady_motion_t
+   use hb_cancellation, only: work_is_over
+   implicit none
+   private
+   public :: fastest_of, has_bounds_of, largest_in_parts, settle
+
+   integer, parameter :: first_window = 50                            ! periods of the slowest tone
+   integer, parameter :: other_window = 70                            ! likewise, from a given state: averages of its own
+   integer, parameter :: more_steps = 5                               ! of an implicit method, than there are samples
+   integer, parameter :: coarse_steps = 3                             ! likewise at first, where the set is given
+   integer, parameter :: most_halvings = 3                            ! of fixed steps
+   real(wp), parameter :: largest_change = 0.1_wp                     ! by the last of them: of a motion that is known, if not well
+   real(wp), parameter :: steps_of_mode = 1.0_wp                      ! of central differences in a radian of the fastest mode
+   real(wp), parameter :: work_of_mode = 4.0_wp                       ! looks of cvode, likewise
+   integer, parameter :: most_windows = 7
+   integer, parameter :: least_windows = 4                            ! before the spread counts as one that does not fall
+   integer, parameter :: samples_of_harmonic = 16                     ! of the highest one in its period, at least
+   integer, parameter :: samples_of_candidate = 4                     ! likewise, where most of the highest ones carry nothing
+   real(wp), parameter :: share_of_fit = 0.01_wp                      ! of the error aimed at: what a product must gain
+   real(wp), parameter :: work_of_product = 60.0_wp                   ! [ns] for each sample
+   real(wp), parameter :: seen = 0.75_wp                              ! of a record by a fit
+   integer, parameter :: parts = 4                                    ! of a record, the worst of which tells the error of a series
+   real(wp), parameter :: numbers_of_unknown = 1.5_wp                 ! of the record that a fit sees first, below its highest
+                                                                      ! frequency
+   real(wp), parameter :: gaining = 0.8_wp                            ! error of a fit, relative to the one before
+   real(wp), parameter :: largest_record = 1.0e7_wp                   ! numbers
+   real(wp), parameter :: most_terms = 2.0e9_wp                       ! of the averages over one window
+   real(wp), parameter :: largest_spread = 1.0e-2_wp                  ! of a steady motion, relative
+   real(wp), parameter :: aim = 1.0e-2_wp ! spread at which the time integration ends, relative to that allowed
+   real(wp), parameter :: close = 0.1_wp                              ! likewise, after `least_windows`
+   real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm
+   real(wp), parameter :: falling = 0.5_wp                            ! spread relative to the one before
+   real(wp), parameter :: kick = 1.0e-6_wp                            ! of the length of the system, at the start
+   character(*), parameter :: ended = "time integration was ended before its time"
+   real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the length of the system
+
+contains
+
+   !> Integrates from the state given, else from the `&start` amplitudes, else from rest, a little beside both: no symmetry then
+   !> holds a motion that nobody would see. Where `cvode` spends all of the work on the fastest motions of the structure, which hard
+   !> stops keep going, or would do so on candidates, a method of fixed steps has as much again.
+   subroutine settle(model, law_dofs, settled, error, start)
+      type(model_t), intent(in) :: model                              !! all of its tones given
+      integer, intent(in) :: law_dofs(:)
+      type(steady_motion_t), intent(out) :: settled
+      type(error_t), allocatable, intent(out) :: error
+      type(integration_state_t), intent(in), optional :: start
+      type(error_t), allocatable :: failure
+      type(integration_state_t) :: last
+      type(steady_motion_t) :: again
+      integer :: i
+      logical :: by_cvode_alone, is_fast
+
+      by_cvode_alone = model%integration%aim <= 0.0_wp .and. any([(model%laws(i)%law%is_multiplier, i=1, size(model%laws))])
+      is_fast = model%integration%method == integration_method%cvode .and. .not. by_cvode_alone
+      if (is_fast) is_fast = .not. has_bounds_of(model) .or. work_of_mode*fastest_of(model)*periods_of_first(model)* &
+                             two_pi/minval(model%tones%omega)*work_of_look(model%structure%n_dofs, size(law_dofs)) > &
+                             model%integration%work_limit
+      if (.not. is_fast) then
+         call follow(model, law_dofs, settled, last, error, start)
+         if (model%integration%method /= integration_method%cvode) return
+         if (.not. settled%is_out_of_work .or. settled%status /= outcome%pending) return
+         if (by_cvode_alone) return
+      end if
+      call follow_in_steps(model, law_dofs, 2.0_wp*model%integration%work_limit - settled%work, again, failure, start)
+      again%work = again%work + settled%work
+      settled%work = again%work
+      if (.not. is_fast .and. (allocated(failure) .or. again%status == outcome%pending)) return
+      if (allocated(error)) deallocate (error)
+      if (allocated(failure)) call move_alloc(failure, error)
+      settled = again
+   end subroutine settle
+
+   !> Whether cvode can follow the sliders of all laws.
+   pure logical function has_bounds_of(model) result(has_bounds)
+      type(model_t), intent(in) :: model
+      integer :: i
+
+      has_bounds = .true.
+      do i = 1, size(model%laws)
+         select type (law => model%laws(i)%law)
+         class is (hysteretic_law_t)
+            has_bounds = has_bounds .and. law%has_bounds
+         end select
+      end do
+   end function has_bounds_of
+
+   !> Integrates by a method of fixed steps and with steps half as long from where that has ended, to an accuracy until the motion
+   !> no longer changes by more than is allowed. The answer is that of the shortest steps; the last change counts as its error.
+   subroutine follow_in_steps(model, law_dofs, budget, settled, error, start)
+      type(model_t), intent(in) :: model
+      integer, intent(in) :: law_dofs(:)
+      real(wp), intent(in) :: budget                                  !! of work
+      type(steady_motion_t), intent(out) :: settled
+      type(error_t), allocatable, intent(out) :: error
+      type(integration_state_t), intent(in), optional :: start
+      type(integration_state_t) :: last, now
+      type(model_t) :: stepped
+      type(steady_motion_t) :: coarse
+      real(wp) :: change
+      integer :: i
+      logical :: is_aimed
+
+      is_aimed = model%integration%aim > 0.0_wp
+      stepped = model
+      if (any([(model%laws(i)%law%is_multiplier, i=1, size(model%laws))])) then
+         stepped%integration%method = integration_method%central_differences
+         stepped%integration%substeps = ceiling(steps_of_mode*fastest_of(model)*sample_step(model))
+      else
+         stepped%integration%method = integration_method%generalized_alpha
+         stepped%integration%spectral_radius = 0.0_wp
+         stepped%integration%substeps = merge(more_steps, coarse_steps, is_aimed)
+      end if
+      call follow(stepped, law_dofs, settled, last, error, start)
+      do i = 1, most_halvings
+         if (allocated(error) .or. (is_aimed .and. settled%status /= outcome%time_domain)) exit
+         coarse = settled
+         stepped%integration%substeps = 2*stepped%integration%substeps
+         stepped%integration%work_limit = max(0.0_wp, budget - coarse%work)
+         now = last
+         call follow(stepped, law_dofs, settled, last, error, now)
+         settled%work = settled%work + coarse%work
+         if (allocated(error)) exit
+         settled%message = settled%message//merge("; implicit steps", "; fixed steps   ", &
+                                                  stepped%integration%method == integration_method%generalized_alpha)
+         if (settled%status /= outcome%time_domain) exit
+         if (coarse%status /= outcome%time_domain) cycle
+         change = maxval(distance_of(settled%averages, coarse%averages, 0.1_wp*allowed_of(model)))
+         settled%spread = hypot(settled%spread, change)
+         settled%message = trim(settled%message)//", half as long ones change it by "//rounded(change)
+         if (merge(change, settled%spread, is_aimed) <= allowed_of(model)) return
+         settled%change_by_steps = change
+      end do
+      if (settled%status == outcome%time_domain .and. .not. (is_aimed .and. settled%change_by_steps <= largest_change)) &
+         settled%status = outcome%pending
+   end subroutine follow_in_steps
+
+   !> Frequency of the fastest mode of the structure without damping [rad/s], 0 where it is not known.
+   real(wp) function fastest_of(model) result(fastest)
+      type(model_t), intent(in) :: model
+      type(error_t), allocatable :: error
+      type(modes_t) :: modes
+      type(structure_t) :: structure
+
+      structure = model%structure
+      call structure%unpack()
+      call new_modes(modes, structure%mass, 0.0_wp*structure%damping, structure%stiffness, error)
+      fastest = 0.0_wp
+      if (.not. allocated(error) .and. modes%n_modes > 0) fastest = maxval(modes%frequency)
+   end function fastest_of
+
+   !> Distance of the samples of a record [s].
+   real(wp) function sample_step(model) result(step)
+      type(model_t), intent(in) :: model
+
+      associate (highest => maxval(abs(model%harmonics%frequencies(model%tones%omega))))
+         step = min(step_of(model%integration, model%tones%omega), &
+                    two_pi/(merge(samples_of_candidate, samples_of_harmonic, model%integration%aim > 0.0_wp)*highest))
+      end associate
+   end function sample_step
+
+   !> Periods of the slowest tone in the first window.
+   integer function periods_of_first(model) result(n_periods)
+      type(model_t), intent(in) :: model
+
+      n_periods = first_window
+      if (model%integration%aim <= 0.0_wp) return
+      associate (omega => model%tones%omega)
+         n_periods = max(n_periods, ceiling(numbers_of_unknown/seen*model%harmonics%n_harmonics*minval(omega)/ &
+                                            maxval(abs(model%harmonics%frequencies(omega)))))
+      end associate
+   end function periods_of_first
+
+   !> What a look at the motion takes [ns].
+   pure real(wp) function work_of_look(n_dofs, n_coordinates) result(work)
+      integer, intent(in) :: n_dofs, n_coordinates
+
+      work = 600.0_wp + 6.0_wp*real(n_dofs, wp)**2 + 60.0_wp*n_coordinates
+   end function work_of_look
+
+   !> What the averages over a record, or a fit to it, take [ns].
+   pure real(wp) function work_of_averages(model, n_samples, n_coordinates, n_products) result(work)
+      type(model_t), intent(in) :: model
+      integer, intent(in) :: n_samples, n_coordinates
+      integer, intent(in) :: n_products                               !! of a fit
+
+      if (model%integration%aim > 0.0_wp) then
+         work = work_of_product*n_products*real(n_samples, wp)
+      else
+         work = 2.0_wp*n_samples*n_coordinates*real(model%harmonics%n_harmonics, wp)
+      end if
+   end function work_of_averages
+
+   !> Spread that a steady motion may have.
+   pure real(wp) function allowed_of(model) result(allowed)
+      type(model_t), intent(in) :: model
+
+      allowed = min(model%certificate%truncation, largest_spread)
+   end function allowed_of
+
+   subroutine follow(model, law_dofs, settled, state, error, start)
+      type(model_t), intent(in) :: model                              !! all of its tones given
+      integer, intent(in) :: law_dofs(:)
+      type(steady_motion_t), intent(out) :: settled
+      type(integration_state_t), intent(out) :: state                 !! the last one
+      type(error_t), allocatable, intent(out) :: error
+      type(integration_state_t), intent(in), optional :: start
+      type(coordinates_t) :: coordinates
+      type(integration_config_t) :: config
+      type(integration_record_t) :: next, record
+      type(integration_system_t), target :: system
+      type(line_fit_t) :: fit
+      complex(wp), allocatable :: before(:, :), now(:, :)
+      integer(int64) :: n_looks
+      real(wp), allocatable :: remainder(:, :), z(:, :)
+      real(wp) :: allowed, look, period, rate, spread, spread_before, step
+      integer :: i, n_first, status_before, window
+      integer, allocatable :: dofs(:)
+      logical :: finds_lines, has_forgotten
+
+      finds_lines = model%integration%aim > 0.0_wp
+      associate (omega => model%tones%omega, frequencies => model%harmonics%frequencies(model%tones%omega))
+         coordinates = coordinates_of(model)
+         call model%structure%refuse_large("integration", most_dense, error)
+         if (allocated(error)) return
+         call new_integration_system(system, model%structure, model%laws, model%loads%whole(), frequencies, omega)
+         if (present(start)) then
+            state = start
+         else
+            call begin(model, frequencies, system, state)
+         end if
+         period = two_pi/minval(omega)
+         step = sample_step(model)
+         config = model%integration
+         config%transient = 0.0_wp
+         config%decimation = huge(1)
+         config%largest = runaway*max(system%length, maxval(abs(state%q)), tiny(1.0_wp))
+         look = work_of_look(system%n_dofs, system%laws%n_coordinates)
+         allowed = allowed_of(model)
+         dofs = [(i, i=1, system%n_dofs)]
+         rate = slowest_decay(system%structure%mass, system%structure%damping, system%structure%stiffness)
+         has_forgotten = .false.
+         n_first = periods_of_first(model)
+         if (present(start)) n_first = max(n_first, other_window)
+         spread = huge(1.0_wp)
+         n_looks = 0_int64
+         do window = 1, most_windows
+            config%most_looks = n_looks + int(min((model%integration%work_limit - settled%work)/look, 1.0e18_wp), int64)
+            config%duration = n_first*2**(window - 1)*period
+            if (config%duration/step*system%n_dofs > largest_record) exit
+            if (.not. finds_lines .and. config%duration/step*coordinates%n*size(frequencies) > most_terms) exit
+            call integrate_from(system, config, step, dofs, state, next, error)
+            settled%is_out_of_work = next%is_out_of_work
+            if (next%is_out_of_work .and. allocated(settled%message)) then
+               deallocate (error)                                     ! what there is may be enough, unless it was reported but once
+               if (settled%status /= outcome%time_domain) settled%status = outcome%pending
+               exit
+            end if
+            settled%work = settled%work + look*(system%laws%n_looks - n_looks)
+            n_looks = system%laws%n_looks
+            if (allocated(error)) return
+            call move_alloc(next%every_displacement, record%every_displacement)
+            record%start = next%start
+            record%step = next%step
+            settled%n_periods = settled%n_periods + n_first*2**(window - 1)
+            z = coordinates%values_of(record%every_displacement(:, law_dofs))
+            if (finds_lines) call new_line_fit(fit, size(z, 1), nint(seen*size(z, 1)), record%start, step, frequencies, &
+                                               importance_of(model), error)
+            if (allocated(error)) return
+            now = averages_of(model, z, record, fit)
+            settled%work = settled%work + work_of_averages(model, size(z, 1), size(z, 2), fit%n_products)
+            if (work_is_over()) call fail(error, ended)
+            if (allocated(error)) return
+            spread_before = spread
+            if (finds_lines) then
+               remainder = reshape([(z(:, i) - fit%series(now(:, i)), i=1, size(z, 2))], shape(z))
+               spread = largest_in_parts(remainder, z)
+            else if (window > 1) then
+               spread = maxval(distance_of(now, before, 0.0_wp))
+            end if
+            before = now
+            has_forgotten = window == most_windows .or. rate*settled%n_periods*period >= enough_decay .or. &
+                            (rate <= 0.0_wp .and. window > least_windows)   ! no mode of the structure decays, or none is known
+            settled%spread = spread
+            settled%averages = now
+            settled%amplitude = amplitude_of(z)
+            if (.not. finds_lines) then
+               if (window < least_windows .and. spread > aim*allowed) cycle
+               remainder = remainder_of(z, now, record, frequencies)
+            end if
+            status_before = settled%status
+            call tell(model, settled, z, remainder, record, allowed, has_forgotten, window == most_windows)
+            if (work_is_over()) call fail(error, ended)
+            if (allocated(error)) return
+            if (settled%status == outcome%time_domain .and. finds_lines) then
+               if (spread <= model%integration%aim .or. spread > gaining*spread_before) exit
+            else if (settled%status == outcome%time_domain) then
+               if (spread <= close*allowed) exit
+            end if
+            if (any(settled%status == [outcome%subharmonic, outcome%broadband]) .and. settled%status == status_before .and. &
+                (spread > falling*spread_before .or. spread <= aim*allowed)) exit
+         end do
+         if (.not. allocated(settled%message)) settled%message = "time integration: a window of "//to_text(n_first)// &
+            " periods has too many samples"
+         if (settled%status == outcome%time_domain) &
+            settled%amplitudes = transpose(averages_of(model, record%every_displacement, record, fit))
+         call fit%destroy()
+      end associate
+   end subroutine follow
+
+   subroutine begin(model, frequencies, system, state)
+      type(model_t), intent(in) :: model
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
+      type(integration_system_t), intent(in) :: system
+      type(integration_state_t), intent(out) :: state
+      integer :: i
+
+      call new_integration_state(state, system%n_dofs, system%laws%n_states)
+      if (.not. model%start%is_zero()) then
+         state%q = sum(real(model%start%values), 2)
+         state%v = matmul(-aimag(model%start%values), frequencies(model%start%harmonics))
+      end if
+      state%q = state%q + kick*system%length*[(2.0_wp*modulo(i*0.6180339887498949_wp, 1.0_wp) - 1.0_wp, i=1, system%n_dofs)]
+   end subroutine begin
+
+   !> Says what a steady record is. What a fit to candidates leaves of a motion that repeats is lines beyond them, and so may be
+   !> what little it leaves of any: such lines turn faster than returns are reported. The motion is known to that then.
+   subroutine tell(model, settled, z, remainder, record, allowed, has_forgotten, is_last)
+      type(model_t), intent(in) :: model
+      type(steady_motion_t), intent(inout) :: settled
+      real(wp), intent(in) :: z(:, :)                                 !! [m], (n_samples, n_coordinates)
+      real(wp), intent(in) :: remainder(:, :)                         !! what the series leaves of it, likewise
+      type(integration_record_t), intent(in) :: record
+      real(wp), intent(in) :: allowed                                 !! largest spread of a steady motion
+      logical, intent(in) :: has_forgotten                            !! how it began, as far as damping tells
+      logical, intent(in) :: is_last                                  !! there is no longer window
+      real(wp) :: left_out
+      character(:), allocatable :: integrated_for
+      integer :: part
+      logical :: finds_lines
+
+      integrated_for = "integrated for "//to_text(settled%n_periods)//" periods of the slowest tone"
+      left_out = largest_share(remainder, z)
+      settled%left_out = merge(0.0_wp, left_out, model%integration%aim > 0.0_wp) ! of a fit the spread has it
+      finds_lines = model%integration%aim > 0.0_wp
+      part = turns_to_repeat(remainder, scale_of(z), model%tones%omega*record%step/two_pi, left_out, allowed)
+      settled%status = outcome%pending
+      if (part == 1) then
+         if (settled%spread <= allowed .or. (finds_lines .and. has_forgotten)) settled%status = outcome%time_domain
+      else if (has_forgotten .and. part > 1) then
+         settled%status = outcome%subharmonic
+      else if (has_forgotten .and. (is_last .or. part == repetition%none)) then
+         settled%status = merge(outcome%time_domain, outcome%broadband, finds_lines .and. left_out <= largest_spread)
+      end if
+      select case (settled%status)
+      case (outcome%time_domain)
+         if (finds_lines) then
+            settled%message = integrated_for//": the series leaves "//rounded(settled%spread)//" of the worst quarter"
+         else
+            settled%message = integrated_for//": the averages spread by "//rounded(settled%spread)// &
+                              ", harmonics beyond the set carry "//rounded(left_out)//" of the motion"
+         end if
+      case (outcome%subharmonic)
+         settled%message = integrated_for//": the motion repeats after "//to_text(part)//" periods; use tones "//to_text(part)// &
+                           " times lower"
+      case (outcome%broadband)
+         if (finds_lines) then
+            settled%message = integrated_for//": "//to_text(model%harmonics%n_harmonics)//" tuples leave "// &
+               rounded(settled%spread)// &
+                              " of the worst quarter, and that does not repeat as the tones do"
+         else
+            settled%message = integrated_for//": the motion does not repeat, its averages spread by "//rounded(settled%spread)
+         end if
+      case default
+         settled%message = integrated_for//": the averages spread by "//rounded(settled%spread)// &
+                           ", and it does not show yet whether the motion repeats"
+      end select
+   end subroutine tell
+
+   !> Root mean square of what is left of a record, in a part of it, relative to that of its motion without the mean: the largest.
+   pure real(wp) function largest_share(remainder, z) result(share)
+      real(wp), intent(in) :: remainder(:, :)                         !! (any, n_coordinates)
+      real(wp), intent(in) :: z(:, :)                                 !! the record, (n_samples, n_coordinates)
+
+      share = maxval(norm2(remainder, 1)/scale_of(z))/sqrt(real(size(remainder, 1), wp))
+   end function largest_share
+
+   !> Gives the largest such share of the parts of a record, each as long as what a fit has not seen: the phases of several tones
+   !> in which a series is worst may be in any of them, and of the beginning a fit sees little.
+   pure real(wp) function largest_in_parts(remainder, z) result(share)
+      real(wp), intent(in) :: remainder(:, :), z(:, :)                !! (n_samples, n_coordinates)
+      integer :: part
+
+      share = 0.0_wp
+      associate (n => size(z, 1))
+         do part = 1, parts
+            share = max(share, largest_share(remainder((part - 1)*n/parts + 1:part*n/parts, :), z))
+         end do
+      end associate
+   end function largest_in_parts
+
+   !> Root mean squares of a record without the means; 1 of what rests.
+   pure function scale_of(z) result(scale)
+      real(wp), intent(in) :: z(:, :)                                 !! (n_samples, n_coordinates)
+      real(wp) :: scale(size(z, 2))
+      integer :: k
+
+      scale = [(norm2(z(:, k) - sum(z(:, k))/size(z, 1))/sqrt(real(size(z, 1), wp)), k=1, size(z, 2))]
+      where (scale <= 0.0_wp) scale = 1.0_wp
+   end function scale_of
+
+   !> Amplitude of an oscillation with the same root mean square, of the coordinate that has the largest one.
+   pure real(wp) function amplitude_of(z) result(amplitude)
+      real(wp), intent(in) :: z(:, :)                                 !! (n_samples, n_coordinates)
+      integer :: k
+
+      amplitude = sqrt(2.0_wp/size(z, 1))*maxval([(norm2(z(:, k) - sum(z(:, k))/size(z, 1)), k=1, size(z, 2))])
+   end function amplitude_of
+
+   !> Averages at all tuples, cos - i sin, (n_harmonics, any); of candidates, by a fit of them all.
+   function averages_of(model, x, record, fit) result(c)
+      type(model_t), intent(in) :: model
+      real(wp), intent(in) :: x(:, :)                                 !! (n_samples, any)
+      type(integration_record_t), intent(in) :: record                !! that x is of
+      type(line_fit_t), intent(inout) :: fit                          !! of candidates
+      complex(wp) :: c(model%harmonics%n_harmonics, size(x, 2))
+      integer :: k
+
+      do k = 1, size(x, 2)
+         if (model%integration%aim > 0.0_wp) then
+            call fit%coefficients(x(:, k), share_of_fit*model%integration%aim, c(:, k))
+         else
+            call coefficients_at(x(:, k), record%start, record%step, model%harmonics%frequencies(model%tones%omega), c(:, k))
+         end if
+      end do
+   end function averages_of
+
+   !> What a candidate may carry beside others: the less, the higher its order.
+   pure function importance_of(model) result(importance)
+      type(model_t), intent(in) :: model
+      real(wp) :: importance(model%harmonics%n_harmonics)
+
+      importance = 1.0_wp/(1 + sum(abs(model%harmonics%tuples), dim=1))
+   end function importance_of
+
+   !> Differences of motions relative to the first, by coordinate, of what carries at least so much of it.
+   pure function distance_of(c, other, least) result(distance)
+      complex(wp), intent(in) :: c(:, :), other(:, :)                 !! (n_harmonics, n_coordinates)
+      real(wp), intent(in) :: least
+      real(wp) :: distance(size(c, 2)), own
+      integer :: k
+
+      do k = 1, size(c, 2)
+         own = max(norm2(abs(c(:, k))), tiny(1.0_wp))
+         distance(k) = norm2(pack(abs(c(:, k) - other(:, k)), abs(c(:, k)) >= least*own))/own
+      end do
+   end function distance_of
+
+   !> What a series leaves of its record.
+   function remainder_of(x, c, record, frequencies) result(remainder)
+      real(wp), intent(in) :: x(:, :)                                 !! (n_samples, any)
+      complex(wp), intent(in) :: c(:, :)                              !! (n_harmonics, any)
+      type(integration_record_t), intent(in) :: record
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s]
+      real(wp) :: remainder(size(x, 1), size(x, 2))
+      integer, parameter :: steps_between_cosines = 256
+      complex(wp) :: phasor(size(frequencies)), rotation(size(frequencies))
+      integer :: i, k
+
+      remainder = 0.0_wp
+      rotation = exp(cmplx(0.0_wp, frequencies*record%step, wp))
+      do i = 1, size(x, 1)
+         if (modulo(i - 1, steps_between_cosines) == 0) then
+            if (work_is_over()) exit
+            phasor = exp(cmplx(0.0_wp, frequencies*(record%start + (i - 1)*record%step), wp))
+         else
+            phasor = phasor*rotation
+         end if
+         do k = 1, size(x, 2)
+            remainder(i, k) = x(i, k) - sum(real(c(:, k)*phasor, wp))
+         end do
+      end do
+   end function remainder_of
+end module hb_integrated_motion

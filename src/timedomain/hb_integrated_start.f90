@@ -1,0 +1,180 @@
+!> First guesses from time integration: the motion in which a model ends when it is followed through time.
+!>
+!> Time integration finds what attracts: of several motions a stable one, and one that no linear mode leads to. With given tones it
+!> starts from rest, with unknown ones from random displacements and velocities of several sizes, or from the `&start` amplitudes;
+!> the frequencies are then read from the record (hb_record_tones), the coefficients are averages over it (hb_birkhoff).
+module hb_integrated_start
+   use hb_birkhoff, only: coefficients_at
+   use hb_error, only: error_t
+   use hb_kinds, only: two_pi, wp
+   use hb_time_stepping, only: integrate_from, integration_record_t
+   use hb_integration_config, only: integration_config_t, step_of
+   use hb_integration_state, only: integration_state_t, new_integration_state
+   use hb_integration_system, only: integration_system_t, new_integration_system
+   use hb_record_tones, only: find_tones
+   use hb_model, only: model_t
+   use hb_structure, only: max_dofs
+   implicit none
+   private
+   public :: change_of, first_kick, integrate_once, integrated_guess, steady
+
+   integer, parameter :: periods_of_transient = 200, periods_of_record = 50   ! of the slowest tone, unless &integration says
+   integer, parameter :: samples_of_harmonic = 8                      ! of the highest one in its period, at least
+   real(wp), parameter :: kicks(4) = [3.0_wp, 30.0_wp, 0.3_wp, 300.0_wp]   ! of the length of the laws
+   real(wp), parameter :: first_kick = kicks(1)
+   real(wp), parameter :: steady = 0.02_wp                            !! change of the power from one half to the other
+   real(wp), parameter :: runaway = 1.0e4_wp                          ! relative to the first displacement
+   real(wp), parameter :: dead = 1.0e-3_wp                            ! relative to the kick
+
+contains
+
+   !> Integrates, and gives the guess as hb_motion takes it: coefficients at the degrees of freedom of the laws, then all base
+   !> frequencies. Not allocated where nothing is left to move, or where the motion has no tone of its own. An error is one of
+   !> time integration, such as a law that the method cannot follow.
+   subroutine integrated_guess(model, omega, law_dofs, guess, error)
+      type(model_t), intent(in) :: model
+      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), guesses where unknown, all > 0
+      integer, intent(in) :: law_dofs(:)
+      real(wp), allocatable, intent(out) :: guess(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(integration_record_t) :: record
+      real(wp), allocatable :: found(:)
+      real(wp) :: best, change, share
+      integer :: i, n_failed, n_tries
+      logical :: has_start
+
+      has_start = .not. model%start%is_zero()
+      n_tries = merge(size(kicks), 1, any(model%tones%is_unknown) .and. .not. has_start)
+      best = huge(1.0_wp)
+      n_failed = 0
+      do i = 1, n_tries
+         call integrate_once(model, omega, law_dofs, kicks(i), record, error)
+         if (allocated(error)) then
+            n_failed = n_failed + 1
+            if (n_failed == n_tries) return
+            deallocate (error)                                        ! another kick may lead to an end
+            cycle
+         end if
+         found = omega
+         if (any(model%tones%is_unknown)) then
+            found = model%tones%omega                                 ! only guesses of the user count
+            call find_tones(record%every_displacement, record%start, record%step, model%harmonics%tuples, model%tones%is_unknown, &
+                            found, share, error)
+            if (allocated(error)) return
+            if (share <= 0.0_wp .or. is_dead(model, record, kicks(i)*length_of(model), has_start)) cycle
+         end if
+         change = change_of(record)
+         if (change >= best) cycle
+         best = change
+         guess = [coefficients_of(model, record, found), found]
+         if (best <= steady) return
+      end do
+   end subroutine integrated_guess
+
+   !> Integrates through the transient and the record of `&integration`, or of as many periods as stand above.
+   subroutine integrate_once(model, omega, law_dofs, kick, record, error)
+      type(model_t), intent(in) :: model
+      real(wp), intent(in) :: omega(:)
+      integer, intent(in) :: law_dofs(:)
+      real(wp), intent(in) :: kick                                    !! of the length of the laws
+      type(integration_record_t), intent(out) :: record
+      type(error_t), allocatable, intent(out) :: error
+      type(integration_config_t) :: config
+      type(integration_state_t) :: state
+      type(integration_system_t), target :: system
+      real(wp) :: frequencies(model%harmonics%n_harmonics), period
+      integer :: i
+
+      frequencies = model%harmonics%frequencies(omega)
+      call model%structure%refuse_large("integration", max_dofs, error)
+      if (allocated(error)) return
+      call new_integration_system(system, model%structure, model%laws, model%loads%whole(), frequencies, omega)
+      call new_integration_state(state, system%n_dofs, system%laws%n_states)
+      if (.not. model%start%is_zero()) then
+         state%q = sum(real(model%start%values), 2)
+         state%v = matmul(-aimag(model%start%values), frequencies(model%start%harmonics))
+      else if (any(model%tones%is_unknown)) then
+         ! Multiples of the golden ratio spread evenly, so that no shape is left out
+         state%q = kick*length_of(model)*[(scattered(2*i), i=1, system%n_dofs)]
+         state%v = kick*length_of(model)*minval(omega, mask=model%tones%is_unknown)*[(scattered(2*i + 1), i=1, system%n_dofs)]
+      end if
+      config = model%integration
+      config%decimation = huge(1)
+      period = two_pi/minval(omega)
+      if (config%duration <= 0.0_wp) then
+         config%duration = periods_of_record*period
+         config%transient = periods_of_transient*period
+      end if
+      if (any(model%tones%is_unknown)) config%largest = runaway*max(maxval(abs(state%q)), system%length)
+      call integrate_from(system, config, min(step_of(config, omega), two_pi/(samples_of_harmonic*maxval(abs(frequencies)))), &
+                      law_dofs, state, record, error)
+   end subroutine integrate_once
+
+   !> Numbers between -1 and 1.
+   pure real(wp) function scattered(i)
+      integer, intent(in) :: i
+
+      scattered = 2.0_wp*modulo(i*0.6180339887498949_wp, 1.0_wp) - 1.0_wp
+   end function scattered
+
+   !> Typical length of the laws [m], 1 where they have none.
+   pure real(wp) function length_of(model)
+      type(model_t), intent(in) :: model
+      integer :: i
+
+      length_of = 0.0_wp
+      do i = 1, size(model%laws)
+         length_of = max(length_of, model%laws(i)%law%length_scale)
+      end do
+      if (length_of <= 0.0_wp) length_of = 1.0_wp
+   end function length_of
+
+   !> Whether the motion has fallen to nothing beside what it began with; one that loads move has not.
+   pure logical function is_dead(model, record, kick, has_start)
+      type(model_t), intent(in) :: model
+      type(integration_record_t), intent(in) :: record
+      real(wp), intent(in) :: kick                                    !! [m]
+      logical, intent(in) :: has_start
+      real(wp) :: begun
+
+      begun = kick
+      if (has_start) begun = maxval(abs(model%start%values))
+      associate (x => record%every_displacement)
+         is_dead = maxval(maxval(x, dim=1) - minval(x, dim=1)) < dead*begun
+      end associate
+   end function is_dead
+
+   !> Relative change of the power from the first half of a record to the second.
+   pure real(wp) function change_of(record) result(change)
+      type(integration_record_t), intent(in) :: record
+      real(wp) :: first, second
+      integer :: half
+
+      half = size(record%every_displacement, 1)/2
+      first = sum(record%every_displacement(:half, :)**2)
+      second = sum(record%every_displacement(half + 1:2*half, :)**2)
+      change = abs(second - first)/max(first, second, tiny(1.0_wp))
+   end function change_of
+
+   !> Coefficients of the record, those of one degree of freedom after the other.
+   function coefficients_of(model, record, omega) result(u)
+      type(model_t), intent(in) :: model
+      type(integration_record_t), intent(in) :: record
+      real(wp), intent(in) :: omega(:)
+      real(wp) :: u(model%harmonics%n_coefficients*size(record%every_displacement, 2))
+      complex(wp) :: c(model%harmonics%n_harmonics)
+      real(wp) :: block(model%harmonics%n_coefficients)
+      integer :: h, k
+
+      associate (set => model%harmonics, x => record%every_displacement)
+         do k = 1, size(x, 2)
+            call coefficients_at(x(:, k), record%start, record%step, set%frequencies(omega), c)
+            do h = 1, set%n_harmonics
+               block(set%cos_at(h)) = real(c(h), wp)
+               if (set%sin_at(h) > 0) block(set%sin_at(h)) = -aimag(c(h))
+            end do
+            u((k - 1)*size(block) + 1:k*size(block)) = block
+         end do
+      end associate
+   end function coefficients_of
+end module hb_integrated_start

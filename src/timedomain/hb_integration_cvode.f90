@@ -1,0 +1,406 @@
+!> Time integration by multistep methods of variable order and step, event by event.
+!>
+!> Between events the equations are smooth, so that the tolerance is kept at high order; at an event the integration stops, the
+!> branch of the law changes (hb_integration_equations), and it starts anew. The step of the record only says where samples are
+!> taken. A rigid wall sends a coordinate back with the coefficient of restitution times its speed; what is slower than 1e-6 of the
+!> fastest motion so far stays on the wall.
+module hb_integration_cvode
+   use hb_error, only: error_t, fail
+   use hb_hysteretic_law, only: hysteretic_law_t
+   use hb_integrator, only: integrator_t, law_forces
+   use hb_kinds, only: int64, wp
+   use hb_lapack, only: dgetrs
+   use hb_integration_equations, only: integration_equations_t, new_integration_equations
+   use hb_integration_state, only: integration_state_t
+   use hb_integration_system, only: integration_system_t
+   use hb_rigid_laws, only: put_before_walls
+   use hb_sundials, only: cvode_t, new_cvode
+   use hb_text, only: to_text
+   use hb_cancellation, only: work_is_over
+   implicit none
+   private
+   public :: integration_cvode_t, new_integration_cvode
+
+   ! Rounding of the time at each step of CVODE is systematic; it is small where time counts from near by.
+   integer, parameter :: steps_from_base = 1000
+   integer, parameter :: max_events = 100000                          ! from one sample to the next
+   real(wp), parameter :: slow = 1.0e-6_wp                            ! relative speed that does not bounce
+   real(wp), parameter :: smallest_scale = 1.0e-3_wp                  ! of a displacement, relative to the length of the system
+
+   type, extends(integrator_t) :: integration_cvode_t
+      type(integration_equations_t), pointer :: equations => null()
+      type(cvode_t) :: cvode
+      real(wp) :: step = 0.0_wp, restitution = 0.0_wp
+      real(wp) :: origin = 0.0_wp                                     !! [s] where it started
+      real(wp) :: base = 0.0_wp                                       !! [s] from where the time of CVODE counts
+      integer :: n_since_base = 0                                     !! steps
+      integer(int64) :: n_steps = 0_int64
+      real(wp) :: time_scale = 0.0_wp                                 !! [s], far below all periods
+      real(wp) :: tolerance = 0.0_wp
+   contains
+      procedure :: start => integration_cvode_start
+      procedure :: advance => integration_cvode_advance
+      procedure :: forces => integration_cvode_forces
+      procedure :: destroy => integration_cvode_destroy
+   end type integration_cvode_t
+
+contains
+
+   !> Fails for a singular mass, and for a law with memory that does not know its bounds.
+   subroutine new_integration_cvode(self, system, step, tolerance, is_stiff, restitution, error)
+      type(integration_cvode_t), intent(out) :: self
+      type(integration_system_t), intent(inout), target :: system
+      real(wp), intent(in) :: step                                    !! from one sample to the next [s], > 0
+      real(wp), intent(in) :: tolerance, restitution
+      logical, intent(in) :: is_stiff
+      type(error_t), allocatable, intent(out) :: error
+      integer, allocatable :: directions(:)
+      integer :: i
+
+      do i = 1, size(system%laws%laws)
+         select type (law => system%laws%laws(i)%law)
+         class is (hysteretic_law_t)
+            if (law%has_bounds) cycle
+            call fail(error, "cvode cannot follow the states of law '"//law%label//"'; the other methods of &integration can")
+            return
+         end select
+      end do
+      call system%divide_by_mass(error)
+      if (allocated(error)) return
+      self%system => system
+      self%step = step
+      self%restitution = restitution
+      self%tolerance = tolerance
+      allocate (self%equations)
+      call new_integration_equations(self%equations, system, tolerance, error)
+      if (allocated(error)) return
+      allocate (directions(self%equations%n_events()), source=-1)
+      directions(:size(self%equations%is_positive)) = 0
+      call new_cvode(self%cvode, self%equations, 2*system%n_dofs, directions, is_stiff, error)
+   end subroutine new_integration_cvode
+
+   subroutine integration_cvode_start(self, state, error)
+      class(integration_cvode_t), intent(inout) :: self
+      type(integration_state_t), intent(inout) :: state
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: fastest, length
+      integer :: i
+
+      associate (equations => self%equations, n => self%system%n_dofs, y => self%cvode%values)
+         self%origin = state%time
+         self%n_steps = 0_int64
+         call put_before_walls(equations%rigid, self%system%laws%shape, equations%kick, state%q)
+         y(:n) = state%q
+         y(n + 1:) = state%v
+         fastest = 1.0_wp/self%step
+         if (self%system%loads%n_active > 0) fastest = max(fastest, maxval(self%system%loads%frequency))
+         do i = 1, n
+            if (self%system%structure%mass(i, i) > 0.0_wp) fastest = max(fastest, &
+               sqrt(abs(self%system%structure%stiffness(i, i))/self%system%structure%mass(i, i)))
+         end do
+         self%time_scale = 1.0e-5_wp/fastest
+         equations%scale = abs(y)
+         length = max(self%system%length, maxval(abs(state%q)))
+         if (length <= 0.0_wp) length = 1.0_wp
+         equations%scale(:n) = max(equations%scale(:n), smallest_scale*length)
+         equations%scale(n + 1:) = max(equations%scale(n + 1:), smallest_scale**2*fastest*length)
+         equations%held = state%s
+         equations%mode = 0
+         call self%equations%hold_active()
+         call self%system%accelerations%begin(state%time, 0.0_wp)
+         call choose_branches(self, 0.0_wp)                           ! may change velocities, so before
+         call begin_at(self, state%time, error)
+      end associate
+   end subroutine integration_cvode_start
+
+   !> Counts time from here on.
+   subroutine begin_at(self, time, error)
+      class(integration_cvode_t), intent(inout) :: self
+      real(wp), intent(in) :: time                                    !! [s]
+      type(error_t), allocatable, intent(out) :: error
+
+      self%base = time
+      self%n_since_base = 0
+      call self%system%accelerations%begin(time, 0.0_wp)
+      call self%cvode%restart(0.0_wp, error)
+   end subroutine begin_at
+
+   subroutine integration_cvode_advance(self, state, n_steps, error)
+      class(integration_cvode_t), intent(inout) :: self
+      type(integration_state_t), intent(inout) :: state
+      integer, intent(in) :: n_steps
+      type(error_t), allocatable, intent(out) :: error
+      integer :: found(self%equations%n_events()), i, n_events
+      logical :: is_event
+      real(wp) :: end_time, t                                         ! t counts from the base
+
+      do i = 1, n_steps
+         end_time = self%origin + (self%n_steps + i)*self%step
+         do n_events = 1, max_events
+            call self%cvode%advance(end_time - self%base, t, is_event, found, error)
+            if (.not. allocated(error) .and. n_events > 1 .and. work_is_over()) call fail(error, "cvode was ended before its time")
+            if (allocated(error)) then
+               error%message = error%message//", counted from "//to_text(self%base)//" s"
+               return
+            end if
+            self%equations%scale = max(self%equations%scale, abs(self%cvode%values))
+            if (.not. is_event) exit
+            call change_branches(self, t, found)
+            call self%cvode%restart(t, error)
+            if (allocated(error)) return
+            is_event = end_time - self%base - t > 8.0_wp*epsilon(1.0_wp)*abs(t)
+            if (.not. is_event) exit                                  ! it happened at the sample
+         end do
+         if (is_event) then
+            call fail(error, "cvode: events without end at t = "//to_text(self%base + t)//" s")
+            return
+         end if
+         self%n_since_base = self%n_since_base + 1
+         if (self%n_since_base < steps_from_base) cycle
+         call begin_at(self, end_time, error)
+         if (allocated(error)) return
+      end do
+      self%n_steps = self%n_steps + n_steps
+      associate (n => self%system%n_dofs)
+         state%time = end_time
+         state%q = self%cvode%values(:n)
+         state%v = self%cvode%values(n + 1:)
+      end associate
+      if (self%system%laws%n_states > 0) call find_places(self, end_time - self%base, state%s)
+   end subroutine integration_cvode_advance
+
+   !> Places of all sliders in the present state.
+   subroutine find_places(self, t, s)
+      class(integration_cvode_t), intent(inout) :: self
+      real(wp), intent(in) :: t                                       !! [s], from the base
+      real(wp), intent(out) :: s(:)
+
+      associate (equations => self%equations)
+         call equations%gather(t, self%cvode%values)
+         call equations%find_bounds()
+         s = merge(equations%held, merge(equations%lower, equations%upper, equations%slip > 0), equations%slip == 0)
+      end associate
+   end subroutine find_places
+
+   !> Changes the branches whose events were found.
+   subroutine change_branches(self, t, found)
+      class(integration_cvode_t), intent(inout) :: self
+      real(wp), intent(in) :: t
+      integer, intent(in) :: found(:)
+      integer :: i, k
+      logical :: is_impact
+
+      associate (equations => self%equations, y => self%cvode%values)
+         call equations%gather(t, y)
+         call equations%find_bounds()
+         do i = 1, size(equations%is_positive)
+            if (found(i) /= 0) equations%is_positive(i) = found(i) > 0
+         end do
+         k = size(equations%is_positive)
+         do i = 1, size(equations%slip)
+            if (any(found(k + 1:k + 2) /= 0)) then
+               if (equations%slip(i) /= 0) then
+                  equations%held(i) = merge(equations%lower(i), equations%upper(i), equations%slip(i) > 0)
+                  equations%slip(i) = 0
+               end if
+               call choose_slip(self, t, i)
+            end if
+            k = k + 2
+         end do
+         is_impact = .false.
+         do i = 1, size(equations%rigid)
+            if (any(found(k + 1:k + 2) /= 0)) then
+               if (equations%rigid(i)%is_wall) then
+                  if (equations%mode(i) /= 0) then
+                     equations%mode(i) = 0
+                  else
+                     call hit_wall(self, i, merge(1, -1, found(k + 1) /= 0))
+                     is_impact = .true.
+                  end if
+               else if (equations%mode(i) == 0) then
+                  equations%mode(i) = merge(1, -1, found(k + 1) /= 0)
+               else
+                  equations%mode(i) = 0
+               end if
+            end if
+            k = k + 2
+         end do
+         if (size(equations%rigid) > 0) then
+            call equations%hold_active()
+            call settle_rigid(self, t)
+         end if
+         if (is_impact) call choose_branches(self, t)
+      end associate
+   end subroutine change_branches
+
+   !> Sends a coordinate back from a wall, with all others that are in contact held.
+   subroutine hit_wall(self, i, side)
+      class(integration_cvode_t), intent(inout) :: self
+      integer, intent(in) :: i, side
+      real(wp) :: back
+
+      associate (equations => self%equations)
+         associate (speed => self%system%laws%z_rate(equations%rigid(i)%coordinate))
+            back = -self%restitution*speed
+            if (abs(speed) <= slow*maxval(equations%scale(self%system%n_dofs + 1:))) back = 0.0_wp
+         end associate
+         where (.not. equations%rigid%is_wall) equations%mode = sign(1, equations%mode*2 + 1)   ! friction gives no impulse
+         equations%mode(i) = side
+         call equations%hold_active()
+         call stop_active(self, merge(back, 0.0_wp, equations%active == i))
+         if (abs(back) > 0.0_wp) equations%mode(i) = 0
+      end associate
+   end subroutine hit_wall
+
+   !> Gives the coordinates that are held the rates told, by an impulse on each.
+   subroutine stop_active(self, rates)
+      class(integration_cvode_t), intent(inout) :: self
+      real(wp), intent(in) :: rates(:)                                !! [m/s], of the active ones
+      real(wp) :: jump(size(rates))
+      integer :: info, k
+
+      associate (equations => self%equations, v => self%cvode%values(self%system%n_dofs + 1:))
+         do k = 1, size(jump)
+            jump(k) = dot_product(self%system%laws%shape(:, equations%rigid(equations%active(k))%coordinate), v) - rates(k)
+         end do
+         call dgetrs("N", size(jump), 1, equations%factor, size(jump), equations%pivots, jump, size(jump), info)
+         v = v - matmul(equations%kick(:, equations%active), jump)
+      end associate
+   end subroutine stop_active
+
+   !> Modes of the rigid laws that are consistent in the present state: walls push, friction keeps its limit or slips against it.
+   subroutine settle_rigid(self, t)
+      class(integration_cvode_t), intent(inout) :: self
+      real(wp), intent(in) :: t
+      real(wp) :: dydt(size(self%cvode%values)), rounding
+      integer :: i, pass
+      logical :: is_settled
+
+      associate (equations => self%equations, laws => self%system%laws)
+         do pass = 1, 3*size(equations%rigid) + 1
+            call equations%rhs(t, self%cvode%values, dydt)
+            is_settled = .true.
+            do i = 1, size(equations%rigid)
+               associate (rigid => equations%rigid(i))
+                  if (rigid%is_wall) then
+                     if (equations%mode(i)*equations%reaction(i) >= 0.0_wp) cycle
+                     equations%mode(i) = 0
+                  else if (equations%mode(i) == 0) then
+                     if (abs(equations%reaction(i)) <= rigid%limit) cycle
+                     equations%mode(i) = merge(1, -1, equations%reaction(i) > 0.0_wp)
+                  else
+                     rounding = epsilon(1.0_wp)*maxval(equations%scale(self%system%n_dofs + 1:))
+                     if (equations%mode(i)*laws%z_rate(rigid%coordinate) >= -rounding) cycle
+                     equations%mode(i) = -equations%mode(i)
+                  end if
+               end associate
+               is_settled = .false.
+               exit
+            end do
+            if (is_settled) exit
+            call equations%hold_active()
+         end do
+      end associate
+   end subroutine settle_rigid
+
+   !> Chooses all branches anew from the present state, as at the start or after an impact.
+   subroutine choose_branches(self, t)
+      class(integration_cvode_t), intent(inout) :: self
+      real(wp), intent(in) :: t
+      real(wp) :: ahead(size(self%equations%is_positive)), now(size(self%equations%is_positive))
+      real(wp) :: crawling, rate, zero
+      integer :: i
+
+      associate (equations => self%equations, laws => self%system%laws, y => self%cvode%values)
+         crawling = slow*maxval(equations%scale(self%system%n_dofs + 1:))
+         call equations%gather(t, y)
+         call self%system%laws%switches_here(now)
+         equations%is_positive = now > 0.0_wp
+         do i = 1, size(equations%rigid)
+            associate (rigid => equations%rigid(i), z => laws%z(equations%rigid(i)%coordinate))
+               rate = laws%z_rate(rigid%coordinate)
+               zero = 64.0_wp*epsilon(1.0_wp)*max(abs(rigid%gap), maxval(equations%scale(:self%system%n_dofs)))
+               if (.not. rigid%is_wall) then
+                  equations%mode(i) = 0
+                  if (abs(rate) > crawling) equations%mode(i) = merge(1, -1, rate > 0.0_wp)
+               else if (equations%mode(i) == 0) then
+                  if (z > rigid%gap - zero .and. rate >= 0.0_wp) call hit_wall(self, i, 1)
+                  if (rigid%two_sided .and. z < -rigid%gap + zero .and. rate <= 0.0_wp) call hit_wall(self, i, -1)
+               end if
+            end associate
+         end do
+         call equations%hold_active()
+         if (size(equations%active) > 0) call stop_active(self, 0.0_wp*equations%active)   ! what is held does not creep on
+         call look_ahead(self, t, ahead)
+         call equations%gather(t, y)
+         call self%system%laws%switches_here(now)
+         where (abs(now) <= 64.0_wp*epsilon(1.0_wp)*max(maxval(equations%scale), abs(ahead))) equations%is_positive = ahead > 0.0_wp
+         do i = 1, size(equations%slip)
+            call choose_slip(self, t, i)
+         end do
+         if (size(equations%rigid) > 0) call settle_rigid(self, t)
+      end associate
+   end subroutine choose_branches
+
+   !> Whether slider i slips: its place, outside or on a bound, is pushed where the motion goes.
+   subroutine choose_slip(self, t, i)
+      class(integration_cvode_t), intent(inout) :: self
+      real(wp), intent(in) :: t
+      integer, intent(in) :: i
+      real(wp) :: ahead(size(self%equations%is_positive)), zero
+
+      associate (equations => self%equations)
+         call equations%gather(t, self%cvode%values)
+         call equations%find_bounds()
+         equations%held(i) = min(max(equations%held(i), equations%lower(i)), equations%upper(i))
+         zero = 64.0_wp*epsilon(1.0_wp)*max(abs(equations%lower(i)), abs(equations%upper(i)))
+         associate (on_lower => equations%held(i) <= equations%lower(i) + zero, &
+                    on_upper => equations%held(i) >= equations%upper(i) - zero)
+            call look_ahead(self, t, ahead)
+            equations%slip(i) = 0
+            if (on_lower .and. equations%lower(i) > equations%held(i)) equations%slip(i) = 1
+            if (on_upper .and. equations%upper(i) < equations%held(i)) equations%slip(i) = -1
+         end associate
+      end associate
+   end subroutine choose_slip
+
+   !> Gathers coordinates, bounds and switches a moment later.
+   subroutine look_ahead(self, t, switches)
+      class(integration_cvode_t), intent(inout) :: self
+      real(wp), intent(in) :: t
+      real(wp), intent(out) :: switches(:)
+      real(wp) :: dydt(size(self%cvode%values)), later(size(self%cvode%values))
+
+      associate (n => self%system%n_dofs, y => self%cvode%values, h => self%time_scale)
+         call self%equations%rhs(t, y, dydt)
+         later = y + h*dydt
+         later(:n) = later(:n) + 0.5_wp*h**2*dydt(n + 1:)
+         call self%equations%gather(t + h, later)
+         call self%equations%find_bounds()
+         call self%system%laws%switches_here(switches)
+      end associate
+   end subroutine look_ahead
+
+   !> Forces of the laws; of rigid ones their reactions.
+   subroutine integration_cvode_forces(self, state, f)
+      class(integration_cvode_t), intent(inout) :: self
+      type(integration_state_t), intent(in) :: state
+      real(wp), intent(out) :: f(:)
+      real(wp) :: dydt(2*size(state%q))
+      integer :: i
+
+      call law_forces(self%system, state, f)
+      if (size(self%equations%rigid) == 0) return
+      call self%equations%rhs(state%time - self%base, [state%q, state%v], dydt)
+      do i = 1, size(self%equations%rigid)
+         f(self%equations%rigid(i)%coordinate) = self%equations%reaction(i)
+      end do
+   end subroutine integration_cvode_forces
+
+   subroutine integration_cvode_destroy(self)
+      class(integration_cvode_t), intent(inout) :: self
+
+      call self%cvode%destroy()
+      if (associated(self%equations)) deallocate (self%equations)
+   end subroutine integration_cvode_destroy
+end module hb_integration_cvode

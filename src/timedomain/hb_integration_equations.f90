@@ -1,0 +1,276 @@
+!> The equations of motion between two events, and the events: each law stays on the smooth branch that was last chosen. Time
+!> counts from where the loads were told to begin.
+!>
+!> Events are: a switch of a law changes its sign; a slider begins or ends to slip; a rigid wall is met or left; rigid friction
+!> begins to slip or stops. A slider that slips is on its bound, one that sticks keeps its place, so that neither needs an
+!> equation of its own. Rigid contact and stop are held by the reactions that keep the accelerations of their coordinates zero.
+!> Source: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 2nd edition, Springer 1993, section
+!> II.6 (discontinuous equations); F. Pfeiffer and C. Glocker, Multibody Dynamics with Unilateral Contacts, Wiley 1996.
+module hb_integration_equations
+   use hb_error, only: error_t
+   use hb_hysteretic_law, only: hysteretic_law_t
+   use hb_kinds, only: wp
+   use hb_lapack, only: dgetrf, dgetrs
+   use hb_law, only: hold_t
+   use hb_integration_system, only: integration_system_t
+   use hb_rigid_laws, only: collect_rigid
+   use hb_sundials, only: ode_t
+   implicit none
+   private
+   public :: integration_equations_t, new_integration_equations
+
+   real(wp), parameter :: smallest_scale = 1.0e-3_wp                  ! of one unknown, relative to the largest
+
+   type, extends(ode_t) :: integration_equations_t
+      type(integration_system_t), pointer :: system => null()
+      real(wp) :: tolerance = 0.0_wp
+      real(wp), allocatable :: scale(:)                               !! largest displacements, then velocities so far, (2 n_dofs)
+      ! Switches of the laws, one after the other
+      logical, allocatable :: is_positive(:)
+      ! Sliders, as the states of all laws
+      integer, allocatable :: slip(:)                                 !! 1 pushed by its lower bound, -1 by its upper, 0 sticks
+      real(wp), allocatable :: held(:)                                !! place of those that stick [m]
+      ! Rigid laws
+      type(hold_t), allocatable :: rigid(:)
+      integer, allocatable :: mode(:)                                 !! wall: 0 open, else the side; friction: slip, 0 stop
+      integer, allocatable :: active(:)                               !! those whose coordinate is held
+      real(wp), allocatable :: kick(:, :)                             !! M^-1 S of all rigid laws
+      real(wp), allocatable :: factor(:, :)                           !! of S^T M^-1 S of the active ones
+      integer, allocatable :: pivots(:)
+      real(wp), allocatable :: reaction(:)                            !! of all rigid laws, on the left-hand side [N]
+      real(wp), allocatable :: a(:), lower(:), upper(:), lower_rate(:), upper_rate(:)
+   contains
+      procedure :: n_events => equations_n_events
+      procedure :: rhs => equations_rhs
+      procedure :: events => equations_events
+      procedure :: weights => equations_weights
+      procedure :: gather => equations_gather
+      procedure :: find_bounds => equations_find_bounds
+      procedure :: hold_active => equations_hold_active
+   end type integration_equations_t
+
+contains
+
+   !> `system` must be divided by its mass. Fails for rigid laws that cannot be held.
+   subroutine new_integration_equations(self, system, tolerance, error)
+      type(integration_equations_t), intent(out) :: self
+      type(integration_system_t), intent(in), target :: system
+      real(wp), intent(in) :: tolerance                               !! relative
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      self%system => system
+      self%tolerance = tolerance
+      associate (laws => system%laws, m => system%laws%n_states)
+         allocate (self%is_positive(laws%n_switches), source=.false.)
+         allocate (self%slip(m), source=0)
+         allocate (self%held(m), self%lower(m), self%upper(m), self%lower_rate(m), self%upper_rate(m), source=0.0_wp)
+         call collect_rigid(laws, self%rigid, error)
+      end associate
+      if (allocated(error)) return
+      allocate (self%mode(size(self%rigid)), source=0)
+      allocate (self%reaction(size(self%rigid)), self%a(system%n_dofs), self%scale(2*system%n_dofs), source=0.0_wp)
+      allocate (self%kick(system%n_dofs, size(self%rigid)), self%active(0))
+      do i = 1, size(self%rigid)
+         self%kick(:, i) = system%shape(:, self%rigid(i)%coordinate)
+      end do
+   end subroutine new_integration_equations
+
+   !> Two for each slider and each rigid law, one for each switch.
+   pure integer function equations_n_events(self)
+      class(integration_equations_t), intent(in) :: self
+
+      equations_n_events = size(self%is_positive) + 2*size(self%slip) + 2*size(self%rigid)
+   end function equations_n_events
+
+   !> Coordinates and rates of the laws in y = (q, v) at a time.
+   subroutine equations_gather(self, t, y)
+      class(integration_equations_t), intent(inout) :: self
+      real(wp), intent(in) :: t                                       !! [s], from where the loads were told to begin
+      real(wp), intent(in), contiguous :: y(:)
+
+      associate (n => self%system%n_dofs)
+         call self%system%laws%set_time(self%system%accelerations%origin + t)
+         call self%system%laws%gather(y(:n), y(n + 1:))
+      end associate
+   end subroutine equations_gather
+
+   subroutine equations_rhs(self, t, y, dydt)
+      class(integration_equations_t), intent(inout) :: self
+      real(wp), intent(in) :: t
+      real(wp), intent(in), contiguous :: y(:)
+      real(wp), intent(out), contiguous :: dydt(:)
+      integer :: c, i, k, n
+
+      n = self%system%n_dofs
+      associate (system => self%system, a => self%a, f => self%system%laws%f)
+         call system%accelerations%after(t, a)
+         call system%stiffness%subtract_product(y(:n), a)
+         call system%damping%subtract_product(y(n + 1:), a)
+         call self%gather(t, y)
+         call law_forces(self)
+         do i = 1, size(self%rigid)
+            if (self%rigid(i)%is_wall) cycle
+            f(self%rigid(i)%coordinate) = self%mode(i)*self%rigid(i)%limit
+         end do
+         do c = 1, size(f)
+            a = a - system%shape(:, c)*f(c)
+         end do
+         self%reaction = 0.0_wp
+         do i = 1, size(self%rigid)
+            self%reaction(i) = f(self%rigid(i)%coordinate)
+         end do
+         if (size(self%active) > 0) then
+            call find_reactions(self)
+            do k = 1, size(self%active)
+               a = a - self%kick(:, self%active(k))*self%reaction(self%active(k))
+            end do
+         end if
+         dydt(:n) = y(n + 1:)
+         dydt(n + 1:) = a
+      end associate
+   end subroutine equations_rhs
+
+   !> Forces of all laws on the branches held, at the coordinates gathered.
+   subroutine law_forces(self)
+      type(integration_equations_t), intent(inout) :: self
+      real(wp) :: place(1, self%system%laws%n_states)
+      integer :: i
+
+      associate (laws => self%system%laws)
+         if (size(self%slip) > 0) then
+            call self%find_bounds()
+            place(1, :) = merge(self%held, merge(self%lower, self%upper, self%slip > 0), self%slip == 0)
+            laws%s = place(1, :)
+         end if
+         do i = 1, size(laws%laws)
+            associate (at => laws%places(i))
+               if (at%is_held_back) then
+                  laws%f(at%first:at%last) = 0.0_wp
+                  cycle
+               end if
+               select type (law => laws%laws(i)%law)
+               class is (hysteretic_law_t)
+                  at%z(1, :) = laws%z(at%first:at%last)
+                  call law%force(at%z, place(:, at%first_state:at%last_state), at%f)
+                  laws%f(at%first:at%last) = at%f(1, :)
+               class default
+                  call law%evaluate_held(laws%z(at%first:at%last), laws%z_rate(at%first:at%last), &
+                     self%is_positive(at%first_switch:at%last_switch), laws%f(at%first:at%last))
+               end select
+            end associate
+         end do
+      end associate
+   end subroutine law_forces
+
+   !> Bounds of all sliders at the coordinates gathered.
+   subroutine equations_find_bounds(self)
+      class(integration_equations_t), intent(inout) :: self
+      integer :: i
+
+      do i = 1, size(self%system%laws%laws)
+         associate (at => self%system%laws%places(i))
+            select type (law => self%system%laws%laws(i)%law)
+            class is (hysteretic_law_t)
+               call law%bounds(self%system%laws%z(at%first:at%last), self%system%laws%z_rate(at%first:at%last), &
+                  self%lower(at%first_state:at%last_state), self%upper(at%first_state:at%last_state), &
+                  self%lower_rate(at%first_state:at%last_state), self%upper_rate(at%first_state:at%last_state))
+            end select
+         end associate
+      end do
+   end subroutine equations_find_bounds
+
+   !> Reactions that keep the accelerations of the active coordinates zero; `a` holds those without them.
+   subroutine find_reactions(self)
+      type(integration_equations_t), intent(inout) :: self
+      real(wp) :: right(size(self%active))
+      integer :: info, k
+
+      associate (shape => self%system%laws%shape)
+         do k = 1, size(self%active)
+            right(k) = dot_product(shape(:, self%rigid(self%active(k))%coordinate), self%a)
+         end do
+      end associate
+      call dgetrs("N", size(right), 1, self%factor, size(right), self%pivots, right, size(right), info)
+      self%reaction(self%active) = right
+   end subroutine find_reactions
+
+   !> Makes the list of active rigid laws from their modes, and the factor of their equations.
+   subroutine equations_hold_active(self)
+      class(integration_equations_t), intent(inout) :: self
+      integer :: i, info, k
+
+      self%active = pack([(i, i=1, size(self%rigid))], self%mode /= 0 .eqv. self%rigid%is_wall)
+      if (allocated(self%factor)) deallocate (self%factor, self%pivots)
+      associate (m => size(self%active))
+         allocate (self%factor(m, m), self%pivots(m))
+         if (m == 0) return
+         do k = 1, m
+            self%factor(k, :) = matmul(self%system%laws%shape(:, self%rigid(self%active(k))%coordinate), self%kick(:, self%active))
+         end do
+         call dgetrf(m, m, self%factor, m, self%pivots, info)         ! regular: rigid laws share no degree of freedom
+      end associate
+   end subroutine equations_hold_active
+
+   !> In this order: switches, two of each slider, two of each rigid law. All of the latter fall to zero at their events.
+   subroutine equations_events(self, t, y, g)
+      class(integration_equations_t), intent(inout) :: self
+      real(wp), intent(in) :: t
+      real(wp), intent(in), contiguous :: y(:)
+      real(wp), intent(out), contiguous :: g(:)
+      real(wp) :: dydt(size(y))
+      integer :: i, n
+
+      n = size(self%is_positive)
+      if (size(self%active) > 0) then
+         call self%rhs(t, y, dydt)                                    ! for the reactions
+      else
+         call self%gather(t, y)
+         if (size(self%slip) > 0) call self%find_bounds()
+      end if
+      call self%system%laws%switches_here(g(:n))
+      do i = 1, size(self%slip)
+         select case (self%slip(i))
+         case (0)
+            g(n + 1:n + 2) = [self%held(i) - self%lower(i), self%upper(i) - self%held(i)]
+         case (1)
+            g(n + 1:n + 2) = [self%lower_rate(i), 1.0_wp]
+         case default
+            g(n + 1:n + 2) = [1.0_wp, -self%upper_rate(i)]
+         end select
+         n = n + 2
+      end do
+      do i = 1, size(self%rigid)
+         associate (rigid => self%rigid(i), z => self%system%laws%z(self%rigid(i)%coordinate), &
+                    rate => self%system%laws%z_rate(self%rigid(i)%coordinate))
+            g(n + 1:n + 2) = 1.0_wp
+            if (rigid%is_wall .and. self%mode(i) == 0) then
+               g(n + 1) = rigid%gap - z
+               if (rigid%two_sided) g(n + 2) = rigid%gap + z
+            else if (rigid%is_wall) then
+               g(n + 1) = self%mode(i)*self%reaction(i)
+            else if (self%mode(i) == 0) then
+               g(n + 1:n + 2) = [rigid%limit - self%reaction(i), rigid%limit + self%reaction(i)]
+            else
+               g(n + 1) = self%mode(i)*rate
+            end if
+         end associate
+         n = n + 2
+      end do
+   end subroutine equations_events
+
+   !> The error of each unknown counts relative to its largest value so far; small ones are lifted, so that what hardly moves
+   !> does not set the step.
+   subroutine equations_weights(self, y, w)
+      class(integration_equations_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: y(:)
+      real(wp), intent(out), contiguous :: w(:)
+
+      w = max(self%scale, abs(y))
+      associate (n => self%system%n_dofs)
+         w(:n) = max(w(:n), smallest_scale*maxval(w(:n)))
+         w(n + 1:) = max(w(n + 1:), smallest_scale*maxval(w(n + 1:)))
+      end associate
+      w = 1.0_wp/(self%tolerance*w)
+   end subroutine equations_weights
+end module hb_integration_equations

@@ -1,0 +1,150 @@
+!> What a time integration from a motion says of it, decided period by period from two numbers: how far the time integration is from
+!> the motion, and how far it is from a second time integration that began very close to it.
+!>
+!> The distance of both time integrations grows where the motion is unstable, however exact it is, and falls by the decay of what
+!> the start lacked where it is stable. So growth is looked at first, and differences count when the start is forgotten.
+module hb_integration_verdict
+   use hb_kinds, only: wp
+   implicit none
+   private
+   public :: decide, growth_of, limit_of, n_settled, verdict, verdict_names, verdict_text, verdict_kind_t
+
+   real(wp), parameter :: safety = 5.0_wp                             ! on the estimate of the certificate
+   real(wp), parameter :: largest_limit = 0.08_wp                     ! of a motion, whatever the estimate says; with several tones
+                                                                      ! a longer time integration would find up to a tenth
+   real(wp), parameter :: smallest_limit = 1.0e-9_wp
+   real(wp), parameter :: grown = 30.0_wp                             ! of the distance: no doubt
+   real(wp), parameter :: growing = 3.0_wp                            ! of the distance: before the motion was left, growth
+   real(wp), parameter :: forgotten = 100.0_wp                        ! fall of the distance after which the start does not matter
+   real(wp), parameter :: falling = 1.3_wp                            ! of the difference, from one stretch of periods to the next
+   real(wp), parameter :: half_decay = 1.5_wp                     ! likewise over `decay` periods, as a logarithm: half of its fall
+   real(wp), parameter :: halved = 2.0_wp                             ! fall of the distance that is one
+   real(wp), parameter :: neutral = 1.2_wp                            ! rise of the distance that is none
+   real(wp), parameter :: sheared = 4.5_wp                            ! likewise where nothing decays: like the square of time
+   integer, parameter :: fewest_fitted = 2                            ! periods
+
+   type :: verdict_kind_t
+      integer :: not_done = 0
+      integer :: agrees = 1
+      integer :: unstable = 2
+      integer :: differs = 3
+      integer :: undecided = 4
+   end type verdict_kind_t
+   type(verdict_kind_t), parameter :: verdict = verdict_kind_t()
+   character(9), parameter :: verdict_names(0:4) = [character(9) :: "not_done", "agrees", "unstable", "differs", "undecided"]
+
+contains
+
+   !> Verdict in words.
+   pure function verdict_text(kind) result(text)
+      integer, intent(in) :: kind
+      character(100) :: text
+
+      select case (kind)
+      case (verdict%agrees); text = "agrees with time integration"
+      case (verdict%unstable); text = "unstable: time integration leaves the motion"
+      case (verdict%differs); text = "differs from time integration by more than the estimated error allows"
+      case (verdict%undecided); text = "undecided: disturbances neither decayed nor grew in this time; try more --periods"
+      case default; text = "not verified"
+      end select
+   end function verdict_text
+
+   !> Largest difference [of the motion of a coordinate] at which time integration agrees: a small multiple of the estimate, never
+   !> more than 8 %.
+   pure elemental real(wp) function limit_of(estimate, share)
+      real(wp), intent(in) :: estimate                                !! relative error that the certificate lets expect
+      real(wp), intent(in) :: share                                   !! by how much it may be larger in this coordinate, >= 1
+
+      limit_of = min(largest_limit, max(safety*min(estimate, 1.0_wp), smallest_limit)*min(share, 1.0_wp/smallest_limit))
+   end function limit_of
+
+   !> Verdict after some periods; `not_done` where the time integration must go on.
+   pure integer function decide(ratio, distance, fewest, decay, is_last) result(kind)
+      real(wp), intent(in) :: ratio(:)                                !! of the difference to its limit, (n_periods)
+      real(wp), intent(in) :: distance(:) !! of both time integrations, logarithm, 0 at the start, (n_periods)
+      integer, intent(in) :: fewest                                   !! periods that show all of the motion
+      integer, intent(in) :: decay                                    !! periods in which the structure forgets, 0: it does not
+      logical, intent(in) :: is_last                                  !! no more periods
+      integer :: kept, n, stretch, tail
+      logical :: has_forgotten, has_left, is_falling
+      real(wp) :: gain, rise, start
+
+      kind = verdict%not_done
+      n = size(ratio)
+      if (n < fewest .and. .not. is_last) return
+      tail = n_settled(n, fewest)
+      has_left = maxval(ratio(n - tail + 1:)) > 1.0_wp
+      kept = n
+      if (has_left) kept = findloc(ratio > 1.0_wp, .true., dim=1) - 1
+      start = max(distance(1), 0.0_wp)                                ! what fell in the first period fell
+      gain = 0.0_wp
+      rise = 0.0_wp
+      if (has_left) kept = min(n, max(kept, fewest_fitted))           ! left at once: two periods tell growth from a first shock
+      if (kept >= fewest_fitted) then
+         gain = distance(kept) - start
+         rise = rise_of(distance(:kept))
+      end if
+      has_forgotten = distance(n) <= start - log(forgotten)
+      if (gain >= log(grown) .and. rise >= log(growing)) then
+         kind = verdict%unstable
+      else if (has_left) then
+         stretch = tail
+         if (is_last) stretch = max(tail, n/4)                        ! what wanders falls from time to time
+         is_falling = n >= 2*stretch
+         if (is_falling) is_falling = mean_of(n - stretch + 1, n) < mean_of(n - 2*stretch + 1, n - stretch) &
+                                      - min(log(falling), half_decay*stretch/max(1, decay))
+         if (is_last .and. n >= 2*decay .and. decay > 0) is_falling = .false.
+         if (is_falling) then
+            if (is_last) kind = verdict%undecided
+         else if (has_forgotten .or. is_last .or. n >= max(decay, 2*fewest)) then
+            kind = merge(verdict%unstable, verdict%differs, gain >= log(growing) .and. rise > 0.0_wp)
+         end if
+      else if (has_forgotten .and. rise_of(distance(n - tail + 1:)) <= log(neutral)) then
+         kind = verdict%agrees
+      else if (is_last) then
+         kind = verdict%undecided
+         if (rise <= -log(halved) .or. (n >= fewest .and. rise <= log(merge(neutral, sheared, decay > 0)))) kind = verdict%agrees
+      end if
+
+   contains
+
+      pure real(wp) function mean_of(first, last)
+         integer, intent(in) :: first, last
+
+         mean_of = sum(log(max(ratio(first:last), tiny(1.0_wp))))/(last - first + 1)
+      end function mean_of
+   end function decide
+
+   !> The last periods, in which a time integration counts as settled.
+   pure integer function n_settled(n, fewest)
+      integer, intent(in) :: n, fewest                                !! periods
+
+      n_settled = max(1, min(n/2, max(5, fewest/2)))
+   end function n_settled
+
+   !> Slope of the logarithm of the distance, a period, over the second half of the periods before the motion was left.
+   pure real(wp) function growth_of(ratio, distance) result(growth)
+      real(wp), intent(in) :: ratio(:), distance(:)                   !! as in `decide`
+      integer :: kept
+
+      kept = findloc(ratio > 1.0_wp, .true., dim=1) - 1
+      if (kept < 0) kept = size(ratio)
+      kept = min(size(ratio), max(kept, fewest_fitted))
+      growth = 0.0_wp
+      if (kept > 1) growth = rise_of(distance(:kept))/(kept - kept/2)
+   end function growth_of
+
+   !> Rise of a straight line through the second half of some values, from the last one of the first half on.
+   pure real(wp) function rise_of(values)
+      real(wp), intent(in) :: values(:)
+      real(wp), allocatable :: half(:), place(:)
+      integer :: k, n
+
+      rise_of = 0.0_wp
+      half = values(max(1, size(values)/2):)
+      n = size(half)
+      if (n < 2) return
+      place = [(k - 0.5_wp*(n + 1), k=1, n)]
+      rise_of = sum(place*half)/sum(place**2)*(n - 1)
+   end function rise_of
+end module hb_integration_verdict

@@ -1,0 +1,250 @@
+!> Time integration: follows a model through time from a state on, and keeps a record of it.
+!>
+!> `integrate_from` is the whole of it for a caller; `points` makes coefficients of a record.
+module hb_time_stepping
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_birkhoff, only: coefficients_at
+   use hb_central_differences, only: central_differences_t, new_central_differences
+   use hb_error, only: error_t, fail
+   use hb_frequency_analysis, only: find_frequencies
+   use hb_generalized_alpha, only: generalized_alpha_t, new_generalized_alpha
+   use hb_integrator, only: integrator_t
+   use hb_kinds, only: wp
+   use hb_law, only: hold_t
+   use hb_integration_config, only: integration_config_t, integration_method
+   use hb_integration_cvode, only: integration_cvode_t, new_integration_cvode
+   use hb_integration_state, only: integration_state_t
+   use hb_integration_system, only: integration_system_t
+   use hb_memory, only: available_memory
+   use hb_rigid_laws, only: collect_rigid
+   use hb_runge_kutta_4, only: new_runge_kutta_4, runge_kutta_4_t
+   use hb_text, only: to_text
+   use hb_cancellation, only: note_progress, work_is_over
+   implicit none
+   private
+   public :: assess, integrate_from, integration_assessment_t, integration_record_t
+
+   integer, parameter :: steps_between_looks = 32                     ! a few microseconds of the smallest system at least
+
+   !> What is kept of a motion: all samples of the displacements asked for, every so many of the rest.
+   type :: integration_record_t
+      real(wp) :: start = 0.0_wp                                      !! time of the first sample [s]
+      real(wp) :: step = 0.0_wp                                       !! from one sample to the next [s]
+      real(wp), allocatable :: every_displacement(:, :)               !! (n_samples, n_retained_dofs)
+      real(wp), allocatable :: time(:)                                !! [s], (n_stored)
+      real(wp), allocatable :: displacement(:, :), velocity(:, :)     !! (n_stored, n_retained_dofs)
+      real(wp), allocatable :: force(:, :)                            !! of the laws [N], (n_stored, n_coordinates)
+      real(wp) :: cpu_seconds = 0.0_wp                                !! of processor, set-up of the method included [s]
+      logical :: is_under_way = .false.                               !! the method was begun: an error is one of the motion
+      logical :: is_out_of_work = .false.                             !! the error is that of the budget
+   end type integration_record_t
+
+   !> What a record says of the steady motion.
+   type :: integration_assessment_t
+      complex(wp), allocatable :: coefficients(:, :)                  !! c - i s, (n_harmonics, n_retained_dofs)
+      real(wp), allocatable :: spread(:, :)                           !! |difference| of both halves of the record, likewise
+      real(wp), allocatable :: frequencies(:, :)                      !! of the largest lines [rad/s], (n_peaks, n_retained_dofs)
+      complex(wp), allocatable :: amplitudes(:, :)                    !! as frequencies
+   end type integration_assessment_t
+
+contains
+
+   !> Integrates from a state through the transient and the duration of `config`. `state` returns the last one.
+   subroutine integrate_from(system, config, step, retained_dofs, state, record, error)
+      type(integration_system_t), intent(inout), target :: system
+      type(integration_config_t), intent(in) :: config
+      real(wp), intent(in) :: step                                    !! [s], > 0
+      integer, intent(in) :: retained_dofs(:)
+      type(integration_state_t), intent(inout) :: state
+      type(integration_record_t), intent(out) :: record
+      type(error_t), allocatable, intent(out) :: error
+      class(integrator_t), allocatable :: integrator
+      real(wp) :: begun, ended
+
+      call cpu_time(begun)
+      call new_integrator(integrator, system, config, step/config%substeps, error)
+      if (.not. allocated(error)) call integrator%start(state, error)
+      record%is_under_way = .not. allocated(error)
+      record%step = step
+      if (.not. allocated(error)) call follow(integrator, system, config, retained_dofs, state, record, error)
+      call cpu_time(ended)
+      record%cpu_seconds = ended - begun
+      if (allocated(integrator)) call integrator%destroy()
+   end subroutine integrate_from
+
+   subroutine new_integrator(self, system, config, step, error)
+      class(integrator_t), allocatable, intent(out) :: self
+      type(integration_system_t), intent(inout), target :: system
+      type(integration_config_t), intent(in) :: config
+      real(wp), intent(in) :: step
+      type(error_t), allocatable, intent(out) :: error
+      type(runge_kutta_4_t), allocatable :: runge_kutta_4
+      type(central_differences_t), allocatable :: central_differences
+      type(generalized_alpha_t), allocatable :: generalized_alpha
+      type(integration_cvode_t), allocatable :: cvode
+      type(hold_t), allocatable :: rigid(:)
+
+      call collect_rigid(system%laws, rigid, error)
+      if (allocated(error)) return
+      select case (config%method)
+      case (integration_method%runge_kutta_4)
+         allocate (runge_kutta_4)
+         call new_runge_kutta_4(runge_kutta_4, system, step, error)
+         call move_alloc(runge_kutta_4, self)
+      case (integration_method%central_differences)
+         allocate (central_differences)
+         call new_central_differences(central_differences, system, step, config%restitution, error)
+         call move_alloc(central_differences, self)
+      case (integration_method%generalized_alpha)
+         allocate (generalized_alpha)
+         call new_generalized_alpha(generalized_alpha, system, step, config%spectral_radius, config%tolerance, error)
+         call move_alloc(generalized_alpha, self)
+      case default
+         allocate (cvode)
+         call new_integration_cvode(cvode, system, step, config%tolerance, config%is_stiff, config%restitution, error)
+         call move_alloc(cvode, self)
+      end select
+   end subroutine new_integrator
+
+   !> Advances step by step and writes down.
+   subroutine follow(integrator, system, config, retained_dofs, state, record, error)
+      class(integrator_t), intent(inout) :: integrator
+      type(integration_system_t), intent(inout), target :: system         !! the integrator points to it
+      type(integration_config_t), intent(in) :: config
+      integer, intent(in) :: retained_dofs(:)
+      type(integration_state_t), intent(inout) :: state
+      type(integration_record_t), intent(inout) :: record                 !! has its step
+      type(error_t), allocatable, intent(out) :: error
+      integer :: done, i, n_kept, n_steps, n_stored, n_transient, stat, stride
+
+      call check_length(config, record%step, size(retained_dofs), system%laws%n_coordinates, error)
+      if (allocated(error)) return
+      n_transient = nint(config%transient/record%step)
+      n_steps = max(1, nint(config%duration/record%step))
+      do done = 0, n_transient - 1, steps_between_looks
+         call advance(integrator, state, config%substeps*min(steps_between_looks, n_transient - done), config%largest, error)
+         if (.not. allocated(error)) call look()
+         if (allocated(error)) return
+         call note_progress(done, n_transient + n_steps)
+      end do
+      n_kept = size(retained_dofs)
+      stride = config%decimation
+      n_stored = n_steps/stride + 1
+      record%start = state%time
+      allocate (record%every_displacement(n_steps + 1, n_kept), stat=stat)
+      if (stat /= 0) then
+         call fail(error, "out of memory for a record of "//to_text(n_steps)//" steps")
+         return
+      end if
+      allocate (record%time(n_stored), record%displacement(n_stored, n_kept), record%velocity(n_stored, n_kept))
+      allocate (record%force(n_stored, system%laws%n_coordinates))
+      call keep(0)
+      do i = 1, n_steps
+         call integrator%advance(state, config%substeps, error)
+         if (allocated(error)) return
+         call keep(i)
+         if (modulo(i, steps_between_looks) > 0 .and. i < n_steps .and. system%laws%n_looks <= config%most_looks) cycle
+         call check_finite(state, config%largest, error)
+         if (.not. allocated(error)) call look()
+         if (allocated(error)) return
+         call note_progress(n_transient + i, n_transient + n_steps)
+      end do
+
+   contains
+
+      subroutine look()
+         record%is_out_of_work = system%laws%n_looks > config%most_looks
+         if (record%is_out_of_work) call fail(error, "the time integration has had its budget of work")
+         if (.not. record%is_out_of_work .and. work_is_over()) call fail(error, "the time integration was ended before its time")
+      end subroutine look
+
+      subroutine keep(i)
+         integer, intent(in) :: i
+         integer :: row
+
+         record%every_displacement(i + 1, :) = state%q(retained_dofs)
+         if (modulo(i, stride) > 0) return
+         row = i/stride + 1
+         record%time(row) = state%time
+         record%displacement(row, :) = state%q(retained_dofs)
+         record%velocity(row, :) = state%v(retained_dofs)
+         call integrator%forces(state, record%force(row, :))
+      end subroutine keep
+   end subroutine follow
+
+   !> Fails where steps cannot be counted, or where the record would not fit into memory.
+   subroutine check_length(config, step, n_kept, n_coordinates, error)
+      type(integration_config_t), intent(in) :: config
+      real(wp), intent(in) :: step                                    !! [s], > 0
+      integer, intent(in) :: n_kept, n_coordinates
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: bytes, n_steps
+
+      n_steps = (config%transient + config%duration)/step
+      bytes = 8.0_wp*(config%duration/step + 1.0_wp)*(n_kept + (1 + 2*n_kept + n_coordinates)/real(config%decimation, wp))
+      if (.not. n_steps < real(huge(1), wp)) then
+         call fail(error, "a time integration of "//to_text(config%transient + config%duration)//" s has "//to_text(n_steps)// &
+            " steps of "// &
+                   to_text(step)//" s, at most "//to_text(huge(1))//" can be counted: give a shorter duration or a larger step")
+      else if (bytes > available_memory()) then
+         call fail(error, "a record of "//to_text(config%duration)//" s takes "//to_text(nint(bytes/2.0_wp**20))// &
+                   " MiB, more than there is: give a shorter duration, a larger step or a larger decimation")
+      end if
+   end subroutine check_length
+
+   subroutine advance(integrator, state, n_steps, largest, error)
+      class(integrator_t), intent(inout) :: integrator
+      type(integration_state_t), intent(inout) :: state
+      integer, intent(in) :: n_steps
+      real(wp), intent(in) :: largest                                 !! displacement [m]
+      type(error_t), allocatable, intent(out) :: error
+
+      call integrator%advance(state, n_steps, error)
+      if (.not. allocated(error)) call check_finite(state, largest, error)
+   end subroutine advance
+
+   subroutine check_finite(state, largest, error)
+      type(integration_state_t), intent(in) :: state
+      real(wp), intent(in) :: largest                                 !! displacement [m]
+      type(error_t), allocatable, intent(out) :: error
+
+      if (all(ieee_is_finite(state%q)) .and. all(ieee_is_finite(state%v))) then
+         if (maxval(abs(state%q)) <= largest) return
+         call fail(error, "the motion has grown beyond "//to_text(largest)//" at t = "//to_text(state%time)//" s")
+         return
+      end if
+      call fail(error, "the motion is not finite at t = "//to_text(state%time)//" s: an explicit method may need a smaller step")
+   end subroutine check_finite
+
+   !> Coefficients of given frequencies with the difference between both halves of the record, and the largest lines.
+   subroutine assess(record, frequencies, n_peaks, assessment, error)
+      type(integration_record_t), intent(in) :: record
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      integer, intent(in) :: n_peaks
+      type(integration_assessment_t), intent(out) :: assessment
+      type(error_t), allocatable, intent(out) :: error
+      complex(wp) :: first(size(frequencies)), second(size(frequencies))
+      integer :: half, k, n, n_kept
+
+      n = size(record%every_displacement, 1)
+      n_kept = size(record%every_displacement, 2)
+      half = n/2
+      allocate (assessment%coefficients(size(frequencies), n_kept), assessment%spread(size(frequencies), n_kept))
+      allocate (assessment%frequencies(n_peaks, n_kept), assessment%amplitudes(n_peaks, n_kept))
+      if (half < 3) then
+         call fail(error, "a record of "//to_text(n)//" samples is too short for coefficients")
+         return
+      end if
+      do k = 1, n_kept
+         associate (x => record%every_displacement(:, k))
+            call coefficients_at(x, record%start, record%step, frequencies, assessment%coefficients(:, k))
+            call coefficients_at(x(:half), record%start, record%step, frequencies, first)
+            call coefficients_at(x(n - half + 1:), record%start + (n - half)*record%step, record%step, frequencies, second)
+            assessment%spread(:, k) = abs(second - first)
+            if (n_peaks == 0) cycle
+            call find_frequencies(x, record%start, record%step, assessment%frequencies(:, k), assessment%amplitudes(:, k), error)
+            if (allocated(error)) return
+         end associate
+      end do
+   end subroutine assess
+end module hb_time_stepping
