@@ -1,6 +1,7 @@
-!> The known word that was probably meant by a misspelt one.
+!> The known word that was probably meant by a misspelt one, or by one that had another name once.
 !> Source of the distance: Damerau-Levenshtein, restricted to one swap of neighbours at a place.
 module hb_closest_word
+   use hb_former_names, only: is_renamed
    use hb_text, only: lower, string_t
    implicit none
    private
@@ -52,6 +53,11 @@ contains
       type(string_t), intent(in) :: known(:)
       integer :: best, distance, i
 
+      do i = 1, size(known)
+         closest_index = i
+         if (.not. allocated(known(i)%value)) cycle
+         if (is_renamed(lower(trim(word)), lower(trim(known(i)%value)))) return
+      end do
       closest_index = 0
       best = huge(best)
       do i = 1, size(known)
