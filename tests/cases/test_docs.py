@@ -34,6 +34,7 @@ SECTIONS_BY_FILE = {
     "hb_model_ties.f90": ["tie"],
 }
 SECTIONS_BY_PROCEDURE = {
+    "read_fe_model": ["structure model"],
     "read_amplitude": ["load", "start"],
     "read_hardness": ["law blade_contact", "law contact_table"],
 }
