@@ -149,7 +149,7 @@ contains
 
       call file%get_attribute("kind", kind, without_kind)
       if (.not. allocated(without_kind)) then
-         call fail(error, "it is the record of a "//kind//"; nhbm-post info reads it")
+         call fail(error, "it is a record of "//kind//"; nhbm-post info reads it")
          return
       end if
       call file%get_attribute("schema_version", version, error)

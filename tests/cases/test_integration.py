@@ -123,7 +123,7 @@ def test_a_record_says_what_it_holds(tmp_path):
     assert f"largest    {largest:.4g} at x1" in lines
     told = run("info", record, cwd=tmp_path)
     assert told.status == BAD_INPUT
-    assert "it is the record of a time integration" in told.stderr
+    assert "it is a record of integration" in told.stderr
 
 
 def test_several_motions_are_the_same_on_any_number_of_ranks(tmp_path):
