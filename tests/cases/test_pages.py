@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fnmatch
 import io
 import os
 import re
@@ -52,6 +53,14 @@ def test_index_lists_every_page():
     listed = {(index.parent / name).resolve() for name in re.findall(r"\]\(([^)#]+)\)", index.read_text(encoding="utf-8"))}
     missing = [page.name for page in PAGES if page.parent.name in ("user", "why", "develop") and page not in listed]
     assert not missing, f"docs/README.md does not list {', '.join(missing)}"
+
+
+def test_site_has_every_page():
+    """Names and patterns of docs/site/index.md; the index for readers of the files is left out."""
+    named = re.findall(r"^((?:docs|postproc)/\S+|[A-Z]+)$", (ROOT / "docs" / "site" / "index.md").read_text(encoding="utf-8"), re.MULTILINE)
+    pages = [str(page.relative_to(ROOT).with_suffix("")) for page in PAGES if page != ROOT / "docs" / "README.md"]
+    missing = [page for page in pages if not any(fnmatch.fnmatch(page, name) for name in named)]
+    assert not missing, f"docs/site/index.md does not have {', '.join(missing)}"
 
 
 def test_license_is_told_where_it_is_looked_for():

@@ -12,7 +12,8 @@ import pytest
 from page_runner import ROOT, blocks_of, compare, is_same, run_page
 
 LIBRARY = Path(os.environ["NHBM"]).resolve().parents[1] / "lib" / "libnhbm.so"
-PAGES = [ROOT / "README.md", ROOT / "docs" / "user" / "cheat_sheet.md", *sorted(page for page in ROOT.glob("docs/*/*.md") if page.parent.name in ("howto", "start") and blocks_of(page))]
+ALONE = [ROOT / "README.md", ROOT / "docs" / "user" / "cheat_sheet.md", ROOT / "docs" / "why" / "beside_pyharm.md"]
+PAGES = [*ALONE, *sorted(page for page in ROOT.glob("docs/*/*.md") if page.parent.name in ("howto", "start") and blocks_of(page))]
 LONG = {"finite_element_bracket", "friction_damper"}  # pages that take seconds
 MOST_WORDS = {"howto": 450, "start": 1200, "README.md": 1000}
 
