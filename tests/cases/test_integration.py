@@ -132,16 +132,16 @@ def test_several_motions_are_the_same_on_any_number_of_ranks(tmp_path):
     model += "&load dof='x1', tuple=1, cos=0.4 /\n&law type='cubic_spring', dof='x1', stiffness=1 /\n"
     model += "&integration duration=60, transient=150, starts=6 /\n"
     points = model + "&solver primary_method='integration' /\n&sweep parameter='tones%frequency(1)', values=1.5, 1.55 /\n"
-    (tmp_path / "integration.nml").write_text(model)
+    (tmp_path / "integrate.nml").write_text(model)
     (tmp_path / "solve.nml").write_text(points)
     for verb in ("integrate", "solve"):
         for ranks in (None, 2):
             done = run(verb, f"{verb}.nml", "-o", f"{verb}_{ranks}.h5", cwd=tmp_path, ranks=ranks)
             assert done.status == 0, done.stderr
     names = ("start_motion", "motion_coefficients", "coefficients", "displacement", "spread")
-    for one, two in zip(*(read(tmp_path / f"integration_{ranks}.h5", *names) for ranks in (None, 2))):
+    for one, two in zip(*(read(tmp_path / f"integrate_{ranks}.h5", *names) for ranks in (None, 2))):
         assert one.tobytes() == two.tobytes()
-    assert set(read(tmp_path / "integration_2.h5", "start_motion")) == {1, 2}
+    assert set(read(tmp_path / "integrate_2.h5", "start_motion")) == {1, 2}
     names = ("status", "n_motions", "message_byte", "coefficients", "truncation_estimate", "n_unknowns")
     for one, two in zip(*(read(tmp_path / f"solve_{ranks}.h5", *names) for ranks in (None, 2))):
         assert one.tobytes() == two.tobytes()
