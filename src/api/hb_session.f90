@@ -106,7 +106,7 @@ contains
       if (allocated(self%parameters)) deallocate (self%parameters)
       allocate (self%parameters(0))
       call read_namelist(self%document, name, text, error)
-      if (.not. allocated(error)) call self%document%expect_groups([character(11) :: group_names, "curve"], error)
+      if (.not. allocated(error)) call self%document%expect_groups([character(11) :: group_names, "curve", "sweep"], error)
       if (allocated(error)) return
       if (.not. allocated(self%callbacks%stability_finder)) allocate (self%callbacks%stability_finder, source=finder)
       if (.not. allocated(self%callbacks%time_domain_solver)) &
@@ -168,11 +168,13 @@ contains
       call update_model(self%model, self%document, is_new, error, callbacks=self%callbacks)
    end subroutine session_update
 
-   !> The input with all keys that may be given, and their values.
+   !> The input with all keys that may be given, and their present values; of values that are wrong those before.
    subroutine session_complete_input(self, text)
-      class(session_t), intent(in) :: self
+      class(session_t), intent(inout), target :: self
       character(:), allocatable, intent(out) :: text
+      type(error_t), allocatable :: ignored
 
+      call self%update(ignored)
       call write_complete_text(self%document, text)
    end subroutine session_complete_input
 

@@ -57,7 +57,7 @@ typedef struct nhbm_model nhbm_model;
 nhbm_model *nhbm_new(void);
 
 /* Takes the text of an input (docs/user/input.md), in the place of the one before, whose parameters are gone; `name` stands in
- * messages. */
+ * messages. What &sweep says is left out. */
 int nhbm_read(nhbm_model *model, const char *text, const char *name, nhbm_error *error);
 
 /* Says who gives the structures that inputs name by &structure type = 'model', file = '...': fill(context, file, structure) describes

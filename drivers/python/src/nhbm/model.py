@@ -83,7 +83,8 @@ class Model:
 
     @classmethod
     def from_namelist(cls, text: str, folder: str | Path = ".", name: str = "model") -> Model:
-        """The model of the text of an input; files that it names are looked for in `folder`, and `name` stands in messages."""
+        """The model of the text of an input; files that it names are looked for in `folder`, and `name` stands in messages. Groups
+        &sweep are left out."""
         model = cls.__new__(cls)
         model._clear()
         model._base, model._folder = text if text.endswith("\n") else text + "\n", Path(folder)
