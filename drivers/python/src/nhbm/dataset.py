@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 CONVERGED = 1
 STATUSES = (
     "pending converged stalled out_of_budget singular not_finite failed truncated aliased penetrating collapsed no_motion crashed "
-    "diverged locked timed_out impact unused integrated subharmonic broadband several"
+    "diverged locked timed_out impact unused time_domain subharmonic broadband several"
 ).split()
 SOLVED = (1, 7, 8, 9, 16, 18)  # a motion of the tones is stored, if not always within what was asked for
 VERDICTS = "not_done", "agrees", "unstable", "differs", "undecided"
