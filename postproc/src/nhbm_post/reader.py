@@ -245,7 +245,7 @@ class Results:
 
     @property
     def solved(self) -> np.ndarray:
-        """Numbers of the points with a motion: converged, truncated, aliased, penetrating, impact, integrated, several."""
+        """Numbers of the points with a motion: converged, truncated, aliased, penetrating, impact, time_domain, several."""
         return np.flatnonzero(np.isin(self.status, SOLVED))
 
     @property
