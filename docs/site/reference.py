@@ -1,0 +1,93 @@
+#!/usr/bin/env python3
+"""Makes the reference pages of the site from what the programs and sources say of themselves.
+
+usage: reference.py FOLDER      writes FOLDER/command.md, python.md, c.md and fortran.md
+
+nhbm, nhbm-post and nhbm-model are looked for on the path, the package nhbm in this Python.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def printed(*words: str) -> str:
+    return subprocess.run(words, capture_output=True, text=True, check=True).stdout.rstrip()
+
+
+def block(text: str, language: str = "text") -> str:
+    return f"```{language}\n{text.rstrip()}\n```\n"
+
+
+def command() -> str:
+    """Help of all verbs of the three commands."""
+    parts = ["# Commands\n\nWhat `--help` of each verb prints.\n"]
+    verbs = re.findall(r"nhbm (\w+) (?:INPUT|RESULT) \[options\]", printed("nhbm", "help"))
+    parts.append("## nhbm\n\n" + block(printed("nhbm", "help")))
+    parts += [f"## nhbm {verb}\n\n" + block(printed("nhbm", "help", verb)) for verb in verbs]
+    for tool in ("nhbm-post", "nhbm-model"):
+        text = printed(tool, "--help")
+        parts.append(f"## {tool}\n\n" + block(text))
+        verbs = re.findall(r"^    ([a-z][\w-]*)(?:  |$)", text.partition("positional arguments:")[2], re.MULTILINE)
+        parts += [f"### {tool} {verb}\n\n" + block(printed(tool, verb, "--help")) for verb in verbs]
+    return "\n".join(parts)
+
+
+def python() -> str:
+    """Public names of the package with their signatures and docstrings."""
+    import nhbm
+    import nhbm.dataset
+
+    parts = ["# Python\n\nPublic names of the package `nhbm`; what to do with them: [nhbm from Python](../docs/user/library.md).\n"]
+    for name in sorted(nhbm.__all__, key=str.lower):
+        parts.append(described(name, getattr(nhbm, name), "##"))
+    parts.append("## Accessor dataset.nhbm\n\n" + block(inspect.getdoc(nhbm.dataset.Accessor) or ""))
+    parts += members("dataset.nhbm", nhbm.dataset.Accessor)
+    return "\n".join(part for part in parts if part)
+
+
+def described(name: str, what, level: str) -> str:
+    if not (inspect.isclass(what) or callable(what)):
+        return ""
+    text = inspect.getdoc(what) or ""
+    own = members(name, what) if inspect.isclass(what) and not issubclass(what, tuple) else []
+    return "\n".join([f"{level} {name}\n", block(f"{signature(name, what)}\n\n{text}", "text"), *own])
+
+
+def members(name: str, owner) -> list[str]:
+    found = [(key, value) for key, value in vars(owner).items() if not key.startswith("_") or key == "__setitem__"]
+    parts = []
+    for key, value in found:
+        target = value.fget if isinstance(value, property) else getattr(value, "__func__", value)
+        if inspect.isfunction(target) and inspect.getdoc(target):
+            shown = f"{name}.{key}" if isinstance(value, property) else signature(f"{name}.{key}", target)
+            parts.append(f"### {name}.{key}\n\n".replace("__", "\\_\\_") + block(f"{shown}\n\n{inspect.getdoc(target)}"))
+    return parts
+
+
+def signature(name: str, what) -> str:
+    try:
+        return f"{name}{inspect.signature(what)}"
+    except (TypeError, ValueError):
+        return name
+
+
+def main(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    source = {"c": ("# C\n\nThe header is the manual, in the order of use.\n", ["src/api/nhbm.h", "src/laws/nhbm_user_law.h"], "c"),
+              "fortran": ("# Fortran\n\nThe module `nhbm`.\n", ["src/api/nhbm.f90"], "fortran")}  # fmt: skip
+    pages = {"command": command(), "python": python()}
+    for name, (head, files, language) in source.items():
+        pages[name] = "\n".join([head, *(f"## {Path(file).name}\n\n{block((ROOT / file).read_text(encoding='utf-8'), language)}" for file in files)])
+    for name, text in pages.items():
+        (folder / f"{name}.md").write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
