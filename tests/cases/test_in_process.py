@@ -10,6 +10,7 @@ import resource
 import shutil
 import signal
 import subprocess
+import sys
 import threading
 import time
 import types
@@ -20,7 +21,7 @@ import numpy as np
 import pytest
 from scipy import LowLevelCallable
 
-from program import ALL_CONVERGED, run
+from program import _ENVIRONMENT, ALL_CONVERGED, run
 
 LIBRARY = Path(os.environ["NHBM"]).resolve().parents[1] / "lib" / "libnhbm.so"
 if not LIBRARY.is_file():
@@ -194,6 +195,44 @@ def test_models_leave_nothing_behind():
     make(50)
     before = make(50)
     assert make(500) - before < 4000  # KiB
+
+
+@pytest.mark.long
+def test_a_hundred_thousand_models_leave_nothing_behind():
+    """Read and dropped, every tenth solved."""
+
+    def make(n):
+        for k in range(n):
+            session = session_of(DUFFING + "&harmonics order = 3 /\n&stability method = 'off' /\n")
+            if k % 10 == 0:
+                session.solve()
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+    make(1000)
+    before = make(1000)
+    assert make(100000) - before < 4000  # KiB
+
+
+def test_programs_of_an_earlier_header_run(tmp_path):
+    """The headers in abi/ are those of the first program that was built with this version of the interface: it runs, and its law does."""
+    headers = ROOT / "tests" / "cases" / "abi"
+    version = [re.search(r"#define NHBM_API (\d+)", (folder / "nhbm.h").read_text())[1] for folder in (headers, ROOT / "src" / "api")]
+    assert version[0] == version[1], "programs must be compiled anew: copy nhbm.h and nhbm_user_law.h to tests/cases/abi"
+    compiler = [shutil.which("cc"), f"-I{headers}"]
+    example = ROOT / "drivers" / "examples" / "duffing.c"
+    subprocess.run([*compiler, example, LIBRARY, f"-Wl,-rpath,{LIBRARY.parent}", "-o", "duffing"], cwd=tmp_path, check=True)
+    done = subprocess.run(["./duffing"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    session = session_of(DUFFING)
+    session.set("tones%frequency", 0.5)
+    session.solve()
+    assert float(done.stdout.split()[1]) == session.column("coefficients").values[0, 1, 0]
+    law = ROOT / "inputs" / "user_law" / "friction.c"
+    subprocess.run([*compiler, "-shared", "-fPIC", law, "-o", "friction.so", "-lm"], cwd=tmp_path, check=True)
+    slider = "dof = 'x1', {} /\n"
+    texts = [FRICTION + "&law " + slider.format(keys) for keys in ("type = 'jenkins', stiffness = 2.0, limit = 0.2",
+             "type = 'user', library = 'friction.so', name = 'friction', parameters = 2.0, 0.2, odd = .true.")]  # fmt: skip
+    found = [Model.from_namelist(text, tmp_path).solve()["coefficients"].values for text in texts]
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-10)
 
 
 def test_programs_in_c_and_fortran_have_the_same_numbers(tmp_path):
@@ -479,6 +518,38 @@ def test_sweeps_are_spread_over_processes():
     assert bool(alone.nhbm.is_converged.all())
     together = model.sweep(values, order=5, workers=2)
     same(together["coefficients"].values, alone["coefficients"].values, "coefficients")
+
+
+def test_sweeps_are_spread_over_ranks(tmp_path):
+    """Each rank has the whole dataset, with the bits of one process."""
+    pytest.importorskip("mpi4py")
+    (tmp_path / "ranks.py").write_text(
+        "import numpy as np\nfrom mpi4py import MPI\nfrom test_in_process import duffing\n"
+        "found = duffing().sweep({'tones[0]': np.linspace(0.6, 0.9, 5)}, order=5, comm=MPI.COMM_WORLD)\n"
+        "np.save(f'rank_{MPI.COMM_WORLD.Get_rank()}.npy', found['coefficients'].values)\n"
+    )
+    path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    command = [os.environ.get("MPIEXEC", "mpirun"), "-n", "2", sys.executable, "ranks.py"]
+    subprocess.run(command, cwd=tmp_path, env={**os.environ, **_ENVIRONMENT, "PYTHONPATH": path}, check=True, timeout=120)
+    alone = duffing().sweep({"tones[0]": np.linspace(0.6, 0.9, 5)}, order=5)["coefficients"].values
+    for rank in range(2):
+        assert np.array_equal(np.load(tmp_path / f"rank_{rank}.npy"), alone)
+
+
+def test_laws_compiled_by_numba():
+    """A law of a velocity, too; each equals the one of the catalogue."""
+    pytest.importorskip("numba")
+    from nhbm.numba_laws import compiled
+
+    cubic_law = compiled(lambda q, v, p: p[0] * q * q * q, lambda q, v, p: (3 * p[0] * q * q, 0.0), odd=True)
+    damping = compiled(lambda q, v, p: p[0] * v * v * v, lambda q, v, p: (0.0, 3 * p[0] * v * v), velocity=True, odd=True)
+    found = []
+    for laws in (("cubic_spring", {"stiffness": 0.5}), ("cubic_damping", {"coefficient": 0.2})), ((cubic_law, {"parameters": [0.5]}), (damping, {"parameters": [0.2]})):
+        model = duffing(spring=True)
+        for law, keys in laws:
+            model.law(law, ["x1"] if law == "cubic_damping" or law is damping else "x1", **keys)
+        found.append(model.solve(order=9)["coefficients"].values)
+    np.testing.assert_allclose(found[1], found[0], atol=1e-10)
 
 
 def test_the_table_of_keys():

@@ -1,0 +1,58 @@
+"""Laws that Numba compiles: functions of one sample, called without Python in between."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+from nhbm.laws import Law, LawSamples
+
+
+def compiled(force: Callable[..., float], slopes: Callable[..., Any], *, velocity: bool = False, **options: Any) -> Law:
+    """A law of one coordinate from two functions of numbers that Numba can compile.
+
+    Parameters
+    ----------
+    force : force(q, v, p), the force [N] at the displacement q [m] and velocity v [m/s]; p are the parameters of the input
+    slopes : slopes(q, v, p), its derivatives (df/dq, df/dv)
+    velocity : whether the force depends on v; if not, v is 0
+    options : of Law, such as odd=True
+    """
+    from numba import carray, cfunc, njit, types
+    from numba.extending import intrinsic
+
+    fields = [(name, types.int32 if kind is ctypes.c_int else types.intp) for name, kind in LawSamples._fields_]
+    record = types.Record.make_c_struct(fields)
+
+    @intrinsic
+    def numbers_at(typing: Any, address: Any) -> Any:
+        pointer = types.CPointer(types.float64)
+        return pointer(types.intp), lambda context, builder, signature, a: builder.inttoptr(a[0], context.get_value_type(pointer))
+
+    force, slopes = njit(force), njit(slopes)
+
+    @cfunc(types.int32(types.CPointer(record)))
+    def evaluate(place: Any) -> int:
+        s = carray(place, 1)[0]
+        n = s.n_samples
+        z, f, p = carray(numbers_at(s.z), n), carray(numbers_at(s.f), n), carray(numbers_at(s.parameters), s.n_parameters)
+        if velocity:
+            v = carray(numbers_at(s.v), n)
+            for i in range(n):
+                f[i] = force(z[i], v[i], p)
+        else:
+            for i in range(n):
+                f[i] = force(z[i], 0.0, p)
+        if s.df_dz != 0:
+            by_z = carray(numbers_at(s.df_dz), n)
+            if velocity:
+                v, by_v = carray(numbers_at(s.v), n), carray(numbers_at(s.df_dv), n)
+                for i in range(n):
+                    by_z[i], by_v[i] = slopes(z[i], v[i], p)
+            else:
+                for i in range(n):
+                    by_z[i] = slopes(z[i], 0.0, p)[0]
+        return 0
+
+    return Law(evaluate, velocity=velocity, **options)
