@@ -4,8 +4,8 @@
 
 A block whose first line is a comment with the name of a file alone is written to that file. Other blocks run in their order:
 `python` and `{code-cell}` in one interpreter for the page, `console` with bash, a command behind each `$`. What stands below a command,
-and in a block `text` below Python, must be printed: line by line in this order, `...` for anything, numbers with a point to 2e-3, those of
-two digits, such as estimates, to a fifth; below 1e-6 all are the same.
+and in a block `text` below Python, must be printed: line by line in this order, `...` for anything, numbers with a point to 2e-3;
+estimates, which are those with an exponent and two digits at most, to a factor of ten; below 1e-6 all are the same.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[2]
 PRECISION = 2e-3  # of printed numbers: the last digits belong to the machine
-ROUGH, ROUNDING = 0.2, 1e-6  # of numbers of two digits; what is rounding
+ROUGH, ROUNDING = 10.0, 1e-6  # factor between estimates; what is rounding
 LIMIT = 300.0  # [s] of a command
 
 _FENCE = re.compile(r"^```(\{code-cell\}|[\w-]*)[^\n]*\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -90,9 +90,10 @@ def is_same(wanted: str, line: str) -> bool:
 def _are_close(wanted: str, found: str) -> bool:
     if re.fullmatch(r"[-+]?\d+", wanted):
         return int(wanted) == float(found)
-    digits = len(re.sub(r"[eE].*|[-+.]", "", wanted).lstrip("0"))
-    allowed = (ROUGH if digits <= 2 and "e" in wanted.lower() else PRECISION) * abs(float(wanted))
-    return abs(float(wanted) - float(found)) <= max(allowed, ROUNDING)
+    one, other = float(wanted), float(found)
+    if "e" in wanted.lower() and len(re.sub(r"[eE].*|[-+.]", "", wanted).lstrip("0")) <= 2:
+        return max(abs(one), abs(other)) <= max(ROUGH * min(abs(one), abs(other)), ROUNDING)
+    return abs(one - other) <= max(PRECISION * abs(one), ROUNDING)
 
 
 def _run_python(text: str, names: dict, page: Path) -> str:

@@ -53,6 +53,7 @@ def test_lines_are_compared():
     assert not is_same("fold at 1.2696 rad/s, point 89", "fold at 1.2696 rad/s, point 90")
     assert not is_same("fold at 1.2696 rad/s", "fold at 1.3 rad/s")
     assert is_same("error: ... by truncation", "error: 3.1E-04 by truncation")
+    assert is_same("error: 3.1E-04", "error: 9.0E-05") and not is_same("error: 3.1E-04", "error: 9.0E-03")
     compare(["a", "...", "c"], "a\nb\nc\n", "page")
     with pytest.raises(AssertionError, match="the page has"):
         compare(["c", "a"], "a\nb\nc\n", "page")
