@@ -27,9 +27,9 @@ SWEEP = "&solver chain_length = 4 /\n&sweep parameter = 'law(1)%gap', from = 0.5
 MADE_BY_WHOM = ("rank", "solve_seconds", "setup_seconds", "iteration_seconds", "certificate_seconds")
 
 
-def _solve(text, folder, *options, ranks=None, name="out.h5"):
+def _solve(text, folder, *options, ranks=None, name="out.h5", limit=120.0):
     (folder / "model.nml").write_text(text)
-    return run("solve", "model.nml", "-o", name, "--overwrite", *options, cwd=folder, ranks=ranks), folder / name
+    return run("solve", "model.nml", "-o", name, "--overwrite", *options, cwd=folder, ranks=ranks, limit=limit), folder / name
 
 
 def _numbers(path):
@@ -303,11 +303,37 @@ def test_what_shorter_steps_change_is_the_error_of_a_motion(tmp_path):
 &load dof = 'x2', tuple = 0, 1, cos = -0.29806674424, sin = 0.0429676824647 /
 &law type = 'jenkins_2d', dof = 'x1', second_dofs = 'x2', stiffness = 9.53755198532, limit = 0.882585812616 /
 """
-    done, path = _solve(model, tmp_path)
+    done, path = _solve(model, tmp_path, limit=900.0)  # 25 s of the processor
     assert "1 truncated" in done.stdout
     with h5py.File(path) as file:
         assert np.isfinite(file["coefficients"][0]).any()
         assert 1e-2 < file["truncation_estimate"][0] < 5e-2
+    assert "1 agrees" in run("verify", path, cwd=tmp_path, limit=900.0).stdout
+
+
+@pytest.mark.long
+@pytest.mark.xfail(strict=True, reason="the larger set lacks (20, -7), nearly in resonance: .41 of the error")
+def test_tones_near_sixteen_to_five_are_within_the_tolerance(tmp_path):
+    """16 w1 - 5 w2 is small, so that the combination (4, -2), nearly in resonance under light damping, has a neighbour (20, -7) that
+    carries 9e-3 of the motion."""
+    model = """
+&structure type = 'matrices', n_dofs = 1, mass = 1.9139, damping = 0.0131, stiffness = 1.7880 /
+&tones frequency = 0.4119385967, 1.3217288668 /
+&load dof = 'x1', tuple = 1, 0, cos = 0.9980 /
+&load dof = 'x1', tuple = 0, 1, cos = 0.9661 /
+&law type = 'elastic_stop', dof = 'x1', stiffness = 4.3191, gap = 0.9888 /
+"""
+    motions, estimates = [], []
+    for tolerance in (1e-2, 5e-4):
+        _, path = _solve(model, tmp_path, "--set", f"accuracy%tolerance={tolerance}", name=f"{tolerance}.h5", limit=900.0)
+        with h5py.File(path) as file:
+            n = file["n_harmonics"][0]
+            motions.append({tuple(j): c for j, c in zip(file["tuples"][0, :n], np.moveaxis(file["coefficients"][0], 0, 1))})
+            estimates.append(file["truncation_estimate"][0])
+    found, truth = motions
+    parts = [found.get(j, 0.0) - truth.get(j, 0.0) for j in found.keys() | truth.keys()]
+    error = np.linalg.norm(np.stack(parts)) / np.linalg.norm(np.stack(list(truth.values())))
+    assert error < 1e-2 and error < 2.0 * estimates[0], (error, estimates[0])
 
 
 @pytest.mark.parametrize("ratio", [80.0, 130.0])
