@@ -8,8 +8,9 @@ module hb_amplitude_curve
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_phase, only: new_phase_problem, phase_problem_t, shift_form
-   use hb_limit_cycle_search, only: dead, first_amplitude, fundamental, last_amplitude, neutral, path_point_t, search_t
+   use hb_limit_cycle_search, only: first_amplitude, fundamental, last_amplitude, path_point_t, search_t
    use hb_text, only: to_text
+   use hb_thresholds, only: faint, most_bisections, rounding
    implicit none
    private
    public :: begin_curve, follow_curve, point_of, renew, step_along
@@ -18,7 +19,6 @@ module hb_amplitude_curve
       first_step=0.3_wp, longest_step=2.0_wp, shortest_step=1.0e-6_wp, kink_step=1.0e-3_wp, reduction=0.4_wp, little=0.0_wp)
    integer, parameter :: most_steps = 600
    real(wp), parameter :: largest_damping = 100.0_wp                  ! xi/omega: damped for good
-   integer, parameter :: most_bisections = 40                         ! of a step on which the damping changes its sign
 
 contains
 
@@ -38,8 +38,8 @@ contains
       call self%begin(self%length*first_amplitude, point, is_on_curve)
       if (.not. is_on_curve) return
       damping = self%damping(point)
-      self%is_neutral = abs(damping(1)) <= neutral
-      self%is_driven = damping(1) < -neutral
+      self%is_neutral = abs(damping(1)) <= rounding
+      self%is_driven = damping(1) < -rounding
       self%reached = point%amplitude(1)
       call begin_curve(self, point, curve)
       do i = 1, most_steps
@@ -49,8 +49,8 @@ contains
          if (sum((point%u - self%base%u)*(last%u - self%base%u)) < 0.0_wp) exit   ! through the base motion: another mode ends here
          damping_before = damping
          damping = self%damping(point)
-         self%is_neutral = self%is_neutral .and. abs(damping(1)) <= neutral
-         self%is_driven = self%is_driven .or. damping(1) < -neutral
+         self%is_neutral = self%is_neutral .and. abs(damping(1)) <= rounding
+         self%is_driven = self%is_driven .or. damping(1) < -rounding
          self%reached = max(self%reached, point%amplitude(1))
          if (damping(1)*damping_before(1) <= 0.0_wp .and. .not. self%is_neutral) then
             is_stable = damping(1) > damping_before(1)
@@ -83,7 +83,7 @@ contains
       if (i <= most_steps .and. curve%status == outcome%pending) then
          if (.not. self%is_driven) return
          self%message = "driven up to an amplitude of "//to_text(self%reached)
-         self%runs_away = damping(1) < -neutral .and. point%amplitude(1) > last_amplitude*self%length
+         self%runs_away = damping(1) < -rounding .and. point%amplitude(1) > last_amplitude*self%length
          if (self%runs_away) then
             self%message = self%message//": the motion grows without bound"
          else
@@ -113,7 +113,7 @@ contains
          next = point_of(self, curve%x)
          associate (set => self%balance%harmonics, ratio => next%omega(1)/point%omega(1))
             if (max(ratio, 1.0_wp/ratio) <= largest_ratio .and. next%amplitude(1) > 0.0_wp .and. &
-                norm2(next%u([set%cos_at(h), set%sin_at(h)], :)) >= dead*norm2(next%u - self%base%u)) exit
+                norm2(next%u([set%cos_at(h), set%sin_at(h)], :)) >= faint*norm2(next%u - self%base%u)) exit
          end associate
          call curve%retreat()
       end do

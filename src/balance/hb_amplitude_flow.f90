@@ -4,8 +4,9 @@
 module hb_amplitude_flow
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
-   use hb_limit_cycle_search, only: first_amplitude, last_amplitude, neutral, path_point_t, search_t
+   use hb_limit_cycle_search, only: first_amplitude, last_amplitude, path_point_t, search_t
    use hb_text, only: to_text
+   use hb_thresholds, only: rounding
    use hb_cancellation, only: work_is_over
    implicit none
    private
@@ -43,8 +44,8 @@ contains
          if (.not. is_solved) return
          last = point
          self%reached = goal
-         self%is_neutral = self%is_neutral .and. all(abs(self%damping(point)) <= neutral)
-         if (any(self%damping(point) < -neutral)) then
+         self%is_neutral = self%is_neutral .and. all(abs(self%damping(point)) <= rounding)
+         if (any(self%damping(point) < -rounding)) then
             call follow(self, point, is_found)
             return
          end if

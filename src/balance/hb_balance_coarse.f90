@@ -7,11 +7,11 @@ submodule (hb_balance) hb_balance_coarse
    use hb_harmonics, only: new_harmonics
    use hb_outcome, only: outcome
    use hb_solver, only: solve
+   use hb_thresholds, only: rounding
    use hb_torus, only: fast_size, new_torus
    implicit none
 
    integer, parameter :: lowest_order = 3                             ! of the coarsest set, in the tone of highest order
-   real(wp), parameter :: rounding = 1.0e-9_wp                        ! of a share
    real(wp), parameter :: coarse_tolerance = 1.0e-3_wp                ! what the harmonics left out change is more than that
 
 contains

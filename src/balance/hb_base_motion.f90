@@ -13,11 +13,11 @@ module hb_base_motion
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_structure, only: most_dense, structure_t
+   use hb_thresholds, only: agreement, rounding
    implicit none
    private
    public :: base_motion_t, find_base_motion
 
-   real(wp), parameter :: unmoved = 1.0e-8_wp                         ! motion where laws act relative to the largest of a mode
 
    type :: base_motion_t
       real(wp), allocatable :: u(:, :)                                !! [m], (n_coefficients, n_dofs) in the whole set
@@ -83,7 +83,7 @@ contains
          self%n_linear = self%modes%n_modes
          call add_travelling_waves(self%modes, structure%mass)
          at_laws = balance%stiffness%coordinates%amplitudes_of(self%modes%shapes)
-         self%is_at_laws = maxval(abs(at_laws), dim=1) > unmoved*maxval(abs(self%modes%shapes), dim=1)
+         self%is_at_laws = maxval(abs(at_laws), dim=1) > rounding*maxval(abs(self%modes%shapes), dim=1)
          call move_alloc(at_laws, self%modes%shapes)
       end subroutine find_modes
 
@@ -124,7 +124,6 @@ contains
    subroutine add_travelling_waves(modes, mass)
       type(modes_t), intent(inout) :: modes
       real(wp), intent(in) :: mass(:, :)
-      real(wp), parameter :: same = 1.0e-6_wp                         ! relative
       complex(wp), parameter :: quarter = (0.0_wp, 1.0_wp)
       complex(wp) :: first(size(mass, 1)), second(size(mass, 1))
       real(wp) :: weight
@@ -133,13 +132,13 @@ contains
       n = modes%n_modes
       do i = 1, n - 1
          if (abs(cmplx(modes%growth(i + 1) - modes%growth(i), modes%frequency(i + 1) - modes%frequency(i), wp)) > &
-             same*modes%frequency(i)) cycle
+             agreement*modes%frequency(i)) cycle
          first = modes%shapes(:, i)/modes%shapes(maxloc(abs(modes%shapes(:, i)), dim=1), i)
          second = modes%shapes(:, i + 1)/modes%shapes(maxloc(abs(modes%shapes(:, i + 1)), dim=1), i + 1)
          first = first/sqrt(real(dot_product(first, matmul(mass, first))))
          second = second - dot_product(first, matmul(mass, second))*first
          weight = real(dot_product(second, matmul(mass, second)))
-         if (.not. weight > same*real(dot_product(first, first))) cycle
+         if (.not. weight > agreement*real(dot_product(first, first))) cycle
          second = second/sqrt(weight)
          call append(i, first + quarter*second)
          call append(i, first - quarter*second)

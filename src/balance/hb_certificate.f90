@@ -26,6 +26,7 @@ module hb_certificate
    use hb_solver_types, only: report_t, solver_config_t
    use hb_structure, only: structure_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
+   use hb_thresholds, only: agreement
    use hb_tones, only: new_tones, tones_t
    use hb_torus, only: fast_size, new_torus, samples_for, torus_t
    use hb_tuple_choice, only: new_doubled_set
@@ -35,8 +36,6 @@ module hb_certificate
    private
    public :: certificate_t, certify, certify_linear, choose_wider_set, near_commensurate, wider_orders, wider_samples
 
-   real(wp), parameter :: smallest_size = 1.0e-6_wp                    ! motion relative to what the loads do to the stiffest
-                                                                      ! harmonic, below which nothing moves
    real(wp), parameter :: linear = 0.1_wp                             ! largest error that one linear step tells
    real(wp), parameter :: unknown = 1.0_wp                            ! an estimate: as large as the motion, perhaps larger
    real(wp), parameter :: accuracy_of_estimates = 1.0e-4_wp           ! solutions with the tangent from products
@@ -286,7 +285,7 @@ contains
       type(balance_t), intent(in) :: balance
       real(wp), intent(in) :: u(:, :)
 
-      reference_size = max(norm2(u), smallest_size*maxval(balance%r_scale)/maxval(abs(balance%stiffness%condensed)))
+      reference_size = max(norm2(u), agreement*maxval(balance%r_scale)/maxval(abs(balance%stiffness%condensed)))
    end function reference_size
 
    !> Aliasing: what the exact projection of the forces onto the kept harmonics changes in them. Truncation: what two steps of

@@ -10,11 +10,11 @@ module hb_law_coordinates
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_structure, only: structure_t
+   use hb_thresholds, only: rounding
    implicit none
    private
    public :: law_dofs_of, laws_at, new_law_coordinates
 
-   real(wp), parameter :: dependent = 1.0e-10_wp                      ! part of a shape beside others that counts as none
    real(wp), parameter :: nearly_dependent = 0.1_wp                   ! below, that part alone is the coordinate
 
    !> Columns found so far.
@@ -169,7 +169,7 @@ contains
          end do
       end associate
       associate (whole => norm2(self%weight*column))
-         if (norm2(orthogonal) <= dependent*whole) return
+         if (norm2(orthogonal) <= rounding*whole) return
          share = norm2(orthogonal)/whole
       end associate
       self%n = self%n + 1

@@ -15,14 +15,13 @@ module hb_limit_cycle_search
    use hb_base_motion, only: base_motion_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
+   use hb_thresholds, only: faint, rounding
    implicit none
    private
-   public :: continue_in_order, dead, first_amplitude, fundamental, last_amplitude, neutral, new_search, path_point_t, search_t
+   public :: continue_in_order, first_amplitude, fundamental, last_amplitude, new_search, path_point_t, search_t
 
    real(wp), parameter :: first_amplitude = 1.0e-3_wp                 !! of a search, relative to the length of the model
    real(wp), parameter :: last_amplitude = 1.0e3_wp                   !! likewise
-   real(wp), parameter :: neutral = 1.0e-9_wp                         !! |xi|/omega of a motion neither driven nor damped
-   real(wp), parameter :: dead = 1.0e-3_wp                            !! of a motion, or of that before: a tone that has died out
    real(wp), parameter :: path_tolerance = 1.0e-8_wp
    integer, parameter :: path_iterations = 15
 
@@ -123,8 +122,8 @@ contains
             self%sense = sign(1.0_wp, modes%response(self%modes))
             point%xi = -modes%growth(self%modes)/modes%response(self%modes)
             call self%solve_with_amplitudes(point, .true., is_solved)
-            if (.not. is_solved .or. all(modes%growth(self%modes) <= neutral*modes%frequency(self%modes))) return
-            if (any(self%damping(point) < -neutral)) return
+            if (.not. is_solved .or. all(modes%growth(self%modes) <= rounding*modes%frequency(self%modes))) return
+            if (any(self%damping(point) < -rounding)) return
          end associate
       end do
    end subroutine search_begin
@@ -285,7 +284,7 @@ contains
       is_found = report%status == outcome%converged
       if (.not. is_found) return
       u = reshape(x(:size(u)), shape(u))
-      is_found = all([(norm2(fundamental_part(u, m)) > dead*before(m), m=1, size(before))])
+      is_found = all([(norm2(fundamental_part(u, m)) > faint*before(m), m=1, size(before))])
       if (.not. is_found) return
       point%u = u
       point%omega = x(size(u) + 1:)

@@ -11,7 +11,10 @@ module hb_odd_symmetry
    use hb_torus, only: torus_t
    implicit none
    private
-   public :: asymmetry, even_part, why_not_odd
+   public :: asymmetry, even_part, most_even, why_not_odd
+
+   real(wp), parameter :: most_even = 1.0e-10_wp                      !! even part of a motion that counts as none, relative; 1e-9
+                                                                      !! takes curves beside branch points for symmetric
 
 contains
 

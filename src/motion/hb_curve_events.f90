@@ -9,13 +9,13 @@ module hb_curve_events
    use hb_response, only: response_t
    use hb_model_problem, only: model_problem_t
    use hb_stability, only: stability_t
+   use hb_thresholds, only: rounding
    implicit none
    private
    public :: bifurcation_event_t, branch_event_t, count_event_t, find_extremes, find_stability, fold_event_t, graze_event_t
-   public :: n_outside, on_circle, peak_event_t, sharp, slope_at, square_at, value_event_t
+   public :: n_outside, rounding, peak_event_t, sharp, slope_at, square_at, value_event_t
 
    real(wp), parameter :: sharp = 1.0e-11_wp                          !! tolerance of multipliers at a bifurcation
-   real(wp), parameter :: on_circle = 1.0e-9_wp                       !! a multiplier that is so close is on the unit circle
 
    !> Where the value turns back: its part of the tangent.
    type, extends(event_t) :: fold_event_t
@@ -100,7 +100,7 @@ contains
    pure integer function n_outside(stability)
       type(stability_t), intent(in) :: stability
 
-      n_outside = count(abs(stability%multipliers) > 1.0_wp + on_circle)
+      n_outside = count(abs(stability%multipliers) > 1.0_wp + rounding)
    end function n_outside
 
    !> The motion at a point of the curve, at all degrees of freedom; not allocated where the parameters are refused.
@@ -110,9 +110,9 @@ contains
       complex(wp), allocatable, intent(out) :: c(:, :)
       logical :: is_possible
 
-      call problem%move(x, is_possible)
+      call problem%move_to_point(x, is_possible)
       if (.not. is_possible) return
-      associate (balance => problem%balance)
+      associate (balance => problem%balance_t)
          allocate (c(problem%model%structure%n_dofs, balance%harmonics%n_harmonics))
          call balance%all_dofs(reshape(x(:problem%n_unknowns), [balance%harmonics%n_coefficients, balance%n_dofs]), c)
       end associate
@@ -129,7 +129,7 @@ contains
       allocate (extremes(2, 0))
       if (all([(problem%model%laws(i)%law%n_switches == 0, i=1, size(problem%model%laws))])) return
       call find_motion(problem, x, c)
-      if (allocated(c)) call extremes_of_switches(problem%model%laws, problem%balance%harmonics%tuples, problem%balance%omega, c, &
+      if (allocated(c)) call extremes_of_switches(problem%model%laws, problem%harmonics%tuples, problem%omega, c, &
                                                   extremes)
    end subroutine find_extremes
 
@@ -205,7 +205,7 @@ contains
       type(response_t), intent(in) :: response
       real(wp), intent(in) :: x(:)
       complex(wp), allocatable :: c(:, :)
-      real(wp) :: u(problem%model%harmonics%n_coefficients, problem%balance%n_dofs)
+      real(wp) :: u(problem%model%harmonics%n_coefficients, problem%n_dofs)
       integer :: h, i
 
       associate (set => problem%model%harmonics)
@@ -230,6 +230,6 @@ contains
       complex(wp), allocatable :: c(:, :)
 
       call find_motion(problem, x, c)
-      if (allocated(c)) call stability_of(problem%model, problem%balance, c, tolerance, stability, is_integrated)
+      if (allocated(c)) call stability_of(problem%model, problem%balance_t, c, tolerance, stability, is_integrated)
    end subroutine find_stability
 end module hb_curve_events

@@ -14,6 +14,7 @@ module hb_curve_origin
    use hb_model, only: model_t
    use hb_model_problem, only: model_problem_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
+   use hb_thresholds, only: rounding
    use hb_tuple_choice, only: new_doubled_set
    implicit none
    private
@@ -137,7 +138,7 @@ contains
 
       joined = 0.0_wp
       if (origin%is_torus) then
-         joined = origin%angle/two_pi*problem%balance%omega(1)
+         joined = origin%angle/two_pi*problem%omega(1)
          call problem%set_parameters([problem%model%harmonics%n_tones], [joined], is_found)
          if (.not. is_found) return
       end if
@@ -155,7 +156,7 @@ contains
             largest = h
          end do
          if (all(set%tuples(:set%n_tones - 1, largest) == 0)) return
-         joined = abs(dot_product(problem%balance%omega, real(set%tuples(:, largest), wp)))
+         joined = abs(dot_product(problem%omega, real(set%tuples(:, largest), wp)))
          call problem%set_parameters([set%n_tones], [joined], is_possible)
          is_found = is_possible
       end associate
@@ -198,14 +199,13 @@ contains
       real(wp), intent(out) :: vector(:)                              !! of length 1 in these scales
       logical, intent(out) :: is_found
       integer, parameter :: n_rounds = 4
-      real(wp), parameter :: nearby = 1.0e-9_wp                       ! where the tangent is not singular to the last digit
       type(tangent_solver_t) :: solver
       real(wp) :: next(size(x))
       integer :: i
       logical :: is_singular
 
       call new_tangent_solver(solver, problem, x, is_singular)
-      if (is_singular) call new_tangent_solver(solver, problem, (1.0_wp + nearby)*x, is_singular)
+      if (is_singular) call new_tangent_solver(solver, problem, (1.0_wp + rounding)*x, is_singular)
       next = cos([(real(i, wp), i=1, size(x))])
       do i = 0, n_rounds
          next = merge(next, 0.0_wp, mask)

@@ -5,12 +5,13 @@ module hb_curve_step
    use hb_bifurcation, only: bifurcation, bifurcation_value, is_torus
    use hb_curve, only: event_t
    use hb_curve_events, only: bifurcation_event_t, branch_event_t, count_event_t, find_stability, fold_event_t, graze_event_t, &
-      n_outside, on_circle, peak_event_t, sharp, square_at, value_event_t
+      n_outside, peak_event_t, sharp, square_at, value_event_t
    use hb_curve_request, only: curve_kind
    use hb_followed_motion, only: at_end, followed_motion_t, known_t, most_tolerance_factor, waiting_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_stability, only: stability_method, stability_t
+   use hb_thresholds, only: agreement, faint, rounding
    implicit none
    private
    public :: step
@@ -20,7 +21,6 @@ module hb_curve_step
    real(wp), parameter :: short = 1.0e-2_wp                           ! of the longest step
    real(wp), parameter :: shortest_leap = 1.0e-4_wp                   ! of the longest step: the corner at which a curve may leap
                                                                       ! is as long as the root of the damping
-   real(wp), parameter :: least_amplitude = 1.0e-3_wp                 ! of the largest: of harmonics whose phases are looked at
    real(wp), parameter :: largest_phase = 0.5_wp                      ! its cosine; a phase may change by 60 degrees on a step
    real(wp), parameter :: off_the_chord = 0.5_wp                      ! of an amplitude, in the middle of a step
    real(wp), parameter :: off_the_line = 0.25_wp                      ! of a step, likewise: an arc that turns by 0.6 has 0.075
@@ -58,7 +58,7 @@ contains
       logical :: is_lost, is_near, is_possible, is_short, is_taken
 
       if (allocated(self%problem%error_text)) deallocate (self%problem%error_text)
-      call self%problem%move(self%curve%x, is_possible)
+      call self%problem%move_to_point(self%curve%x, is_possible)
       call self%problem%renew()                                       ! a stored curve, too, goes on from there
       self%tolerance_factor = 1.0_wp
       call self%put_conditions()
@@ -151,11 +151,11 @@ contains
       associate (curve => self%curve, set => self%problem%model%harmonics, n => self%problem%n_unknowns)
          size_of_motion = maxval(abs(curve%x(:n)/self%weights))
          do h = 1, set%n_harmonics
-            do d = 0, self%problem%balance%n_dofs - 1
+            do d = 0, self%problem%n_dofs - 1
                if (set%sin_at(h) == 0) cycle
                before = coefficient_of(curve%last_x)
                behind = coefficient_of(curve%x)
-               if (max(abs(before), abs(behind)) < least_amplitude*size_of_motion) cycle
+               if (max(abs(before), abs(behind)) < faint*size_of_motion) cycle
                if (real(conjg(before)*behind) >= largest_phase*abs(before)*abs(behind)) cycle
                share = real(conjg(before)*(before - behind))/abs(before - behind)**2
                if (n_middles == most_middles .or. share <= 0.0_wp .or. share >= 1.0_wp) cycle
@@ -287,7 +287,6 @@ contains
    subroutine find_bifurcations(self, search)
       class(followed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
-      real(wp), parameter :: beside = 1.0e-6_wp                       ! a graze, in steps
       type(piece_t) :: piece
       real(wp), allocatable :: grazes(:)
       integer :: i, n_before
@@ -298,8 +297,8 @@ contains
          piece%ends = [0.0_wp, self%curve%last_step]
          piece%stability = [self%known%stability, search%known%stability]
          associate (tolerance => self%problem%model%stability%tolerance, length => self%curve%last_step)
-            if (i > 0) call look_at(self, grazes(i) + beside*length, tolerance, piece%ends(1), piece%stability(1))
-            if (i < size(grazes)) call look_at(self, grazes(i + 1) - beside*length, tolerance, piece%ends(2), piece%stability(2))
+            if (i > 0) call look_at(self, grazes(i) + agreement*length, tolerance, piece%ends(1), piece%stability(1))
+            if (i < size(grazes)) call look_at(self, grazes(i + 1) - agreement*length, tolerance, piece%ends(2), piece%stability(2))
          end associate
          if (.not. (piece%ends(1) < piece%ends(2) .and. has_multipliers(piece))) cycle
          call make_certain(self, piece%ends(1), piece%stability(1))
@@ -344,8 +343,8 @@ contains
          if (kind == bifurcation%branch .and. is_branch_known(self, search)) cycle
          at_ends(1) = bifurcation_value(kind, piece%stability(1)%multipliers)
          at_ends(2) = bifurcation_value(kind, piece%stability(2)%multipliers)
-         if (.not. at_ends(1)*at_ends(2) < 0.0_wp .or. minval(abs(at_ends)) <= on_circle) cycle
-         change = bifurcation_event_t(kind_of(kind), .false., on_circle, self%problem, kind)
+         if (.not. at_ends(1)*at_ends(2) < 0.0_wp .or. minval(abs(at_ends)) <= rounding) cycle
+         change = bifurcation_event_t(kind_of(kind), .false., rounding, self%problem, kind)
          call self%curve%find_zero(change, piece%ends, at_ends, x, place, is_found)
          search%is_lost = search%is_lost .or. .not. is_found
          if (.not. is_found) cycle
@@ -367,7 +366,6 @@ contains
       integer, intent(in) :: n_before                                 !! points that wait, of them found without multipliers
       integer, parameter :: most_changes = 8
       real(wp), parameter :: behind = 1.0e-9_wp                       ! a change, in steps
-      real(wp), parameter :: no_jump = 1.0e-6_wp                      ! of a multiplier from the unit circle
       type(count_event_t) :: number
       type(stability_t) :: there
       real(wp) :: begin, place, x(size(self%curve%x))
@@ -391,7 +389,7 @@ contains
          associate (nearest => there%multipliers(minloc(abs(abs(there%multipliers) - 1.0_wp), dim=1)))
             kind = kind_at(nearest)
             is_new = .not. (kind == bifurcation%branch .and. is_branch_known(self, search))
-            if (abs(abs(nearest) - 1.0_wp) <= no_jump .and. is_new) call add_bifurcation(self, kind, piece, place, x)
+            if (abs(abs(nearest) - 1.0_wp) <= agreement .and. is_new) call add_bifurcation(self, kind, piece, place, x)
          end associate
          call look_at(self, min(piece%ends(2), place + behind*self%curve%last_step), sharp, begin, there)
          if (.not. allocated(there%multipliers)) return
@@ -464,7 +462,7 @@ contains
          if (.not. is_there) is_there = all([(problem%model%laws(i)%law%n_switches + problem%model%laws(i)%law%n_states == 0, &
                                               i=1, size(problem%model%laws))])
          if (is_there) return
-         integrated = bifurcation_event_t(kind_of(kind), .false., on_circle, self%problem, kind, .true.)
+         integrated = bifurcation_event_t(kind_of(kind), .false., rounding, self%problem, kind, .true.)
          do i = 1, size(widths)
             ends = min(max(found%place + widths(i)*curve%last_step*[-1.0_wp, 1.0_wp], piece(1)), piece(2))
             do k = 1, 2
@@ -586,10 +584,9 @@ contains
    !> Whether both extremes are the same before and after, as of a whirl round the middle of a ring.
    pure logical function same_change(before, after)
       real(wp), intent(in) :: before(2), after(2)
-      real(wp), parameter :: round = 1.0e-9_wp
 
-      same_change = abs(before(2) - before(1)) <= round*maxval(abs(before)) .and. &
-         abs(after(2) - after(1)) <= round*maxval(abs(after))
+      same_change = abs(before(2) - before(1)) <= rounding*maxval(abs(before)) .and. &
+         abs(after(2) - after(1)) <= rounding*maxval(abs(after))
    end function same_change
 
    !> Whether the curve has come back to its start, after steps that led away from it.

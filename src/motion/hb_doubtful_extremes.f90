@@ -9,13 +9,11 @@ module hb_doubtful_extremes
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
    use hb_stability, only: stability_method, stability_t
+   use hb_thresholds, only: most_bisections, safety
    implicit none
    private
    public :: drop_doubtful
 
-   integer, parameter :: most_fall_steps = 40                         ! on which it is decided whether a fold or peak is reported
-   real(wp), parameter :: certain = 3.0_wp                            ! times the error: both ends may be off by it, and points that
-                                                                      ! happen to lie where it is small understate it
    real(wp), parameter :: finer = 0.25_wp                             ! such a step, relative to that of the curve
 
    !> An extreme of a function along the curve.
@@ -119,10 +117,10 @@ contains
       curve%config%longest_step = curve%step
       length = self%length
       is_clear = .true.
-      do i = 0, most_fall_steps
+      do i = 0, most_bisections
          fall = extreme%sense*(extreme%value - function_at(self, extreme%response, curve%x))
-         if (fall >= certain*extreme%error) exit
-         is_clear = fall >= -certain*extreme%error
+         if (fall >= safety*extreme%error) exit
+         is_clear = fall >= -safety*extreme%error
          if (side < 0 .and. is_clear) is_clear = .not. any(self%reported%response == extreme%response .and. &
                                                            self%reported%length >= length)
          if (.not. is_clear) exit

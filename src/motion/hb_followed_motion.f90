@@ -18,6 +18,7 @@ module hb_followed_motion
    use hb_motion_result, only: motion_result_t
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
+   use hb_odd_symmetry, only: most_even
    use hb_phase, only: coefficient_form, peak_form, peak_rate_form, shift_form
    use hb_level, only: carry, estimate_of, put_on_level, level_t, with_caution
    use hb_model, only: model_t
@@ -25,13 +26,12 @@ module hb_followed_motion
    use hb_model_symmetry, only: half_of_odd, is_solved_odd
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
+   use hb_thresholds, only: agreement, faint
    implicit none
    private
-   public :: at_end, followed_motion_t, known_t, least_motion, most_tolerance_factor, n_further, origin_t, reported_extreme_t, &
-      waiting_t
+   public :: at_end, followed_motion_t, known_t, most_tolerance_factor, n_further, origin_t, reported_extreme_t, waiting_t
 
    integer, parameter :: most_corrections = 10
-   real(wp), parameter :: least_motion = 1.0e-3_wp                    !! relative to the linear one: smaller is no unit of length
    real(wp), parameter :: at_end = 1.0e-4_wp                          !! of the range: a lost curve so near to a value is at it
    real(wp), parameter :: most_tolerance_factor = 1.0e4_wp            !! by which a tolerance grows where the residual is rough
 
@@ -80,7 +80,7 @@ module hb_followed_motion
       type(curve_t) :: curve
       type(known_t) :: known                                          !! at its point
       real(wp), allocatable :: weights(:)                             !! typical motion, (unknowns of the balance)
-      real(wp) :: largest = least_motion                              !! motion so far, in these
+      real(wp) :: largest = faint                              !! motion so far, in these
       integer :: way = 1                                              !! 1 and 2 from the start; 2 k + 1 and 2 k + 2 from the k-th
                                                                       !! branch point, along the other curve, or motion apart
       type(origin_t), allocatable :: origins(:)                       !! branch points met on the ways from the start, motions apart
@@ -157,7 +157,7 @@ contains
       if (allocated(error)) return
       do i = 1, size(self%request%peaks)
          associate (peak => self%request%peaks(i))
-            peak%column = self%problem%balance%stiffness%coordinates%number_of(peak%dof)
+            peak%column = self%problem%stiffness%coordinates%number_of(peak%dof)
          end associate
       end do
    end subroutine followed_motion_put_on
@@ -245,12 +245,11 @@ contains
    !> Keeps corrections among odd motions where curve and direction are odd; what leaves these is still seen, by the tangent.
    subroutine followed_motion_keep_symmetry(self)
       class(followed_motion_t), intent(inout), target :: self
-      real(wp), parameter :: rounding = 1.0e-10_wp                    ! even part that counts as none
 
       associate (curve => self%curve)
          if (allocated(curve%part)) deallocate (curve%part)
          if (.not. allocated(self%odd_problem)) return
-         if (even_part_of(curve%x) > rounding .or. even_part_of(curve%direction) > rounding) return
+         if (even_part_of(curve%x) > most_even .or. even_part_of(curve%direction) > most_even) return
          allocate (curve%part)
          curve%kept = self%odd_places
          call new_bordered_problem(curve%part, self%odd_problem, self%problem%which, curve%problem%forms(curve%kept, :), &
@@ -280,7 +279,7 @@ contains
       real(wp) :: units(size(x))
       logical :: is_possible
 
-      call self%problem%move(x, is_possible)
+      call self%problem%move_to_point(x, is_possible)
       is_found = is_possible
       if (.not. is_found) return
       units = self%units_at(x)
@@ -314,7 +313,6 @@ contains
       logical, intent(out) :: is_there                                !! else x stays what it was
       type(bordered_problem_t) :: problem
       type(report_t) :: report
-      real(wp), parameter :: near = 1.0e-6_wp
       real(wp) :: there(size(x))
       integer :: last
 
@@ -328,7 +326,7 @@ contains
       call solve_newton(problem, self%curve%corrector, there, report)
       call self%curve%report%add(report)
       there(size(x)) = x(size(x))
-      is_there = report%status == outcome%converged .and. maxval(abs(there - x)/self%curve%units) < near   ! at a fold it may not
+      is_there = report%status == outcome%converged .and. maxval(abs(there - x)/self%curve%units) < agreement   ! at a fold it may not
       if (is_there) x = there
    end subroutine followed_motion_land
 
@@ -336,14 +334,14 @@ contains
    subroutine followed_motion_put_conditions(self)
       class(followed_motion_t), intent(inout) :: self
       integer :: dof, h, i, n
-      real(wp) :: scale(self%problem%model%harmonics%n_coefficients, self%problem%balance%n_dofs)
+      real(wp) :: scale(self%problem%model%harmonics%n_coefficients, self%problem%n_dofs)
 
       n = self%problem%n_unknowns
       scale = reshape(self%weights, shape(scale))
       associate (mode => self%problem%model%normal_mode, set => self%problem%model%harmonics, which => self%problem%which, &
-                 forms => self%curve%problem%forms, n_dofs => self%problem%balance%n_dofs)
+                 forms => self%curve%problem%forms, n_dofs => self%problem%n_dofs)
          if (mode%is_asked) then
-            dof = self%problem%balance%stiffness%coordinates%number_of(mode%dof)
+            dof = self%problem%stiffness%coordinates%number_of(mode%dof)
             h = fundamental(set, which(1))
             if (mode%is_peak) then
                forms(:n, 1) = peak_rate_form(set, n_dofs, dof, which(1))
@@ -364,7 +362,7 @@ contains
    !> Whether the motion of an unknown tone has gone through zero on the step: what follows is its mirror image.
    logical function followed_motion_is_mirrored(self) result(is_mirrored)
       class(followed_motion_t), intent(in) :: self
-      real(wp), dimension(self%problem%model%harmonics%n_coefficients, self%problem%balance%n_dofs) :: before, u
+      real(wp), dimension(self%problem%model%harmonics%n_coefficients, self%problem%n_dofs) :: before, u
       integer :: h, i
 
       is_mirrored = .false.
@@ -389,7 +387,7 @@ contains
       real(wp), intent(in) :: x(:)
       real(wp) :: units(size(x))
 
-      units = [self%weights*max(least_motion, norm2(x(:self%problem%n_unknowns)/self%weights)), &
+      units = [self%weights*max(faint, norm2(x(:self%problem%n_unknowns)/self%weights)), &
                self%problem%parameter_scales(self%problem%which)]
    end function followed_motion_units_at
 
@@ -398,7 +396,7 @@ contains
       class(followed_motion_t), intent(inout), target :: self
       logical :: is_possible
 
-      call self%problem%move(self%curve%x, is_possible)
+      call self%problem%move_to_point(self%curve%x, is_possible)
       associate (n => self%problem%n_unknowns, curve => self%curve)
          self%largest = max(self%largest, norm2(curve%x(:n)/self%weights))
          curve%units = [self%weights*self%largest, self%problem%parameter_scales(self%problem%which)]
@@ -441,8 +439,8 @@ contains
       logical :: is_possible
 
       n = self%problem%n_unknowns
-      call self%problem%move(point%x, is_possible)
-      associate (balance => self%problem%balance, model => self%problem%model)
+      call self%problem%move_to_point(point%x, is_possible)
+      associate (balance => self%problem%balance_t, model => self%problem%model)
          call self%problem%residual(point%x(:n), r)
          result%residual = self%problem%norm(r)
          result%status = outcome%converged

@@ -25,6 +25,7 @@ module hb_integrate_to_tolerance
    use hb_stability, only: stability_method
    use hb_structure, only: most_dense, structure_t
    use hb_text, only: to_text
+   use hb_thresholds, only: safety
    use hb_time_domain, only: steady_motion_t
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: largest_places, lowest_order, new_lowest_set
@@ -36,7 +37,6 @@ module hb_integrate_to_tolerance
    integer, parameter :: candidates_of_kept = 4                       ! at most, for each place of a set
    real(wp), parameter :: fall = 0.7_wp                               ! power of the tolerance with which orders of candidates grow
    real(wp), parameter :: fall_of_one_tone = 0.4_wp                   ! likewise: a larger box costs little then
-   real(wp), parameter :: safety = 3.0_wp                             ! of estimates: what is farther apart is another motion
    real(wp), parameter :: nearly = 0.9_wp                             ! of the tolerance: the error at which a time integration ends
    real(wp), parameter :: share_of_steps = 1.0e-4_wp                  ! of that: tolerance of the steps
    real(wp), parameter :: share_of_tail = 0.3_wp                      ! of that error, in tuples that are not kept

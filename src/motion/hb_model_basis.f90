@@ -6,14 +6,13 @@ module hb_model_basis
    use hb_basis, only: basis_t, new_basis, whole_basis
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_odd_symmetry, only: even_part
+   use hb_odd_symmetry, only: even_part, most_even
    use hb_model, only: model_t, symmetry
    use hb_model_symmetry, only: half_of_odd, is_solved_odd
    implicit none
    private
    public :: find_basis
 
-   real(wp), parameter :: rounding = 1.0e-10_wp                       ! even part of a first guess that counts as none
 
 contains
 
@@ -29,7 +28,7 @@ contains
       is_odd = is_solved_odd(model)
       if (is_odd .and. present(guess) .and. model%symmetry == symmetry%auto) then
          associate (n => model%harmonics%n_coefficients, n_all => size(guess) - model%tones%n_tones)
-            is_odd = even_part(model%harmonics, reshape(guess(:n_all), [n, n_all/n])) <= rounding
+            is_odd = even_part(model%harmonics, reshape(guess(:n_all), [n, n_all/n])) <= most_even
          end associate
       end if
       if (is_odd) then

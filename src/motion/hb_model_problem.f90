@@ -12,7 +12,6 @@ module hb_model_problem
    use hb_error, only: error_t, fail
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: laws_at
-   use hb_problem, only: problem_t
    use hb_level, only: put_on_level, level_t
    use hb_model, only: model_t
    use hb_model_coordinates, only: coordinates_of
@@ -33,9 +32,8 @@ module hb_model_problem
    end type moving_value_t
 
    !> Owner of outside resources: call `destroy`.
-   type, extends(problem_t) :: model_problem_t
+   type, extends(balance_t) :: model_problem_t
       type(model_t) :: model                                          !! at the present value
-      type(balance_t) :: balance                                      !! likewise
       type(document_t) :: document                                    !! likewise, but for frequencies
       integer :: own = 0                                              !! number of the moving value among the parameters
       integer, allocatable :: which(:)                                !! parameters that are unknown along a curve, the value last
@@ -47,29 +45,18 @@ module hb_model_problem
       real(wp), private :: value = 0.0_wp                             ! the present one
       real(wp), allocatable, private :: omega_at_zero(:), omega_slopes(:)  ! base frequencies as functions of the value
       real(wp), allocatable, private :: ratios(:)                     ! of tones to the value, where it moves more than tones
-      real(wp), allocatable, private :: omega(:), xi(:)               ! the present ones, (n_tones)
       logical, private :: has_stiffness = .false.
       real(wp), private :: available_memory = huge(1.0_wp)            ! bytes
       logical, private :: is_sound = .false.                          ! model and balance belong to the value
    contains
-      procedure :: residual => model_problem_residual
-      procedure :: tangent => model_problem_tangent
-      procedure :: linearise => model_problem_linearise
-      procedure :: apply_tangent => model_problem_apply_tangent
-      procedure :: update_preconditioner => model_problem_update_preconditioner
-      procedure :: precondition => model_problem_precondition
       procedure :: update_regular_preconditioner => model_problem_update_regular_preconditioner
-      procedure :: solve_linear => model_problem_solve_linear
-      procedure :: rounding_level => model_problem_rounding_level
-      procedure :: deform => model_problem_deform
       procedure :: parameters => model_problem_parameters
       procedure :: parameter_scales => model_problem_parameter_scales
       procedure :: set_parameters => model_problem_set_parameters
-      procedure :: move => model_problem_move
+      procedure :: move_to_point => model_problem_move_to_point
       procedure :: parameter_derivative => model_problem_parameter_derivative
       procedure :: renew => model_problem_renew
       procedure :: roughness => model_problem_roughness
-      procedure :: destroy => model_problem_destroy
    end type model_problem_t
 
 contains
@@ -98,7 +85,6 @@ contains
       self%moves_frequency = self%group == "tones" .and. .not. model%has_inertia_loads
       self%omega_slopes = 0.0_wp*model%tones%omega
       self%xi = self%omega_slopes
-      self%omega = model%tones%omega
       self%omega_at_zero = model%tones%omega
       if (self%group == "tones") then
          tone = max(1, moving%parameter%element(1))
@@ -120,9 +106,13 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(coordinates_t) :: coordinates
       type(dynamic_stiffness_t) :: stiffness
+      real(wp), allocatable :: xi(:)
+      integer :: n_before
       logical :: has_slopes, keeps_stiffness
 
       self%is_sound = .false.
+      xi = self%xi
+      n_before = self%n_unknowns
       has_slopes = self%group == "tones" .or. any(self%model%tones%is_unknown)
       associate (model => self%model)
          if (size(model%laws) == 0) then
@@ -131,33 +121,26 @@ contains
          end if
          coordinates = coordinates_of(model)
          keeps_stiffness = self%group == "law" .and. self%has_stiffness
-         if (keeps_stiffness) keeps_stiffness = coordinates%equal(self%balance%stiffness%coordinates)
+         if (keeps_stiffness) keeps_stiffness = coordinates%equal(self%stiffness%coordinates)
          if (keeps_stiffness) then
-            call self%balance%stiffness%hand_over(stiffness)
+            call self%stiffness%hand_over(stiffness)
          else
             call new_dynamic_stiffness(stiffness, model%structure, coordinates, &
                model%harmonics%frequencies(model%tones%omega), model%loads, error, &
                wanted_slopes_t(is_on=has_slopes, loads=model%load_slopes))
             if (allocated(error)) return
          end if
-         call new_balance(self%balance, model%harmonics, model%torus, model%tones%omega, stiffness, &
+         call new_balance(self%balance_t, model%harmonics, model%torus, model%tones%omega, stiffness, &
                           laws_at(coordinates, model%laws), model%planning, error)
       end associate
       self%has_stiffness = .not. allocated(error)
       if (allocated(error)) return
-      if (self%n_unknowns > 0 .and. self%n_unknowns /= self%balance%n_unknowns) then
+      if (n_before > 0 .and. n_before /= self%n_unknowns) then
+         self%n_unknowns = n_before
          call fail(error, "the number of unknowns must not change along a curve")
          return
       end if
-      self%n_unknowns = self%balance%n_unknowns
-      self%has_products = self%balance%has_products
-      self%largest_dense = self%balance%largest_dense
-      self%x_scale = self%balance%x_scale
-      self%r_scale = self%balance%r_scale
-      self%residual_work = self%balance%residual_work
-      self%tangent_work = self%balance%tangent_work
-      self%preconditioner_work = self%balance%preconditioner_work
-      if (any(abs(self%xi) > 0.0_wp)) call self%balance%move(self%model%tones%omega, self%xi, error)
+      if (any(abs(xi) > 0.0_wp)) call self%move(self%model%tones%omega, xi, error)
       self%is_sound = .not. allocated(error)
    end subroutine rebuild
 
@@ -182,17 +165,17 @@ contains
       logical :: is_possible
 
       change = 0.0_wp
-      if (self%model%structure%n_dofs <= self%balance%n_dofs) return  ! nothing is condensed
+      if (self%model%structure%n_dofs <= self%n_dofs) return  ! nothing is condensed
       if (self%group /= "tones" .and. .not. any(self%model%tones%is_unknown)) return
-      omega = self%balance%omega
-      call self%balance%residual(x, here)
+      omega = self%omega
+      call self%residual(x, here)
       do k = -1, 1, 2
-         call self%balance%set_parameters([(i, i=1, size(omega))], (1.0_wp + k*nearby)*omega, is_possible)
+         call self%balance_t%set_parameters([(i, i=1, size(omega))], (1.0_wp + k*nearby)*omega, is_possible)
          if (.not. is_possible) exit
-         call self%balance%residual(x, there)
+         call self%residual(x, there)
          change = max(change, self%norm(there - here))
       end do
-      call self%balance%set_parameters([(i, i=1, size(omega))], omega, is_possible)
+      call self%balance_t%set_parameters([(i, i=1, size(omega))], omega, is_possible)
    end function model_problem_roughness
 
    !> Brings model and balance to a value; `error` tells why that is not possible.
@@ -218,14 +201,13 @@ contains
                return
             end if
             where (.not. tones%is_unknown) tones%omega = omega
-            self%omega = tones%omega
          end associate
          if (self%model%has_inertia_loads) then
             call self%document%begin()
             call read_loads(self%model, self%document)
             call rebuild(self, error)
          else
-            call self%balance%set_parameters([(i, i=1, size(self%omega_slopes))], self%model%tones%omega, is_possible)
+            call self%balance_t%set_parameters([(i, i=1, size(self%omega_slopes))], self%model%tones%omega, is_possible)
             if (.not. is_possible) self%error_text = "the structure has no condensed stiffness at these frequencies"
             if (.not. is_possible) self%refused = value
          end if
@@ -240,7 +222,6 @@ contains
          end if
          if (.not. allocated(error)) then
             where (self%model%tones%is_unknown) self%model%tones%omega = self%omega   ! they are where they were
-            self%omega = self%model%tones%omega
          end if
          if (.not. allocated(error)) call rebuild(self, error)
          if (allocated(error) .and. before%accuracy%is_on) then       ! a value that is refused leaves the set that was chosen
@@ -277,7 +258,7 @@ contains
       integer, intent(in) :: which(:)
       real(wp) :: values(size(which))
 
-      values = self%balance%parameters(merge(1, which, which == self%own))
+      values = self%balance_t%parameters(merge(1, which, which == self%own))
       where (which == self%own) values = self%value
    end function model_problem_parameters
 
@@ -286,7 +267,7 @@ contains
       integer, intent(in) :: which(:)
       real(wp) :: scales(size(which))
 
-      scales = self%balance%parameter_scales(merge(1, which, which == self%own))
+      scales = self%balance_t%parameter_scales(merge(1, which, which == self%own))
       where (which == self%own) scales = self%moving%typical
    end function model_problem_parameter_scales
 
@@ -301,21 +282,19 @@ contains
       i = findloc(which, self%own, dim=1)
       if (i > 0) call move_to(self, values(i), is_possible)
       if (is_possible .and. any(which /= self%own)) &
-         call self%balance%set_parameters(pack(which, which /= self%own), pack(values, which /= self%own), is_possible)
+         call self%balance_t%set_parameters(pack(which, which /= self%own), pack(values, which /= self%own), is_possible)
       if (.not. is_possible .or. all(which == self%own)) return
-      self%omega = self%balance%omega                                 ! from where a balance is made anew
-      self%model%tones%omega = self%omega
-      self%xi = self%balance%xi
+      self%model%tones%omega = self%omega                             ! from where a balance is made anew
    end subroutine model_problem_set_parameters
 
    !> Moves to the parameters of a point of a curve.
-   subroutine model_problem_move(self, x, is_possible)
+   subroutine model_problem_move_to_point(self, x, is_possible)
       class(model_problem_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)                                    !! unknowns, then the parameters `which`
       logical, intent(out) :: is_possible
 
       call self%set_parameters(self%which, x(self%n_unknowns + 1:), is_possible)
-   end subroutine model_problem_move
+   end subroutine model_problem_move_to_point
 
    subroutine model_problem_parameter_derivative(self, x, which, derivative)
       class(model_problem_t), intent(inout) :: self
@@ -327,78 +306,37 @@ contains
       logical :: is_possible(3)
 
       if (which /= self%own) then
-         call self%balance%parameter_derivative(x, which, derivative)
+         call self%balance_t%parameter_derivative(x, which, derivative)
          return
       end if
       derivative = 0.0_wp
       if (self%group == "tones") then
          do tone = 1, size(self%omega_slopes)
             if (abs(self%omega_slopes(tone)) <= 0.0_wp) cycle
-            call self%balance%parameter_derivative(x, tone, other)
+            call self%balance_t%parameter_derivative(x, tone, other)
             derivative = derivative + self%omega_slopes(tone)*other
          end do
          return
       end if
       value = self%value
-      step = self%moving%typical*merge(1.0_wp, apart, self%group == "load" .and. .not. self%balance%law_set%needs_reaction)
+      step = self%moving%typical*merge(1.0_wp, apart, self%group == "load" .and. .not. self%law_set%needs_reaction)
       call move_to(self, value + step, is_possible(1))
-      if (is_possible(1)) call self%balance%residual(x, derivative)
+      if (is_possible(1)) call self%residual(x, derivative)
       call move_to(self, value - step, is_possible(2))
-      if (is_possible(2)) call self%balance%residual(x, other)
+      if (is_possible(2)) call self%residual(x, other)
       call move_to(self, value, is_possible(3))
       if (all(is_possible)) then
          derivative = (derivative - other)/(2.0_wp*step)
       else if (is_possible(3) .and. any(is_possible)) then            ! at the end of the range of the value
          if (is_possible(1)) then
-            call self%balance%residual(x, other)
+            call self%residual(x, other)
             derivative = (derivative - other)/step
          else
-            call self%balance%residual(x, derivative)
+            call self%residual(x, derivative)
             derivative = (derivative - other)/step
          end if
       end if
    end subroutine model_problem_parameter_derivative
-
-   subroutine model_problem_residual(self, x, r)
-      class(model_problem_t), intent(inout) :: self
-      real(wp), intent(in), contiguous :: x(:)
-      real(wp), intent(out), contiguous :: r(:)
-
-      call self%balance%residual(x, r)
-   end subroutine model_problem_residual
-
-   subroutine model_problem_tangent(self, x, jacobian)
-      class(model_problem_t), intent(inout) :: self
-      real(wp), intent(in), contiguous :: x(:)
-      real(wp), intent(out), contiguous :: jacobian(:, :)
-
-      call self%balance%tangent(x, jacobian)
-      self%tangent_work = self%balance%tangent_work
-   end subroutine model_problem_tangent
-
-   subroutine model_problem_linearise(self, x, is_ready)
-      class(model_problem_t), intent(inout) :: self
-      real(wp), intent(in), contiguous :: x(:)
-      logical, intent(out) :: is_ready
-
-      call self%balance%linearise(x, is_ready)
-   end subroutine model_problem_linearise
-
-   subroutine model_problem_apply_tangent(self, x, product)
-      class(model_problem_t), intent(inout) :: self
-      real(wp), intent(in), contiguous :: x(:)
-      real(wp), intent(out), contiguous :: product(:)
-
-      call self%balance%apply_tangent(x, product)
-   end subroutine model_problem_apply_tangent
-
-   subroutine model_problem_update_preconditioner(self, level, is_strongest)
-      class(model_problem_t), intent(inout) :: self
-      integer, intent(in) :: level
-      logical, intent(out) :: is_strongest
-
-      call self%balance%update_preconditioner(level, is_strongest)
-   end subroutine model_problem_update_preconditioner
 
    subroutine model_problem_update_regular_preconditioner(self, which, level, is_strongest)
       class(model_problem_t), intent(inout) :: self
@@ -406,44 +344,7 @@ contains
       integer, intent(in) :: level
       logical, intent(out) :: is_strongest
 
-      call self%balance%update_regular_preconditioner(pack(which, which /= self%own), level, is_strongest)
+      call self%balance_t%update_regular_preconditioner(pack(which, which /= self%own), level, is_strongest)
    end subroutine model_problem_update_regular_preconditioner
 
-   subroutine model_problem_precondition(self, r, step)
-      class(model_problem_t), intent(inout) :: self
-      real(wp), intent(in), contiguous :: r(:)
-      real(wp), intent(out), contiguous :: step(:)
-
-      call self%balance%precondition(r, step)
-   end subroutine model_problem_precondition
-
-   subroutine model_problem_solve_linear(self, r, step)
-      class(model_problem_t), intent(inout) :: self
-      real(wp), intent(in), contiguous :: r(:)
-      real(wp), intent(out), contiguous :: step(:)
-
-      call self%balance%solve_linear(r, step)
-   end subroutine model_problem_solve_linear
-
-   real(wp) function model_problem_rounding_level(self, x) result(level)
-      class(model_problem_t), intent(inout) :: self
-      real(wp), intent(in), contiguous :: x(:)
-
-      level = self%balance%rounding_level(x)
-   end function model_problem_rounding_level
-
-   subroutine model_problem_deform(self, kind, amount)
-      class(model_problem_t), intent(inout) :: self
-      integer, intent(in) :: kind
-      real(wp), intent(in) :: amount
-
-      call self%balance%deform(kind, amount)
-   end subroutine model_problem_deform
-
-   !> Frees the balance; safe to call twice.
-   subroutine model_problem_destroy(self)
-      class(model_problem_t), intent(inout) :: self
-
-      call self%balance%destroy()
-   end subroutine model_problem_destroy
 end module hb_model_problem

@@ -26,6 +26,7 @@ module hb_motion
    use hb_model_coordinates, only: coordinates_of
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, fallback
+   use hb_thresholds, only: rounding
    use hb_time_domain, only: locking_t, may_be_locked, steady_motion_t
    use hb_cancellation, only: verdict, verdict_on_work, cancellation_t, work_is_over
    implicit none
@@ -33,7 +34,6 @@ module hb_motion
    public :: solve_motion, status_of_ended
 
    integer, parameter :: steps_from_integration = 20                  ! of the balance, from a motion that is known
-   real(wp), parameter :: largest_asymmetry = 1.0e-8_wp               ! of forces with memory of an odd motion, relative
 
 contains
 
@@ -193,7 +193,7 @@ contains
    pure logical function is_proven_odd(result)
       type(motion_result_t), intent(in) :: result
 
-      is_proven_odd = result%asymmetry <= largest_asymmetry
+      is_proven_odd = result%asymmetry <= rounding
    end function is_proven_odd
 
    !> Takes out what was found before an error: nobody has seen that it is a motion.

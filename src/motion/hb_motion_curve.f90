@@ -16,7 +16,7 @@ module hb_motion_curve
    use hb_document, only: document_t
    use hb_doubtful_extremes, only: drop_doubtful
    use hb_error, only: error_t
-   use hb_followed_motion, only: at_end, followed_motion_t, least_motion, n_further, origin_t, reported_extreme_t, waiting_t
+   use hb_followed_motion, only: at_end, followed_motion_t, n_further, origin_t, reported_extreme_t, waiting_t
    use hb_kinds, only: wp
    use hb_motion, only: solve_motion
    use hb_motion_result, only: curve_position_t, motion_result_t
@@ -26,6 +26,7 @@ module hb_motion_curve
    use hb_model, only: model_t
    use hb_solver_types, only: report_t
    use hb_text, only: to_text
+   use hb_thresholds, only: faint
    use hb_cancellation, only: verdict, verdict_on_work, cancellation_t, work_is_over
    implicit none
    private
@@ -151,7 +152,7 @@ contains
 
       associate (origin => self%request%origin, n => self%problem%n_unknowns, n_which => size(self%problem%which))
          from = [origin%u, origin%further]
-         call self%problem%move(from, is_found)
+         call self%problem%move_to_point(from, is_found)
          if (.not. is_found) return
          call find_direction(self%problem, origin, joined, across, is_found)
          if (.not. is_found) return
@@ -318,8 +319,8 @@ contains
       self%length = 0.0_wp
       self%reported = [reported_extreme_t ::]
       self%estimate = huge(1.0_wp)
-      self%largest = least_motion
-      call self%problem%move(self%outset%x, is_possible)
+      self%largest = faint
+      call self%problem%move_to_point(self%outset%x, is_possible)
       self%tolerance_factor = 1.0_wp
       self%roughness = self%problem%roughness(self%outset%x(:self%problem%n_unknowns))
       self%is_rough = 10.0_wp*self%roughness > self%problem%model%solver%tolerance

@@ -21,6 +21,7 @@ module hb_motion_description
    use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, &
       stability_method, stability_t, stability_verdict => verdict
    use hb_structure, only: most_dense
+   use hb_thresholds, only: agreement
    use hb_tones, only: tones_t
    use hb_torus, only: new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
@@ -94,14 +95,13 @@ contains
       type(tones_t), intent(in) :: tones                              !! of the motion
       type(certificate_t), intent(in) :: found                        !! its certificate
       type(stability_t), intent(inout) :: stability                   !! its stability
-      real(wp), parameter :: exact = 1.0e-6_wp                        ! error of a motion, relative, that multipliers do not feel
       integer, parameter :: fewest_periods = 5
       real(wp), parameter :: share_of_periods = 0.25_wp               ! enough where the exponent is clearly not zero
       type(stability_config_t) :: config
       type(stability_t) :: refined
 
       if (stability%verdict == stability_verdict%unknown .or. .not. allocated(found%refined)) return
-      if (max(found%truncation, found%aliasing) <= exact .or. stability%is_integrated) return
+      if (max(found%truncation, found%aliasing) <= agreement .or. stability%is_integrated) return
       config = model%stability
       config%patience = 1.0_wp
       if (stability%n_periods > 0) config%fewest_periods = max(fewest_periods, nint(share_of_periods*stability%n_periods))

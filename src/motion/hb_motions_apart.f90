@@ -10,13 +10,13 @@ module hb_motions_apart
    use hb_outcome, only: outcome
    use hb_level, only: carry, join, level_t
    use hb_solver_types, only: report_t, solver_config_t
+   use hb_thresholds, only: safety
    implicit none
    private
    public :: look_apart
 
    integer, parameter :: most_iterations = 40                         ! from one guess
    integer, parameter :: most_spurious = 4                            ! motions at a value that a larger set makes known ones
-   real(wp), parameter :: clearly = 3.0_wp                            ! farther than known motions may be off, in tolerances
 
 contains
 
@@ -76,7 +76,7 @@ contains
          if (allocated(error)) return
       end if
       motions = motions_of(self, known)
-      call self%problem%move(motions(:, 1), is_possible)
+      call self%problem%move_to_point(motions(:, 1), is_possible)
       if (.not. is_possible) return
       allocate (form(size(motions, 1), 1), source=0.0_wp)
       form(size(form), 1) = 1.0_wp
@@ -115,7 +115,7 @@ contains
       if (allocated(error)) return
       x(size(x)) = value
       is_accepted = is_other(x, motions_of(self, known), self%problem%model%harmonics, self%problem%x_scale, &
-                             clearly*self%model%accuracy%tolerance)
+                             safety*self%model%accuracy%tolerance)
    end subroutine accept
 
    !> Motions on the set at hand, and the same ones shifted by periods of what drives them.

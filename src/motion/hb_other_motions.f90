@@ -13,12 +13,12 @@ module hb_other_motions
    use hb_problem, only: problem_t
    use hb_solver_types, only: report_t, solver_config_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
+   use hb_thresholds, only: faint
    use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: deflated_share, find_other, is_other, shifted
 
-   real(wp), parameter :: least_distance = 1.0e-3_wp                  ! of another motion, relative to the size
    real(wp), parameter :: longest_step = 1.0_wp                       ! likewise
    real(wp), parameter :: factors(5) = [0.0_wp, 3.0_wp, 0.3_wp, 8.0_wp, 1.1_wp]   ! of known motions, as guesses
    real(wp), parameter :: kicks(4) = [1.0_wp, 3.0_wp, 8.0_wp, 0.3_wp]     ! in one harmonic, relative to the size
@@ -50,7 +50,7 @@ contains
             call disturb(guess, scale, harmonics, lowest, x)
             guessed = x
             call solve_newton(problem, config, x, report)             ! many guesses lead elsewhere by themselves
-            is_found = report%status == outcome%converged .and. is_apart(x, known, scale, least_distance)
+            is_found = report%status == outcome%converged .and. is_apart(x, known, scale, faint)
             if (is_found) return
             x = guessed
             call follow_deflated(problem, config, known, scale, x, is_found)
@@ -90,7 +90,7 @@ contains
          x = x + min(1.0_wp, longest_step/max(length, tiny(1.0_wp)))*r
          report%iterations = report%iterations + 1
       end do
-      is_found = report%status == outcome%converged .and. is_apart(x, known, scale, least_distance)
+      is_found = report%status == outcome%converged .and. is_apart(x, known, scale, faint)
    end subroutine follow_deflated
 
    !> Whether x is none of the known motions, which may be off by a share of themselves.
@@ -102,7 +102,7 @@ contains
       real(wp), intent(in) :: share
 
       is_other = is_apart(x, known, scale_of(known, harmonics, [x_scale, spread(1.0_wp, 1, size(x) - size(x_scale))]), &
-                          max(least_distance, share))
+                          max(faint, share))
    end function is_other
 
    !> Whether x is none of the known motions.

@@ -5,6 +5,7 @@ module hb_response
    use hb_kinds, only: wp
    use hb_structure, only: structure_t
    use hb_text, only: to_text
+   use hb_thresholds, only: rounding
    implicit none
    private
    public :: new_response, response_t
@@ -88,7 +89,6 @@ contains
       type(harmonics_t), intent(in) :: set, set_of_second
       complex(wp), intent(in) :: amplitudes(:), second(:)             !! (n_harmonics of each)
       complex(wp) :: difference(size(second))
-      real(wp), parameter :: rounding = 1.0e-9_wp
       real(wp) :: beyond, reference
       integer :: h, k
 

@@ -15,14 +15,13 @@ module hb_floquet
    use hb_stability, only: excitation_t, harmonic_motion_t, most_multipliers, stability_config_t, stability_finder_t, &
       stability_method, stability_t, verdict
    use hb_structure, only: structure_t
+   use hb_thresholds, only: rounding, safety
    use hb_variation, only: least_work, new_variation, variation_t
    implicit none
    private
    public :: floquet_t, has_to_be_integrated, assess_exponents, assess_matrix, work_on_demand
 
-   real(wp), parameter :: smallest_margin = 1.0e-9_wp                 ! of a multiplier from 1 that is sure
-   real(wp), parameter :: safety = 10.0_wp                            ! on the estimate of the error
-   real(wp), parameter :: safety_of_spread = 3.0_wp                   ! on the difference of both halves of a record
+   real(wp), parameter :: safety_of_multipliers = 10.0_wp                            ! on the estimate of the error
    real(wp), parameter :: largest_surge = log(100.0_wp)               ! what is 1 % grows as large as the motion before it decays
    integer, parameter :: periods_of_haste = 25                        ! where more take too long; doubled while that is not enough
    real(wp), parameter :: most_work_of_orbit = 1.0e8_wp               ! likewise; high modes need more, and keep the series
@@ -159,8 +158,8 @@ contains
       self%exponents = found%rate(:min(size(found%rate), most_multipliers))
       self%estimate = found%spread(1)
       self%n_periods = found%n_periods
-      margin = max(safety_of_spread*found%spread(1), smallest_margin*two_pi/propagation%length)
-      self%n_unstable = count(found%rate > safety_of_spread*found%spread .and. found%rate > margin)
+      margin = max(safety*found%spread(1), rounding*two_pi/propagation%length)
+      self%n_unstable = count(found%rate > safety*found%spread .and. found%rate > margin)
       if (self%n_unstable > 0) then
          self%verdict = verdict%unstable
       else if (propagation%surge > largest_surge) then                ! stable for disturbances that are never met
@@ -233,7 +232,7 @@ contains
 
       call eigenvalues_of(matrix, multipliers)
       if (size(multipliers) == 0) return
-      margin = max(smallest_margin, safety*self%estimate)
+      margin = max(rounding, safety_of_multipliers*self%estimate)
       self%n_unstable = count(abs(multipliers) > 1.0_wp + margin)
       if (self%n_unstable > 0) then
          self%verdict = verdict%unstable

@@ -4,13 +4,13 @@ module hb_grazing
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
    use hb_motion_series, only: motion_series_t, new_motion_series
+   use hb_thresholds, only: most_bisections
    implicit none
    private
    public :: extremes_of_switches
 
    integer, parameter :: most_looks = 4096                            ! of the grid on which an extreme is looked for first
    real(wp), parameter :: far = 0.25_wp                               ! from zero, relative to the range of the values
-   integer, parameter :: n_rounds = 40                                ! of parabolas from there, each on a narrower stencil
 
 contains
 
@@ -103,7 +103,7 @@ contains
          return
       end if
       width = two_pi/real(size(phases, 2), wp)**(1.0_wp/size(phases, 1))
-      do round = 1, n_rounds
+      do round = 1, most_bisections
          do m = 1, size(best)
             stencil = spread(best, 2, 3)
             stencil(m, :) = best(m) + [-width, 0.0_wp, width]

@@ -6,6 +6,7 @@
 module hb_monodromy
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_kinds, only: two_pi, wp
+   use hb_thresholds, only: agreement
    use hb_variation, only: piece_t, variation_t
    use hb_variation_pieces, only: cut_time, settle_sliders
    use hb_variation_steps, only: propagate
@@ -18,7 +19,6 @@ module hb_monodromy
    integer, parameter :: looks_a_harmonic = 8                         ! for events, in a period of the highest harmonic
    integer, parameter :: fewest_looks = 128
    integer, parameter :: most_doublings = 12
-   real(wp), parameter :: good = 1.0e-6_wp                            ! estimate from which on steps are worth it only while they
    real(wp), parameter :: slow = 0.1_wp                               ! help more than this: a kink that is not resolved does not
 
    type :: matrix_t
@@ -87,7 +87,7 @@ contains
          estimate_before = self%estimate
          self%estimate = maxval(abs(last - row(max(doubling, 1) - 1)%entries))/max(1.0_wp, maxval(abs(last)))
          if (self%estimate <= tolerance .or. 2.0_wp*work > work_limit) exit
-         if (self%estimate <= good .and. self%estimate > slow*estimate_before) exit
+         if (self%estimate <= agreement .and. self%estimate > slow*estimate_before) exit
       end do
       call move_alloc(last, self%matrix)
    end subroutine find_transfer

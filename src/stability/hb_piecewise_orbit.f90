@@ -11,6 +11,7 @@ module hb_piecewise_orbit
    use hb_matrix_exponential, only: count_exponential, exponential_of
    use hb_stability, only: excitation_t
    use hb_structure, only: structure_t
+   use hb_thresholds, only: rounding
    use hb_variation, only: piece_t, variation_t
    use hb_variation_pieces, only: bracket_t
    implicit none
@@ -25,7 +26,6 @@ module hb_piecewise_orbit
    integer, parameter :: most_shots = 20, usual_shots = 5
    integer, parameter :: most_backtracks = 5
    real(wp), parameter :: same_motion = 0.1_wp                        ! largest change of the state by shooting, scaled
-   real(wp), parameter :: repeats = 1.0e-9_wp                         ! what may be left of a state after a period, scaled
    real(wp), parameter :: smallest_scale = 0.1_wp                     ! of one unknown, relative to the largest of its kind
 
    type :: piecewise_orbit_t
@@ -119,7 +119,7 @@ contains
          if (.not. is_done) return
          left = (after - x)/units
          if (maxval(abs(left)) >= maxval(abs(left_before)) .and. backtrack < most_backtracks) then
-            if (maxval(abs(left)) <= repeats) exit                    ! rounding
+            if (maxval(abs(left)) <= rounding) exit                    ! rounding
             step = 0.5_wp*step
             x = x - step
             backtrack = backtrack + 1
@@ -129,12 +129,12 @@ contains
          call solve_step(self%matrix, after - x, step, sense)
          if (.not. sense*sense_before > 0.0_wp .and. shot > 1) return ! a fold lies between: it is not clear which motion is meant
          sense_before = sense
-         if (max(maxval(abs(left)), maxval(abs(step/units))) <= repeats) exit
+         if (max(maxval(abs(left)), maxval(abs(step/units))) <= rounding) exit
          left_before = left
          x = x + step
          if (maxval(abs((x - begun)/units)) > same_motion) return
       end do
-      self%is_found = maxval(abs(left)) <= repeats
+      self%is_found = maxval(abs(left)) <= rounding
       self%estimate = max(maxval(abs(left)), epsilon(1.0_wp)*size(flow%branches)*flow%period*maxval(abs(flow%constant)))
    end subroutine find_piecewise_orbit
 

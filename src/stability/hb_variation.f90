@@ -12,6 +12,7 @@ module hb_variation
    use hb_matrix_exponential, only: count_exponential, per_multiplication
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_structure, only: most_dense, structure_t
+   use hb_thresholds, only: faint
    implicit none
    private
    public :: least_work, new_variation, piece_t, place_t, variation_t
@@ -123,7 +124,6 @@ contains
    !> The frequency beyond which the motion of each coordinate has next to nothing: events of what is there matter as little.
    pure real(wp) function carrying_frequency(self) result(frequency)
       type(variation_t), intent(in) :: self
-      real(wp), parameter :: faint = 1.0e-3_wp                        ! of the reach of a coordinate
       integer, parameter :: n_parts = 64
       integer :: c, part
 

@@ -7,16 +7,16 @@ module hb_variation_pieces
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
    use hb_law, only: law_t
+   use hb_thresholds, only: rounding
    use hb_variation, only: piece_t, variation_t
    use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: bracket_t, cut_time, settle_sliders
 
-   integer, parameter :: most_halvings = 60
+   integer, parameter :: most_halvings = 60                           ! 40 leave differences that a curve may show
    integer, parameter :: most_passes = 3                              ! events of a slider between two looks
    integer, parameter :: most_periods = 4                             ! of a period, until sliders repeat their places
-   real(wp), parameter :: same_place = 1.0e-9_wp                      ! of a slider, relative to its motion
 
    type :: event_t
       real(wp) :: time = 0.0_wp
@@ -95,7 +95,7 @@ contains
          if (work_is_over()) exit
          before = self%held
          call cut_time(self, start, finish, n_looks, pieces)
-         if (period > 1 .and. all(abs(self%held - before) <= same_place*maxval(self%reach))) exit
+         if (period > 1 .and. all(abs(self%held - before) <= rounding*maxval(self%reach))) exit
       end do
       self%has_slipped = .false.
    end subroutine settle_sliders
