@@ -3,7 +3,7 @@
 !>     find_package(nhbm)
 !>     target_link_libraries(duffing nhbm::input)
 program duffing
-   use nhbm, only: error_t, fe_model_t, outcome, wp
+   use nhbm, only: error_t, model_t, outcome, wp
    implicit none
    character, parameter :: line = new_line("a")
    character(*), parameter :: text = &
@@ -12,7 +12,7 @@ program duffing
       "&tones frequency = 0.9 /"//line// &
       "&load dof = 'x1', tuple = 1, cos = 0.3 /"//line// &
       "&law type = 'cubic_spring', label = 'spring', dof = 'x1', stiffness = 0.5 /"
-   type(fe_model_t), target :: model
+   type(model_t), target :: model
    type(error_t), allocatable :: error
    real(wp) :: value
    integer :: frequency, k

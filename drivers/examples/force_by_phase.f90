@@ -30,7 +30,7 @@ end module force_by_phase_law
 program force_by_phase
    use, intrinsic :: iso_c_binding, only: c_funloc, c_null_char
    use force_by_phase_law, only: evaluate
-   use nhbm, only: error_t, give_law, law_api, law_info_t, fe_model_t, outcome
+   use nhbm, only: error_t, give_law, law_api, law_info_t, model_t, outcome
    implicit none
    character, parameter :: line = new_line("a")
    character(*), parameter :: text = &
@@ -39,7 +39,7 @@ program force_by_phase
       "&tones frequency = 0.9 /"//line// &
       "&law type = 'user', library = '', name = 'push', dof = 'x1' /"//line// &
       "&law type = 'cubic_spring', label = 'spring', dof = 'x1', stiffness = 0.5 /"
-   type(fe_model_t), target :: model
+   type(model_t), target :: model
    type(error_t), allocatable :: error
 
    if (give_law("push"//c_null_char, law_info_t(api_version=law_api, n_coordinates=1, needs_phases=1), c_funloc(evaluate)) /= 0) &

@@ -1,6 +1,6 @@
 !> nhbm for programs in Fortran: the one module that they use.
 !>
-!>     type(fe_model_t), target :: model
+!>     type(model_t), target :: model
 !>     type(error_t), allocatable :: error
 !>     call model%read("my model", text, error)                   ! the text of an input (docs/user/input.md)
 !>     call model%resolve("tones%frequency", frequency, error)
@@ -12,7 +12,7 @@
 !>     call model%destroy()
 !>
 !> `model%result` is all that is known of the motion found last; `model%look_up` gives it by the names of the result file as well.
-!> Structures that a program has as matrices: extend `structure_source_t` and allocate `model%callbacks%models` with it. Laws of its
+!> Structures that a program has as matrices: extend `structure_source_t` and allocate `model%callbacks%fe_models` with it. Laws of its
 !> own: `give_law` takes a `law_info_t` and a function of `law_samples_t`, as nhbm_user_law.h describes them.
 module nhbm
    use hb_error, only: error_t
@@ -20,13 +20,13 @@ module nhbm
    use hb_fe_model, only: structure_data_t => fe_model_t, structure_source_t => fe_model_source_t
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome, outcome_names
-   use hb_session, only: fe_model_t => session_t
+   use hb_session, only: model_t => session_t
    use hb_sparse, only: new_sparse, sparse_t
    use hb_user_library, only: forget_law, give_law, law_api => api_version, law_info_t, law_samples_t, law_step_t
    use hb_version, only: program_version
    implicit none
    private
-   public :: error_t, forget_law, give_law, law_api, law_info_t, law_samples_t, law_step_t, fe_model_t, motion_result_t, &
+   public :: error_t, forget_law, give_law, law_api, law_info_t, law_samples_t, law_step_t, model_t, motion_result_t, &
       new_sparse, &
       outcome, outcome_names, program_version, sparse_t, structure_data_t, structure_source_t, wp
 end module nhbm

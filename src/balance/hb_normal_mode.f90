@@ -3,8 +3,7 @@
 !> The frequency and one artificial damping xi (forces -xi M x', negative damping) are unknown beside the coefficients; the
 !> conditions are an amplitude or an energy, and a phase. xi makes up for the damping of the model; without any it comes out as
 !> zero, and takes up the equation that a conservative model has too many. Source: docs/why/theory.md, section 6.5; Krack,
-!> Computers and
-!> Structures 154 (2015) 59-71.
+!> Computers and Structures 154 (2015) 59-71.
 module hb_normal_mode
    use hb_amplitude_curve, only: begin_curve, point_of, renew, step_along
    use hb_balance, only: balance_t

@@ -1,9 +1,8 @@
 !> A slider between two bounds that move: the play operator, exact along a cubic path.
 !>
-!> The place w of the slider stays while it can; the lower bound pushes it up, the upper one down. Where a bound turns
-!> between the two ends of a step, its extreme value there comes from the cubic with the bound's values and rates at both
-!> ends (error of fourth order in the step). Source: docs/why/theory.md, section 5.5; M. Brokate and J. Sprekels,
-!> Hysteresis and Phase
+!> The place w of the slider stays while it can; the lower bound pushes it up, the upper one down. Where a bound turns between the
+!> two ends of a step, its extreme value there comes from the cubic with the bound's values and rates at both ends (error of
+!> fourth order in the step). Source: docs/why/theory.md, section 5.5; M. Brokate and J. Sprekels, Hysteresis and Phase
 !> Transitions, Springer 1996, section 2.3 (play and stop).
 module hb_slider
    use hb_hysteretic_law, only: n_path_parts, path_part

@@ -158,8 +158,7 @@ contains
    end function returns
 
    !> Whether numbers of two neighbours of a chain tell that the motion jumps between them: the mark of a point that was just
-   !> solved,
-   !> or numbers of a run before.
+   !> solved, or numbers of a run before.
    elemental logical function is_reported(before, branch)
       integer, intent(in) :: before, branch
 

@@ -1,12 +1,9 @@
 !> The last way to a motion: the model is followed through time until it is steady.
 !>
 !> Windows follow each other, each twice as long as the one before. The averages over each (hb_birkhoff) are coefficients at all
-!> tuples
-!> of the set; how far they differ from those of the window before, which is shorter and nearer to the start, is the spread, and
-!> where
-!> it no longer falls the motion has no order or is still on its way. Averages see nothing of lines between the tuples: what the
-!> series
-!> leaves of the record has to repeat as the tones do (hb_recurrence), or in several periods of them.
+!> tuples of the set; how far they differ from those of the window before, which is shorter and nearer to the start, is the
+!> spread, and where it no longer falls the motion has no order or is still on its way. Averages see nothing of lines between the
+!> tuples: what the series leaves of the record has to repeat as the tones do (hb_recurrence), or in several periods of them.
 module hb_integrated_motion
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_advice, only: rounded

@@ -1,12 +1,10 @@
 !> Whether a record repeats as a motion of given tones does: after a time in which all of their phases come back.
 !>
 !> A motion of given tones is a function of their phases. After a shift in which each tone makes nearly whole turns, and before
-!> it, its
-!> record is nearly the same: the mean of both differs from it by a curvature times the square of what is missing to whole turns. A
-!> motion with a period of n turns repeats where whole turns are multiples of n and changes elsewhere; one without order nowhere
-!> does. With one tone this is the stroboscopic section. Source: J.-P. Eckmann, S. Oliffson Kamphorst and D. Ruelle, Recurrence
-!> plots
-!> of dynamical systems, Europhysics Letters 4 (1987) 973-977.
+!> it, its record is nearly the same: the mean of both differs from it by a curvature times the square of what is missing to whole
+!> turns. A motion with a period of n turns repeats where whole turns are multiples of n and changes elsewhere; one without order
+!> nowhere does. With one tone this is the stroboscopic section. Source: J.-P. Eckmann, S. Oliffson Kamphorst and D. Ruelle,
+!> Recurrence plots of dynamical systems, Europhysics Letters 4 (1987) 973-977.
 !>
 !> Tones whose ratio is nearly that of small whole numbers return well after these, and badly after anything else for a long time.
 !> So the defect of a return counts, beside another that misses less, as much as that would have of it.
