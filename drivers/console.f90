@@ -1,5 +1,5 @@
-!> What the program says. Standard output is written through the standard library of C: that of Fortran does not tell when output is
-!> lost. Titles, labels, names and options reach a terminal without their control characters.
+!> Output of the program. Standard output is written through the standard library of C: that of Fortran does not report lost
+!> output. Titles, labels, names and options reach a terminal without their control characters.
 module console
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
    use, intrinsic :: iso_fortran_env, only: error_unit

@@ -1,4 +1,4 @@
-!> `nhbm check`: reads an input as `solve` would, every point of it, says what it asks for, and compares the derivatives of
+!> `nhbm check`: reads an input as `solve` would, every point of it, prints what it requests, and compares the derivatives of
 !> its laws with differences of their forces.
 module verb_check
    use arguments, only: arguments_t

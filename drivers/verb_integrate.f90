@@ -1,4 +1,4 @@
-!> `nhbm integrate`: follows a model through time and writes the record.
+!> `nhbm integrate`: integrates a model in time and writes the record.
 module verb_integrate
    use arguments, only: arguments_t
    use console, only: say

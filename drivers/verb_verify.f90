@@ -1,4 +1,4 @@
-!> `nhbm verify`: time integrations from points of a result file and says whether their motions stay where they are.
+!> `nhbm verify`: integrates from points of a result file and reports whether the motions agree and are stable.
 module verb_verify
    use arguments, only: arguments_t, read_numbers
    use console, only: say

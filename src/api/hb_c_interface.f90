@@ -1,4 +1,4 @@
-!> The functions of nhbm.h: handles, texts and errors of C for hb_session. The header says what they do.
+!> The functions of nhbm.h: handles, texts and errors of C for hb_session. The header documents them.
 module hb_c_interface
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_funptr, c_int, c_int64_t, &
       c_loc, c_null_char, c_null_ptr, c_ptr

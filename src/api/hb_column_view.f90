@@ -1,4 +1,4 @@
-!> One column of a motion, asked for by its name: its values with their shape.
+!> One column of a motion by its name: its values with their shape.
 module hb_column_view
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp

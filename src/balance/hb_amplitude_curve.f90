@@ -1,7 +1,7 @@
-!> The way of one unknown tone to a limit cycle: the curve of motions with artificial damping, by its arc length.
+!> Continuation of one unknown tone to a limit cycle: the curve of motions with artificial damping, by arc length.
 !>
-!> The curve begins at a mode with a small amplitude. Where the artificial damping changes its sign on it, the motion needs
-!> none: a limit cycle. One beyond which the motion is damped is preferred, motion near it would come back to it.
+!> The curve begins at a mode with a small amplitude. Where the artificial damping changes its sign, the motion
+!> needs none: a limit cycle. One beyond which the motion is damped is preferred: it attracts motion nearby.
 !> The curve may turn back in amplitude, as where two flexible bodies touch. Source: docs/why/theory.md, section 6.5.
 module hb_amplitude_curve
    use hb_curve, only: curve_config_t, curve_t, new_curve

@@ -1,7 +1,7 @@
-!> the sequence of orders: the balance of half the orders is solved first, and that of half of these before it.
+!> Continuation in the order: the balance of half the orders is solved first, and that of half of these before it.
 !>
-!> Contact that comes and goes on the way from the linear motion is settled on the lowest level, by whatever it takes, where a
-!> step costs next to nothing; each further level takes a few steps from the one below it.
+!> Changes of contact between the linear motion and the solution are resolved on the lowest level, where steps are cheap; each
+!> further level takes a few steps from the one below it.
 !> Source: docs/why/theory.md, section 6.4.
 submodule (hb_balance) hb_balance_coarse
    use hb_harmonics, only: new_harmonics

@@ -1,4 +1,4 @@
-!> What laws and solvers are reported by the linear part of the balance: stiffness felt, scales, rounding.
+!> Properties of the linear part of the balance that laws and solvers need: stiffness at a law, scales, rounding.
 submodule (hb_balance) hb_balance_linear
    implicit none
 

@@ -1,4 +1,4 @@
-!> The preconditioner of the balance at its motion, and what the mean slopes of the laws along a motion tell.
+!> The preconditioner of the balance at its motion, and the mean slopes of the laws along a motion.
 !>
 !> Source: docs/why/theory.md, section 6.6.
 submodule (hb_balance) hb_balance_precondition

@@ -1,6 +1,5 @@
-!> A linear part that is kept from one point of a sweep to the next: it is made anew where the structure, the coordinates or the
-!> frequencies are others, takes new loads where these have changed, and is handed out as it is else, with the same numbers as a new
-!> one in any case.
+!> A linear part that is cached from one point of a sweep to the next: it is rebuilt when the structure, the coordinates or the
+!> frequencies change, and takes new loads when these change; the numbers are those of a new one in any case.
 module hb_cached_linear_part
    use hb_amplitudes, only: amplitudes_t
    use hb_coordinates, only: coordinates_t

@@ -1,6 +1,6 @@
-!> What a solution is worth: how far its coefficients may be off, and how well it keeps the laws between its samples.
+!> A-posteriori error estimate of a solution, and how well it satisfies the laws between its samples.
 !>
-!> A small residual only says that the truncated, sampled problem is solved. The certificate looks at the same motion with
+!> A small residual only means that the truncated, sampled problem is solved. The certificate evaluates the same motion with
 !> up to twice the order and on a finer grid: the forces there that nothing balances are what the solution neglects, and
 !> one step towards balancing them estimates its error. The estimate depends on the motion, its set and its grid alone, not on how
 !> they were found. Source: docs/why/theory.md, section 7.

@@ -1,5 +1,5 @@
-!> The tangent restricted to a few harmonics of all degrees of freedom, factorised: the part of the preconditioner that knows
-!> how harmonics are coupled. Source: docs/why/theory.md, section 6.6.
+!> The tangent restricted to a few harmonics of all degrees of freedom, factorised: the part of the preconditioner with the
+!> coupling of harmonics. Source: docs/why/theory.md, section 6.6.
 !>
 !> Unknowns stand degree of freedom by degree of freedom, so that a narrow structure gives a band.
 module hb_coarse_tangent

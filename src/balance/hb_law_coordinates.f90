@@ -1,8 +1,8 @@
-!> The coordinates on which the unknowns of a model stand: what its laws feel, not all degrees of freedom that these touch.
+!> The coordinates of the unknowns of a model: those on which its laws act, not all degrees of freedom that these involve.
 !>
-!> Three stops on a beam by its modes are three coordinates. Laws that hang together by degrees of freedom form a part; in each part
+!> Three stops on a beam by its modes are three coordinates. Laws that share degrees of freedom form a part; in each part
 !> the coordinates of rigid laws come first and as they are, so that each has its reaction, then degrees of freedom that are
-!> asked for, then the coordinates of other laws as far as they are independent, where that is fewer than degrees of freedom.
+!> requested, then the coordinates of other laws as far as they are independent, where that is fewer than degrees of freedom.
 !> Source: docs/why/theory.md, section 4.
 module hb_law_coordinates
    use hb_coordinates, only: coordinates_t, dofs_as_coordinates, new_coordinates, softness

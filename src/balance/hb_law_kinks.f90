@@ -1,6 +1,6 @@
 !> Kinks of the laws of a model between the samples of one torus: what sampling misses of their forces, added to the samples.
 !>
-!> A law tells where its force has kinks; how they are corrected is a matter of the samples alone, see hb_kinks. Laws that share
+!> A law provides the positions of its kinks; their correction depends on the samples alone, see hb_kinks. Laws that share
 !> a degree of freedom with a multiplier law are left as they are: what that supplies cancels their kinks while it holds.
 !> Source: docs/why/theory.md, section 5.7.
 module hb_law_kinks

@@ -1,5 +1,6 @@
-!> Samples of what all laws of a model see and do on one torus: of a motion, or the derivatives of these along one direction, of
-!> the motion or by a base frequency while all coefficients stay. Source: docs/why/theory.md, sections 5.3, 5.6 and 6.6.
+!> Samples of the coordinates and forces of all laws of a model on one torus: of a motion, or the derivatives of these along one
+!> direction, of the motion or by a base frequency while all coefficients stay. Source: docs/why/theory.md, sections 5.3, 5.6 and
+!> 6.6.
 module hb_law_samples
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t

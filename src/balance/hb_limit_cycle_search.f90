@@ -1,4 +1,4 @@
-!> A search for self-excited motion: what it starts from and finds, and the two problems that it solves.
+!> The search for self-excited motion: its start and result, and the two problems that it solves.
 !>
 !> With the amplitudes of the unknown tones prescribed and artificial damping xi_m of each in their place, there is a solution
 !> near each mode of the base motion, where xi_m = -2 (growth of the mode). Where xi_m < 0 the motion is driven and would grow. Near

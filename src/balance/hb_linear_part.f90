@@ -1,5 +1,5 @@
-!> The linear part of the balance: the dynamic stiffness of each harmonic, its factors where they are asked for, and what
-!> it makes of coefficients.
+!> The linear part of the balance: the dynamic stiffness of each harmonic, its factors on demand, and its
+!> products with coefficients.
 !>
 !> Where S is singular (a structure free to move, an undamped resonance) weak supports hold it for first guesses and first steps;
 !> in a residual they stand only along a homotopy in the laws, and fade as these grow.

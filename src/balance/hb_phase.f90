@@ -1,6 +1,6 @@
 !> The balance with unknown base frequencies: x = (u, omega of the unknown tones, and where asked for, artificial damping).
 !>
-!> Each further unknown brings one equation, a linear form of the coefficients u that has a given value: phase conditions,
+!> Each further unknown brings one equation, a linear functional of the coefficients u with a given value: phase conditions,
 !> which pick one of the motions that differ by a shift of an unknown phase alone, and amplitudes. The last one may be an energy
 !> instead. Source: docs/why/theory.md, section 6.5.
 module hb_phase

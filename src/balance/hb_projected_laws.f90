@@ -1,4 +1,4 @@
-!> The laws of a model as the balance sees them: coefficients of the motion in, coefficients of the forces out, by sampling on the
+!> The laws of a model in the frequency domain: from coefficients of the motion to coefficients of the forces, by sampling on the
 !> torus and projection back (alternating frequency/time).
 !>
 !> Source: docs/why/theory.md, sections 5.3 to 5.5.

@@ -1,5 +1,5 @@
-!> Self-excited motion: limit cycles and tori with unknown base frequencies, from the modes of the base motion, never that itself.
-!> Source: docs/why/theory.md, section 6.5.
+!> Self-excited motion: limit cycles and tori with unknown base frequencies, from the modes of the base motion; never the base
+!> motion itself. Source: docs/why/theory.md, section 6.5.
 module hb_self_excitation
    use hb_amplitude_curve, only: follow_curve
    use hb_amplitude_flow, only: follow_flow

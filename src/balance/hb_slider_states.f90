@@ -1,8 +1,8 @@
-!> The states of one hysteretic law over the torus, at all samples, found by going round along time until they repeat.
+!> The states of one hysteretic law over the torus, at all samples, found by integration along time until they repeat.
 !>
 !> The first slice starts from rest, loaded straight to where the motion is there. Where all sliders slip, the start is
-!> forgotten and the states that repeat are the only ones. A slider that never slips keeps its place for ever, and any
-!> place would do: starting from rest is the rule that picks one, `full_stick` tells of it. Source: docs/why/theory.md,
+!> forgotten and the states that repeat are the only ones. A slider that never slips keeps its position, and any
+!> position would do: the rule is to start from rest, `full_stick` reports it. Source: docs/why/theory.md,
 !> section 5.5.
 !>
 !> A slider between bounds ends each step at its start, but no lower than where one from far below ends, nor higher than one

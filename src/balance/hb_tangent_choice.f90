@@ -1,5 +1,5 @@
-!> From how many unknowns on a step of Newton's method by products with the tangent is cheaper than by its factors, for each
-!> kind of laws. Measured: docs/develop/performance.md, section "Factors or products".
+!> The number of unknowns above which a step of Newton's method by products with the tangent is cheaper than by its factors, for
+!> each kind of laws. Measured: docs/develop/performance.md, section "Factors or products".
 module hb_tangent_choice
    use hb_law, only: law_box_t
    use hb_problem, only: default_largest_dense

@@ -1,4 +1,4 @@
-!> A balance and a wider one, of more harmonics on a finer grid, in which its solution is looked at and improved.
+!> A balance and a wider one, of more harmonics on a finer grid, in which its error is estimated and the solution improved.
 !>
 !> Improvement: Newton's method in the wider set would need its large tangent. In its place stands the exact tangent for the
 !> kept harmonics, and for the others the mean tangent of each harmonic by itself. Steps with this

@@ -1,4 +1,4 @@
-!> Newton's step in a wider set than that of a solution: kept and added harmonics answer each other.
+!> Newton's step in a wider set than that of a solution: with the coupling of retained and added harmonics.
 !>
 !> Nothing of the size of the wider set is factorised. In its place stand the exact tangent of the solution and, of each harmonic
 !> outside, the tangent with the mean slopes of the laws: M. GMRES solves M**-1 J s = M**-1 r with the exact tangent J of the wider
@@ -104,7 +104,7 @@ contains
    end subroutine new_wide_problem
 
    !> Two steps of Newton's method from a motion, of several tones in blocks where the second is clearly smaller than the first:
-   !> harmonics inside and outside answer each other so little then that a few of them add up to the full step. Rigid walls answer the
+   !> harmonics inside and outside are coupled so weakly then that a few of them add up to the full step. Rigid walls answer the
    !> first one, of harmonics that an impact never stops to have, by touching and leaving within it: the second step grows with the
    !> set (.0003, .035, .041 at orders 8, 20, 30 of the beam against a wall, products .019, .018) while the first stays at the true
    !> error (.0054, .0041, .0043; against order 45 .0031 at order 20), and counts alone.

@@ -1,4 +1,4 @@
-!> The time on the wall.
+!> Wall-clock time.
 module hb_clock
    use, intrinsic :: iso_fortran_env, only: int64
    use hb_kinds, only: wp

@@ -1,4 +1,4 @@
-!> A document: the groups of properties that an input consists of, by name and number, whoever makes them.
+!> A document: the groups of properties that an input consists of, by name and number, from a file or from a program.
 !>
 !> A file is read by hb_namelist; a caller with numbers does
 !>
@@ -13,7 +13,7 @@
 !>     call group%get("tolerance", tolerance)                    ! as often as needed, no check in between
 !>     call document%finish(error)                               ! all problems of all groups at once
 !>
-!> A parameter is a handle to one value: its path is looked up once, setting it is a store. The document remembers which groups
+!> A parameter is a handle to one value: its path is looked up once, setting it is a store. The document records which groups
 !> have changed since `accept_changes`. A tie lets one value follow another: `follow_ties` brings all up to date.
 !>
 !> The variable that holds a document needs the attribute `target`. Pointers to its groups stay valid until an

@@ -1,6 +1,6 @@
 !> The error value: bad input or a failed library call, carried to the caller as the last argument.
 !>
-!> Raise with `fail`, test with `allocated(error)`, add the place with `annotate` when passing on. A solver that
+!> Raise with `fail`, test with `allocated(error)`, add the location with `annotate` when passing on. A solver that
 !> does not converge is not an error but an outcome (hb_outcome).
 module hb_error
    implicit none

@@ -1,7 +1,7 @@
-!> The table of input keys: what each key is, said once, in src/input_keys.txt (whose head describes its columns).
+!> The table of input keys: each key is described once, in src/input_keys.txt (whose head describes its columns).
 !>
 !> A section of the table is a group, or a group and its type: "law", "law jenkins". Readers (hb_properties) take unit, default,
-!> limits and choices of a key from its row; pages and messages have them from there, too.
+!> limits and choices of a key from its row; so do pages and messages.
 module hb_input_keys
    use hb_key_rows, only: key_row, row_of
    use hb_kinds, only: wp

@@ -1,4 +1,4 @@
-!> Where files are that an input names.
+!> Paths of the files that an input names.
 module hb_path
    implicit none
    private

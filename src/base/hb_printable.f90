@@ -1,4 +1,4 @@
-!> Text that comes from files and command lines, made fit for a terminal: bytes that would command it are shown, not sent.
+!> Text that comes from files and command lines, made safe for a terminal: control characters are shown, not sent.
 module hb_printable
    implicit none
    private

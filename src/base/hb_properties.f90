@@ -1,15 +1,15 @@
 !> Properties: one group of named values, from which laws, structures and settings are read.
 !>
-!> Whoever makes them, a namelist file (hb_namelist) or a caller with numbers:
+!> They are filled by a namelist file (hb_namelist) or by a caller with numbers:
 !>
 !>     call law%set("gap", 1.5e-3_wp)
 !>     call law%get("gap", gap)
 !>     call law%finish(error)
 !>
 !> `get` takes the value of a key when it is there, else its default. Default, unit, limits, choices and whether the key must be
-!> given are those of the table of keys (hb_input_keys); where the table has no default, it is what the variable holds. What is
-!> wrong is collected instead of returning an error at every call. `finish` reports all of it at once, together with the keys that
-!> nobody asked for. After a problem the value is the default.
+!> given are those of the table of keys (hb_input_keys); where the table has no default, it is what the variable holds. Problems
+!> are collected instead of returning an error at every call. `finish` reports all of them at once, together with the keys that no
+!> reader requested. After a problem the value is the default.
 module hb_properties
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_closest_word, only: closest_word

@@ -1,7 +1,7 @@
-!> Which value of a key stands at which place of a single value, a list or a matrix.
+!> Which value of a key stands at which index of a single value, a list or a matrix.
 !>
 !> A key has listed values, single elements like key(2) or key(1, 2), or both where an override changes
-!> elements of a list. `pick` puts the numbers of the values in the order of the places.
+!> elements of a list. `pick` puts the numbers of the values in the order of the indices.
 module hb_property_order
    use hb_kinds, only: int64
    use hb_property_record, only: key_problem, record_t, value_problem

@@ -1,7 +1,7 @@
-!> What is asked of one group of properties, which values are used, and what is wrong with it.
+!> The keys that readers request from one group of properties, the values used, and the problems found.
 !>
-!> Readers of values `ask` for a key, keep the value that is used, given or default, and add problems; `finish` reports all
-!> problems at once, together with the given keys that nobody asked for.
+!> Readers of values `ask` for a key, store the value that is used, given or default, and add problems; `finish` reports all
+!> problems at once, together with the given keys that no reader requested.
 module hb_property_record
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail

@@ -1,6 +1,6 @@
-!> Keys of one group of properties and the values given for them: numbers, truths and words, with the place they came from.
+!> Keys of one group of properties and the values given for them: numbers, logicals and words, with their line in the file.
 !>
-!> Values that were read from a text know how they were spelt there, by spans of it; repeat counts stay counts, so that memory is
+!> Values that were read from a text keep their spelling, as spans of it; repeat counts stay counts, so that memory is
 !> linear in the size of a file. Values set from numbers have no spelling and no line.
 module hb_property_values
    use hb_kinds, only: int64, wp

@@ -1,12 +1,11 @@
 !> Cancellation: whether long work ends before it is done, and where it reports its progress.
 !>
-!> A cancellation knows the processor time that a point may take. What has other reasons to end a point, such as a signal, extends
-!> it and answers `wants_end`; what shows progress has `note_progress`. A verdict stays until the next point begins, so that
-!> all that is under way ends soon; that the run ends stays for good, so that no later step of the same work hides it.
+!> A cancellation token limits the processor time of a point. Types that extend it end a point for other reasons, such as a signal
+!> (`wants_end`), or show progress (`note_progress`). A decision to end holds until the next point begins, so that all work in
+!> progress ends soon; the decision to end the run is final.
 !>
-!> Between `enter` and `leave` a cancellation is that of its thread: any loop that may take long calls `work_is_over` and leaves
-!> with whatever it has; the procedure that entered the cancellation discards that. One cancellation may be entered within another,
-!> and then also ends with it.
+!> Between `enter` and `leave` a token is the current one of its thread: each loop that may take long calls `work_is_over` and
+!> returns what it has; the procedure that entered the token discards that. A token entered within another also ends with it.
 module hb_cancellation
    use, intrinsic :: iso_c_binding, only: c_associated, c_f_pointer, c_loc, c_null_ptr, c_ptr
    use hb_kinds, only: wp

@@ -1,5 +1,5 @@
-!> Crashes of single points: where the solution of a point ends the whole process, as a law of the user's own may, a status
-!> in the result file says so before the process is gone. Source of the interface: hb_crash.h.
+!> Crashes of single points: if the solution of a point ends the whole process, for instance in a user's law, the signal
+!> handler writes a status into the result file first. Source of the interface: hb_crash.h.
 module hb_crash_detection
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long_long, c_null_char
    use, intrinsic :: iso_fortran_env, only: int64

@@ -1,5 +1,5 @@
-!> FFTW 3 behind a few types: aligned memory, batched real n-dimensional plans, complex ones along an axis, wisdom. Nobody
-!> else touches FFTW. Threads may solve a model each: whoever touches the store or has FFTW plan holds a lock (hb_lock.h).
+!> FFTW 3 behind a few types: aligned memory, batched real n-dimensional plans, complex ones along an axis, wisdom. The
+!> only module that calls FFTW. Threads may solve a model each: access to the store of plans and planning hold a lock (hb_lock.h).
 !>
 !> Source of the interfaces: FFTW 3.3 manual, chapter "Calling FFTW from Modern Fortran".
 module hb_fftw

@@ -1,5 +1,5 @@
-!> Where files are: what is no file to read is refused; so is, before the work, what is no place for a file of results, which is
-!> put in place when it is complete. Only a regular file is ever replaced.
+!> Checks of paths: only regular files are read or replaced. The location of a result file is checked before the work; the file is
+!> renamed to it when complete.
 module hb_file_location
    use hb_error, only: error_t, fail
    use hb_system, only: exists, file_kind, kind_of_file, link_file, remove_file, rename_file

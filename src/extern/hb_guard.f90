@@ -1,5 +1,5 @@
-!> A guard around calls of libraries that die of damaged files, or find no end, such as HDF5 and the loader of shared libraries: the
-!> process still ends, for its memory may be spoilt, but with a message and the exit status of bad input.
+!> A signal handler around calls of libraries that crash or loop on damaged files, such as HDF5 and the loader of shared
+!> libraries: the process ends, since its memory may be corrupt, but with a message and the exit status of bad input.
 module hb_guard
    use, intrinsic :: iso_c_binding, only: c_char, c_double, c_int, c_null_char, c_size_t
    use hb_kinds, only: int64, wp

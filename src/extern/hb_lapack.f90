@@ -1,7 +1,7 @@
-!> LAPACK and BLAS: explicit interfaces of the routines that the project calls; nobody else declares them.
+!> LAPACK and BLAS: explicit interfaces of the routines that the project calls; the only declarations of them.
 !>
 !> Names and arguments are those of the reference (https://netlib.org/lapack); `info` < 0 is a wrong argument,
-!> `info` > 0 is said at each routine. Leading dimensions must be at least 1, also for empty matrices.
+!> `info` > 0 is described at each routine. Leading dimensions must be at least 1, also for empty matrices.
 module hb_lapack
    use hb_kinds, only: wp
    implicit none

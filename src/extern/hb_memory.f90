@@ -1,7 +1,7 @@
 !> Memory that the operating system would still give to this process, and what this process has.
 !>
-!> Source: proc(5) (MemAvailable), getrlimit(2) of Linux, and the control groups of its kernel (version 2, memory.max). What
-!> a system does not tell counts as no limit.
+!> Source: proc(5) (MemAvailable), getrlimit(2) of Linux, and the control groups of its kernel (version 2, memory.max). A
+!> limit that the system does not report counts as none.
 module hb_memory
    use, intrinsic :: iso_c_binding, only: c_int, c_long, c_size_t
    use hb_kinds, only: int64, wp

@@ -1,6 +1,6 @@
-!> Everything the program asks of MPI.
+!> All calls of MPI.
 !>
-!> In the order of use: `start_mpi`, `world`, the questions `rank_of` and `size_of`, the collective calls, a
+!> In the order of use: `start_mpi`, `world`, `rank_of` and `size_of`, the collective calls, a
 !> `work_counter_t` that hands out points, `stop_mpi`. All take the communicator as an argument, so that a
 !> test can give its own. Source: MPI: A Message-Passing Interface Standard 3.1, chapters 5 (collective) and
 !> 11 (one-sided).

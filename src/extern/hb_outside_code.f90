@@ -1,6 +1,5 @@
-!> Calls of code from outside of nhbm, libraries of laws that are the user's own and their loader, which may end the process. A
-!> program may have something done before and after each of them, such as guarding it; without, nothing is done. To be set
-!> before there are threads.
+!> Calls of code from outside of nhbm, user libraries of laws and their loader, which may end the process. A program
+!> may set callbacks that run before and after each of them, such as a signal handler. To be set before threads start.
 module hb_outside_code
    implicit none
    private

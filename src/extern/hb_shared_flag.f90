@@ -1,5 +1,5 @@
-!> A flag that all ranks see: any rank raises it at any time, without the others waiting for it. A work counter from which a
-!> number has been drawn.
+!> A flag shared by all ranks: any rank sets it at any time without synchronisation. It is a work counter from which a number has
+!> been drawn.
 module hb_shared_flag
    use hb_error, only: annotate, error_t
    use hb_mpi, only: comm_t, new_work_counter, work_counter_t

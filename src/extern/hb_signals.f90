@@ -1,6 +1,6 @@
-!> Signals by which a user or a batch system asks a run to end: SIGINT, SIGTERM, SIGUSR1, SIGUSR2.
+!> Signals by which a user or a batch system ends a run: SIGINT, SIGTERM, SIGUSR1, SIGUSR2.
 !>
-!> Before there are points, a signal ends the process at once. Afterwards the handler of the first one only takes a note, which
+!> Before there are points, a signal ends the process at once. Afterwards the handler of the first one only sets a flag, which
 !> `signal_caught` reads between two points; a second one ends the process. Source of the interface: hb_process.h.
 module hb_signals
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char, c_ptr

@@ -1,5 +1,5 @@
 !> CVODE of SUNDIALS behind one type: ordinary differential equations by multistep methods of variable order and step, with
-!> location of events. Nobody else touches SUNDIALS.
+!> location of events. The only module that calls SUNDIALS.
 !>
 !> In the order of use: extend `ode_t`, `new_cvode`, `restart` (also after each event), `advance` as often as wanted, `destroy`.
 !> Source: A. C. Hindmarsh et al., SUNDIALS: Suite of nonlinear and differential/algebraic equation solvers, ACM Trans. Math.

@@ -1,4 +1,4 @@
-!> What the program asks of the operating system: names of files and locks on them, its own number, the time, terminals.
+!> Calls of the operating system: file names and locks, the process number, time, terminals.
 !> Source of the interfaces: POSIX.1-2017, hb_files.h.
 module hb_system
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_long_long, c_null_char, c_null_ptr, c_ptr, c_size_t

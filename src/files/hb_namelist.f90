@@ -1,4 +1,4 @@
-!> Namelist files: to documents and back. Read by ourselves because the compiler's runtime cannot say which key was wrong.
+!> Namelist files: to documents and back. An own reader, because the compiler's runtime does not report which key is wrong.
 !>
 !>     call read_namelist(document, file_name, text, error)
 !>     call set_text(document, "law(2)%gap", "1.5e-3", error)    ! overrides, if any

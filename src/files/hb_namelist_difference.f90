@@ -1,4 +1,4 @@
-!> What differs between two inputs, told by group and key: for people who resume a run with a changed input.
+!> What differs between two inputs, reported by group and key: for people who resume a run with a changed input.
 module hb_namelist_difference
    use hb_text, only: split, string_t, text_builder_t, to_text
    implicit none

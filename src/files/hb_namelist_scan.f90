@@ -1,4 +1,4 @@
-!> How the reader of namelist files goes through a text: where it stands, what is wrong there, what is a blank, a word, a name.
+!> Lexical scanner of namelist files: position, errors, blanks, words, names.
 module hb_namelist_scan
    implicit none
    private

@@ -1,7 +1,7 @@
-!> The finite set of integer tuples j that a solution keeps, and where the cosine and sine of each stand in a vector.
+!> The finite set of integer tuples j of a solution, and the position of the cosine and sine of each in a vector.
 !>
 !> x(tau) = sum over the set of a_j cos(j.tau) + b_j sin(j.tau). Of j and -j only the one whose first non-zero entry is
-!> positive is kept, so the set does not depend on the values of the base frequencies. Source: docs/why/theory.md, section 2.
+!> positive is stored, so the set does not depend on the values of the base frequencies. Source: docs/why/theory.md, section 2.
 module hb_harmonics
    use hb_error, only: error_t, fail
    use hb_kinds, only: int64, wp

@@ -1,12 +1,12 @@
 !> The motion of a model to an accuracy: sets of harmonics and grids grow, level by level, until the estimated error is below the
 !> tolerance.
 !>
-!> The lowest level is a small box, where the motion is found by whatever it takes. From there the certificate tells what the
-!> tuples carry that a set lacks, and what its grid does to the motion: the set takes those that matter and drops those that
-!> do not, the grid is refined, and each level starts from the solution of the one below it. How far two levels are apart shows
-!> what the estimate of the lower one was worth: where it was too small, that of the upper one counts for more. Nothing of this way
-!> lowers an estimate, and what it adds is stored by itself. Source: docs/why/accuracy.md;
-!> nested iteration as in Hackbusch, Multi-Grid Methods and Applications (1985), chapter 5.
+!> The lowest level is a small box, where all fallbacks are used. From there the certificate estimates the amplitudes of the
+!> tuples that a set lacks and the effect of its grid: the set takes those that matter and drops those that do not, the grid is
+!> refined, and each level starts from the solution of the one below it. The difference of two levels shows how good the estimate
+!> of the lower one was: where it was too small, that of the upper one is raised. The path never lowers an estimate, and what it
+!> adds is stored separately. Source: docs/why/accuracy.md; nested iteration as in Hackbusch, Multi-Grid Methods and Applications
+!> (1985), chapter 5.
 module hb_accurate_motion
    use hb_error, only: error_t
    use hb_primary_method, only: primary_method

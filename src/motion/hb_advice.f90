@@ -1,4 +1,4 @@
-!> What the message of a point says that was not solved: what to try, and how far each way came that was tried.
+!> The message of a point that was not solved: what to try, and how far each attempt came.
 !>
 !> What to try follows from how the attempts ended and from what makes a model hard: contact much stiffer than the structure,
 !> sliders that hardly slide, tones that are nearly commensurate.

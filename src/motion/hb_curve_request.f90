@@ -1,4 +1,4 @@
-!> What a curve of motions is asked for, and what its points are.
+!> The request for a curve of motions, and the kinds of its points.
 module hb_curve_request
    use hb_curve_origin, only: curve_origin_t
    use hb_kinds, only: wp

@@ -1,7 +1,7 @@
-!> Sets and grids along a curve: they grow where a motion is not as accurate as is asked for, and shrink where it is far more.
+!> Sets and grids along a curve: they grow where a motion is above the tolerance, and shrink where it is far below.
 !>
-!> A step whose points are above the tolerance is taken back, and gone again on a set and a grid that hold what their certificates
-!> say is lacking. The point before it is taken over: corrected in the plane across the curve, and followed on in the same sense.
+!> A step whose points are above the tolerance is rejected and repeated on a set and a grid with what their certificates
+!> find missing. The point before it is transferred: corrected in the plane across the curve, and followed on in the same sense.
 !> Neighbours share sets: one that grows is made for a part of the tolerance, and shrinks below a smaller part. The tuples of the
 !> lowest set always stay, as a motion may lose its symmetry on the way. Source: docs/why/accuracy.md.
 module hb_curve_sets

@@ -1,4 +1,4 @@
-!> An integrated motion to an accuracy: the tuples that it has are found in its record.
+!> Motion by time integration to a tolerance: its tuples are found in the record.
 !>
 !> Models are integrated with many candidates for a set, to all of which the record is fitted (hb_line_fit); kept are those that
 !> matter. What the kept series leaves of the record where the fit has not seen it is the estimated error. Either the model is

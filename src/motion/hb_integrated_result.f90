@@ -1,4 +1,4 @@
-!> What is kept of a motion that was integrated: the result of a point for which the balance has found none.
+!> The result of a point whose motion was found by time integration.
 module hb_integrated_result
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_certificate, only: near_commensurate

@@ -1,4 +1,4 @@
-!> The group `&integration`: how the model is followed through time.
+!> The group `&integration`: settings of time integration.
 module hb_integration_config
    use hb_kinds, only: int64, two_pi, wp
    use hb_properties, only: properties_t

@@ -1,4 +1,4 @@
-!> A model: all that one point of a study needs.
+!> The model of one point of a study, with its settings.
 !>
 !> The component initialisers of the types here and below are the defaults of the table of input keys (src/input_keys.txt).
 !> hb_model_reader fills models from an input.

@@ -1,4 +1,4 @@
-!> The coordinates on which the unknowns of a model stand.
+!> The coordinates of the unknowns of a model.
 module hb_model_coordinates
    use hb_coordinates, only: coordinates_t
    use hb_law_coordinates, only: new_law_coordinates

@@ -1,4 +1,4 @@
-!> One question, one answer: from a model to its motion and what is known of it.
+!> From a model to its motion with all derived results.
 module hb_motion
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use hb_advice, only: advice_on, circumstances_t, find_circumstances

@@ -1,6 +1,6 @@
-!> The table of what is known of a motion: name, unit, shape, meaning, when it is there, and where a motion has its value.
+!> The table of the columns of a motion: name, unit, shape, meaning, when it exists, and the component with its value.
 !>
-!> Nothing else declares a column. Whoever wants columns extends `columns_t` and goes through the table with a motion: result files list
+!> Nothing else declares a column. Types that extend `columns_t` go through the table with a motion: result files list
 !> their datasets that way, and put rows into them (hb_result_columns), other programs ask for a column by its name (hb_session).
 !> A new column is a line here and one in docs/user/schema.md, which tests/cases/test_schema.py compares.
 !>

@@ -1,4 +1,4 @@
-!> What is known of a motion that was found: coefficients, forces, certificate, named outputs, stability, surfaces.
+!> The results derived from a motion that was found: coefficients, forces, certificate, named outputs, stability, surfaces.
 module hb_motion_description
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_advice, only: rounded

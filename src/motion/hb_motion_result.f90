@@ -1,4 +1,4 @@
-!> What is known of a motion that was looked for.
+!> The result of the search for a motion.
 module hb_motion_result
    use hb_certificate, only: certificate_t
    use hb_harmonics, only: harmonics_t

@@ -1,4 +1,4 @@
-!> The maximum of a response, or a fold, followed along a second value of the input: a resonance peak over a gap, say.
+!> The maximum of a response, or a fold, continued over a second value of the input, such as a resonance peak over a gap.
 !>
 !> At each of its points a curve along the first value is begun next to the point before, and followed to the peak or fold, which is
 !> located as on any curve. Steps of the second value grow where that is near and shrink where it is not found, or is another one.

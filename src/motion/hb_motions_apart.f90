@@ -1,4 +1,4 @@
-!> Motions apart from all curves followed so far, at values at which they are asked for: each starts a curve of its own.
+!> Motions apart from all curves followed so far, at the values that the input gives: each starts a curve of its own.
 module hb_motions_apart
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_curve_sets, only: settle

@@ -1,7 +1,7 @@
-!> Which way to a motion comes first, the balance or time integration: asked for, or decided from counts and never from a clock.
+!> The primary method for a motion, balance or time integration: given, or decided from counts and never from a clock.
 !>
-!> the sequence of orders of the balance is the cheaper way nearly everywhere. What it cannot do cheaply is rigid friction and walls
-!> to many digits: its error falls with less than the second power of the order, that of the series of the motion itself with 2.5,
+!> The balance is cheaper nearly everywhere. The exceptions are rigid friction and walls to many
+!> digits: its error falls with less than the second power of the order, that of the series of the motion itself with 2.5,
 !> and with 1.5 where a wall turns it back.
 !> Counts of both, fitted to measurements: docs/user/time_integration.md.
 module hb_primary_method

@@ -1,4 +1,4 @@
-!> What time integration finds out for a solution: where a motion ends, and whether tones lock.
+!> Interface of the time-domain solver: the motion after the transient, and whether tones lock.
 module hb_time_domain
    use hb_kinds, only: wp
    use hb_outcome, only: outcome

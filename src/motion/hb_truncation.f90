@@ -1,4 +1,4 @@
-!> Which harmonics an input asks for (`&harmonics`), before the set is made: sweeps compare thousands of these.
+!> The harmonics that an input requests (`&harmonics`), before the set is made: sweeps compare thousands of these.
 module hb_truncation
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t

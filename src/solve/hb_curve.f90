@@ -1,11 +1,11 @@
-!> A curve of solutions: a bordered problem with one form to spare, followed by arc length.
+!> A curve of solutions: a bordered problem with one equation fewer than unknowns, continued by arc length.
 !>
-!> The unknowns are x = (unknowns of the base problem, parameters); the last form is the plane across the curve, all others are the
-!> caller's. A step goes along the tangent, Newton's method corrects in the plane at its end, by factors or from products as the
-!> size asks for. Where the tangent turns little from step to step, it goes on that way. Where it turns a lot, as at the first
-!> touch of a stop, its sense keeps the sign of the determinant of the tangent bordered by the direction before; from products
-!> that is not known. A sign that changes where the tangent turns little tells of a branch point passed by. Lengths are measured in
-!> units of each unknown.
+!> The unknowns are x = (unknowns of the base problem, parameters); the last functional is the plane normal to the curve, all
+!> others are the caller's. A step goes along the tangent, Newton's method corrects in the plane at its end, by factors or from
+!> products depending on the size. Where the tangent turns little from step to step, its direction continues that of the last
+!> step. Where it turns a lot, as at the first contact with a stop, its direction keeps the sign of the determinant of the tangent
+!> bordered by the last direction (not known from products). A sign that changes where the tangent turns little means that a
+!> branch point was passed. Lengths are measured in units of each unknown.
 !>
 !> Source: docs/why/theory.md, section 6.4; Allgower and Georg, Introduction to Numerical Continuation Methods, SIAM 2003,
 !> chapters 2, 3, 6 and (orientation of piecewise linear curves) 12.

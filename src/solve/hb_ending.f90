@@ -1,4 +1,4 @@
-!> When the iteration of a solver ends, and as what: the same for all of them.
+!> Termination of an iteration: criteria and resulting status, the same for all solvers.
 module hb_ending
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_kinds, only: wp

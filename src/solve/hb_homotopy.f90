@@ -1,7 +1,7 @@
-!> Homotopy: follows the solutions from an easy problem to the one asked for by their arc length, round folds if need be.
+!> Homotopy: continues the solutions from an easy problem to the given one by arc length, round folds if necessary.
 !>
-!> The nonlinearity (or the load) is multiplied by an amount that grows from 0 to 1 along the way; the place on the way is one more
-!> unknown of a curve. Source: docs/why/theory.md, section 6.4.
+!> The nonlinearity (or the load) is multiplied by a factor from 0 to 1, which is one more unknown of a curve. Source:
+!> docs/why/theory.md, section 6.4.
 module hb_homotopy
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_curve, only: curve_config_t, curve_t, new_curve

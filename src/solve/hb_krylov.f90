@@ -1,4 +1,4 @@
-!> Newton's method without a matrix: steps by GMRES from products with the exact tangent, as accurate as they pay.
+!> Newton's method without a matrix: steps by GMRES from products with the exact tangent, with an adaptive accuracy.
 !>
 !> Source: docs/why/theory.md, section 6.6; Dembo, Eisenstat, Steihaug, SIAM J. Numer. Anal. 19 (1982) 400-408; Eisenstat and
 !> Walker, SIAM J. Sci. Comput. 17 (1996) 16-32 (accuracy of the steps, the rougher of both choices).

@@ -2,7 +2,7 @@
 !>
 !> Comparing with a few past residuals lets the iteration cross kinks of contact laws, where the residual may rise for a
 !> step or two. Source: Grippo, Lampariello, Lucidi, SIAM J. Numer. Anal. 23 (1986) 707-716, with the residual as merit.
-!> Where the residual is bounded, that comparison alone lets the unknowns run away; so trials too far off are not looked at.
+!> Where the residual is bounded, that comparison alone lets the unknowns diverge; so trial points too far away are not evaluated.
 module hb_line_search
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_kinds, only: wp

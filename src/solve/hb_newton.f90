@@ -1,7 +1,7 @@
 !> Newton's method with the exact tangent, LU factorised by LAPACK, and backtracking.
 !>
-!> A factorised tangent costs as much as many residuals. So after each full step that brings the residual down fast, others with
-!> the tangent at hand follow as long as they do the same, corrected by Broyden's updates since then. Iterations are counted by
+!> A factorised tangent costs as much as many residuals. So after each full step that reduces the residual fast, further steps
+!> reuse the factors, corrected by Broyden's updates, as long as they do the same. Iterations are counted by
 !> their tangents.
 !> For contact laws the tangent is one element of the generalised derivative (semi-smooth Newton).
 !> Source: docs/why/theory.md, section 6.1; Qi and Sun, Math. Programming 58 (1993) 353-367; Kelley, Iterative methods for

@@ -1,8 +1,8 @@
 !> How the solution of a point ended: the statuses of all solvers, each written once with its name and its
 !> text.
 !>
-!> An outcome is part of a result and never an error: code says `if (result%status == outcome%converged)`. The
-!> numbers stand in the result file (docs/user/schema.md): they may be added to, never changed.
+!> An outcome is part of a result and never an error: `if (result%status == outcome%converged)`. The numbers are
+!> stored in the result file (docs/user/schema.md): they may be added to, never changed.
 module hb_outcome
    implicit none
    private

@@ -1,4 +1,4 @@
-!> A system of nonlinear equations r(x) = 0 as the solvers see it: no mechanics, only numbers and their scales.
+!> A system of nonlinear equations r(x) = 0 as the solvers need it: without mechanics, only numbers and their scales.
 module hb_problem
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use hb_error, only: error_t

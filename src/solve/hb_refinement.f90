@@ -1,5 +1,5 @@
-!> Adaptive refinement: a problem is solved at one discretisation, its error is estimated, the next discretisation is chosen from what
-!> is known then, until the error is as small as is asked for or nothing more is gained.
+!> Adaptive refinement: a problem is solved at one discretisation, its error is estimated, the next discretisation is chosen from the
+!> estimate, until the error is below the tolerance or nothing more is gained.
 !>
 !> What is refined extends `refinable_t`: it solves, chooses and transfers; the loop counts levels, failures and levels that gain
 !> nothing. Users: points and normal modes (hb_accurate_motion), steps and motions of a curve (hb_curve_sets), motions found by time

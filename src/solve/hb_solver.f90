@@ -1,4 +1,4 @@
-!> Solves a problem by the method that the settings name and, when that fails, by others.
+!> Solves a problem by the method of the settings and, if that fails, by its fallbacks.
 module hb_solver
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_broyden, only: solve_broyden

@@ -1,5 +1,5 @@
 !> Solves with the tangent of a problem from products alone: GMRES, and a preconditioner that gets stronger where GMRES does
-!> not come to an end. Source: docs/why/theory.md, section 6.6.
+!> not converge. Source: docs/why/theory.md, section 6.6.
 module hb_tangent_krylov
    use hb_gmres, only: gmres_t, new_gmres
    use hb_kinds, only: wp

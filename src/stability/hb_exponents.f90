@@ -1,8 +1,8 @@
 !> Lyapunov exponents along a motion of several tones: the rates at which disturbances grow, on average over the torus.
 !>
 !> Disturbances are followed period by period, a period of the slowest tone each, and made orthogonal after each (Benettin). The
-!> logarithms of what they have grown by are averaged with a smooth window, which converges faster than any power of the length
-!> where the linear equations can be reduced to constant ones; what both halves of the record say apart is the spread.
+!> logarithms of their growth are averaged with a smooth window, which converges faster than any power of the length
+!> where the linear equations can be reduced to constant ones; the difference of both halves of the record is the spread.
 !> Sources: G. Benettin, L. Galgani, A. Giorgilli and J.-M. Strelcyn, Meccanica 15 (1980) 9-20; S. Das, Y. Saiki, E. Sander and
 !> J. A. Yorke, Nonlinearity 30 (2017) 4111-4140.
 module hb_exponents

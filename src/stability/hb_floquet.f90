@@ -1,4 +1,4 @@
-!> Finds Floquet multipliers and Lyapunov exponents of motions, and what they say of stability. Source: docs/why/theory.md,
+!> Finds Floquet multipliers and Lyapunov exponents of motions, and decides on stability. Source: docs/why/theory.md,
 !> section 8.
 module hb_floquet
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite

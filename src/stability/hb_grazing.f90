@@ -1,4 +1,4 @@
-!> How near a motion comes to the kinks of its laws: the smallest and the largest value of each switch of a law, as the distance
+!> Distance of a motion from the kinks of its laws: the smallest and the largest value of each switch of a law, as the distance
 !> to a stop, over all phases. Where one of them is zero, the motion grazes: a contact begins, or one is never left any more.
 module hb_grazing
    use hb_kinds, only: two_pi, wp

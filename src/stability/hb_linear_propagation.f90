@@ -1,7 +1,7 @@
-!> Disturbances carried along a motion of several tones by its linearised equations.
+!> Propagation of disturbances along a motion of several tones by its linearised equations.
 !>
 !> A phase of the motion's own can be shifted: such disturbances, known at each time, are taken out. Beside a slow tone a
-!> disturbance may grow for a part of a period and decay on the rest: periods are cut into parts to see how far it gets.
+!> disturbance may grow for a part of a period and decay on the rest: periods are cut into parts to record the largest growth.
 module hb_linear_propagation
    use hb_exponents, only: propagation_t, orthogonalise
    use hb_kinds, only: two_pi, wp

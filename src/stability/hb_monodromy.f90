@@ -1,4 +1,4 @@
-!> What a stretch of time makes of disturbances of a motion, by the linearised equations; over a period, the monodromy matrix.
+!> The map of disturbances of a motion over an interval of time, by the linearised equations; over a period, the monodromy matrix.
 !>
 !> Computed with a number of steps, twice and four times as many and so on, and extrapolated: the error of a symmetric method is a
 !> series in even powers of the step. Source: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I,

@@ -1,7 +1,7 @@
-!> Whether a motion will be seen: what becomes of a small disturbance of it.
+!> Stability of a motion: growth or decay of small disturbances.
 !>
-!> One tone: Floquet multipliers, the eigenvalues of what a period makes of a disturbance; the motion is stable where all are
-!> smaller than 1 in magnitude. Several tones: Lyapunov exponents, stable where all are negative. What shifts a phase of the
+!> One tone: Floquet multipliers, the eigenvalues of the map of a disturbance over a period; the motion is stable where all are
+!> smaller than 1 in magnitude. Several tones: Lyapunov exponents, stable where all are negative. A shift of a phase of the
 !> motion's own has the multiplier 1 or the exponent 0 and is left out. Source: docs/why/theory.md, section 8.
 module hb_stability
    use hb_amplitudes, only: amplitudes_t

@@ -1,8 +1,8 @@
-!> The linearised equations along a known motion: what a small change of it does as time goes on.
+!> The linearised equations along a known motion: the evolution of a small disturbance.
 !>
 !> The state is (q, v/scale, places of sliders). Along the motion the laws' own derivatives make the coefficients, which are smooth
 !> on each piece of the time (hb_variation_pieces). A slider that slips stands on its bound and has no memory of its own; one that
-!> sticks keeps its place.
+!> sticks keeps its position.
 module hb_variation
    use hb_error, only: error_t, fail
    use hb_hysteretic_law, only: hysteretic_law_t

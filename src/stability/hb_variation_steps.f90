@@ -1,4 +1,4 @@
-!> Changes of a motion taken through a piece of time without events.
+!> Integration of disturbances over a piece of time without events.
 !>
 !> Method: commutator-free Magnus integrator of fourth order, which takes any stiffness of the constant part, with the moments of A
 !> in a step by Simpson's rule. Source: S. Blanes and P. C. Moan, Applied Numerical Mathematics 56 (2006) 1519-1537.

@@ -5,7 +5,7 @@
 !>     q = T y:   q_p = G z + B q_r,   G = shape_p^-T,   B = -G shape_r^T,   y = q but for y_p = z.
 !>
 !> Pivots come from complete pivoting of the shape with its rows divided by the root of the stiffness on the diagonal: soft
-!> degrees of freedom go, and no stiff one drowns those that stay in T^T K T. Source: docs/why/theory.md, section 4.
+!> degrees of freedom are replaced, and no stiff one dominates those that remain in T^T K T. Source: docs/why/theory.md, section 4.
 module hb_coordinates
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs

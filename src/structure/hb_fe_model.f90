@@ -1,7 +1,6 @@
 !> Structure from a model: sparse matrices, labels, sets of nodes and load vectors that another program made.
 !>
-!> Where models come from is not known here: whoever reads models hands in a `fe_model_source_t`, the program one that reads files
-!> (hb_fe_model_file).
+!> The caller provides the models as a `fe_model_source_t`; that of the program reads files (hb_fe_model_file).
 module hb_fe_model
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp

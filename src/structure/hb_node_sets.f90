@@ -1,4 +1,4 @@
-!> Named sets of nodes of a structure, and named load vectors: names that stand for many degrees of freedom at once.
+!> Named sets of nodes of a structure, and named load vectors: names for many degrees of freedom at once.
 module hb_node_sets
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_closest_word, only: closest_word

@@ -1,4 +1,4 @@
-!> The linear structure M x'' + D x' + K x = forces: what every builder makes and everything above reads.
+!> The linear structure M x'' + D x' + K x = forces: the result of every builder.
 !>
 !> D holds all that multiplies the velocity: viscous (symmetric) plus gyroscopic (skew-symmetric) terms.
 module hb_structure

@@ -1,4 +1,4 @@
-!> What tells a structure from another one: a checksum of its matrices and names.
+!> Fingerprint of a structure: a checksum of its matrices and names.
 module hb_structure_fingerprint
    use hb_checksum, only: checksum
    use hb_sparse, only: sparse_t

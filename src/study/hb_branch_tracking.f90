@@ -3,7 +3,7 @@
 !>
 !> Each step goes along the line through the last two motions and is taken where the motion found stays close to this line; else
 !> it is halved. Where halving leads nowhere, the branch ends there, at a fold as a rule. Corners of contact, where samples
-!> enter one by one, have folds of their own, too small for anybody to see: steps over them are long, and changes of the motion
+!> enter one by one, have folds of their own, too small to matter: steps over them are long, and changes of the motion
 !> below `smallest_jump` are no other branch. Source: E. L. Allgower and K. Georg, Numerical Continuation Methods (1990),
 !> sections 2.2 and 6.1, with the parameter as the length.
 module hb_branch_tracking

@@ -1,7 +1,7 @@
-!> Whether the points of a chain lie on one branch of motions. Where a point is not where those before it lead, the branch of the
-!> last one is followed up to it in small steps, hb_branch_tracking; what is found becomes the message of the point. Where points
-!> choose their own sets it is followed in one that has the tuples of both, in which both motions are found anew: what one set lacks
-!> is no other branch.
+!> Whether the points of a chain lie on one branch of motions. Where a point is not on the extrapolation of those before it, the
+!> branch of the last one is followed up to it in small steps, hb_branch_tracking; what is found becomes the message of the point.
+!> Where points choose their own sets it is followed in one that has the tuples of both, in which both motions are found anew:
+!> what one set lacks is no other branch.
 !>
 !> The work is bounded: that of all motions in between by the work of the points of the chain so far and a part of a second.
 module hb_chain_check

@@ -1,4 +1,4 @@
-!> What an input asks for with `&curve`: which value moves, where, how far, and what is to be found on the way.
+!> The group `&curve`: which value moves, its range, and which points are located.
 module hb_curve_plan
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_document, only: document_t, parameter_t

@@ -1,4 +1,4 @@
-!> What was found along the curves of a result file: folds, peaks, values and ends, as lines for people.
+!> Table of the located points of the curves of a result file: folds, peaks, values and ends.
 module hb_curve_table
    use hb_curve_request, only: curve_kind, curve_kind_names
    use hb_error, only: error_t

@@ -1,4 +1,4 @@
-!> How the points of a result file ended, as lines for people: each kind of failure once, with its message, how many points it has,
+!> Summary of how the points of a result file ended: each kind of failure once, with its message, how many points it has,
 !> and the command to try next.
 module hb_failure_kinds
    use hb_document, only: document_t

@@ -1,7 +1,7 @@
-!> Whether a run has to end before its points do: a signal, a limit on its time, or another rank that says so.
+!> Whether a run has to end early: a signal, a limit on its time, or another rank that ends.
 !>
-!> The question is asked before each point, and by solvers as one that watches over the point in flight. A point that is ended
-!> that way is left as it was, to be solved by a later run from its beginning: no number depends on when a run ends.
+!> It is checked before each point, and by solvers within a point as a cancellation token. A point that is ended
+!> stays pending and is solved by a later run from its beginning: no number depends on when a run ends.
 module hb_interruption
    use hb_clock, only: wall_clock
    use hb_error, only: error_t

@@ -1,5 +1,5 @@
-!> What is doubtful about a model that can be solved: tones that are multiples of each other, nothing that moves it, speeds that stay
-!> while tones move, and models that are large or were reduced for lower frequencies.
+!> Warnings about a model that can be solved: tones that are multiples of each other, no load, speeds that stay constant while
+!> tones move, and models that are large or were reduced for lower frequencies.
 module hb_model_warnings
    use hb_certificate, only: near_commensurate
    use hb_document, only: document_t, parameter_t

@@ -1,5 +1,5 @@
 !> First guesses from neighbours: each point of a chain along a swept parameter starts from the solutions of the points
-!> before it, never from a point of another chain, so that nothing depends on who solves which chain and when.
+!> before it, never from a point of another chain, so that nothing depends on which rank solves which chain and when.
 module hb_neighbour
    use hb_branches, only: is_far_above
    use hb_error, only: error_t

@@ -1,5 +1,5 @@
-!> Files of points with tuples of their own have places for as many as the input allows. A file that is complete keeps those that
-!> its points use: with many degrees of freedom the others are most of its size.
+!> Removal of padding: files of points with tuples of their own have room for as many as the input allows; a complete file is
+!> reduced to those that its points use, because padding is most of its size with many degrees of freedom.
 module hb_padding
    use hb_error, only: error_t
    use hb_hdf5, only: h5_file_t, open_file

@@ -1,4 +1,4 @@
-!> What the points of one rank are made from.
+!> The document, plan and model from which the points of one rank are made.
 module hb_point_source
    use hb_document, only: document_t
    use hb_cached_linear_part, only: cached_linear_parts_t

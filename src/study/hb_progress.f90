@@ -1,5 +1,5 @@
-!> What a run tells while it goes on: one line that is rewritten on a terminal, a plain line now and then in a log, and how
-!> much of it is wanted.
+!> Progress of a run: one line that is rewritten on a terminal, a plain line now and then in a log, depending
+!> on the log level.
 module hb_progress
    use, intrinsic :: iso_fortran_env, only: error_unit
    use hb_clock, only: wall_clock

@@ -1,4 +1,4 @@
-!> What is known of a result file before the first point is solved.
+!> Layout of a result file, known before the first point is solved.
 module hb_results_layout
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp

@@ -1,4 +1,4 @@
-!> What a result file tells of its run: origin, input, and how each point ended. Read by one process; `resume` and
+!> Record of a run in its result file: origin, input, and how each point ended. Read by one process; `resume` and
 !> `info` start from it.
 module hb_results_record
    use hb_error, only: annotate, error_t, fail

@@ -1,4 +1,4 @@
-!> Going on with the result file of a run that has ended: whether the input is still the same, and which units of points are left.
+!> Resuming the result file of a run that has ended: whether the input is still the same, and which units of points are left.
 module hb_resume
    use hb_error, only: error_t, fail
    use hb_mpi, only: broadcast_integers, comm_t, rank_of, share_error

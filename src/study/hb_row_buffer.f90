@@ -1,4 +1,4 @@
-!> Results that are held back until several rows of a dataset can be written at once.
+!> Buffer of results until several rows of a dataset can be written at once.
 !>
 !> A point writes a few bytes to some thirty datasets. A parallel file system takes only so many writes a second from all
 !> ranks together, so each rank holds its results for a time that grows with the number of ranks. On few ranks that is less

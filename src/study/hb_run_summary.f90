@@ -1,4 +1,4 @@
-!> What a run comes to: how many points ended how, and the worst of their estimates.
+!> Summary of a run: number of points by status, and the largest estimates.
 module hb_run_summary
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use hb_interruption, only: interruption

@@ -1,4 +1,4 @@
-!> Columns of a result file that somebody else may have written, read back: each has to have the dimensions that the table of
+!> Columns of a result file of any origin, read back: each has to have the dimensions that the table of
 !> columns gives it, as long as the scales of the file say.
 module hb_stored_rows
    use hb_error, only: error_t

@@ -1,9 +1,9 @@
 !> Runs all points of an input over the ranks of a communicator and writes the result file.
 !>
-!> Points, or chains of points that start from each other's solutions, do not depend on each other; each rank draws the
-!> next ones as hb_schedule says. What a point gives does not depend on who solves it or when, so the file holds the same
-!> numbers for any number of ranks (with FFTW's planning by estimate, which is the default; measured plans may differ in the
-!> last digit).
+!> Points, or chains of points that start from each other's solutions, do not depend on each other; each rank draws the next ones
+!> as hb_schedule says. The result of a point does not depend on the rank that solves it or when, so the file holds the same
+!> numbers for any number of ranks (with FFTW's planning by estimate, which is the default; measured plans may differ in the last
+!> digit).
 module hb_sweep
    use hb_branch_marks, only: mark_branches
    use hb_chain_check, only: chain_check_t

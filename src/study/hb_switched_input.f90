@@ -2,8 +2,8 @@
 !> where a contact that begins takes the stability away.
 !>
 !> It is the complete input of the curve at the point, with other tones, harmonics and tuples, and the point as its origin: an
-!> input as any other, whose run has a result file of its own. At a graze multipliers jump, and nothing in the motion there tells
-!> where the other ones go: these are integrated to, a little beyond.
+!> input as any other, whose run has a result file of its own. At a graze multipliers jump, and the motion there does not
+!> determine the other motions: these are found by time integration, a little beyond.
 module hb_switched_input
    use hb_curve_request, only: curve_kind
    use hb_curve_table, only: leaving_t

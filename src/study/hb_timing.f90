@@ -1,4 +1,4 @@
-!> Where the time of each rank went: what the result file keeps of it, and a table for people.
+!> Where the time of each rank went: the columns of the result file, and a table to print.
 module hb_timing
    use hb_kinds, only: wp
    use hb_text, only: to_text

@@ -1,4 +1,4 @@
-!> The motions in which a model ends from several starts: told apart, counted, named by their amplitudes.
+!> The motions in which a model ends from several starts: distinguished, counted, named by their amplitudes.
 module hb_coexisting_motions
    use hb_advice, only: rounded
    use hb_error, only: error_t

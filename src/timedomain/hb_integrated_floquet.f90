@@ -1,5 +1,5 @@
 !> Floquet multipliers and Lyapunov exponents by time integration, where laws lead through events that have no linearised equations:
-!> the map from one period, or one period, to the next, by differences. Source: docs/why/theory.md, section 8.
+!> the map from one period to the next, by differences. Source: docs/why/theory.md, section 8.
 module hb_integrated_floquet
    use hb_error, only: error_t
    use hb_exponents, only: work_of_exponents

@@ -1,4 +1,4 @@
-!> The last way to a motion: the model is followed through time until it is steady.
+!> The last resort: time integration of the model until its motion is steady.
 !>
 !> Windows follow each other, each twice as long as the one before. The averages over each (hb_birkhoff) are coefficients at all
 !> tuples of the set; how far they differ from those of the window before, which is shorter and nearer to the start, is the

@@ -1,6 +1,6 @@
-!> First guesses from time integration: the motion in which a model ends when it is followed through time.
+!> First guesses from time integration: the motion at the end of a time integration.
 !>
-!> Time integration finds what attracts: of several motions a stable one, and one that no linear mode leads to. With given tones it
+!> Time integration finds attractors: of several motions a stable one, and one that no linear mode leads to. With given tones it
 !> starts from rest, with unknown ones from random displacements and velocities of several sizes, or from the `&start` amplitudes;
 !> the frequencies are then read from the record (hb_record_tones), the coefficients are averages over it (hb_birkhoff).
 module hb_integrated_start

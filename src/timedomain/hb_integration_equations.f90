@@ -1,5 +1,5 @@
 !> The equations of motion between two events, and the events: each law stays on the smooth branch that was last chosen. Time
-!> counts from where the loads were told to begin.
+!> counts from the start of the loads.
 !>
 !> Events are: a switch of a law changes its sign; a slider begins or ends to slip; a rigid wall is met or left; rigid friction
 !> begins to slip or stops. A slider that slips is on its bound, one that sticks keeps its place, so that neither needs an

@@ -1,4 +1,4 @@
-!> What all ways of time integration have in common: from a state on in steps of one size.
+!> The abstract integrator: from a state in steps of one size.
 module hb_integrator
    use hb_error, only: error_t
    use hb_kinds, only: wp

@@ -1,4 +1,4 @@
-!> What a period of time integration makes of a state, where the motion leads through events that have no linearised equations:
+!> The period map by time integration, where the motion leads through events that have no linearised equations:
 !> impacts, rigid friction that holds and lets go, sliders in a plane.
 !>
 !> The state that repeats is found by Newton's method from that of the motion (shooting); the derivative of the map there is its

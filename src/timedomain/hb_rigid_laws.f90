@@ -1,4 +1,4 @@
-!> What rigid laws demand of a motion: walls that are not crossed, friction that holds or slips at its limit.
+!> Constraints of rigid laws: walls that are not crossed, friction that holds or slips at its limit.
 !>
 !> A method without a stiffness for them needs the constraint itself, coordinate by coordinate.
 module hb_rigid_laws

@@ -1,7 +1,7 @@
-!> What time integration makes in some time of the state of a motion, and of states beside it.
+!> The map of the state of a motion, and of neighbouring states, over a time, by time integration.
 !>
-!> States are scaled by the reach and the speed of the motion. Methods follow events, so that a difference of two time integrations
-!> has in it what impacts and turns do to a disturbance (saltation).
+!> States are scaled by the amplitude and the speed of the motion. Methods follow events, so that a difference of two time integrations
+!> includes the effect of impacts and reversals on a disturbance (saltation).
 module hb_state_map
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t

@@ -1,6 +1,6 @@
-!> Time integration: follows a model through time from a state on, and keeps a record of it.
+!> Time integration of a model from a state, with a record of the motion.
 !>
-!> `integrate_from` is the whole of it for a caller; `assess` makes coefficients of a record.
+!> `integrate_from` does all of it; `assess` finds coefficients of a record.
 module hb_time_stepping
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_birkhoff, only: coefficients_at

@@ -1,8 +1,8 @@
-!> Time integration from a motion: does it stay where it is?
+!> Verification of a motion by time integration that starts on it.
 !>
-!> One integration starts on the motion at time zero, a second one very close to it. What the two say together is decided in
-!> hb_integration_verdict: they part where the motion is unstable, and then it is right and would not be seen; else they come
-!> together as fast as the start is forgotten, and what then is left between integration and motion is the error of the motion.
+!> One integration starts on the motion at time zero, a second one very close to it. The verdict is that of
+!> hb_integration_verdict: they diverge where the motion is unstable; else they converge as the transient decays, and the remaining
+!> difference of integration and motion is the error of the motion.
 !> Tones that the balance has found may drift (hb_integration_difference): as far as that is more than the errors of the frequencies
 !> let expect, the motion is wrong. It lasts until this is decided, at most as long as the decay of the linear structure takes,
 !> within a bound of work.
