@@ -1,6 +1,8 @@
 """Vibrations of structures with contact, friction and other nonlinear laws under several tones: models that are solved in process, finite
 element structures, and their files."""
 
+from typing import Any
+
 from nhbm.errors import ModelError
 
 __version__ = "0.1.0"
@@ -11,7 +13,7 @@ _LATER = {  # what needs NumPy and more is imported when it is asked for
 __all__ = ["ModelError", "__version__", *_LATER]
 
 
-def __getattr__(name: str):
+def __getattr__(name: str) -> Any:
     if name not in _LATER:
         raise AttributeError(f"module 'nhbm' has no attribute '{name}'")
     import importlib

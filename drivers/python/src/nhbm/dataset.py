@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -32,11 +32,13 @@ def motion_of(session: Session) -> xr.Dataset:
     layout = (columns["tuples"].values.tobytes(), tuple((name, column.values.shape) for name, column in columns.items()))
     if session.empty is None or session.empty[0] != layout:  # what motions of one layout share takes most of the time
         session.empty = layout, _dataset_of(session, columns)
-    return session.empty[1].copy(data={_NAMES.get(name, name): column.values for name, column in columns.items()})
+    empty: xr.Dataset = session.empty[1]
+    return empty.copy(data={_NAMES.get(name, name): column.values for name, column in columns.items()})
 
 
-def _dataset_of(session, columns) -> xr.Dataset:
-    variables, lengths = {}, {}
+def _dataset_of(session: Session, columns: dict[str, Any]) -> xr.Dataset:
+    variables: dict[str, Any] = {}
+    lengths: dict[str, int] = {}
     for name, column in columns.items():
         lengths.update(zip(column.axes, column.values.shape))
         units = {"units": column.unit} if column.unit else {}
@@ -47,7 +49,9 @@ def _dataset_of(session, columns) -> xr.Dataset:
 
 def record_of(session: Session) -> xr.Dataset:
     """What time integration has found: a record, or the verdict on a motion."""
-    columns, variables, lengths = {name: session.time_column(name) for name in session.time_columns()}, {}, {}
+    columns = {name: session.time_column(name) for name in session.time_columns()}
+    variables: dict[str, Any] = {}
+    lengths: dict[str, int] = {}
     for name, column in columns.items():
         lengths.update(zip(column.axes, column.values.shape))
         variables[name] = (column.axes, column.values, {"units": column.unit})
@@ -55,9 +59,9 @@ def record_of(session: Session) -> xr.Dataset:
     return xr.Dataset(variables, labels, {"amplitude_convention": AMPLITUDES} if "time" in variables else {})
 
 
-def _labels(session, lengths) -> dict:
+def _labels(session: Session, lengths: dict[str, int]) -> dict[str, Any]:
     """Coordinates along the axes that there are."""
-    labels = {}
+    labels: dict[str, Any] = {}
     for axis, n in lengths.items():
         words = session.labels(axis)
         if axis == "component":
@@ -98,30 +102,30 @@ def parts_of(of: str) -> tuple[str, tuple[int, ...] | None]:
     return parts[1], tuple(map(int, parts[2].split(","))) if parts[2] else None
 
 
-def table(found: list, coordinates: dict[str, list]) -> xr.Dataset:
+def table(found: list[Any], coordinates: dict[str, Any]) -> xr.Dataset:
     """Numbers, or mappings or named tuples of numbers, as the points of one dataset."""
     rows = [row._asdict() if hasattr(row, "_asdict") else row if isinstance(row, Mapping) else {"response": row} for row in found]
     variables = {name: ("point", np.array([row[name] for row in rows])) for name in rows[0]}
     return xr.Dataset(variables, {name: ("point", np.asarray(values)) for name, values in coordinates.items()})
 
 
-def joined(motions: list[xr.Dataset], coordinates: dict[str, np.ndarray]) -> xr.Dataset:
+def joined(motions: list[xr.Dataset], coordinates: dict[str, Any]) -> xr.Dataset:
     """Motions as the points of one dataset, in their order; what a motion lacks is padded as in the result file."""
     if not motions:
         raise ValueError("there are no motions to join")
-    longest = {axis: max(m.sizes.get(axis, 0) for m in motions) for m in motions for axis in m.sizes}
-    variables = {}
+    longest: dict[Any, int] = {axis: max(m.sizes.get(axis, 0) for m in motions) for m in motions for axis in m.sizes}
+    variables: dict[Any, Any] = {}
     for name in dict.fromkeys(name for m in motions for name in m.data_vars):
         first = next(m[name] for m in motions if name in m)
         rows = [_padded(m.get(name), first, longest) for m in motions]
         variables["tuples" if name == "tuple" else name] = (("point", *first.dims), np.stack(rows), first.attrs)
-    labels = {axis: next(m[axis].values for m in motions if m.sizes.get(axis) == n) for axis, n in longest.items()}
+    labels: dict[Any, Any] = {axis: next(m[axis].values for m in motions if m.sizes.get(axis) == n) for axis, n in longest.items()}
     labels["point"] = np.arange(len(motions))
     labels.update({name: ("point", np.asarray(values)) for name, values in coordinates.items()})
     return xr.Dataset(variables, labels, motions[0].attrs)
 
 
-def _padded(values, like, longest) -> np.ndarray:
+def _padded(values: Any, like: xr.DataArray, longest: dict[Any, int]) -> np.ndarray[Any, Any]:
     """Values, or what stands for none, in an array of the longest axes: 0 for whole numbers and beyond the harmonics in use, else NaN."""
     shape = tuple(longest[axis] for axis in like.dims)
     is_real = like.dtype.kind == "f"
@@ -133,29 +137,30 @@ def _padded(values, like, longest) -> np.ndarray:
     return row
 
 
-@xr.register_dataset_accessor("nhbm")
+@xr.register_dataset_accessor("nhbm")  # type: ignore[no-untyped-call, unused-ignore]
 class Accessor:
     """What one asks of motions: dataset.nhbm.amplitude("x1", 1)."""
 
-    def __init__(self, dataset: xr.Dataset):
+    def __init__(self, dataset: xr.Dataset) -> None:
         self._dataset = dataset
 
     @property
-    def is_converged(self):
+    def is_converged(self) -> xr.DataArray:
         """Whether each motion solves the equations within what was asked for."""
         return self._dataset["status"] == CONVERGED
 
     @property
     def status(self) -> xr.DataArray:
         """Outcome of each motion in a word: converged, truncated, ... (docs/user/schema.md)."""
-        return xr.apply_ufunc(np.array(STATUSES).__getitem__, self._dataset["status"])
+        words: xr.DataArray = xr.apply_ufunc(np.array(STATUSES).__getitem__, self._dataset["status"])
+        return words
 
     @property
     def message(self) -> str:
         """Why a motion was not found, or what to know of it; of several the first that says something."""
         return next((str(text) for text in np.ravel(self._dataset["message"].values) if str(text)), "")
 
-    def harmonic(self, dof: str, tuple_=1, of: str = "coefficients") -> xr.DataArray:
+    def harmonic(self, dof: str, tuple_: Any = 1, of: str = "coefficients") -> xr.DataArray:
         """Complex amplitude cos - i sin of the harmonic of an integer tuple (or number, of one tone) at a degree of freedom.
 
         `of` names the column: coefficients, force_coefficients, corrected_coefficients. Zero where the set lacks the tuple.
@@ -174,11 +179,12 @@ class Accessor:
         found = held.sum("harmonic")
         return found.sel(component="cos", drop=True) - sign * 1j * found.sel(component="sin", drop=True)
 
-    def amplitude(self, dof: str, tuple_=1, of: str = "coefficients") -> xr.DataArray:
+    def amplitude(self, dof: str, tuple_: Any = 1, of: str = "coefficients") -> xr.DataArray:
         """Amplitude of that harmonic."""
-        return np.abs(self.harmonic(dof, tuple_, of))
+        size: Any = np.abs(self.harmonic(dof, tuple_, of))
+        return size  # type: ignore[no-any-return]
 
-    def time(self, dof: str, times, of: str = "coefficients") -> xr.DataArray:
+    def time(self, dof: str, times: Any, of: str = "coefficients") -> xr.DataArray:
         """Values at times [s], (..., time)."""
         data = self._dataset
         tuples = data["tuples"] if "tuples" in data else data["tuple"]
@@ -186,7 +192,8 @@ class Accessor:
         phases = (tuples * data["frequency"]).sum("tone") * times
         column = data[of].sel({data[of].dims[-3]: dof}).where(self._in_use(), 0.0)
         values = column.sel(component="cos", drop=True) * np.cos(phases) + column.sel(component="sin", drop=True) * np.sin(phases)
-        return values.sum("harmonic").assign_coords(time=times)
+        found: xr.DataArray = values.sum("harmonic").assign_coords(time=times)
+        return found
 
     def largest(self, dof: str, n: int = 4096) -> xr.DataArray:
         """Largest displacement [m] over many samples of the motion along time, from both signs."""
@@ -194,9 +201,10 @@ class Accessor:
         periods = 1 if self._dataset.sizes["tone"] == 1 else 64
         times = np.linspace(0.0, periods * 2 * np.pi / slowest, n * (1 if periods == 1 else 8), endpoint=False)
         if "point" not in self._dataset.dims:
-            return np.abs(self.time(dof, times)).max("time")
+            return abs(self.time(dof, times)).max("time")
         points = (self._dataset.isel(point=[k]).nhbm.time(dof, times) for k in range(self._dataset.sizes["point"]))
-        return xr.concat([np.abs(values).max("time") for values in points], "point")
+        found: xr.DataArray = xr.concat([abs(values).max("time") for values in points], "point")
+        return found
 
     def response(self, of: str) -> tuple[xr.DataArray, str]:
         """A response of each point and its name with unit: "x1" the largest |x1|, "x1 (1)" the amplitude of a harmonic."""
@@ -207,7 +215,7 @@ class Accessor:
         number = f"harmonic {tuple_[0]}" if len(tuple_) == 1 else f"tuple ({', '.join(map(str, tuple_))})"
         return self.amplitude(dof, tuple_), f"Amplitude of {dof}, {number} [{unit}]"
 
-    def plot(self, of: str | None = None, ax=None):
+    def plot(self, of: str | None = None, ax: Any = None) -> Any:
         """The motion of a degree of freedom over time; of curves and sweeps a response over what varies: "x1" the largest |x1|,
         "x1 (1)" the amplitude of a harmonic. Returns the axes."""
         from nhbm.pictures import plot

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
 from nhbm.errors import ModelError
 
 
-def as_input(value) -> str:
+def as_input(value: Any) -> str:
     """A value, or a list of them, as an input has it."""
     if isinstance(value, np.ndarray):
         value = value.tolist() if value.ndim else value.item()
@@ -27,13 +28,13 @@ def as_input(value) -> str:
     raise ModelError(f"{value!r} is no number, text, truth or list of them")
 
 
-def group_text(name: str, keys: Mapping) -> str:
+def group_text(name: str, keys: Mapping[str, Any]) -> str:
     """A group of an input: keys whose value is None are left out."""
     given = ", ".join(f"{key} = {as_input(value)}" for key, value in keys.items() if value is not None)
     return f"&{name} {given} /\n"
 
 
-def path_of(path: str, groups=()) -> str:
+def path_of(path: str, groups: Iterable[str] = ()) -> str:
     """A path of the input: `tones[0]` is tones%frequency(1), `wall.gap` law(wall)%gap, `load[1].cos` load(2)%cos.
 
     What names a group (`structure.length`) is a key of it; paths of the input itself stay as they are.
@@ -59,7 +60,7 @@ def identifier(path: str) -> str:
     return re.sub("[^a-z0-9]+", "_", path.lower()).strip("_")
 
 
-def described(path: str, text: str, keys: Iterable) -> dict[str, str]:
+def described(path: str, text: str, keys: Iterable[Any]) -> dict[str, str]:
     """Name and unit of a value by its path, for axes of pictures; `text` is the complete input and `keys` the table of keys."""
     place = re.fullmatch(r"(\w+)(?:\(([^()]*)\))?%(\w+)(?:\((\d+)\))?", path)
     if place is None:
@@ -83,8 +84,8 @@ class Builder:
 
     type = ""
 
-    def __init__(self, **keys):
-        self.keys = {"type": self.type, **keys}
+    def __init__(self, **keys: Any) -> None:
+        self.keys: dict[str, Any] = {"type": self.type, **keys}
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in self.keys.items() if k != 'type')})"
@@ -125,7 +126,7 @@ class Matrices(Builder):
 
     type = "matrices"
 
-    def __init__(self, mass, stiffness, damping=None, **keys):
+    def __init__(self, mass: Any, stiffness: Any, damping: Any = None, **keys: Any) -> None:
         mass = np.atleast_2d(np.asarray(mass, dtype=float))
         more = {
             name: np.asarray(m, dtype=float).ravel()

@@ -25,6 +25,8 @@ _STEP = 1e-30  # of the complex step
 _DIFFERENCE = float(np.finfo(float).eps ** (1 / 3))  # of central differences, relative to the largest sample
 _NAMED = "phases", "frequencies", "states"  # arguments that a function has by name
 
+_COMPILED: Any = ctypes.CFUNCTYPE(None).__mro__[1]  # the base of all functions of ctypes
+
 _numbers = itertools.count(1)
 _state = threading.local()  # of this thread: the fault of a law that was called, and how many run
 
@@ -208,7 +210,7 @@ def _address(function: Any) -> int | None:
         function = function.function
     if hasattr(function, "address") and isinstance(function.address, int):  # Numba
         return function.address
-    if isinstance(function, ctypes._CFuncPtr):
+    if isinstance(function, _COMPILED):
         return ctypes.cast(function, ctypes.c_void_p).value
     return None
 
@@ -229,7 +231,7 @@ def _columns(address: int, n_columns: int, block: Any) -> Array:
 
 
 def _list(address: int, n: int) -> Array:
-    return np.frombuffer((ctypes.c_double * n).from_address(address)) if n else np.zeros(0)
+    return np.ctypeslib.as_array((ctypes.c_double * n).from_address(address)) if n else np.zeros(0)
 
 
 def _narrow(values: Array) -> Array:
@@ -338,7 +340,7 @@ class _Advance(_Caller):
         try:
             found = ask((columns + np.concatenate([np.zeros((1, 1, k)), _STEP * 1j * moves])).reshape(-1, k)).reshape(k + 1, n, m)
         except TypeError:
-            found = np.zeros(0)
+            found = np.zeros((0, 0, 0))
         if np.iscomplexobj(found):
             states, slopes = found[0].real, found[1:].imag / _STEP
         else:
@@ -374,8 +376,9 @@ def _slope(along: Callable[[Array], Any], samples: Array, c: int, shape: tuple[i
     try:
         stepped = moved(_STEP * 1j)
         if np.iscomplexobj(stepped):
-            return (np.imag(stepped) / _STEP).reshape(shape)
+            return np.asarray(np.imag(stepped) / _STEP).reshape(shape)
     except TypeError:
         pass
     step = _DIFFERENCE * (np.abs(samples[:, c]).max() or 1.0)
-    return ((np.asarray(moved(step), dtype=float) - np.asarray(moved(-step), dtype=float)) / (2 * step)).reshape(shape)
+    slope: Array = (np.asarray(moved(step), dtype=float) - np.asarray(moved(-step), dtype=float)) / (2 * step)
+    return slope.reshape(shape)

@@ -8,7 +8,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -49,12 +49,12 @@ class Model:
     belongs to one thread at a time; it can be pickled with its values, for processes that work on the same.
     """
 
-    def __init__(self, structure: Builder | Structure | str | Path, tones: Iterable[float] | Mapping = (), **groups: Mapping):
+    def __init__(self, structure: Builder | Structure | str | Path, tones: Any = (), **groups: Mapping[str, Any]) -> None:
         self._clear()
         if isinstance(structure, Builder):
             self._groups["structure"] = dict(structure.keys)
         elif isinstance(structure, Structure):
-            self._structure = structure
+            self._structure: Structure | None = structure
             self._groups["structure"] = {"type": "model", "file": _IN_MEMORY}
         elif isinstance(structure, (str, Path)):
             self._groups["structure"] = {"type": "model", "file": str(structure)}
@@ -71,15 +71,15 @@ class Model:
 
     def _clear(self) -> None:
         self._base, self._folder, self._name = "", Path(), "model"
-        self._groups: dict[str, dict] = {}
-        self._lists: list[tuple[str, dict]] = []
+        self._groups: dict[str, dict[str, Any]] = {}
+        self._lists: list[tuple[str, dict[str, Any]]] = []
         self._laws: list[Law] = []
-        self._structure: Structure | None = None
+        self._structure = None
         self._values: dict[str, tuple[int, object]] = {}  # by path, with the number of the assignment
         self._n_assignments = 0
-        self._sessions: dict[tuple, _Live] = {}  # by tolerance, order and keys of further groups
-        self._used: tuple = (None, None, repr(""))  # which of them was used last
-        self._solved: tuple | None = None  # which has the motion found last
+        self._sessions: dict[Any, _Live] = {}  # by tolerance, order and keys of further groups
+        self._used: Any = (None, None, repr(""))  # which of them was used last
+        self._solved: Any = None  # which has the motion found last
 
     @classmethod
     def from_namelist(cls, text: str, folder: str | Path = ".", name: str = "model") -> Model:
@@ -103,7 +103,7 @@ class Model:
 
     # What it is made of
 
-    def set(self, group: str, **keys) -> None:
+    def set(self, group: str, **keys: Any) -> None:
         """Sets keys of a group, such as set("harmonics", order=9); None leaves a key to its default."""
         if group in ("load", "law", "start", "tie"):
             raise ModelError(f"there may be several groups &{group}; model.{group}(...) adds one")
@@ -112,12 +112,12 @@ class Model:
         self._groups.setdefault(group, {}).update(keys)
         self._sessions = {}
 
-    def load(self, dof: str | None = None, tuple_: int | Iterable[int] = 1, cos: float = 0.0, sin: float = 0.0, **keys) -> None:
+    def load(self, dof: str | None = None, tuple_: Any = 1, cos: float = 0.0, sin: float = 0.0, **keys: Any) -> None:
         """Adds the force cos cos(j.omega t) + sin sin(j.omega t) [N] at a degree of freedom, or vector="name" of a structure; `tuple_` is j."""
         entries = [int(k) for k in np.atleast_1d(tuple_)]
         self._add("load", {"dof": dof, "tuple": entries, "cos": cos, "sin": sin, **keys})
 
-    def law(self, kind: str | Law | Callable, dof: str | Iterable[str] | None = None, **keys) -> None:
+    def law(self, kind: str | Law | Callable[..., Any], dof: str | Iterable[str] | None = None, **keys: Any) -> None:
         """Adds a law of the catalogue by its type, or one of Python (nhbm.law); `dof` is where it acts, several are `dofs`."""
         where = {} if dof is None else {"dof": dof} if isinstance(dof, str) else {"dofs": list(dof)}
         if isinstance(kind, str):
@@ -127,7 +127,7 @@ class Model:
         self._laws.append(law)
         self._add("law", {"type": "user", "library": "", "name": law.name, "odd": law.odd, **where, **keys})
 
-    def start(self, dof: str, tuple_: int | Iterable[int] = 1, cos: float = 0.0, sin: float = 0.0, **keys) -> None:
+    def start(self, dof: str, tuple_: Any = 1, cos: float = 0.0, sin: float = 0.0, **keys: Any) -> None:
         """Adds an entry of the first guess, as `load`, in units of the motion."""
         self._add("start", {"dof": dof, "tuple": [int(k) for k in np.atleast_1d(tuple_)], "cos": cos, "sin": sin, **keys})
 
@@ -136,7 +136,7 @@ class Model:
         paths = path_of(path, GROUPS), path_of(to, GROUPS)
         self._add("tie", {"parameter": paths[0], "to": paths[1], "factor": factor, "offset": offset})
 
-    def __setitem__(self, path: str, value) -> None:
+    def __setitem__(self, path: str, value: Any) -> None:
         """Sets a value by its path: model["wall.gap"] = 1e-3, model["tones[0]"] = 2.0, or a path of the input, "law(wall)%gap"."""
         path, live = path_of(path, GROUPS), self._live(*self._used[:2])
         live.set(path, value)
@@ -175,7 +175,7 @@ class Model:
         return float("nan")
 
     def peak(self, of: str, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
-             **keys) -> Peak:  # fmt: skip
+             **keys: Any) -> Peak:  # fmt: skip
         """Follows motions as `curve` does and returns the largest response on the way, and where it is.
 
         `of` is a response as for `response`; folds on the way do not matter. keys: of the group &curve. Neither stability
@@ -200,7 +200,7 @@ class Model:
         return best
 
     def curve(self, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
-              on_point: Callable[[xr.Dataset], bool] | None = None, progress=False, **keys) -> xr.Dataset:  # fmt: skip
+              on_point: Callable[[xr.Dataset], bool] | None = None, progress: Any = False, **keys: Any) -> xr.Dataset:  # fmt: skip
         """Follows motions while the value of a path moves from `start` to `stop`, round folds, with stability and bifurcations.
 
         keys: of the group &curve (docs/user/curves.md), such as peak_of="x1 (1)", points=200. `on_point` gets each point and may end the
@@ -226,7 +226,7 @@ class Model:
         found[identifier(path)].attrs.update(self._described(path))
         return found.set_coords(identifier(path)).assign_attrs(varies=[identifier(path)])
 
-    def integrate(self, duration: float | None = None, *, order: int | None = None, **keys) -> xr.Dataset:
+    def integrate(self, duration: float | None = None, *, order: int | None = None, **keys: Any) -> xr.Dataset:
         """Integrates the model through time, from rest if nothing else is said, and returns the record that `nhbm integrate` writes.
 
         duration: of the record [s], after the `transient`; keys: of the group &integration, such as method, transient, step. The coefficients are
@@ -254,9 +254,9 @@ class Model:
         found = dataset.record_of(session)
         return found.assign(integration_verdict=dataset.VERDICTS[int(found["integration_verdict"])])
 
-    def sweep(self, values: Mapping[str, Iterable], *, paired: bool = False, of: str | Callable[[Model], object] | None = None,
+    def sweep(self, values: Mapping[str, Any], *, paired: bool = False, of: str | Callable[[Model], object] | None = None,
               tolerance: float | None = None, order: int | None = None, warm: bool = False,
-              workers: int = 1, executor=None, comm=None, progress=False) -> xr.Dataset:  # fmt: skip
+              workers: int = 1, executor: Any = None, comm: Any = None, progress: Any = False) -> xr.Dataset:  # fmt: skip
         """Solves the points of a grid of values by path, {"wall.gap": [...], "tones[0]": [...]}; the last one changes fastest.
 
         `paired`: the first values of all paths are a point, the second ones the next, as samples of random parameters are.
@@ -284,10 +284,10 @@ class Model:
         lines = [points[k : k + length] for k in range(0, len(points), length)]
         work = _Line(model, list(grid), of, tolerance, order, warm)
         with _Progress(progress, "sweep", len(points)) as bar:
-            found = list(itertools.chain.from_iterable(_spread(work, lines, workers, executor, comm, bar)))
+            rows = list(itertools.chain.from_iterable(_spread(work, lines, workers, executor, comm, bar)))
         names = [identifier(path) for path in grid]
         coordinates = {name: [point[k] for point in points] for k, name in enumerate(names)}
-        found = dataset.joined(found, coordinates) if of is None else dataset.table(found, coordinates)
+        found = dataset.joined(rows, coordinates) if of is None else dataset.table(rows, coordinates)
         found = found.assign_attrs(varies=names)
         for name, path in zip(names, grid):
             found[name].attrs.update(model._described(path))
@@ -299,19 +299,19 @@ class Model:
 
     # How it is kept
 
-    def _add(self, name: str, keys: dict) -> None:
+    def _add(self, name: str, keys: dict[str, Any]) -> None:
         self._lists.append((name, keys))
         self._sessions = {}
 
-    def _text(self, tolerance, order, more) -> str:
+    def _text(self, tolerance: float | None, order: int | None, more: dict[str, dict[str, Any]] | None) -> str:
         groups = {**self._groups, **{name: {**self._groups.get(name, {}), **keys} for name, keys in (more or {}).items()}}
         if order is not None:
             groups.pop("accuracy", None)
         for name, key, value in (("accuracy", "tolerance", tolerance), ("harmonics", "order", order)):
             if value is not None and not self._is_in_base(name):
                 groups[name] = {**groups.get(name, {}), key: value}
-        groups = [group_text(name, keys) for name, keys in groups.items()]
-        return self._base + "".join(groups + [group_text(name, keys) for name, keys in self._lists])
+        texts = [group_text(name, keys) for name, keys in groups.items()]
+        return self._base + "".join(texts + [group_text(name, keys) for name, keys in self._lists])
 
     def _described(self, path: str) -> dict[str, str]:
         return {"parameter": path, **described(path, self._live(*self._used[:2]).session.input(), input_keys())}
@@ -319,7 +319,7 @@ class Model:
     def _is_in_base(self, group: str) -> bool:
         return re.search(rf"^\s*&{group}\b", self._base, re.IGNORECASE | re.MULTILINE) is not None
 
-    def _live(self, tolerance=None, order=None, more: dict[str, dict] | None = None) -> _Live:
+    def _live(self, tolerance: float | None = None, order: int | None = None, more: dict[str, dict[str, Any]] | None = None) -> _Live:
         """The session with that tolerance or order and keys of further groups, made once, with the present values."""
         self._used = tolerance, order, repr(more or "")
         if self._used not in self._sessions:
@@ -341,7 +341,7 @@ class Model:
         path = self._folder / name
         return Structure.read(path if path.is_file() else name)
 
-    def __getstate__(self):
+    def __getstate__(self) -> dict[str, Any]:
         return {
             **self.__dict__,
             "_sessions": {},
@@ -350,7 +350,7 @@ class Model:
             "_law_names": [law.name for law in self._laws],
         }
 
-    def __setstate__(self, state):
+    def __setstate__(self, state: dict[str, Any]) -> None:
         names = state.pop("_law_names")
         self.__dict__.update(state)
         new = {old: law.name for old, law in zip(names, self._laws)}  # laws have names of their own in each process
@@ -362,10 +362,11 @@ class Model:
 class _Live:
     """A session with handles of numbers, and how many of the assignments to its model it has followed."""
 
-    def __init__(self, session: Session):
-        self.session, self.n_assignments, self._handles = session, 0, {}
+    def __init__(self, session: Session) -> None:
+        self.session, self.n_assignments = session, 0
+        self._handles: dict[str, int] = {}
 
-    def set(self, path: str, value) -> None:
+    def set(self, path: str, value: Any) -> None:
         if isinstance(value, (float, np.floating)):
             if path not in self._handles:
                 self._handles[path] = self.session.parameter(path)
@@ -383,14 +384,15 @@ class _Live:
 class _Line:
     """Solves a line of points; a value that processes can be sent."""
 
-    def __init__(self, model, paths, of, tolerance, order, warm):
+    def __init__(self, model: Model, paths: list[str], of: Any, tolerance: float | None, order: int | None, warm: bool) -> None:
         self.model, self.paths, self.of, self.tolerance, self.order, self.warm = model, paths, of, tolerance, order, warm
 
-    def __call__(self, points) -> list:
+    def __call__(self, points: list[Any]) -> list[Any]:
         return [self._point(point, k) for k, point in enumerate(points)]
 
-    def _point(self, point, k: int):
-        model, wanted = self.model, {"tolerance": self.tolerance, "order": self.order}
+    def _point(self, point: Any, k: int) -> Any:
+        model = self.model
+        wanted: dict[str, Any] = {"tolerance": self.tolerance, "order": self.order}
         for path, value in zip(self.paths, point):
             model[path] = value
         if callable(self.of):
@@ -402,7 +404,7 @@ class _Line:
         return dataset.motion_of(session)
 
 
-def _spread(work, lines, workers, executor, comm, bar) -> Iterable[list[xr.Dataset]]:
+def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: Any, bar: _Progress) -> Iterable[list[Any]]:
     """What comes of all lines, in their order."""
     if comm is not None:
         mine = [(k, work(line)) for k, line in enumerate(lines) if k % comm.Get_size() == comm.Get_rank()]
@@ -424,8 +426,9 @@ def _spread(work, lines, workers, executor, comm, bar) -> Iterable[list[xr.Datas
 class _Progress:
     """A bar of tqdm where one is asked for and tqdm is there, or a function that gets the number of points done."""
 
-    def __init__(self, wanted, what: str, total: int | None = None):
-        self._wanted, self._what, self._total, self._n, self._bar = wanted, what, total, 0, None
+    def __init__(self, wanted: Any, what: str, total: int | None = None) -> None:
+        self._wanted, self._what, self._total, self._n = wanted, what, total, 0
+        self._bar: Any = None
 
     def __enter__(self) -> _Progress:
         if self._wanted is True:
@@ -444,6 +447,6 @@ class _Progress:
         elif callable(self._wanted):
             self._wanted(self._n)
 
-    def __exit__(self, *fault) -> None:
+    def __exit__(self, *fault: Any) -> None:
         if self._bar is not None:
             self._bar.close()

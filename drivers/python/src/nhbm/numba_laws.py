@@ -19,20 +19,22 @@ def compiled(force: Callable[..., float], slopes: Callable[..., Any], *, velocit
     velocity : whether the force depends on v; if not, v is 0
     options : of Law, such as odd=True
     """
-    from numba import carray, cfunc, njit, types
-    from numba.extending import intrinsic
+    import importlib
 
-    fields = [(name, types.int32 if kind is ctypes.c_int else types.intp) for name, kind in LawSamples._fields_]
+    numba: Any = importlib.import_module("numba")
+    types, carray, intrinsic = numba.types, numba.carray, importlib.import_module("numba.extending").intrinsic
+
+    fields: list[Any] = [(field[0], types.int32 if field[1] is ctypes.c_int else types.intp) for field in LawSamples._fields_]
     record = types.Record.make_c_struct(fields)
 
-    @intrinsic
+    @intrinsic  # type: ignore[untyped-decorator]
     def numbers_at(typing: Any, address: Any) -> Any:
         pointer = types.CPointer(types.float64)
         return pointer(types.intp), lambda context, builder, signature, a: builder.inttoptr(a[0], context.get_value_type(pointer))
 
-    force, slopes = njit(force), njit(slopes)
+    force, slopes = numba.njit(force), numba.njit(slopes)
 
-    @cfunc(types.int32(types.CPointer(record)))
+    @numba.cfunc(types.int32(types.CPointer(record)))  # type: ignore[untyped-decorator]
     def evaluate(place: Any) -> int:
         s = carray(place, 1)[0]
         n = s.n_samples

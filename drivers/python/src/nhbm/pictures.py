@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 
@@ -11,7 +13,7 @@ _VERDICTS = (1, "-", "stable"), (-1, "--", "unstable"), (0, ":", "stability not 
 _MOST_LINES = 10  # of one picture with a legend
 
 
-def plot(data: xr.Dataset, of: str | None = None, ax=None):
+def plot(data: xr.Dataset, of: str | None = None, ax: Any = None) -> Any:
     """The motion of a degree of freedom over time, or a response over the points: "x1" the largest |x1|, "x1 (1)" the amplitude of
     a harmonic. Without `of` that which moves most. Returns the axes."""
     import matplotlib.pyplot as plt
@@ -29,8 +31,8 @@ def plot(data: xr.Dataset, of: str | None = None, ax=None):
     return ax
 
 
-def _most(data) -> str:
-    size = np.abs(data["coefficients"].fillna(0.0)).sum(["harmonic", "component"])
+def _most(data: xr.Dataset) -> str:
+    size = abs(data["coefficients"].fillna(0.0)).sum(["harmonic", "component"])
     return str(data["dof"].values[int((size.sum("point") if "point" in data.dims else size).argmax("dof"))])
 
 
@@ -42,7 +44,7 @@ def _labelled(name: str, values: xr.DataArray, value: float | None = None) -> st
     return f"{words} = {value:.4g} {unit}".rstrip() if value is not None else words + (f" [{unit}]" if unit else "")
 
 
-def _over_time(ax, data, dof) -> None:
+def _over_time(ax: Any, data: xr.Dataset, dof: str) -> None:
     frequency = data["frequency"].values
     length = 2 * np.pi / frequency.min() * (2 if len(frequency) == 1 else 8)
     times = np.linspace(0.0, length, 2000)
@@ -50,7 +52,7 @@ def _over_time(ax, data, dof) -> None:
     ax.set(xlabel="Time $t$ [s]", ylabel=f"Displacement {dof} [{data['coefficients'].attrs.get('units', 'm')}]", xlim=(0.0, length))
 
 
-def _over_points(ax, data, of) -> None:
+def _over_points(ax: Any, data: xr.Dataset, of: str) -> None:
     """Lines over what varies last: one for each branch of a curve, or for each of the other values of a sweep."""
     *others, name = data.attrs.get("varies") or ["point"]
     y, label = data.nhbm.response(of)
@@ -91,7 +93,7 @@ def _over_points(ax, data, of) -> None:
         ax.legend(frameon=False)
 
 
-def _numbers(ax, data, name) -> None:
+def _numbers(ax: Any, data: xr.Dataset, name: Any) -> None:
     """Numbers of a sweep, over its one value as a line; over several as the distribution."""
     name, varies = name or next(iter(data.data_vars)), data.attrs["varies"]
     if len(varies) == 1:

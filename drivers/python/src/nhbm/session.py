@@ -12,7 +12,7 @@ import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from nhbm.groups import as_input
 from nhbm.structure import Structure
 
 try:  # the functions of `signal` look each handler up among its enumerations, which takes a third of a small solution
-    from _signal import getsignal as _getsignal
+    from _signal import getsignal as _getsignal  # type: ignore[import-not-found, unused-ignore]
     from _signal import signal as _signal
 except ImportError:
     from signal import getsignal as _getsignal
@@ -30,7 +30,7 @@ except ImportError:
 
 API = 2
 _MAIN_THREAD = threading.main_thread().ident
-_KINDS = {0: np.dtype(np.float64), 1: np.dtype(np.int32)}
+_KINDS: dict[int, Any] = {0: np.dtype(np.float64), 1: np.dtype(np.int32)}
 _ASK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
 _FILL = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
 
@@ -144,7 +144,8 @@ class Key(NamedTuple):
 
 def input_keys() -> list[Key]:
     """The table of input keys, in the order of the documentation."""
-    row, keys = ctypes.create_string_buffer(1200), []
+    keys: list[Key] = []
+    row = ctypes.create_string_buffer(1200)
     while library().nhbm_key(len(keys), row, len(row)):
         keys.append(Key(*row.value.decode().split(" | ")))
     return keys
@@ -161,12 +162,12 @@ class _Interrupts:
         if threading.get_ident() == _MAIN_THREAD and callable(_getsignal(signal.SIGINT)):
             self._handler = _signal(signal.SIGINT, self._note)
 
-    def _note(self, number, frame) -> None:
+    def _note(self, number: int, frame: Any) -> None:
         self._session._is_interrupted = True
         if laws.is_running():  # one that never ends
             raise KeyboardInterrupt
 
-    def __exit__(self, *error) -> None:
+    def __exit__(self, *error: Any) -> None:
         if self._handler is None:
             return
         _signal(signal.SIGINT, self._handler)
@@ -179,7 +180,7 @@ class _Interrupts:
 class Column:
     """A column of the motion found last: its values, None where they are not known, with unit and names of its axes."""
 
-    values: np.ndarray | None
+    values: Any  # np.ndarray or None
     unit: str
     axes: tuple[str, ...]
 
@@ -191,19 +192,20 @@ class Session:
     time; the interpreter's lock is released while it is solved.
     """
 
-    def __init__(self, structures: Callable[[str], Structure] | None = None):
+    def __init__(self, structures: Callable[[str], Structure] | None = None) -> None:
         self._library, self._error = library(), _Error()
         self._handle, self._place = ctypes.c_void_p(self._library.nhbm_new()), ctypes.byref(self._error)
-        self._is_interrupted, self._fault = False, None
-        self.empty = None  # layout of a motion and a dataset without its values, for nhbm.dataset
-        this = weakref.ref(self)  # the library holds callbacks, which must not hold the session
+        self._is_interrupted = False
+        self._fault: BaseException | None = None
+        self.empty: Any = None  # layout of a motion and a dataset without its values, for nhbm.dataset
+        this: Any = weakref.ref(self)  # the library holds callbacks, which must not hold the session
         self._ask = _ASK(lambda context: int(this()._is_interrupted))
         self._call("ask", self._ask, None)
         self._structures = structures or Structure.read
         self._fill = _FILL(lambda context, name, structure: this()._describe(name.decode(), structure))
         library().nhbm_structures(self._handle, self._fill, None)
 
-    def __del__(self):
+    def __del__(self) -> None:
         if getattr(self, "_handle", None):
             library().nhbm_delete(ctypes.byref(self._handle))
 
@@ -211,7 +213,7 @@ class Session:
         """Takes the text of an input, in the place of the one before; `name` stands in messages."""
         self._call("read", text.encode(), name.encode())
 
-    def set(self, path: str, value) -> None:
+    def set(self, path: str, value: Any) -> None:
         """Sets a key as the command's --set does: numbers, texts, lists."""
         self._call("set_text", path.encode(), as_input(value).encode())
 
@@ -255,7 +257,7 @@ class Session:
 
     def time_columns(self) -> list[str]:
         """Names of what `integrate` or `verify`, whichever was called last, has found."""
-        return library().nhbm_time_column_names(self._handle).decode().split()
+        return _text(library().nhbm_time_column_names(self._handle)).split()
 
     def time_column(self, name: str) -> Column:
         """A column of it. Raises KeyError for a name that there is not."""
@@ -263,20 +265,20 @@ class Session:
 
     def columns(self) -> list[str]:
         """Names of all columns of its motions (docs/user/schema.md)."""
-        return library().nhbm_column_names(self._handle).decode().split()
+        return _text(library().nhbm_column_names(self._handle)).split()
 
     def labels(self, axis: str) -> list[str]:
         """Labels along the axes `dof`, `law_dof` and `law`."""
-        return library().nhbm_labels(self._handle, axis.encode()).decode().split()
+        return _text(library().nhbm_labels(self._handle, axis.encode())).split()
 
     @property
     def message(self) -> str:
         """Why the motion found last was not found, or what to know of it."""
-        return library().nhbm_message(self._handle).decode(errors="replace")
+        return _text(library().nhbm_message(self._handle))
 
     def input(self) -> str:
         """The input with all keys that may be given and their values."""
-        return library().nhbm_input(self._handle).decode()
+        return _text(library().nhbm_input(self._handle))
 
     def column(self, name: str) -> Column:
         """What is known of the motion found last, by a name of the result file. Raises KeyError for a name that there is not."""
@@ -284,7 +286,7 @@ class Session:
             return Column(np.array(self.message), "", ())
         return self._column(library().nhbm_column_of, name)
 
-    def _column(self, column_of, name: str) -> Column:
+    def _column(self, column_of: Any, name: str) -> Column:
         column = _Column()
         if column_of(self._handle, name.encode(), ctypes.byref(column), ctypes.byref(self._error)):
             raise KeyError(self._error.text.decode())
@@ -296,10 +298,10 @@ class Session:
         values = np.frombuffer(ctypes.string_at(column.data, size), kind).reshape(shape) if size else np.zeros(shape, kind)
         return Column(values, unit, axes)
 
-    def _describe(self, name: str, place) -> int:
+    def _describe(self, name: str, place: Any) -> int:
         """Hands a structure over to the library; what goes wrong in Python is raised again when the library has returned."""
         try:
-            structure = self._structures(name)
+            structure: Any = self._structures(name)
             give = {word: getattr(library(), f"nhbm_structure_{word}") for word in ("dofs", "matrix", "vector", "nodes", "set")}
             code = give["dofs"](place, _words(structure.labels), _words(structure.units), structure.up_to or 0.0)
             for kind, matrix in structure.matrices().items():
@@ -315,7 +317,7 @@ class Session:
             for set_name, members in structure.sets.items():
                 members = np.ascontiguousarray(members, np.int32)
                 code = code or give["set"](place, set_name.encode(), len(members), members)
-            return code
+            return int(code)
         except BaseException as fault:
             if isinstance(fault, ModelError):
                 library().nhbm_structure_refuse(place, str(fault).encode())
@@ -323,7 +325,7 @@ class Session:
                 self._fault = fault
             return 1
 
-    def _call(self, name: str, *arguments) -> None:
+    def _call(self, name: str, *arguments: Any) -> None:
         self._tell(getattr(self._library, f"nhbm_{name}")(self._handle, *arguments, self._place))
 
     def _tell(self, code: int) -> None:
@@ -333,6 +335,10 @@ class Session:
             raise fault
         if code:
             raise ModelError(self._error.text.decode(errors="replace"))
+
+
+def _text(words: bytes) -> str:
+    return words.decode(errors="replace")
 
 
 def _words(words: list[str]) -> bytes:
