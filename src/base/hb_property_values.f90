@@ -8,7 +8,7 @@ module hb_property_values
    use hb_text, only: length_of, quote, string_t, to_text
    implicit none
    private
-   public :: content_t, element_text, key_t, kind_of, max_values, number_value, value_t
+   public :: content_t, element_text, kind_of, max_values, number_value, value_t
 
    integer, parameter :: max_values = 1000000               !! of one key, repeat counts included
 

@@ -25,7 +25,7 @@ module hb_law_catalogue
    use hb_text, only: to_text
    implicit none
    private
-   public :: allocate_law, read_law
+   public :: read_law
 
 contains
 

@@ -22,7 +22,7 @@ module hb_accurate_motion
    use hb_level, only: choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, &
       least_goal, margin, most_failures, put_on_level, reliable, level_t, trim_set, with_caution
    use hb_model, only: accuracy_t, model_t
-   use hb_stability, only: stability_method, stability_verdict => verdict
+   use hb_stability, only: few_periods, stability_method, stability_verdict => verdict
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order, new_lowest_set
    use hb_cancellation, only: cancellation_t, work_is_over
@@ -35,7 +35,6 @@ module hb_accurate_motion
    real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second level
    real(wp), parameter :: share_of_fallback = 0.2_wp                  ! of the work of fallbacks, for each level but the first
    real(wp), parameter :: work_of_stability = 1.5_wp                  ! at most, times that of all levels
-   integer, parameter :: periods_of_verdict = 25                      ! for exponents, where they are far from zero
    integer, parameter :: patience_with_products = 16                  ! until the preconditioner gets stronger: levels are many
    real(wp), parameter :: share_of_residual = 1.0e-4_wp               ! of the tolerance: where equations are solved well enough
    integer, parameter :: most_refinements = 2                         ! for a verdict on stability
@@ -532,7 +531,7 @@ contains
       here%certificate%is_on = .false.
       here%solver%tolerance = solver_tolerance(model)
       here%stability%work_spent = work_spent
-      if (here%stability%method == stability_method%auto) here%stability%fewest_periods = periods_of_verdict
+      if (here%stability%method == stability_method%auto) here%stability%fewest_periods = few_periods
       call put_on_level(here, model, top, error)
       if (.not. allocated(error)) call solve_motion(here, whole, error, top%unknowns)
       if (allocated(error) .or. whole%status /= outcome%converged) return

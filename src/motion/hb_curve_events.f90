@@ -13,9 +13,9 @@ module hb_curve_events
    implicit none
    private
    public :: bifurcation_event_t, branch_event_t, count_event_t, find_extremes, find_stability, fold_event_t, graze_event_t
-   public :: n_outside, rounding, peak_event_t, sharp, slope_at, square_at, value_event_t
+   public :: n_outside, peak_event_t, sharp, slope_at, square_at, value_event_t
 
-   real(wp), parameter :: sharp = 1.0e-11_wp                          !! tolerance of multipliers at a bifurcation
+   real(wp), parameter :: sharp = 1.0e-11_wp                          !! tolerance of functions and multipliers at events
 
    !> Where the value turns back: its part of the tangent.
    type, extends(event_t) :: fold_event_t

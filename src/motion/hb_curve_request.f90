@@ -6,7 +6,7 @@ module hb_curve_request
    use hb_model_problem, only: moving_value_t
    implicit none
    private
-   public :: curve_kind, curve_kind_names, curve_request_t, over_t
+   public :: curve_kind, curve_kind_names, curve_request_t
 
    !> What a point of a curve is; numbers as in the result file.
    type :: curve_kind_t

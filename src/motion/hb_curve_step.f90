@@ -25,7 +25,6 @@ module hb_curve_step
    real(wp), parameter :: off_the_chord = 0.5_wp                      ! of an amplitude, in the middle of a step
    real(wp), parameter :: off_the_line = 0.25_wp                      ! of a step, likewise: an arc that turns by 0.6 has 0.075
    integer, parameter :: most_middles = 4                             ! points at which one step is looked at
-   real(wp), parameter :: located = 1.0e-11_wp                        ! of a function that is zero at a fold or a peak
    real(wp), parameter :: at_value = 1.0e-13_wp                       ! of the range: a wanted value
    real(wp), parameter :: at_start = 1.0e-4_wp                        ! of a step: where a branch begins rounding decides on zeros
    real(wp), parameter :: uncertain = 100.0_wp                        ! times the tolerance of multipliers: to the unit circle
@@ -561,7 +560,7 @@ contains
    pure real(wp) function rounding_of(self)
       class(followed_motion_t), intent(in) :: self
 
-      rounding_of = max(located, 10.0_wp*self%curve%corrector%tolerance)
+      rounding_of = max(sharp, 10.0_wp*self%curve%corrector%tolerance)
    end function rounding_of
 
    !> Whether the step begins at a branch point, or a motion apart, from which this way has set out.

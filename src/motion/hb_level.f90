@@ -17,13 +17,12 @@ module hb_level
    implicit none
    private
    public :: carry, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted
-   public :: idle, is_rigid, join, least_goal, margin, most_failures, needed_samples, put_on_level, put_on_set, reliable, level_of
+   public :: is_rigid, join, least_goal, margin, most_failures, needed_samples, put_on_level, put_on_set, reliable, level_of
    public :: level_t, same_set, trim_set, with_caution
 
    integer, parameter :: most_failures = 3                            ! of levels one after the other
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a level
    real(wp), parameter :: margin = 0.6_wp                             ! of the tolerance: estimates were up to 1.6 times too small
-   real(wp), parameter :: idle = 0.8_wp                               !! of the estimate before: a level that gains nothing
    real(wp), parameter :: least_goal = 0.03_wp                        !! of the estimate: error that the next level is made for
    real(wp), parameter :: reliable = 0.3_wp                           ! largest estimate that says something
    real(wp), parameter :: near = 0.02_wp                              ! errors of first order that can be taken out

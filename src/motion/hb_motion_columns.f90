@@ -15,7 +15,7 @@ module hb_motion_columns
    use hb_stability, only: stability_method_names
    implicit none
    private
-   public :: columns_t, of_dof, of_force, padded
+   public :: columns_t, of_dof, of_force
 
    ! Units that depend on the degrees of freedom along the slowest axis of a row, and those of the forces on these.
    character(*), parameter :: of_dof = "of the degree of freedom", of_force = "of its force"

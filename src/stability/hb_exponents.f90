@@ -10,13 +10,14 @@ module hb_exponents
    use hb_birkhoff, only: bump_weights
    use hb_kinds, only: wp
    use hb_cancellation, only: work_is_over
+   use hb_thresholds, only: safety
    implicit none
    private
    public :: exponents_t, find_exponents, propagation_t, orthogonalise, work_of_exponents
 
    integer, parameter :: n_periods = 100                              ! on which averages are taken
    integer, parameter :: usual_most_periods = 800
-   real(wp), parameter :: clear = 3.0_wp, clear_early = 10.0_wp ! of the spread: from zero, after fewer periods than `n_periods`
+   real(wp), parameter :: clear_early = 10.0_wp                       ! of the spread, from zero, before all `n_periods`
 
    !> Somebody who carries disturbances along a motion.
    type, abstract :: propagation_t
@@ -98,7 +99,7 @@ contains
             if (.not. all(ieee_is_finite(growth(:, i)))) return
          end do
          call average(growth(:, forgotten + 1:), propagation%length, found%rate, found%spread)
-         if (abs(found%rate(1)) > merge(clear_early, clear, found%n_periods < n_periods)*found%spread(1)) exit
+         if (abs(found%rate(1)) > merge(clear_early, safety, found%n_periods < n_periods)*found%spread(1)) exit
          found%is_cut_short = 2.0_wp*n_all*propagation%work > work_limit
          if (found%is_cut_short .or. 2*found%n_periods > limit) exit
          found%n_periods = 2*found%n_periods

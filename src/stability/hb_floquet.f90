@@ -12,7 +12,7 @@ module hb_floquet
    use hb_monodromy, only: find_monodromy, monodromy_t, work_of_monodromy, work_of_transfer
    use hb_multipliers, only: deflate, eigenvalues_of
    use hb_piecewise_orbit, only: find_piecewise_orbit, has_piecewise_orbit, piecewise_orbit_t, work_of_piecewise_orbit
-   use hb_stability, only: excitation_t, harmonic_motion_t, most_multipliers, stability_config_t, stability_finder_t, &
+   use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, most_multipliers, stability_config_t, stability_finder_t, &
       stability_method, stability_t, verdict
    use hb_structure, only: structure_t
    use hb_thresholds, only: rounding, safety
@@ -23,7 +23,6 @@ module hb_floquet
 
    real(wp), parameter :: safety_of_multipliers = 10.0_wp                            ! on the estimate of the error
    real(wp), parameter :: largest_surge = log(100.0_wp)               ! what is 1 % grows as large as the motion before it decays
-   integer, parameter :: periods_of_haste = 25                        ! where more take too long; doubled while that is not enough
    real(wp), parameter :: most_work_of_orbit = 1.0e8_wp               ! likewise; high modes need more, and keep the series
    real(wp), parameter :: work_on_demand = 6.0e10_wp                  !! in about a nanosecond: a minute
 
@@ -66,7 +65,7 @@ contains
          associate (work_of_period => work_of_transfer(variation, two_pi/minval(motion%tones%omega)))
             work = work_of_exponents(work_of_period, how%fewest_periods)
             if (work > limit .and. config%method == stability_method%auto) then
-               how%fewest_periods = min(how%fewest_periods, periods_of_haste)
+               how%fewest_periods = min(how%fewest_periods, few_periods)
                work = work_of_exponents(work_of_period, how%fewest_periods)
             end if
          end associate

@@ -11,10 +11,11 @@ module hb_stability
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: excitation_t, harmonic_motion_t, most_multipliers, n_multipliers_of, stability_config_t, stability_finder_t
-   public :: stability_method, stability_method_names, stability_t, verdict
+   public :: excitation_t, few_periods, harmonic_motion_t, most_multipliers, n_multipliers_of, stability_config_t
+   public :: stability_finder_t, stability_method, stability_method_names, stability_t, verdict
 
    integer, parameter :: most_multipliers = 16                        !! that are kept, the largest
+   integer, parameter :: few_periods = 25                             !! for exponents far from zero, and where more take too long
 
    type :: stability_method_t
       integer :: off = 0

@@ -15,7 +15,7 @@ module hb_variation
    use hb_thresholds, only: faint
    implicit none
    private
-   public :: least_work, new_variation, piece_t, place_t, variation_t
+   public :: least_work, new_variation, piece_t, variation_t
 
    real(wp), parameter :: nearness = 1.0e-6_wp                        ! of arguments whose difference makes a derivative
    real(wp), parameter :: singular = 1.0e-13_wp                       ! pivot of the mass

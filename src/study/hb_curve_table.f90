@@ -10,7 +10,7 @@ module hb_curve_table
    use hb_text, only: number_of, to_text
    implicit none
    private
-   public :: curve_lines, find_gaps, find_leaving, leaving_t, note_curve_values, number_cut_short
+   public :: curve_lines, find_gaps, find_leaving, leaving_t, note_curve_values
 
    integer, parameter :: most_lines = 60
 

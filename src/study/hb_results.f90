@@ -26,7 +26,7 @@ module hb_results
    use hb_timing, only: n_times, rank_times_t
    implicit none
    private
-   public :: create_results, open_results, results_layout_t, results_t, swept_parameter_t
+   public :: create_results, open_results, results_layout_t, results_t
 
    !> A result file open for writing.
    type, extends(stored_file_t) :: results_t

@@ -16,7 +16,7 @@ module hb_schedule
    use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: cursor_t, new_schedule, ranks_per_counter, schedule_t
+   public :: cursor_t, new_schedule, schedule_t
 
    integer, parameter :: ranks_per_counter = 256
    integer, parameter :: largest_block = 32                           ! points; more would save no time and risk more

@@ -13,7 +13,7 @@ module hb_sweep_plan
    use hb_text, only: lower, number_of, quote, shown, string_t, to_text
    implicit none
    private
-   public :: read_sweep_plan, sweep_plan_t, swept_t
+   public :: read_sweep_plan, sweep_plan_t
 
    integer(int64), parameter :: most_points = 2000000000_int64
    !> Groups whose numbers change the motion; the others say how it is sought, and `&start` which one.
