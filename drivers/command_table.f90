@@ -24,15 +24,15 @@ module command_table
       verb_t("solve", "INPUT", "solve all points of a namelist file, write an HDF5 file"), &
       verb_t("resume", "RESULT", "solve the points that an ended run has left in its result file"), &
       verb_t("info", "RESULT", "what a result file holds, whether it is complete"), &
-      verb_t("check", "INPUT", "read the input, every point of it, say what it asks for, and compare the derivatives of "// &
+      verb_t("check", "INPUT", "read the input, every point of it, print what it requests, and compare the derivatives of "// &
          "its laws with differences of their forces"), &
-      verb_t("plan", "INPUT", "say how large the result becomes and how long a run takes on many ranks"), &
-      verb_t("integrate", "INPUT", "follow the motion through time as &integration says, write an HDF5 record"), &
-      verb_t("verify", "RESULT", "time integration from the points of a result file and say whether their motions stay"), &
+      verb_t("plan", "INPUT", "estimate the size of the result and the time of a run on many ranks"), &
+      verb_t("integrate", "INPUT", "integrate the motion in time as &integration specifies, write an HDF5 record"), &
+      verb_t("verify", "RESULT", "integrate in time from the points of a result file and report whether the motions agree"), &
       verb_t("keys", "", "the table of input keys, a row each: group | key | type | unit | default | range | meaning; "// &
          "nhbm keys WORD: rows that have the word, such as jenkins"), &
       verb_t("version", "", "version and commit; also --version"), &
-      verb_t("help", "", "this text; nhbm help VERB and nhbm VERB --help tell of one verb")]
+      verb_t("help", "", "this text; nhbm help VERB or nhbm VERB --help: one verb")]
 
    character(*), parameter :: all_verbs = "solve resume info check plan integrate verify"
 
@@ -41,7 +41,7 @@ module command_table
          "file of results; default: name of the input, ending in .h5, in the current folder"), &
       option_t("--overwrite", "", "", "solve integrate", "replace the file of results if there is one"), &
       option_t("--check", "", "", "info", "also compare the results with their checksums"), &
-      option_t("--resume", "", "", "solve", "go on with the result file if there is one; the input must be the same"), &
+      option_t("--resume", "", "", "solve", "continue with the result file if there is one; the input must be the same"), &
       option_t("--retry", "", "", "solve resume", "when going on: also solve again the points that did not converge"), &
       option_t("--time-limit", "", "SECONDS", "solve resume", &
          "end the run then; points that are left are for nhbm resume"), &

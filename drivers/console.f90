@@ -55,6 +55,6 @@ contains
    subroutine finish_output(error)
       type(error_t), allocatable, intent(out) :: error
 
-      if (hb_finish_output() /= 0) call fail(error, "standard output cannot be written (device full?); what was said is lost")
+      if (hb_finish_output() /= 0) call fail(error, "standard output cannot be written (device full?); output is lost")
    end subroutine finish_output
 end module console

@@ -96,7 +96,7 @@ contains
       if (self%has_touched_inputs) then
          verdict = "wrong: it writes to its inputs"
       else if (.not. self%is_repeatable) then
-         verdict = "wrong: the same motion gives other numbers each time"
+         verdict = "wrong: two evaluations of the same motion differ"
       else if (size(self%wrong) > 0) then
          verdict = "wrong: "//join(self%wrong, ", ")
       else if (self%n_skipped == self%n_compared) then

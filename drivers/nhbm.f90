@@ -81,7 +81,7 @@ contains
       if (.not. (allocated(options%verb) .and. allocated(options%input))) return
       if (options%verb /= "solve" .and. options%verb /= "resume") return
       call catch_signals("nhbm: ended by a second signal; nhbm resume "// &
-         printable(options%result_path())//" goes on", incomplete, error)
+         printable(options%result_path())//" continues it", incomplete, error)
    end subroutine expect_signals
 
    !> Says what went wrong, if anything did, and has the program end with this status.
@@ -107,7 +107,7 @@ contains
       else if (verb == "keys") then
          if (rank_of(comm) == 0) call tell_keys()
       else if (verb == "") then
-         call fail(error, "say what to do: nhbm solve input.nml; nhbm --help tells all")
+         call fail(error, "no verb is given, such as nhbm solve input.nml; nhbm --help lists all")
       else if (all(verb_names() /= verb)) then
          closest = trim(closest_word(verb, verb_names()))
          if (len(closest) > 0) closest = " did you mean '"//closest//"'?"

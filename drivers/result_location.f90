@@ -23,7 +23,7 @@ contains
          if (is_same_file(path, options%input)) then
             call fail(error, "result file '"//path//"' is the input file; give another --output")
             if (index(path, ".h5", back=.true.) == max(1, len(path) - 2)) error%message = error%message// &
-               "; if it is a result already: nhbm info says what it holds, nhbm resume goes on with it"
+               "; if it is a result already: nhbm info describes it, nhbm resume continues it"
          end if
          if (.not. allocated(error)) then
             if (is_model_file(path)) call fail(error, "result file '"//path//"' is a model file; give another --output")

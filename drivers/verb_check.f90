@@ -153,7 +153,7 @@ contains
 
       associate (accuracy => model%accuracy)
          if (.not. accuracy%is_on) return
-         call say("accuracy    "//to_text(accuracy%tolerance)//" of the motion that the laws feel; at most "// &
+         call say("accuracy    "//to_text(accuracy%tolerance)//" of the motion at the laws; at most "// &
                   to_text(accuracy%max_harmonics)//" harmonics, "//to_text(accuracy%max_samples)//" samples")
       end associate
    end subroutine describe_accuracy
@@ -198,12 +198,12 @@ contains
       if (n < size(frequencies)) note = "  (the "//to_text(n)//" lowest)"
       if (is_gyroscopic) note = note//"  (without gyroscopic terms)"
       if (size(frequencies) == 0) then
-         call say("natural     frequencies are not known: some part has no mass and nothing that holds it")
+         call say("natural     frequencies are not known: some part has neither mass nor support")
       else if (n > 0) then
          call say("natural     "//list_text(frequencies(:n), 1.0_wp)//" rad/s"//note)
          call say("frequencies "//list_text(frequencies(:n), two_pi)//" Hz")
          if (any(frequencies < 0.0_wp) .and. .not. is_gyroscopic) call say(&
-            "            negative: the structure at rest is not stable, what leaves it grows at this rate")
+            "            negative: the structure at rest is unstable, disturbances grow at this rate")
       end if
    end subroutine describe_frequencies
 

@@ -69,7 +69,7 @@ contains
       if (options%point < 0 .and. allocated(study%plan%curve) .and. study%plan%n_points == study%plan%n_fastest()) return  ! start
       if (options%point < 0 .or. options%point >= study%plan%n_points) then
          call fail(error, "the input has the points 0 to "//to_text(study%plan%n_points - 1)// &
-                   "; time integration follows one of them, say which by --point")
+                   "; time integration takes one of them, give its number by --point")
          return
       end if
       document = study%document

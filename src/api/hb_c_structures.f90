@@ -48,7 +48,7 @@ contains
       integer(c_int) :: code
 
       if (.not. c_associated(self%fill)) then
-         call fail(error, "nobody gives the structure '"//name//"'; nhbm_structures of nhbm.h says who is asked")
+         call fail(error, "no callback provides the structure '"//name//"'; nhbm_structures of nhbm.h sets one")
          return
       end if
       file = name//c_null_char

@@ -150,7 +150,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (number < 1 .or. number > size(self%parameters)) then
-         call fail(error, "no parameter has this handle, those that were looked up have")
+         call fail(error, "no parameter has this handle; a path that is looked up returns one")
          return
       end if
       associate (parameter => self%parameters(number))

@@ -77,7 +77,7 @@ contains
          point = crossing
          call self%try_motion(point, is_found)
          self%is_left = is_found
-         if (is_found) self%message = "driven beyond this limit cycle and damped below: motion near it leaves it"
+         if (is_found) self%message = "driven beyond this limit cycle and damped below: it repels motions nearby"
          if (is_found) return
       end if
       if (i <= most_steps .and. curve%status == outcome%pending) then
@@ -92,7 +92,7 @@ contains
          return
       end if
       self%report%status = outcome%stalled
-      self%message = "lost on the way to the motion, at amplitude "//to_text(point%amplitude(1))//" and damping xi/omega "// &
+      self%message = "continuation to the motion failed at amplitude "//to_text(point%amplitude(1))//" and damping xi/omega "// &
                      to_text(point%xi(1)/point%omega(1))
    end subroutine follow_curve
 

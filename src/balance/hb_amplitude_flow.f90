@@ -105,7 +105,7 @@ contains
          if (maxval(growth) < shortest_growth) exit
       end do
       self%report%status = outcome%stalled
-      self%message = "lost on the way to the motion, at amplitude "//to_text(maxval(now%amplitude))//" and damping xi/omega "// &
+      self%message = "continuation to the motion failed at amplitude "//to_text(maxval(now%amplitude))//" and damping xi/omega "// &
                      to_text(maxval(abs(self%damping(now))))
    end subroutine follow
 

@@ -184,9 +184,9 @@ contains
       end if
       search%report%status = outcome%stalled
       if (allocated(goal%energy)) then
-         search%message = "the way from the linear mode ended at an energy of "//to_text(reached**2*goal%value)
+         search%message = "continuation from the linear mode ended at an energy of "//to_text(reached**2*goal%value)
       else
-         search%message = "the way from the linear mode ended at amplitude "//to_text(reached*goal%value)
+         search%message = "continuation from the linear mode ended at amplitude "//to_text(reached*goal%value)
       end if
       if (allocated(point%u)) u = point%u
    end subroutine continue_from_mode

@@ -106,7 +106,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (size(kept) == 0) then
-         call fail(error, "the set of harmonics has none of the tuples asked for")
+         call fail(error, "the set of harmonics has none of the requested tuples")
          return
       end if
       self%n_tones = set%n_tones

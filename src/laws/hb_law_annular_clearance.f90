@@ -80,7 +80,8 @@ contains
          call group%get("rotor_speed", speed)
          call group%get("slip_velocity", slip_velocity)
          if (slip_velocity > 0.0_wp) call set_sliding(self, radius*speed, slip_velocity)
-         if (group%given("spin")) call group%problem("spin", "not beside 'rotor_radius': the sign of 'rotor_speed' tells the sense")
+         if (group%given("spin")) call group%problem("spin", "not beside 'rotor_radius': the sign of 'rotor_speed' gives "// &
+                                                     "the direction")
       else
          call group%choose("spin", spin)
          if (group%given("rotor_speed")) call group%problem("rotor_speed", "needs 'rotor_radius' and 'slip_velocity'")

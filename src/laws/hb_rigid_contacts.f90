@@ -73,8 +73,8 @@ contains
       k = findloc(reach >= maxval(reach) - dependent, .true., dim=1)
       turn = self%plane(:, k)/reach(k)
       self%plane = matmul(reshape([turn(1), -turn(2), turn(2), turn(1)], [2, 2]), self%plane)
-      if (sqrt(maxval(sum(left**2, dim=2))) > dependent*largest) failure = "rigid contacts may feel two independent "// &
-         "combinations of 'dofs', and these feel more (blades with different 'shares' do)"
+      if (sqrt(maxval(sum(left**2, dim=2))) > dependent*largest) failure = "rigid contacts may depend on two independent "// &
+         "combinations of 'dofs', and these depend on more (blades with different 'shares' do)"
    end subroutine find_plane
 
    !> Takes eps unless the user gave it.

@@ -116,8 +116,8 @@ contains
          if (any(report%status == [outcome%diverged, outcome%not_finite])) &
             call add(text, "smaller loads first: a sweep from there with first_guess = 'neighbour'")
          if (size_of_attempts(report) == 1 .and. report%status /= outcome%timed_out) &
-            call add(text, "&solver fallback = .true. tries other ways")
-         if (is_out_of_work(report)) call add(text, "a fallback met its budget: raise &solver fallback_work")
+            call add(text, "&solver fallback = .true. tries other methods")
+         if (is_out_of_work(report)) call add(text, "a fallback exhausted its budget: raise &solver fallback_work")
          if (len(text) == 0 .or. report%status == outcome%stalled) &
             call add(text, "another first guess (of several motions one): "//trim(guesses(c)))
       end associate

@@ -49,7 +49,7 @@ contains
          else if (any(omega <= 0.0_wp .and. .not. is_unknown)) then
             key = trim(merge("hertz    ", "frequency", group%given("hertz")))
             call group%problem(key, key//"("//to_text(findloc(omega <= 0.0_wp .and. .not. is_unknown, .true., dim=1))// &
-                               ") = 0.0 must be above 0.0; only for an unknown tone 0 says that there is no first guess")
+                               ") = 0.0 must be above 0.0; only for an unknown tone 0 means that there is no first guess")
          end if
       end if
       call group%get("subharmonic", subharmonic)

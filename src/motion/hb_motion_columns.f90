@@ -109,7 +109,7 @@ contains
          m%is_integrated_first))
       call t%real("frequency", "rad/s", "tone", "base frequencies", m%frequency)
       call t%real("artificial_damping", "1/s", "tone", &
-         "xi of a normal mode: the forces -xi M dx/dt that keep up its amplitude", m%artificial_damping)
+         "xi of a normal mode: the forces -xi M dx/dt that maintain its amplitude", m%artificial_damping)
    end subroutine outcome_columns
 
    !> With `&accuracy`; the last column where it names outputs.
@@ -191,7 +191,7 @@ contains
          call t%integer("combination", "1", "tone", "integers k of combination_frequency", found%combination)
       end associate
       call t%integer("is_near_commensurate", "1", "", "1 where combination_frequency is below the threshold: "// &
-         "the tones are hard to tell from commensurate ones", merge(1, 0, m%is_near_commensurate))
+         "the tones are nearly commensurate", merge(1, 0, m%is_near_commensurate))
       t%is_known = .true.
    end subroutine certificate_columns
 
@@ -210,7 +210,7 @@ contains
             im = padded(aimag(found%multipliers), n)
          end if
          call t%integer("is_stable", "1", "", &
-            "1 where small disturbances of the motion die out, -1 where one grows, 0 where that is not known", found%verdict)
+            "1 where small disturbances of the motion decay, -1 where one grows, 0 where that is not known", found%verdict)
          call t%integer("n_unstable", "1", "", "disturbances that grow", found%n_unstable)
          call t%integer("stability_method", "1", "", "how stability was found", found%method, stability_method_names)
          t%is_known = allocated(exponents)
@@ -245,12 +245,12 @@ contains
       call t%integer("curve_branch", "1", "", &
          "number of the branch point from which this part of the curve was followed, from 1; 0: from its start", place%branch)
       call t%real("curve_length", "1", "", "length of the curve from its start, "// &
-         "in units of the range and of the largest motion; negative on the other way", place%length)
+         "in units of the range and of the largest motion; negative in the other direction", place%length)
       call t%integer("curve_response", "1", "", "number of the response in 'peak_of' that has its peak there; 0: no peak", &
          place%response)
       call t%integer("curve_n_unknowns", "1", "", "number of unknowns of the curve in use", n)
       call t%real("curve_unknowns", "1", "curve_unknown", "unknowns of the curve, the value last", place%unknowns)
-      call t%real("curve_direction", "1", "curve_unknown", "tangent of the curve, where something goes on from the point", &
+      call t%real("curve_direction", "1", "curve_unknown", "tangent of the curve, where it continues from the point", &
          place%direction)
       call t%real("curve_step", "1", "", "length of the next step; 0 but at the end of a step", place%step)
       call t%real("curve_orientation", "1", "", &

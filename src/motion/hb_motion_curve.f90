@@ -570,7 +570,7 @@ contains
             text = "the motion of an unknown tone died out next to the value "//to_text(value)
             return
          end if
-         text = "no way on along the curve from the value "//to_text(value)//" after the length "//to_text(self%length)
+         text = "the curve cannot be continued from the value "//to_text(value)//" after the length "//to_text(self%length)
          if (.not. allocated(self%problem%error_text)) return
          if (abs(self%problem%refused - value) <= at_end*unit) text = trim(text)//": "//self%problem%error_text  ! else it is no reason
       end associate

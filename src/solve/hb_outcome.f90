@@ -46,9 +46,9 @@ module hb_outcome
       "not solved yet", &
       "converged", &
       "stalled: no step makes the residual smaller", &
-      "out of budget: the limit was met before the tolerance", &
+      "out of budget: the limit was reached before the tolerance", &
       "singular: the linear system of a step has no unique solution", &
-      "not finite: the residual is NaN or infinite where it was tried", &
+      "not finite: the residual is NaN or infinite where evaluated", &
       "failed: see the message of the point", &
       "truncated: solved, but the harmonics left out matter", &
       "aliased: solved, but the samples are too few", &
@@ -56,7 +56,7 @@ module hb_outcome
       "collapsed: an unknown tone died out, the motion has fewer tones", &
       "no motion: no self-excited motion was found", &
       "crashed: the process ended while this point was solved", &
-      "diverged: the steps run away from the size of the problem", &
+      "diverged: the steps exceed the size of the problem", &
       "locked: the tones are multiples of one, the motion has one tone", &
       "timed out: the point has used its limit of processor time", &
       "impact: solved, but a wall is struck: a law of impact is missing", &

@@ -171,7 +171,7 @@ contains
       case (finding%ends)
          text = "another branch of motions than at the point before, whose branch ends near "//place
       case (finding%goes_on)
-         text = "another branch of motions than at the point before, whose branch goes on here with another motion"
+         text = "another branch of motions than at the point before, whose branch continues here with another motion"
       case default
          return
       end select

@@ -84,7 +84,7 @@ contains
          end if
          if (group%given("over_from") .and. group%given("over_to")) then
             if (.not. abs(self%over_to - self%over_from) > 0.0_wp) &
-               call group%problem("over_to", "is the same as 'over_from': there is no way to go")
+               call group%problem("over_to", "is the same as 'over_from': the range is empty")
          end if
       end if
       self%origin = ""
@@ -93,7 +93,7 @@ contains
       allocate (self%torus_order(0))
       call group%get("torus_order", self%torus_order, n=2)
       if (group%given("from") .and. group%given("to")) then
-         if (.not. abs(self%to - self%from) > 0.0_wp) call group%problem("to", "is the same as 'from': there is no way to go")
+         if (.not. abs(self%to - self%from) > 0.0_wp) call group%problem("to", "is the same as 'from': the range is empty")
          if ((self%start - self%from)*(self%start - self%to) > 0.0_wp) &
             call group%problem("start", "must lie between 'from' and 'to'")
          call check_values("values", self%values)

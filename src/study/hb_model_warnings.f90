@@ -130,7 +130,7 @@ contains
       frequency = abs(dot_product(k, tones%omega))
       text = "tones "//list_of(tones%omega)//" rad/s: their combination "//tuple_text(k)//" has the frequency "
       if (frequency > rounding*maxval(tones%omega)) then
-         text = text//to_text(frequency)//" rad/s; such tones are hard to tell from commensurate ones"
+         text = text//to_text(frequency)//" rad/s; such tones are nearly commensurate"
       else
          text = text//"0; "//model_of_fewer(tones%omega, k)
       end if

@@ -112,7 +112,7 @@ contains
                 shell_word(run%names%result)//" --retry"
       case (outcome%time_domain)
          text = "nhbm verify "//shell_word(run%names%result)//" --points "//to_text(run%kind%first - 1)// &
-                "  (does the motion stay?)"
+                "  (is the motion stable?)"
       end select
    end function look_into
 
@@ -126,7 +126,7 @@ contains
       logical :: fallbacks
 
       text = ""
-      if (index(run%kind%message, "no way on along the curve") == 1) then
+      if (index(run%kind%message, "the curve cannot be continued") == 1) then
          text = with_finer_equations(run)
       else if (index(run%kind%message, raise) > 0) then
          text = raised(run, run%kind%message(index(run%kind%message, raise) + len(raise):))

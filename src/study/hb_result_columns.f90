@@ -88,14 +88,14 @@ contains
          "piece of the response along the fastest swept parameter, from 1; 0 where that is not known", &
          merge(left_branch, 0, m%leaves_branch))
       t%is_known = .false.
-      call t%integer("integration_verdict", "1", "", "what time integration from the point says of it", 0, verdict_names)
+      call t%integer("integration_verdict", "1", "", "verdict of time integration from the point", 0, verdict_names)
       call t%real("integration_first_difference", "1", "", &
          "largest difference to time integration in the first period of the slowest tone, "// &
          "relative to the motion of its coordinate", none)
       call t%real("integration_difference", "1", "", "difference to time integration in the last periods, "// &
          "of the coordinate worst for its limit, relative to its motion", none)
       call t%real("integration_limit", "1", "", "limit of that difference", none)
-      call t%real("integration_growth", "1/s", "", "rate at which a time integration close to the motion leaves it", none)
+      call t%real("integration_growth", "1/s", "", "rate at which time integration close to the motion diverges from it", none)
       call t%real("integration_duration", "s", "", "how long was integrated", none)
       call t%real("integration_drift", "rad/s", "tone", &
          "difference of the integrated frequency to that of the motion, 0 where given", [none])

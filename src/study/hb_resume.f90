@@ -88,10 +88,10 @@ contains
             new_line("a")//differences)
       else if (len(self%libraries) > 0 .and. len(record%input_libraries) == 0 .and. .not. retries) then
          call fail(error, "result file '"//path//"' does not say which model and libraries of laws it was made with; "// &
-            "--retry goes on with those of now, if they are the same"//new_line("a")//self%libraries)
+            "--retry continues with the present ones, if they are the same"//new_line("a")//self%libraries)
       else if (self%libraries /= record%input_libraries .and. .not. retries) then
          call fail(error, "result file '"//path//"' was made with another model or other libraries of laws; give the same or "// &
-            "another --output, or --retry to go on with these"//new_line("a")//"now:"//new_line("a")// &
+            "another --output, or --retry to continue with these"//new_line("a")//"now:"//new_line("a")// &
             self%libraries//new_line("a")//"in the file:"//new_line("a")//record%input_libraries)
       else if (.not. has_same_tuples .or. n_points /= record%n_points) then
          call fail(error, "result file '"//path//"' has other points or harmonics than the input gives in this version "// &

@@ -120,7 +120,7 @@ contains
          call read_truncation(truncation, document, model%tones%n_tones, error)
          if (allocated(error)) return
          if (.not. allocated(truncation%order)) then
-            call fail(error, "&harmonics set = 'list' says nothing of the other motions; use a box or a diamond")
+            call fail(error, "&harmonics set = 'list' does not define the other motions; use a box or a diamond")
          else if (is_torus .and. size(plan%curve%torus_order) == 2) then
             call add("harmonics%order", as_list(plan%curve%torus_order))
             call add("harmonics%set", "'box'")

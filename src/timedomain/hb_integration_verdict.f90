@@ -42,7 +42,7 @@ contains
 
       select case (kind)
       case (verdict%agrees); text = "agrees with time integration"
-      case (verdict%unstable); text = "unstable: time integration leaves the motion"
+      case (verdict%unstable); text = "unstable: time integration diverges from the motion"
       case (verdict%differs); text = "differs from time integration by more than the estimated error allows"
       case (verdict%undecided); text = "undecided: disturbances neither decayed nor grew in this time; try more --periods"
       case default; text = "not verified"

@@ -280,7 +280,7 @@ def test_progress_counts_points_and_not_the_room_for_them(tmp_path):
     ("keys", "says"),
     [
         ("parameter = 'tones%frequency', from = 0.5", "'to'"),
-        ("parameter = 'tones%frequency', from = 0.5, to = 0.5", "there is no way to go"),
+        ("parameter = 'tones%frequency', from = 0.5, to = 0.5", "the range is empty"),
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, start = 2.0", "must lie between 'from' and 'to'"),
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, values = 1.0, 1.6", "1.6 does not"),
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, others = 1.0, 1.6", "1.6 does not"),

@@ -523,7 +523,7 @@ def test_a_file_that_does_not_tell_its_model_says_what_to_do(net):
     with h5py.File(net / "older.h5", "r+") as file:
         file["input_libraries"][()] = ""
     done = run("resume", "older.h5", cwd=net)
-    assert done.status == BAD_INPUT and "does not say which model" in done.stderr and "--retry goes on" in done.stderr
+    assert done.status == BAD_INPUT and "does not say which model" in done.stderr and "--retry continues" in done.stderr
     assert run("resume", "older.h5", "--retry", "--quiet", cwd=net).status == ALL_CONVERGED
 
 

@@ -243,7 +243,7 @@ def test_signals_during_check_are_told(place, ending, tmp_path):
     "parts, says",
     [
         ({"force": "NAN"}, "not known: no sample could be compared"),
-        ({"force": "z[i] + 1e-3 * rand() / RAND_MAX"}, "wrong: the same motion gives other numbers each time"),
+        ({"force": "z[i] + 1e-3 * rand() / RAND_MAX"}, "wrong: two evaluations of the same motion differ"),
         ({"body": "return 0;"}, "not known: no sample could be compared"),
         ({"body": "((double *)z)[0] = 1.0;"}, "wrong: it writes to its inputs"),
     ],
