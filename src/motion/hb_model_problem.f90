@@ -160,22 +160,36 @@ contains
       real(wp), intent(in), contiguous :: x(:)
       real(wp), parameter :: nearby = 16.0_wp*epsilon(1.0_wp)         ! relative
       real(wp), dimension(size(x)) :: here, there
-      real(wp) :: omega(size(self%omega))
-      integer :: i, k
+      real(wp) :: omega(size(self%omega)), value
+      integer :: k
       logical :: is_possible
 
       change = 0.0_wp
-      if (self%model%structure%n_dofs <= self%n_dofs) return  ! nothing is condensed
-      if (self%group /= "tones" .and. .not. any(self%model%tones%is_unknown)) return
+      if (self%model%structure%n_dofs <= self%n_dofs) return          ! nothing is condensed
+      if (.not. (any(self%group == [character(len(several)) :: "tones", several]) .or. any(self%model%tones%is_unknown))) return
       omega = self%omega
+      value = self%value
       call self%residual(x, here)
       do k = -1, 1, 2
-         call self%balance_t%set_parameters([(i, i=1, size(omega))], (1.0_wp + k*nearby)*omega, is_possible)
+         call go(1.0_wp + k*nearby)
          if (.not. is_possible) exit
          call self%residual(x, there)
          change = max(change, self%norm(there - here))
       end do
-      call self%balance_t%set_parameters([(i, i=1, size(omega))], omega, is_possible)
+      call go(1.0_wp)
+
+   contains
+
+      subroutine go(factor)
+         real(wp), intent(in) :: factor
+         integer :: i
+
+         if (self%group == several) then
+            call move_to(self, factor*value, is_possible)
+         else
+            call self%balance_t%set_parameters([(i, i=1, size(omega))], factor*omega, is_possible)
+         end if
+      end subroutine go
    end function model_problem_roughness
 
    !> Brings model and balance to a value; `error` tells why that is not possible.
