@@ -306,6 +306,45 @@ def test_structures_come_from_memory_and_from_files(tmp_path):
         Model(tmp_path / "nowhere.h5", tones=[1.0]).solve()
 
 
+def dual_rotor():
+    """Two shafts with speeds of their own, a bearing with clearance between them and a casing that the first disk may rub."""
+    rotor = nhbm.Rotor()
+    rotor.shaft(np.linspace(0, 1.6, 11), 0.06, name="low")
+    rotor.shaft(np.linspace(0.5, 1.2, 8), 0.12, 0.09, name="high", speed=2)
+    rotor.disk(0.16, 8.0, 0.1, 0.2, shaft="low")
+    rotor.disk(0.7, 7.0, 0.08, 0.15, shaft="high")
+    rotor.bearing(0.0, 2e7, 800.0, shaft="low")
+    rotor.bearing(1.6, 2e7, 800.0, shaft="low")
+    rotor.bearing(0.5, 3e7, 800.0, shaft="high")
+    rotor.between(1.2, "low", "high", 1e5, 200.0)
+    rotor.unbalance(0.16, 1e-4, shaft="low")
+    rotor.unbalance(0.7, 8e-5, shaft="high")
+    model = Model(rotor.structure(), tones=[60.0, 71.5], harmonics={"order": 3})
+    model.set("structure", speed=[60.0, 71.5], damping_stiffness=1e-5)
+    for i, shaft in enumerate(("low", "high")):
+        model.tie(f"structure%speed({i + 1})", f"tones%frequency({i + 1})")
+        model.load(vector=f"unbalance_{shaft}_cos", tuple_=np.eye(2)[i], cos=1.0, frequency_power=2)
+        model.load(vector=f"unbalance_{shaft}_sin", tuple_=np.eye(2)[i], sin=1.0, frequency_power=2)
+    model.law("annular_clearance", ["inner1.x", "inner1.y", "outer1.x", "outer1.y"], label="bearing", stiffness=2e7, clearance=1e-5)
+    return model
+
+
+def test_rotors_turn_with_their_tones():
+    """A curve over the speed of the first shaft, the second one in its ratio: its points are those of models at these speeds."""
+    model = dual_rotor()
+    curve = model.curve("tones%frequency(1)", 60.0, 61.0, tie="ratio")
+    assert (curve["status"] == 1).all() and curve.sizes["point"] >= 3
+    at = curve.isel(point=-1)
+    speeds = at["frequency"].values
+    assert speeds[1] / speeds[0] == pytest.approx(71.5 / 60.0, rel=1e-12)
+    for i in range(2):
+        model[f"tones%frequency({i + 1})"] = speeds[i]
+    point = model.solve()
+    assert np.allclose(point["coefficients"], at["coefficients"], rtol=1e-7, atol=1e-7 * float(abs(at["coefficients"]).max()))
+    with pytest.raises(ModelError, match="follows 'tones%frequency'"):
+        model.curve("structure%speed(1)", 60.0, 66.0)
+
+
 def cubic(q):
     return 0.5 * q**3
 
