@@ -467,7 +467,12 @@ contains
       integer :: h, i
 
       do h = 1, harmonics%n_harmonics
-         is_high(harmonics%cos_at(h)) = any(abs(harmonics%tuples(:, h)) > ceiling(half*harmonics%highest))
+         select type (problem)
+         class is (bordered_problem_t)
+            is_high(harmonics%cos_at(h)) = sum(abs(harmonics%tuples(:, h))) > int(half*maxval(sum(abs(harmonics%tuples), dim=1)))
+         class default                                                ! as its smaller problem has it
+            is_high(harmonics%cos_at(h)) = any(abs(harmonics%tuples(:, h)) > ceiling(half*harmonics%highest))
+         end select
          if (harmonics%sin_at(h) > 0) is_high(harmonics%sin_at(h)) = is_high(harmonics%cos_at(h))
       end do
       if (.not. any(is_high)) return
