@@ -18,7 +18,7 @@ module arguments
       integer :: point = -1                                           !! number of a point of the sweep, from 0; -1: not given
       integer :: n_periods = 0                                        !! 0: not given
       logical :: overwrite = .false.
-      logical :: resumes = .false.                                    !! goes on with an existing result file
+      logical :: resumes = .false.                                    !! continues with an existing result file
       logical :: retries = .false.                                    !! points that did not converge, too
       real(wp) :: time_limit = huge(1.0_wp)                           !! [s]
       integer :: level = log_level%normal                             !! how much to tell
@@ -240,7 +240,7 @@ contains
    end subroutine refuse_others
 
    !> Where the result goes: --output, or the name of the input without its folder, ending in .h5, in the current folder;
-   !> resume goes on in the file that it is given.
+   !> resume continues in the file that it is given.
    pure function arguments_result_path(self) result(path)
       class(arguments_t), intent(in) :: self
       character(:), allocatable :: path

@@ -25,7 +25,7 @@ module law_check
       integer :: n_skipped = 0                                        !! of these, near a kink or without a finite force
       type(string_t), allocatable :: wrong(:)                         !! derivatives that are wrong, such as df/dz
       logical :: is_repeatable = .true.                               !! the same samples give the same forces and derivatives
-      logical :: has_touched_inputs = .false.                         !! by code of the user's own
+      logical :: has_touched_inputs = .false.                         !! by code of the user
    contains
       procedure :: is_sound => derivative_check_is_sound
       procedure :: verdict => derivative_check_verdict
@@ -261,7 +261,7 @@ contains
       end do
    end function largest
 
-   !> Forces of all samples and, when asked for, their derivatives; sample by sample where a law cannot do all at once, so
+   !> Forces of all samples and, when requested, their derivatives; sample by sample where a law cannot do all at once, so
    !> that only those are lost that it cannot do.
    subroutine evaluate(law, samples, f, slopes)
       class(law_t), intent(in) :: law

@@ -84,7 +84,7 @@ contains
          printable(options%result_path())//" continues it", incomplete, error)
    end subroutine expect_signals
 
-   !> Says what went wrong, if anything did, and has the program end with this status.
+   !> Describes what went wrong, if anything did, and has the program end with this status.
    subroutine report_error(status_of_error)
       integer, intent(in) :: status_of_error
 

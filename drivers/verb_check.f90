@@ -147,7 +147,7 @@ contains
       end associate
    end subroutine describe
 
-   !> Says how accurate motions are to be, and what may be spent on it.
+   !> Describes how accurate motions are to be, and what may be spent on it.
    subroutine describe_accuracy(model)
       type(model_t), intent(in) :: model
 
@@ -222,7 +222,7 @@ contains
       end do
    end function list_text
 
-   !> Says how many unknowns are left where the motion is sought among odd ones.
+   !> Describes how many unknowns are left where the motion is sought among odd ones.
    subroutine describe_symmetry(model, n_coordinates)
       type(model_t), intent(in) :: model
       integer, intent(in) :: n_coordinates
@@ -234,7 +234,7 @@ contains
       if (is_odd) call say("symmetry    odd motions, "//to_text(basis%harmonics%n_coefficients*n_coordinates)//" unknowns")
    end subroutine describe_symmetry
 
-   !> Says what the memory of a point is estimated at, and what takes most of it.
+   !> Describes what the memory of a point is estimated at, and what takes most of it.
    subroutine describe_memory(model)
       type(model_t), intent(in) :: model
       type(memory_estimate_t) :: bytes

@@ -1,4 +1,4 @@
-!> `nhbm solve`: solves all points of an input and writes the result file. `nhbm resume`: goes on with one.
+!> `nhbm solve`: solves all points of an input and writes the result file. `nhbm resume`: continues with one.
 module verb_solve
    use arguments, only: arguments_t
    use console, only: complain, say

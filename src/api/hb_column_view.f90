@@ -63,7 +63,7 @@ contains
       if (len(name) > 0 .and. .not. self%is_found) call fail(error, "there is no column '"//name//"'; known: "//self%names)
    end subroutine column_view_look_up
 
-   !> Whether a column is the one that is asked for.
+   !> Whether a column is the one that is requested.
    logical function is_asked(self, name, units, axes)
       class(column_view_t), intent(inout) :: self
       character(*), intent(in) :: name, units, axes

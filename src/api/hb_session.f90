@@ -188,7 +188,7 @@ contains
       type(level_t) :: before, level
       real(wp), allocatable :: start(:), unknowns(:)
       real(wp) :: started
-      real(wp), parameter :: here = 0.0_wp                            ! neighbours are not told apart by a value
+      real(wp), parameter :: here = 0.0_wp                            ! neighbours are not distinguished by a value
 
       started = wall_clock()
       call self%update(error)

@@ -1,4 +1,4 @@
-!> Search of a torus for several unknown tones: amplitudes follow the artificial damping, as the motion would grow or die out
+!> Search of a torus for several unknown tones: amplitudes follow the artificial damping, as the motion would grow or decay
 !> in time with the fast oscillation taken out. Where the base motion is stable a scan of amplitudes looks for driving first.
 !> Source: docs/why/theory.md, section 6.5.
 module hb_amplitude_flow

@@ -29,7 +29,7 @@ module hb_balance
    private
    public :: balance_t, new_balance
 
-   integer, parameter :: fewest_to_continue_in_order = 100            ! unknowns from where fewer harmonics pay as the first way
+   integer, parameter :: fewest_to_continue_in_order = 100 ! unknowns from where fewer harmonics pay as the primary method
 
    !> Owner of outside resources: call `destroy`.
    type, extends(problem_t) :: balance_t
@@ -468,7 +468,7 @@ contains
          call self%dense_tangent%assemble(self%stiffness, self%law_set, self%frequencies, jacobian, error)
       end if
       if (.not. allocated(error)) return
-      jacobian = 0.0_wp                                               ! singular: no solver goes on
+      jacobian = 0.0_wp                                               ! singular: no solver continues
       call move_alloc(error, self%failure)
    end subroutine balance_tangent_of
 

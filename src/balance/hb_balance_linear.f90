@@ -4,7 +4,7 @@ submodule (hb_balance) hb_balance_linear
 
 contains
 
-   !> Tells law i what it feels at its first coordinate: the stiffness 1/|w.S^-1 w| in the first harmonic in which the
+   !> Reports law i what it feels at its first coordinate: the stiffness 1/|w.S^-1 w| in the first harmonic in which the
    !> structure is not free to move (the static one, unless the set has no zero tuple or the structure no support), and the
    !> impedance, this stiffness over |j.omega| in the fastest harmonic.
    module procedure prepare_law

@@ -40,7 +40,7 @@ contains
       type(amplitudes_t), intent(in) :: loads                         !! [N]
       type(linear_part_t), allocatable, intent(out) :: linear
       type(error_t), allocatable, intent(out) :: error
-      logical, intent(in), optional :: of_interior                    !! the motion of all degrees of freedom is asked for; default
+      logical, intent(in), optional :: of_interior                    !! the motion of all degrees of freedom is requested; default
                                                                       !! true
       type(wanted_slopes_t) :: wanted
 

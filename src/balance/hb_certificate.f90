@@ -60,18 +60,18 @@ module hb_certificate
       real(wp) :: combination_frequency = 0.0_wp                      !! smallest |k.omega| of low order [rad/s]
       integer, allocatable :: combination(:)                          !! its k, (n_tones)
       type(harmonics_t) :: wider                                      !! the set of the improved motion
-      type(harmonics_t) :: around                                     !! the wider set in which the motion was looked at
+      type(harmonics_t) :: around                                     !! the wider set in which the motion was examined
       real(wp), allocatable :: neglected(:)                           !! first-order answer of each of its tuples that is not kept,
                                                                       !! relative to the motion; not allocated where not known
       real(wp), allocatable :: first_order(:, :)                      !! motion with its first-order errors taken out [m],
                                                                       !! (n_coefficients of `around`, n_dofs of the balance)
       real(wp), allocatable :: improved(:, :)                         !! motion in the wider set [m], (n_coefficients, n_law_dofs);
-                                                                      !! not allocated where it was not asked for
+                                                                      !! not allocated where it was not requested
       integer :: n_products = 0                                       !! with the tangent of the wider set; 0: steps in blocks do
       logical, private :: keeps_refined = .false.                     ! of several tones, too
       real(wp), private :: accuracy = accuracy_of_estimates           ! of solutions from products
       complex(wp), allocatable :: refined(:, :)                       !! motion with its first-order errors taken out [m], (all
-                                                                      !! dofs, tuples of `around`); of several tones if asked for
+                                                                      !! dofs, tuples of `around`); of several tones if requested
    end type certificate_t
 
 contains
@@ -91,7 +91,7 @@ contains
       class(bordered_problem_t), intent(inout), optional :: curve     !! on this balance, of which the motion is a point: errors
                                                                       !! along its last form, and along a null vector where
                                                                       !! another one crosses, count for nothing
-      logical, intent(in), optional :: keeps_refined                  !! `refined` is asked for of several tones, too
+      logical, intent(in), optional :: keeps_refined                  !! `refined` is requested of several tones, too
       complex(wp), allocatable :: c(:, :)
       type(balance_t) :: wide
       type(harmonics_t) :: set

@@ -117,7 +117,7 @@ contains
       call continue_from_mode(search, goal, u)
    end subroutine find
 
-   !> Follows the motions with artificial damping from a small one in the linear mode, until one has what is asked for.
+   !> Follows the motions with artificial damping from a small one in the linear mode, until one has what is requested.
    subroutine continue_from_mode(search, goal, u)
       type(search_t), intent(inout) :: search
       type(goal_t), intent(in) :: goal
@@ -191,7 +191,7 @@ contains
       if (allocated(point%u)) u = point%u
    end subroutine continue_from_mode
 
-   !> How far a motion is beyond what is asked for, as a share of the amplitude; 0 at the goal.
+   !> How far a motion is beyond what is requested, as a share of the amplitude; 0 at the goal.
    real(wp) function goal_event_value(self, curve, x) result(value)
       class(goal_event_t), intent(inout) :: self
       class(curve_t), intent(inout) :: curve

@@ -1,4 +1,4 @@
-!> The balance with unknown base frequencies: x = (u, omega of the unknown tones, and where asked for, artificial damping).
+!> The balance with unknown base frequencies: x = (u, omega of the unknown tones, and where requested, artificial damping).
 !>
 !> Each further unknown brings one equation, a linear functional of the coefficients u with a given value: phase conditions,
 !> which pick one of the motions that differ by a shift of an unknown phase alone, and amplitudes. The last one may be an energy

@@ -156,8 +156,8 @@ contains
    subroutine sampled_law_listen(self, with_derivatives, error_text, is_given_up)
       class(sampled_law_t), intent(in) :: self
       logical, intent(in) :: with_derivatives
-      character(:), allocatable, intent(inout) :: error_text          !! the first one stays, unless this law cannot go on
-      logical, intent(inout) :: is_given_up                           !! true where the law cannot go on
+      character(:), allocatable, intent(inout) :: error_text          !! the first one stays, unless this law cannot continue
+      logical, intent(inout) :: is_given_up                           !! true where the law cannot continue
       character(:), allocatable :: text
       logical :: is_fatal, is_finite
       integer :: k

@@ -31,7 +31,7 @@ module hb_sampled_laws
       type(characteristic_t) :: characteristic                        !! steps along time, for laws with memory
       type(law_box_t), allocatable :: laws(:)
       character(:), allocatable :: error_text                         !! why a law had no finite force so far
-      logical :: is_given_up = .false.                                !! a law cannot go on: all forces are NaN from then on
+      logical :: is_given_up = .false.                                !! a law cannot continue: all forces are NaN from then on
       type(law_samples_t) :: samples                                  !! of the motion
       type(law_samples_t) :: along                                    !! of a direction, made at their first use
       type(law_jacobian_t) :: jacobian                                !! derivatives at the same sample, after `differentiate`

@@ -116,7 +116,7 @@ contains
       self%full_stick = largest_move <= rounding
    end subroutine slider_states_integration
 
-   !> States of the first slice after loading from rest straight to its motion; their derivatives if asked for.
+   !> States of the first slice after loading from rest straight to its motion; their derivatives if requested.
    subroutine slider_states_load_from_rest(self, law, with_derivatives)
       class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law

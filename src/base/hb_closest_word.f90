@@ -7,7 +7,7 @@ module hb_closest_word
    private
    public :: closest_word
 
-   integer, parameter :: max_word = 63                      !! longest word that is looked at
+   integer, parameter :: max_word = 63                      !! longest word that is examined
 
    !> The known word that was probably meant by `word`, ignoring case; empty when none is close.
    interface closest_word

@@ -106,7 +106,7 @@ contains
       group => self%groups%holders(self%groups%n)%group
    end function document_add
 
-   !> Begins another reading: a group that is opened in it has not been asked for anything yet.
+   !> Begins another reading: a group that is opened in it has not been requested anything yet.
    pure subroutine document_begin(self)
       class(document_t), intent(inout) :: self
 

@@ -314,7 +314,7 @@ contains
       integer, intent(in) :: extents(:)                     !! as for `pick`
       real(wp), allocatable, intent(inout) :: numbers(:)    !! row by row; not allocated: no default
       logical, intent(in), optional :: required
-      integer, intent(out), optional :: i                   !! position among what was asked for
+      integer, intent(out), optional :: i                   !! position among what was requested
       real(wp), allocatable :: found(:)
       integer, allocatable :: order(:)
       integer :: i_asked, i_key, k
@@ -374,7 +374,7 @@ contains
       integer, intent(in) :: extents(:)                     !! as for `pick`
       type(string_t), allocatable, intent(inout) :: words(:)
       logical, intent(in), optional :: required
-      integer, intent(out), optional :: i_asked             !! position among what was asked for
+      integer, intent(out), optional :: i_asked             !! position among what was requested
       type(string_t), allocatable :: found(:)
       character(:), allocatable :: problem
       integer, allocatable :: order(:)
@@ -436,7 +436,7 @@ contains
       problem = "is not known;"//problem//" known: "//join(rule%choices, ", ")
    end subroutine take_word
 
-   !> Asks for a key; `order` tells its values, and is not allocated when there are none or they are too few or too many.
+   !> Requests a key; `order` tells its values, and is not allocated when there are none or they are too few or too many.
    pure subroutine find(self, key, kind, extents, required, i_asked, i_key, order)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key

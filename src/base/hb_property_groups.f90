@@ -14,7 +14,7 @@ module hb_property_groups
       type(properties_t), allocatable :: group
    end type holder_t
 
-   !> The list; `append` as often as needed, then `sort` before groups are asked for by name.
+   !> The list; `append` as often as needed, then `sort` before groups are requested by name.
    type :: groups_t
       integer :: n = 0
       type(holder_t), allocatable :: holders(:)             !! (capacity), file order, then added ones

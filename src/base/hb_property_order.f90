@@ -154,7 +154,7 @@ contains
       end do
    end subroutine fill_elements
 
-   !> Says how large a matrix is.
+   !> Describes how large a matrix is.
    pure function matrix_text(n, m) result(text)
       integer, intent(in) :: n, m
       character(length_of(n) + len(" rows and ") + length_of(m) + len(" columns")) :: text

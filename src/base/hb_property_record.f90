@@ -16,7 +16,7 @@ module hb_property_record
 
    integer, parameter :: max_problems = 50                  !! more are counted, not told
 
-   !> What was asked for, and the values used.
+   !> What was requested, and the values used.
    type :: asked_t
       integer :: i_key = 0
       type(rule_t), allocatable :: rule                     !! for the key, from the table of keys
@@ -181,7 +181,7 @@ contains
       call fail(error, self%problems(1)%value)
    end subroutine record_tell_first
 
-   !> Notes that a key is asked for. `i_key` is 0 when it is not given.
+   !> Notes that a key is requested. `i_key` is 0 when it is not given.
    pure subroutine ask(self, key, i_asked, i_key)
       class(record_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -219,7 +219,7 @@ contains
       if (.not. self%content%is_given(i_key)) i_key = 0
    end subroutine ask
 
-   !> Makes room for what is asked; what is known of keys by now is of no use where the group has become one of another type.
+   !> Makes room for what is asked; the results of keys by now is of no use where the group has become one of another type.
    pure subroutine begin_reading(self)
       class(record_t), intent(inout) :: self
       character(:), allocatable :: type
@@ -348,7 +348,7 @@ contains
       call lines%add(line)
    end subroutine add_line
 
-   !> Stores a problem once, however often the key is asked for.
+   !> Stores a problem once, however often the key is requested.
    pure subroutine add_problem(self, text)
       class(record_t), intent(inout) :: self
       character(*), intent(in) :: text

@@ -66,7 +66,7 @@ contains
       self%cpu_end = now + time_limit
    end subroutine cancellation_begin
 
-   !> Makes this the cancellation of the thread. Where it was not entered yet a point begins with it; else its clock goes on.
+   !> Makes this the cancellation of the thread. Where it was not entered yet a point begins with it; else its clock continues.
    subroutine cancellation_enter(self, time_limit)
       class(cancellation_t), intent(inout), target :: self            !! stays where it is until it is left
       real(wp), intent(in) :: time_limit                              !! as that of `begin`

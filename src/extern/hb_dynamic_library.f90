@@ -40,7 +40,7 @@ module hb_dynamic_library
 
 contains
 
-   !> Loads a shared library; a path with a slash is taken as it is, a name without is looked for where the system keeps
+   !> Loads a shared library; a path with a slash is taken as it is, a name without is searched for where the system keeps
    !> libraries. Fails with the reason that the loader gives.
    subroutine open_library(self, path, error)
       type(dynamic_library_t), intent(out) :: self

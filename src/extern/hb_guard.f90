@@ -53,7 +53,7 @@ contains
       ignored = hb_raise_guard("nhbm: "//words(:min(len(words), longest))//c_null_char, bad_input, limits(1), limits(2))
    end subroutine raise_guard
 
-   !> Has calls of the user's own libraries and their loader guarded from here on.
+   !> Has calls of the user libraries and their loader guarded from here on.
    subroutine guard_outside_code()
       call cancellation_outside_code(guard_words, lower_guard)
    end subroutine guard_outside_code
@@ -80,7 +80,7 @@ contains
                        bytes_at_least + bytes_per_byte*n_bytes)
    end subroutine guard_file
 
-   !> Says which entry of a guarded file is read, for the message.
+   !> Returns which entry of a guarded file is read, for the message.
    subroutine name_guarded(entry)
       character(*), intent(in) :: entry
 

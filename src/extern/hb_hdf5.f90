@@ -101,7 +101,7 @@ contains
    end subroutine open_file_parallel
 
    !> Makes or opens the file. Whatever is still open in it is closed with it; the library locks nothing, so that people
-   !> can look into the file of a run that goes on; and the form of the file is the oldest that will do. That has no mark of
+   !> can look into the file of a run that continues; and the form of the file is the oldest that will do. That has no mark of
    !> being open for writing, which a killed run would leave and which would keep readers out.
    subroutine open_as(self, path, purpose, error, comm)
       type(h5_file_t), intent(inout) :: self

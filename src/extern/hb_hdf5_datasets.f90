@@ -338,7 +338,7 @@ contains
       if (.not. allocated(error)) call self%set_attribute("long_name", long_name, error)
    end subroutine dataset_describe
 
-   !> Says whether `scale` is attached to dimension `i`, counted from 1 for the fastest.
+   !> Whether `scale` is attached to dimension `i`, counted from 1 for the fastest.
    function dataset_has_scale(self, i, scale) result(is_attached)
       class(h5_dataset_t), intent(in) :: self
       integer, intent(in) :: i

@@ -41,7 +41,7 @@ module hb_hdf5_library
          type(c_ptr), value :: data
       end function h5ewalk2
 
-      !> Says whether files are locked; the Fortran interface has it from HDF5 1.14 on.
+      !> Whether files are locked; the Fortran interface has it from HDF5 1.14 on.
       integer(c_int) function h5pset_file_locking(access, use_locking, ignore_when_disabled) &
          bind(c, name="H5Pset_file_locking")
          import :: c_bool, c_int, c_int64_t

@@ -144,7 +144,7 @@ module hb_lapack
 
    ! Eigenvalues
    interface
-      !> Eigenvalues wr + i wi and, if asked for, left and right eigenvectors; `a` is overwritten.
+      !> Eigenvalues wr + i wi and, if requested, left and right eigenvectors; `a` is overwritten.
       subroutine dgeev(jobvl, jobvr, n, a, lda, wr, wi, vl, ldvl, vr, ldvr, work, lwork, info)
          import :: wp
          character, intent(in) :: jobvl, jobvr
@@ -155,7 +155,7 @@ module hb_lapack
          integer, intent(out) :: info
       end subroutine dgeev
 
-      !> Eigenvalues (alphar + i alphai)/beta of A x = lambda B x and, if asked for, left and right eigenvectors; `a` and `b`
+      !> Eigenvalues (alphar + i alphai)/beta of A x = lambda B x and, if requested, left and right eigenvectors; `a` and `b`
       !> are overwritten, beta = 0 is an infinite one.
       subroutine dggev(jobvl, jobvr, n, a, lda, b, ldb, alphar, alphai, beta, vl, ldvl, vr, ldvr, work, lwork, info)
          import :: wp

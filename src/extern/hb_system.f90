@@ -137,26 +137,26 @@ module hb_system
 
 contains
 
-   !> Says whether standard error goes to a terminal.
+   !> Whether standard error goes to a terminal.
    logical function is_terminal()
       is_terminal = c_isatty(2_c_int) == 1
    end function is_terminal
 
-   !> Says whether there is a file of this name; `folder/.` is there when the folder is.
+   !> Whether there is a file of this name; `folder/.` is there when the folder is.
    logical function exists(path)
       character(*), intent(in) :: path
 
       inquire (file=path, exist=exists)
    end function exists
 
-   !> Says what a name stands for, as `file_kind` lists.
+   !> Describes what a name stands for, as `file_kind` lists.
    integer function kind_of_file(path)
       character(*), intent(in) :: path
 
       kind_of_file = int(hb_kind_of_file(c_path(path)))
    end function kind_of_file
 
-   !> Says whether both names stand for one file.
+   !> Whether both names stand for one file.
    logical function is_same_file(one, other)
       character(*), intent(in) :: one, other
 
@@ -249,7 +249,7 @@ contains
       end select
    end subroutine check_held
 
-   !> Says whether a file can grow to `n_bytes`; also true where the system cannot tell.
+   !> Whether a file can grow to `n_bytes`; also true where the system cannot tell.
    logical function has_space(descriptor, n_bytes)
       integer, intent(in) :: descriptor                !! of `take_file`; the file is empty, before and after
       integer(c_long_long), intent(in) :: n_bytes

@@ -128,7 +128,7 @@ contains
       text = lines%text()
    end subroutine write_complete_text
 
-   !> Writes a group with every key that was asked for and its value, given or default.
+   !> Writes a group with every key that was requested and its value, given or default.
    pure subroutine write_group(self, lines)
       type(properties_t), intent(in) :: self
       type(text_builder_t), intent(inout) :: lines

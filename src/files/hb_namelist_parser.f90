@@ -289,7 +289,7 @@ contains
       end associate
    end subroutine read_value
 
-   !> Says what a word without quotes is: a number, a truth, or none of them.
+   !> Describes what a word without quotes is: a number, a truth, or none of them.
    pure subroutine classify(word, value)
       character(*), intent(in) :: word
       type(value_t), intent(inout) :: value

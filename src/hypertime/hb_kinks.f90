@@ -174,7 +174,7 @@ contains
       turns = (j - modulo(j, n))/n
    end function turns
 
-   !> Places of a sample along the tones, from 0: divisions of integers take longer than all that its neighbours are asked for.
+   !> Places of a sample along the tones, from 0: divisions of integers take longer than all that its neighbours are requested.
    pure subroutine kink_grid_place(self, sample, from)
       class(kink_grid_t), intent(in) :: self
       integer, intent(in) :: sample
@@ -222,7 +222,7 @@ contains
       real(wp), intent(in) :: places(:), jumps(:)
       real(wp), intent(inout), contiguous :: f(:)
       type(kink_slopes_t), intent(inout), optional :: slopes
-      integer, parameter :: block_size = 64                           ! cells that are looked at together
+      integer, parameter :: block_size = 64                           ! cells that are examined together
       real(wp) :: distance(block_size)
       integer :: first_cell, i, k, n
 

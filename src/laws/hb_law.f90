@@ -108,13 +108,13 @@ module hb_law
 
 contains
 
-   !> Tells the law the static stiffness [N/m] of the structure against its first coordinate; most laws do not need it.
+   !> Reports the law the static stiffness [N/m] of the structure against its first coordinate; most laws do not need it.
    subroutine law_prepare(self, static_stiffness)
       class(law_t), intent(inout) :: self
       real(wp), intent(in) :: static_stiffness                        !! > 0; dynamic where the structure is free to move
    end subroutine law_prepare
 
-   !> Tells the law the impedance [N s/m] of the structure against its first coordinate in the fastest kept harmonic, and the
+   !> Reports the law the impedance [N s/m] of the structure against its first coordinate in the fastest kept harmonic, and the
    !> frequency of that; most laws do not need it.
    subroutine law_prepare_rate(self, impedance, frequency)
       class(law_t), intent(inout) :: self
@@ -176,7 +176,7 @@ contains
       gradient = 0.0_wp
    end subroutine law_potential
 
-   !> Says why forces or derivatives at these samples are not finite; empty when the law does not know.
+   !> Explains why forces or derivatives at these samples are not finite; empty when the law does not know.
    subroutine law_explain(self, z, v, text, is_fatal)
       class(law_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :), v(:, :)            !! as `evaluate` had them

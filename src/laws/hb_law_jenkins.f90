@@ -124,7 +124,7 @@ contains
    end subroutine jenkins_advance_line
 
    !> Path of mu N/k for a path of the normal coordinate, and its slope against that coordinate. Where contact opens or
-   !> closes within the step its rates are left out: no turning point is looked for.
+   !> closes within the step its rates are left out: no turning point is searched for.
    pure subroutine window(self, normal, half_width, slope)
       class(jenkins_t), intent(in) :: self
       real(wp), intent(in) :: normal(:)                               !! (n_path_parts)

@@ -1,6 +1,6 @@
 !> Spring given by measured points (z_i, f_i), joined by a monotone cubic: no overshoot between points, one continuous slope.
 !>
-!> Beyond the table the force goes on with the slope of the end, or stays constant.
+!> Beyond the table the force continues with the slope of the end, or stays constant.
 !> Source: Fritsch and Carlson, SIAM J. Numer. Anal. 17 (1980) 238-246: three-point slopes, limited to the circle of radius
 !> 3 in their figure 2; docs/why/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
 module hb_law_tabulated
@@ -33,7 +33,7 @@ contains
       class(tabulated_t), intent(inout) :: self
       real(wp), intent(in) :: nodes(:)                                !! [m], ascending, at least two
       real(wp), intent(in) :: forces(:)                               !! [N], as nodes
-      logical, intent(in) :: is_constant_beyond                       !! else the force goes on with the slope of the end
+      logical, intent(in) :: is_constant_beyond                       !! else the force continues with the slope of the end
 
       self%nodes = nodes
       self%forces = forces

@@ -1,4 +1,4 @@
-!> A law of the user's own, from a shared library that is loaded at run time.
+!> A law of the user, from a shared library that is loaded at run time.
 !>
 !> The functions that the library exports, their arguments and return codes are documented in nhbm_user_law.h, the C header
 !> of this interface. Sign: f stands beside K q on the left-hand side.
@@ -34,7 +34,7 @@ module hb_law_user
       procedure :: has_touched_inputs => user_law_has_touched_inputs
    end type user_law_t
 
-   !> A law of the user's own that has states.
+   !> A law of the user that has states.
    type, extends(hysteretic_law_t) :: user_memory_t
       type(user_law_t), private :: own
    contains
@@ -193,7 +193,7 @@ contains
       if (any(codes /= 0)) slope = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine user_law_frequency_slope
 
-   !> Makes of a law of the user's own that has states, as it was read, one with memory; others stay as they are.
+   !> Makes of a law of the user that has states, as it was read, one with memory; others stay as they are.
    subroutine take_memory(box)
       type(law_box_t), intent(inout) :: box
       type(user_memory_t), allocatable :: memory

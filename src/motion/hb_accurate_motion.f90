@@ -189,7 +189,7 @@ contains
       end associate
    end subroutine solve_by_levels
 
-   !> Solves the level chosen last from the motion at hand, and compares the two; the first one by whatever it takes.
+   !> Solves the level chosen last from the motion at hand, and compares the two; the first one with all fallbacks.
    subroutine refined_motion_solve(self, is_solved)
       class(refined_motion_t), intent(inout) :: self
       logical, intent(out) :: is_solved
@@ -391,7 +391,7 @@ contains
       end associate
    end subroutine find_first
 
-   !> Residual at which the equations of a level are solved: far below what its motion may be off by, unless one was asked for.
+   !> Residual at which the equations of a level are solved: far below what its motion may be off by, unless one was requested.
    pure real(wp) function solver_tolerance(model) result(tolerance)
       type(model_t), intent(in) :: model
 

@@ -25,7 +25,7 @@ module hb_autonomous
    private
    public :: autonomous_start_t, find_motion, find_start
 
-   integer, parameter :: most_modes = 8                               ! from which one unknown tone is looked for
+   integer, parameter :: most_modes = 8                               ! from which one unknown tone is searched for
 
    type :: autonomous_start_t
       type(base_motion_t) :: base

@@ -15,7 +15,7 @@ module hb_curve_request
       integer :: start = 2                                            !! from where it is followed
       integer :: fold = 3                                             !! the value turns back
       integer :: peak = 4                                             !! maximum of a response
-      integer :: value = 5                                            !! a value that was asked for
+      integer :: value = 5                                            !! a value that was requested
       integer :: end = 6                                              !! an end of the range, or where the curve closes
       integer :: branch = 7                                           !! another curve crosses: the determinant changes its sign
       integer :: flip = 8                                             !! a multiplier passes -1: motions of twice the period
@@ -34,7 +34,7 @@ module hb_curve_request
       real(wp) :: from = 0.0_wp, to = 0.0_wp                          !! its range
    end type over_t
 
-   !> What is asked for.
+   !> What is requested.
    type :: curve_request_t
       type(moving_value_t) :: moving
       real(wp) :: from = 0.0_wp, to = 0.0_wp                          !! range of the value
@@ -45,7 +45,7 @@ module hb_curve_request
       integer :: n_points = 0                                         !! at most
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes
       logical :: switches = .false.                                   !! at branch points: the other curve is followed as well
-      type(response_t), allocatable :: peaks(:)                       !! whose maxima are looked for
+      type(response_t), allocatable :: peaks(:)                       !! whose maxima are searched for
       type(curve_origin_t), allocatable :: origin                     !! if given: where the curve leaves another one, in place
                                                                       !! of a first motion at `start`
       type(over_t), allocatable :: over                               !! hb_motion_ridge

@@ -75,7 +75,7 @@ contains
 
    ! Steps
 
-   !> Goes one step on a set and a grid on which all points found on it are as accurate as is asked for, if there is one.
+   !> Goes one step on a set and a grid on which all points found on it are as accurate as is requested, if there is one.
    subroutine step_to_tolerance(self, error)
       class(followed_motion_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
@@ -192,7 +192,7 @@ contains
 
    ! Motions
 
-   !> Takes a motion over to a set and a grid on which it is as accurate as is asked for, if there is one, in the plane across a
+   !> Takes a motion over to a set and a grid on which it is as accurate as is requested, if there is one, in the plane across a
    !> direction. The problem stands on these afterwards.
    subroutine settle(self, x, direction, error)
       class(followed_motion_t), intent(inout), target :: self
@@ -419,7 +419,7 @@ contains
       if (allocated(error)) return
       is_at_branch_point = self%has_left_branch() .and. self%length <= 0.0_wp   ! there are two tangents
       is_found = is_at_branch_point
-      roughness = self%roughness                                      ! a curve that goes on from a stored row has that of the start
+      roughness = self%roughness ! a curve that continues from a stored row has that of the start
       is_rough = self%is_rough
       if (.not. is_found) call self%find_on_plane(x, direction, is_found)
       self%roughness = roughness

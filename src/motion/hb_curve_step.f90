@@ -24,7 +24,7 @@ module hb_curve_step
    real(wp), parameter :: largest_phase = 0.5_wp                      ! its cosine; a phase may change by 60 degrees on a step
    real(wp), parameter :: off_the_chord = 0.5_wp                      ! of an amplitude, in the middle of a step
    real(wp), parameter :: off_the_line = 0.25_wp                      ! of a step, likewise: an arc that turns by 0.6 has 0.075
-   integer, parameter :: most_middles = 4                             ! points at which one step is looked at
+   integer, parameter :: most_middles = 4                             ! points at which one step is examined
    real(wp), parameter :: at_value = 1.0e-13_wp                       ! of the range: a wanted value
    real(wp), parameter :: at_start = 1.0e-4_wp                        ! of a step: where a branch begins rounding decides on zeros
    real(wp), parameter :: uncertain = 100.0_wp                        ! times the tolerance of multipliers: to the unit circle
@@ -58,7 +58,7 @@ contains
 
       if (allocated(self%problem%error_text)) deallocate (self%problem%error_text)
       call self%problem%move_to_point(self%curve%x, is_possible)
-      call self%problem%renew()                                       ! a stored curve, too, goes on from there
+      call self%problem%renew()                                       ! a stored curve, too, continues from there
       self%tolerance_factor = 1.0_wp
       call self%put_conditions()
       associate (curve => self%curve)
@@ -132,9 +132,9 @@ contains
 
    !> Whether the step may have led to another part of the curve or to another curve, or over a narrow resonance.
    !>
-   !> With little damping two parts come close where a coefficient is nearly zero, and go on in each other's direction: neither
+   !> With little damping two parts come close where a coefficient is nearly zero, and continue in each other's direction: neither
    !> tangents nor determinants show a leap from one to the other, but the phase of the coefficient turns by half a turn. It does so
-   !> also where the coefficient goes through zero. So the curve is looked at in between, where the chord comes closest to zero: it
+   !> also where the coefficient goes through zero. So the curve is examined in between, where the chord comes closest to zero: it
    !> must be there, and not far from the chord.
    logical function has_leapt(self)
       class(followed_motion_t), intent(inout), target :: self
@@ -448,7 +448,7 @@ contains
    subroutine sharpen(self, kind, piece, is_there)
       class(followed_motion_t), intent(inout), target :: self
       integer, intent(in) :: kind
-      real(wp), intent(in) :: piece(2)                                !! of the step, on which that is looked for
+      real(wp), intent(in) :: piece(2)                                !! of the step, on which that is searched for
       logical, intent(out) :: is_there                                !! false: that motion has none there, as far as is known
       real(wp), parameter :: widths(4) = [1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp, 1.0_wp]   ! of the step
       type(bifurcation_event_t) :: integrated

@@ -80,7 +80,7 @@ contains
       if (.not. self%problem%model%certificate%is_on) return
       point%kind = curve_kind%regular
       point%x = x
-      point%stability = stability_t(method=stability_method%auto)     ! without a verdict: none is looked for
+      point%stability = stability_t(method=stability_method%auto)     ! without a verdict: none is searched for
       call self%describe(point, result, error)
       if (allocated(error)) return
       associate (found => result%certificate)

@@ -1,4 +1,4 @@
-!> A motion that is followed along a curve: its equations on a set and a grid, the point and the tangent, and what is known there.
+!> A motion that is followed along a curve: its equations on a set and a grid, the point and the tangent, and the results there.
 !>
 !> The unknowns of the curve are those of the balance, frequencies that are unknown, the artificial damping of a normal mode, and
 !> the value that moves. Lengths are counted in the range of the value, and in the largest motion met so far.
@@ -48,7 +48,7 @@ module hb_followed_motion
       real(wp) :: place = 0.0_wp                                      !! on the step
       real(wp), allocatable :: x(:)
       type(stability_t), allocatable :: stability                     !! where that is known
-      type(motion_result_t), allocatable :: result                    !! what is known of it already
+      type(motion_result_t), allocatable :: result                    !! the results of it already
       integer :: response = 0                                         !! that has its peak there, of those of the request
    end type waiting_t
 
@@ -62,7 +62,7 @@ module hb_followed_motion
    type :: known_t
       real(wp), allocatable :: slopes(:)                              !! of the squares of the responses along the curve
       real(wp), allocatable :: extremes(:, :)                         !! of the switches of laws
-      type(stability_t) :: stability                                  !! without multipliers where none are looked for
+      type(stability_t) :: stability                                  !! without multipliers where none are searched for
    end type known_t
 
    !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`.

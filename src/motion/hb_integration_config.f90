@@ -40,7 +40,7 @@ module hb_integration_config
       real(wp) :: work_limit = huge(1.0_wp)                           !! of one method on the way to an answer, no key
       integer :: substeps = 1                                         !! of the method, from one step to the next, no key
       real(wp) :: aim = 0.0_wp                                        !! error of the motion at which to end, its tuples many
-                                                                      !! candidates; 0: the set is what is asked for. No key
+                                                                      !! candidates; 0: the set is what is requested. No key
    end type integration_config_t
 
 contains

@@ -31,7 +31,7 @@ module hb_level
    real(wp), parameter :: least_growth = 1.1_wp                       ! of a set that does not hold the motion
    integer, parameter :: most_tails = 6
    real(wp), parameter :: smaller_tail = 0.2_wp
-   integer, parameter :: smallest_growing = 50                        ! tuples, from which on that is looked at
+   integer, parameter :: smallest_growing = 50                        ! tuples, from which on that is examined
    real(wp), parameter :: caution = 2.0_wp                            ! with rigid laws, whose estimates were .34 to 2 times the error
    real(wp), parameter :: spare = 0.1_wp                              ! of the tolerance: what a neighbour need not have
    real(wp), parameter :: clearly_smaller = 0.8_wp
@@ -194,7 +194,7 @@ contains
       level = trimmed
    end subroutine trim_set
 
-   !> Chooses a smaller set and a coarser grid for a motion that is far more accurate than is asked for; `is_smaller` tells whether
+   !> Chooses a smaller set and a coarser grid for a motion that is far more accurate than is requested; `is_smaller` tells whether
    !> it is worth the change.
    subroutine choose_smaller(model, level, is_smaller)
       type(model_t), intent(in) :: model

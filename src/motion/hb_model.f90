@@ -42,7 +42,7 @@ module hb_model
       integer, allocatable :: samples(:)                              !! grid of the stored surfaces, size 0: none
    end type output_config_t
 
-   !> How accurate a motion is asked for, where sets and grids are chosen for that, hb_accurate_motion.
+   !> How accurate a motion is requested, where sets and grids are chosen for that, hb_accurate_motion.
    type :: accuracy_t
       logical :: is_on = .false.
       logical :: grows_set = .false.                                  !! no &harmonics rules the set

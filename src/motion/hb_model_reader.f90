@@ -87,7 +87,7 @@ contains
       call read_model(self, document, error, available, same)
    end subroutine update_model
 
-   !> Tuples of loads, first guesses and outputs whose accuracy is asked for, (n_tones, any).
+   !> Tuples of loads, first guesses and outputs whose accuracy is requested, (n_tones, any).
    function wanted_tuples(self, document) result(tuples)
       type(model_t), intent(in) :: self
       type(document_t), intent(inout), target :: document

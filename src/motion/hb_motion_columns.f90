@@ -22,11 +22,11 @@ module hb_motion_columns
 
    !> Who goes through the table: gets each column that is there with its values, if these are known.
    type, abstract :: columns_t
-      logical :: has_accuracy = .false.                 !! a tolerance is asked for
+      logical :: has_accuracy = .false.                 !! a tolerance is requested
       logical :: has_own_tuples = .false.               !! each motion may have tuples of its own
-      logical :: has_improved = .false.                 !! improved coefficients are asked for
+      logical :: has_improved = .false.                 !! improved coefficients are requested
       logical :: has_curve = .false.                    !! motions are on a curve
-      logical :: has_surfaces = .false.                 !! samples of motions and forces are asked for
+      logical :: has_surfaces = .false.                 !! samples of motions and forces are requested
       logical :: has_outputs = .false.                  !! the tolerance is for some
       logical :: has_one_tone = .false.
       integer :: n_multipliers = 0, n_curve_unknowns = 0   !! lengths of these axes
@@ -195,7 +195,7 @@ contains
       t%is_known = .true.
    end subroutine certificate_columns
 
-   !> Exponents and multipliers where stability is asked for, multipliers of one tone alone.
+   !> Exponents and multipliers where stability is requested, multipliers of one tone alone.
    subroutine stability_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m

@@ -40,7 +40,7 @@ module hb_motion_curve
    type, extends(followed_motion_t) :: motion_curve_t
       logical :: is_done = .false.                                    !! there is no further point
       type(origin_t), private :: first                                ! the start itself; a direction where it leaves another curve
-      real(wp), private :: first_sense = 1.0_wp                       ! of the value on the first way
+      real(wp), private :: first_sense = 1.0_wp                       ! of the value on the primary method
       type(origin_t), allocatable, private :: met(:)                  ! motions at values at which others are sought
       integer :: n_reported = 0                                       !! points so far
    contains
@@ -199,7 +199,7 @@ contains
       type(model_t), intent(in) :: model                              !! at the start
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request
-      type(curve_position_t), intent(in) :: stored(:)                 !! all points up to the one to go on from
+      type(curve_position_t), intent(in) :: stored(:)                 !! all points up to the one to continue from
       type(error_t), allocatable, intent(out) :: error
       type(motion_result_t) :: result
       type(level_t) :: level
@@ -405,8 +405,8 @@ contains
 
    ! Its points
 
-   !> The next point. Its status tells where there is no way on; `interrupted`: nothing was found out, and the curve goes on here in
-   !> another run.
+   !> The next point. Its status tells where there is no way on; `interrupted`: nothing was found out, and the curve continues
+   !> here in another run.
    subroutine motion_curve_next(self, result, error)
       class(motion_curve_t), intent(inout), target :: self
       type(motion_result_t), intent(out) :: result
@@ -445,7 +445,7 @@ contains
          call leave(self, error)
       else
          call report_waiting(self, self%first_waiting, result, error)
-         if (verdict_on_work() == verdict%interrupted) then          ! what is known of the point is not all
+         if (verdict_on_work() == verdict%interrupted) then          ! the results of the point is not all
             result%status = outcome%interrupted
             return
          end if
@@ -483,7 +483,7 @@ contains
       call count_work(self%curve%report, report_t(), result)
    end subroutine motion_curve_look_for
 
-   !> Goes one step, by tolerance where one is asked for.
+   !> Goes one step, by tolerance where one is requested.
    subroutine go(self, error)
       class(motion_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
@@ -514,7 +514,7 @@ contains
       end associate
    end subroutine report_waiting
 
-   !> Adds to what is known of a point where on the curve it is, and keeps what later points depend on.
+   !> Adds to the results of a point where on the curve it is, and keeps what later points depend on.
    subroutine tell(self, point, result)
       class(motion_curve_t), intent(inout), target :: self
       type(waiting_t), intent(in) :: point

@@ -228,7 +228,7 @@ contains
       result%corrected_coefficients = as_pairs(basis%whole, basis%expand(moved))
    end subroutine keep_forces
 
-   !> The outputs whose accuracy is asked for. They are off by what the motion without its first-order errors changes in them.
+   !> The outputs whose accuracy is requested. They are off by what the motion without its first-order errors changes in them.
    subroutine keep_outputs(model, basis, c, result)
       type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis

@@ -9,14 +9,14 @@ module hb_motion_result
    private
    public :: curve_position_t, motion_result_t
 
-   !> Where on a curve a motion is, hb_motion_curve, and what the curve goes on from: of steps and the starts of ways all of it.
+   !> Where on a curve a motion is, hb_motion_curve, and what the curve continues from: of steps and the starts of ways all of it.
    type :: curve_position_t
       integer :: kind = 0                               !! hb_curve_request%curve_kind
       real(wp) :: parameter = 0.0_wp                    !! in the unit of the input
       real(wp) :: length = 0.0_wp                       !! of the arc from the start, negative on the second way from there
       integer :: branch = 0                             !! number of the branch point where this curve starts; 0: none
       real(wp), allocatable :: unknowns(:)              !! of the balance, further ones, and the value along the curve
-      real(wp), allocatable :: direction(:)             !! tangent of the curve, as long; not allocated: nothing goes on from there
+      real(wp), allocatable :: direction(:) !! tangent of the curve, as long; not allocated: nothing continues from there
       real(wp) :: step = 0.0_wp                         !! length of the next one; 0: no end of a step
       real(wp) :: orientation = 0.0_wp                  !! sign of the determinant at the end of a step; 0: not known
       real(wp) :: largest_motion = 0.0_wp               !! so far, relative to a typical one: the unit of lengths

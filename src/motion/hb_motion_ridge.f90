@@ -41,7 +41,7 @@ module hb_motion_ridge
 
 contains
 
-   !> A curve as it is asked for: of motions, or of their peaks or folds.
+   !> A curve as it is requested: of motions, or of their peaks or folds.
    subroutine new_motion_curve(self, request)
       class(motion_curve_t), allocatable, intent(out) :: self
       type(curve_request_t), intent(in) :: request
@@ -104,7 +104,7 @@ contains
       type(model_t), intent(in) :: model
       type(document_t), intent(in) :: document
       type(curve_request_t), intent(in) :: request
-      type(curve_position_t), intent(in) :: stored(:)                 !! all points up to the one to go on from
+      type(curve_position_t), intent(in) :: stored(:)                 !! all points up to the one to continue from
       type(error_t), allocatable, intent(out) :: error                !! there is none
 
       call prepare(self, model, document, request)
@@ -162,7 +162,7 @@ contains
          place%length = self%length
          place%branch = 0
          place%step = self%step
-         if (all(kind /= [curve_kind%start, curve_kind%regular])) deallocate (place%direction)   ! nothing goes on from there
+         if (all(kind /= [curve_kind%start, curve_kind%regular])) deallocate (place%direction)   ! nothing continues from there
       end associate
       self%n_reported = self%n_reported + 1
       self%is_done = kind == curve_kind%end .or. self%n_reported >= self%request%n_points

@@ -20,7 +20,7 @@ module hb_motions_apart
 
 contains
 
-   !> Looks for a motion apart from all that were met at the values at which others are asked for, and gives the first one.
+   !> Looks for a motion apart from all that were met at the values at which others are requested, and gives the first one.
    subroutine look_apart(self, met, x, is_found, error)
       class(followed_motion_t), intent(inout), target :: self
       type(origin_t), intent(in) :: met(:)                            !! motions at these values

@@ -57,7 +57,7 @@ contains
       end do
    end function may_be_locked
 
-   !> Says what to do about it.
+   !> Describes what to do about it.
    pure function locking_message(self) result(text)
       class(locking_t), intent(in) :: self
       character(200) :: text

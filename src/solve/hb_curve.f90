@@ -38,7 +38,7 @@ module hb_curve
       real(wp) :: angle = 0.0_wp                                      !! [rad] by which it should turn on a step; 0: any
    end type curve_config_t
 
-   !> Where a curve is. To go on from a stored point, set `x`, `direction`, `step` and `orientation`.
+   !> Where a curve is. To continue from a stored point, set `x`, `direction`, `step` and `orientation`.
    type :: curve_t
       type(bordered_problem_t) :: problem
       type(bordered_problem_t), allocatable :: part                   !! if given: the problem for the unknowns `kept` alone, on a

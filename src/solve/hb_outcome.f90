@@ -86,7 +86,7 @@ contains
       if (is_status(status)) text = texts(status)
    end function outcome_text
 
-   !> Says whether there is a motion: from the balance, well enough for the thresholds of the certificate or not, or from time
+   !> Whether there is a motion: from the balance, well enough for the thresholds of the certificate or not, or from time
    !> integration.
    elemental logical function is_solved(status)
       integer, intent(in) :: status

@@ -26,11 +26,11 @@ module hb_solver
 
 contains
 
-   !> Solves r(x) = 0 from the given x: by continuation in order from a smaller problem where that pays as the first way, else by a
-   !> direct attempt. When that fails and fallback is on: another first guess, continuation in order, artificial damping that fades,
-   !> homotopy in the nonlinearity from the linear solution, the direct attempt with more patience, the other method, the other
-   !> guess with it, homotopy in the load from zero, several guesses. The report adds up all attempts and says which one succeeded;
-   !> if none did, x and the status are those of the direct attempt, unless the time was up.
+   !> Solves r(x) = 0 from the given x: by continuation in order from a smaller problem where that pays as the primary method,
+   !> else by a direct attempt. When that fails and fallback is on: another first guess, continuation in order, artificial damping
+   !> that fades, homotopy in the nonlinearity from the linear solution, the direct attempt with more patience, the other method,
+   !> the other guess with it, homotopy in the load from zero, several guesses. The report adds up all attempts and says which one
+   !> succeeded; if none did, x and the status are those of the direct attempt, unless the time was up.
    !>
    !> The fallbacks together may take the work that the settings allow, or some times that of the direct attempt; each at most half
    !> of what is left, so that none takes it from all that follow.

@@ -46,7 +46,7 @@ module hb_solver_types
    type :: solver_config_t
       integer :: method = method%auto
       real(wp) :: tolerance = 1.0e-12_wp                              !! norm of the residual relative to the forces
-      logical :: has_tolerance = .false.                              !! it was asked for, whatever else is
+      logical :: has_tolerance = .false.                              !! it was requested, whatever else is
       logical :: has_fallback_work = .false.                          !! likewise
       integer :: max_iterations = 100
       integer :: patience = 0                                         !! iterations that may gain nothing; 0: all

@@ -107,7 +107,7 @@ contains
       self = found
    end subroutine find_exponents
 
-   !> About how many nanoseconds they take, with averages on as many periods as are asked for.
+   !> About how many nanoseconds they take, with averages on as many periods as are requested.
    pure real(wp) function work_of_exponents(work_of_period, fewest_periods) result(work)
       real(wp), intent(in) :: work_of_period
       integer, intent(in) :: fewest_periods

@@ -94,7 +94,7 @@ contains
       end if
    end subroutine floquet_find
 
-   !> Work that may be taken, in about a nanosecond: where it is asked for as much as it takes.
+   !> Work that may be taken, in about a nanosecond: where it is requested as much as it takes.
    pure real(wp) function floquet_work_limit(self, config, work_allowed) result(limit)
       class(floquet_t), intent(in) :: self
       type(stability_config_t), intent(in) :: config

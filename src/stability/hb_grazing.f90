@@ -9,7 +9,7 @@ module hb_grazing
    private
    public :: extremes_of_switches
 
-   integer, parameter :: most_looks = 4096                            ! of the grid on which an extreme is looked for first
+   integer, parameter :: most_looks = 4096                            ! of the grid on which an extreme is searched for first
    real(wp), parameter :: far = 0.25_wp                               ! from zero, relative to the range of the values
 
 contains

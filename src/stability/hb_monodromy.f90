@@ -161,7 +161,7 @@ contains
       end do
    end function rounding_of
 
-   !> How often events are looked for, by the harmonics that carry the motion.
+   !> How often events are searched for, by the harmonics that carry the motion.
    pure integer function n_looks_of(variation, length)
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]

@@ -38,7 +38,7 @@ module hb_variation_pieces
 
 contains
 
-   !> Cuts a stretch of time at its events, which are looked for between so many instants.
+   !> Cuts a stretch of time at its events, which are searched for between so many instants.
    subroutine cut_time(self, start, finish, n_looks, pieces)
       type(variation_t), intent(inout) :: self
       real(wp), intent(in) :: start, finish                           !! [s]
@@ -149,7 +149,7 @@ contains
       end subroutine narrow_together
    end subroutine find_switching
 
-   !> Chooses the next middle, the start where nothing changes its sign; false where there is none to be looked at.
+   !> Chooses the next middle, the start where nothing changes its sign; false where there is none to be examined.
    logical function bracket_is_wide(self) result(is_wide)
       class(bracket_t), intent(inout) :: self
 
@@ -395,7 +395,7 @@ contains
       pieces(size(pieces))%finish = finish
    end subroutine make_pieces
 
-   !> Tells law i the phase of the tone with which it turns.
+   !> Reports law i the phase of the tone with which it turns.
    subroutine set_time(self, i, time)
       type(variation_t), intent(inout) :: self
       integer, intent(in) :: i

@@ -12,7 +12,7 @@ module hb_variation_steps
    private
    public :: propagate
 
-   real(wp), parameter :: inside = 1.0e-8_wp                          ! of a piece, where its ends are looked at
+   real(wp), parameter :: inside = 1.0e-8_wp                          ! of a piece, where its ends are examined
    real(wp), parameter :: near = 0.25_wp, middle = 1.0_wp/3.0_wp, far = -1.0_wp/12.0_wp   ! weights of the nodes of a half step
 
 contains
@@ -109,7 +109,7 @@ contains
    end subroutine propagate_two
 
    !> Sees to it that the slopes at the ends and in the middle of each step are known; those of half as many steps are used again.
-   !> At events a piece is looked at from inside.
+   !> At events a piece is examined from inside.
    subroutine refine(self, piece, n_steps)
       type(variation_t), intent(inout) :: self
       type(piece_t), intent(inout) :: piece

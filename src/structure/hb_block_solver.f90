@@ -16,7 +16,7 @@ module hb_block_solver
    private
    public :: block_solver_t, new_block_solver
 
-   !> Growth of the probe vector, relative to the matrix, above which the condition is looked at in earnest.
+   !> Growth of the probe vector, relative to the matrix, above which the condition is examined in earnest.
    real(wp), parameter :: suspicious_growth = 1.0e8_wp
 
    integer, parameter :: least_sparse = 400                           ! order from which a block may be sparse

@@ -54,8 +54,8 @@ module hb_branch_tracking
 
 contains
 
-   !> Says whether the motions at both ends of a stretch lie on one branch. A branch that seems to end is followed from the
-   !> other side too, and goes on after all if that leads back to it: it may have been lost at a corner.
+   !> Whether the motions at both ends of a stretch lie on one branch. A branch that seems to end is followed from the
+   !> other side too, and continues after all if that leads back to it: it may have been lost at a corner.
    subroutine find_branch(stretch, first, last, tracking)
       class(stretch_t), intent(inout) :: stretch
       real(wp), intent(in) :: first(:), last(:)

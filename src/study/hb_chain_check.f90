@@ -54,7 +54,7 @@ module hb_chain_check
 
 contains
 
-   !> Looks at a solved point, which follows the last one that was looked at. The document and the model may have values between
+   !> Looks at a solved point, which follows the last one that was examined. The document and the model may have values between
    !> the two afterwards.
    subroutine chain_check_look(self, source, point, here, result)
       class(chain_check_t), intent(inout) :: self
@@ -160,7 +160,7 @@ contains
       end if
    end function is_doubtful
 
-   !> Says what was found, if there is something to say.
+   !> Describes what was found, if there is something to say.
    subroutine tell(tracking, place, result)
       type(tracking_t), intent(in) :: tracking
       character(*), intent(in) :: place                               !! where the tracking was left

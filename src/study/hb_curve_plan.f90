@@ -148,7 +148,7 @@ contains
       end subroutine check_values
    end subroutine read_curve_plan
 
-   !> What the follower is asked for, for the model at the start; the origin in a file is added by hb_stored_origin. Fails where the
+   !> The request to the follower, for the model at the start; the origin in a file is added by hb_stored_origin. Fails where the
    !> path names no real number, or not one of them, or where a response is not known.
    subroutine curve_plan_make_request(self, model, document, request, error)
       class(curve_plan_t), intent(in) :: self

@@ -165,7 +165,7 @@ contains
       end do
    end subroutine find_gaps
 
-   !> Curves whose last row is no end: they have used their points, and go on.
+   !> Curves whose last row is no end: they have used their points, and continue.
    pure integer function number_cut_short(kind, status, n_rows) result(n)
       integer, intent(in) :: kind(:), status(:)                       !! of all points of all curves
       integer, intent(in) :: n_rows                                   !! for one curve

@@ -11,7 +11,7 @@ module hb_failure_kinds
    private
    public :: find_kinds, status_lines
 
-   integer, parameter :: most_read = 200                              ! messages of a status that are looked at
+   integer, parameter :: most_read = 200                              ! messages of a status that are examined
    integer, parameter :: most_kinds = 3                               ! of a status that are reported
 
 contains

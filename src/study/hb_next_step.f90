@@ -222,7 +222,7 @@ contains
       command = command//" -o "//shell_word(beside_result(run, "_integration"))
    end function integrate_from_rest
 
-   !> Whether the usual method cannot follow a law, and no other is asked for.
+   !> Whether the usual method cannot follow a law, and no other is requested.
    logical function needs_fixed_steps(run)
       type(run_t), intent(in) :: run
       character(:), allocatable :: type

@@ -97,7 +97,7 @@ contains
       if (self%is_shown) progress_is_due = wall_clock() - self%shown >= self%interval
    end function progress_is_due
 
-   !> Says how far the run is.
+   !> Describes how far the run is.
    subroutine progress_show(self, done, failed)
       class(progress_t), intent(inout) :: self
       integer, intent(in) :: done, failed                             !! points, over all ranks
@@ -108,7 +108,7 @@ contains
       call write_line(self, done, failed, self%shown)
    end subroutine progress_show
 
-   !> Says how one point ended, at level debug, whichever rank solved it.
+   !> Describes how one point ended, at level debug, whichever rank solved it.
    subroutine progress_report_point(self, text)
       class(progress_t), intent(in) :: self
       character(*), intent(in) :: text

@@ -190,7 +190,7 @@ contains
       self%columns = self%columns(:self%i)
    end subroutine new_plan
 
-   !> Puts what is known of a motion into a row of the buffers, and nothing where that is not known.
+   !> Puts the results of a motion into a row of the buffers, and nothing where that is not known.
    subroutine plan_put_motion(self, row, motion, error)
       class(plan_t), intent(inout) :: self
       integer, intent(in) :: row

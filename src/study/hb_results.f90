@@ -1,6 +1,6 @@
 !> The result file of a run: the only writer of the schema in docs/user/schema.md.
 !>
-!> In the order of use: fill a `results_layout_t`, `create_results` or, to go on with a file, `open_results`, then
+!> In the order of use: fill a `results_layout_t`, `create_results` or, to continue with a file, `open_results`, then
 !> `write_point` by any rank for any point, then `close`. The file is made whole before the first point is solved;
 !> after that only raw data are written in place, the status of a point last, so that a killed run leaves a sound
 !> file in which a status other than 0 means complete.
@@ -88,7 +88,7 @@ contains
       type(results_layout_t), intent(in) :: layout
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
-      logical, intent(in), optional :: overwrite        !! a file that is there; default: go on with it
+      logical, intent(in), optional :: overwrite        !! a file that is there; default: continue with it
 
       self%path = path
       self%n_points = layout%n_points
@@ -221,7 +221,7 @@ contains
       results_hold_seconds = self%hold
    end function results_hold_seconds
 
-   !> Says where in the file a crash is noted, for hb_crash_detection.
+   !> Returns where in the file a crash is noted, for hb_crash_detection.
    type(crash_location_t) function results_crash_place(self) result(place)
       class(results_t), intent(in) :: self
 

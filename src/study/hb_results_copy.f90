@@ -15,8 +15,8 @@ module hb_results_copy
 
 contains
 
-   !> Copies the rows of all points and ranks. Of the places for harmonics, and of what curves go on from, those that the new file
-   !> has are kept, the first ones; checksums are made anew.
+   !> Copies the rows of all points and ranks. Of the places for harmonics, and of what curves continue from, those that the new
+   !> file has are kept, the first ones; checksums are made anew.
    subroutine copy_rows(source, plan, error)
       type(h5_file_t), intent(in) :: source
       type(plan_t), intent(in) :: plan                                !! of the new file, with its datasets
@@ -50,7 +50,7 @@ contains
       end do
    end subroutine copy_rows
 
-   !> Copies as many rows of a dataset as there are checksums, which go on over what is checked.
+   !> Copies as many rows of a dataset as there are checksums, which continue over what is checked.
    subroutine copy(source, column, first, sums, error)
       type(h5_file_t), intent(in) :: source
       type(column_t), intent(in) :: column

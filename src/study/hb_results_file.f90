@@ -145,7 +145,7 @@ contains
       name = trim(words)
    end function scale_name
 
-   !> Adds what is known of the run before it starts: tuples, swept parameters, input files.
+   !> Adds the results of the run before it starts: tuples, swept parameters, input files.
    subroutine add_inputs(file, layout, plan, error)
       type(h5_file_t), intent(in) :: file
       type(results_layout_t), intent(in) :: layout

@@ -30,7 +30,7 @@ module hb_results_layout
       character(16), allocatable :: dof_labels(:), dof_units(:) !! stored degrees of freedom; `m`, `rad`
       character(16), allocatable :: law_dof_labels(:), law_dof_units(:) !! those on which laws act
       character(64), allocatable :: law_labels(:)       !! of the laws, unique
-      integer :: n_multipliers = 0                      !! that are stored for each point; 0: stability is not asked for
+      integer :: n_multipliers = 0                      !! that are stored for each point; 0: stability is not requested
       logical :: has_improved = .false.                 !! improved coefficients are stored
       integer, allocatable :: n_samples(:)              !! grid per tone; size 0: no surfaces are stored
       type(swept_parameter_t), allocatable :: parameters(:)
@@ -40,7 +40,7 @@ module hb_results_layout
       character(:), allocatable :: input_text           !! the input as given
       character(:), allocatable :: input_overrides      !! changes of it: path=value, a line each
       character(:), allocatable :: input_complete       !! the input after defaults
-      character(:), allocatable :: input_libraries      !! of laws of the user's own, and what marks them, a line each
+      character(:), allocatable :: input_libraries      !! of laws of the user, and what marks them, a line each
       integer :: n_ranks = 1
       character(:), allocatable :: program_version
       character(:), allocatable :: git_commit

@@ -25,7 +25,7 @@ module hb_results_record
       character(:), allocatable :: input_text           !! the input as given
       type(string_t), allocatable :: overrides(:)       !! path=value
       character(:), allocatable :: input_complete       !! the input after defaults
-      character(:), allocatable :: input_libraries      !! of laws of the user's own, and what marks them, a line each
+      character(:), allocatable :: input_libraries      !! of laws of the user, and what marks them, a line each
       integer, allocatable :: tuples(:, :)              !! (n_tones, n_harmonics); zeros where points have their own
       logical :: has_own_tuples = .false.               !! points have
       character(:), allocatable :: dofs(:), laws(:)     !! labels

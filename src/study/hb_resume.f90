@@ -65,7 +65,7 @@ contains
       summary%has_other_libraries = input%libraries /= record%input_libraries
    end subroutine choose_units
 
-   !> Refuses to go on with the file of another input.
+   !> Refuses to continue with the file of another input.
    subroutine compare_input(self, n_points, retries, record, path, error)
       type(resumed_input_t), intent(in) :: self
       integer, intent(in) :: n_points

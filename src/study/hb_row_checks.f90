@@ -12,7 +12,7 @@ module hb_row_checks
 
 contains
 
-   !> Says which points have other numbers than were written. What has no result, or a crash noted in it, has no checksum.
+   !> Returns which points have other numbers than were written. What has no result, or a crash noted in it, has no checksum.
    subroutine find_damaged_rows(path, status, is_damaged, error)
       character(*), intent(in) :: path
       integer, intent(in) :: status(:)                                !! of the points

@@ -10,7 +10,7 @@
 !> on Computers C-36 (1987), with the rest as last seen and the limit in time added.
 !>
 !> One counter serves a few hundred ranks. More ranks have several, each with its own share of the units. A rank draws
-!> from the counter of its group; when that is empty it goes on to the others, each once, since a counter that is empty
+!> from the counter of its group; when that is empty it continues to the others, each once, since a counter that is empty
 !> stays so.
 module hb_schedule
    use hb_kinds, only: int64, wp

@@ -18,7 +18,7 @@ module hb_stored_origin
 
 contains
 
-   !> What the follower is asked for by a plan, with the origin that this names in a file.
+   !> The request of a plan to the follower, with the origin that this names in a file.
    subroutine request_curve(plan, model, document, request, error)
       type(curve_plan_t), intent(in) :: plan
       type(model_t), intent(in) :: model                              !! at the start

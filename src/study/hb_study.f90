@@ -212,7 +212,7 @@ contains
       has_improved = self%model%certificate%is_on .and. self%model%certificate%improvement_steps > 0
    end function has_improved
 
-   !> Says what is known of the result file before the first point is solved.
+   !> Describes the results of the result file before the first point is solved.
    subroutine describe_layout(self, n_ranks, layout, n_places)
       type(study_t), intent(in) :: self
       integer, intent(in) :: n_ranks
@@ -292,7 +292,7 @@ contains
       end associate
    end subroutine describe_rows
 
-   !> Files that the first point is made from beside the input, and what marks them, a line each: libraries of the user's own laws,
+   !> Files that the first point is made from beside the input, and what marks them, a line each: libraries of the user laws,
    !> the model, its kept reduction.
    function study_libraries(self) result(text)
       class(study_t), intent(in) :: self

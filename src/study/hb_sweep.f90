@@ -49,7 +49,7 @@ module hb_sweep
    type :: run_options_t
       character(:), allocatable :: path                               !! of the result file
       logical :: overwrite = .false.                                  !! an existing file may be replaced
-      logical :: resumes = .false.                                    !! an existing file is gone on with
+      logical :: resumes = .false.                                    !! an existing file is continued
       logical :: retries = .false.                                    !! ... and its points that did not converge are solved again
       integer :: level = log_level%normal                             !! how much to tell, hb_progress
       real(wp) :: time_limit = huge(1.0_wp)                           !! [s] of wall time
@@ -148,7 +148,7 @@ contains
       summary%seconds = wall_clock() - started
    end subroutine run_study
 
-   !> Counts all points of the file: a curve that was gone on with has points of both runs.
+   !> Counts all points of the file: a curve that was continued has points of both runs.
    subroutine recount(path, summary, error)
       character(*), intent(in) :: path
       type(run_summary_t), intent(inout) :: summary

@@ -27,7 +27,7 @@ module hb_swept_curve
 
    !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`.
    type :: swept_curve_t
-      integer, allocatable :: stored(:)                               !! statuses of the points of the file behind which it goes on
+      integer, allocatable :: stored(:) !! statuses of the points of the file behind which it continues
       logical :: is_done = .false.                                    !! there is no further point
       class(motion_curve_t), allocatable, private :: curve
       type(curve_plan_t), private :: plan
@@ -86,7 +86,7 @@ contains
       self%last_branch = places(last)%branch
    end subroutine new_swept_curve
 
-   !> The last of the stored points from which a curve can go on, with nothing missing before it; 0 where there is none.
+   !> The last of the stored points from which a curve can continue, with nothing missing before it; 0 where there is none.
    pure integer function last_step(status, kind) result(last)
       integer, intent(in) :: status(:), kind(:)                       !! of all points of the curve
       integer :: i

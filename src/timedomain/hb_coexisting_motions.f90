@@ -67,7 +67,7 @@ contains
       call report_motions(motion, each%status, each%amplitude, settled%message)
    end subroutine settle_from_starts
 
-   !> Says which motions there are: their amplitudes, and from how many starts each is reached.
+   !> Returns which motions there are: their amplitudes, and from how many starts each is reached.
    pure subroutine report_motions(motion, status, amplitude, message)
       integer, intent(in) :: motion(:)                                !! in which each start ends; 0: in none that is known
       integer, intent(in) :: status(:)                                !! of each start, one of `outcome`

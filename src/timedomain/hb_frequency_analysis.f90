@@ -18,7 +18,7 @@ module hb_frequency_analysis
 
 contains
 
-   !> The largest lines x = mean + sum of Re(amplitude exp(i w t)), in the order found. Fewer than asked for may be there: the
+   !> The largest lines x = mean + sum of Re(amplitude exp(i w t)), in the order found. Fewer than requested may be there: the
    !> rest is NaN in frequencies and zero in amplitudes.
    subroutine find_frequencies(x, start, step, frequencies, amplitudes, error)
       real(wp), intent(in), contiguous :: x(:)                        !! (n_samples), at least 32

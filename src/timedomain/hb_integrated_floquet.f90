@@ -24,7 +24,7 @@ module hb_integrated_floquet
 
 contains
 
-   !> Along the motion where laws have linearised equations and nothing else is asked for, else by time integration a period.
+   !> Along the motion where laws have linearised equations and nothing else is requested, else by time integration a period.
    subroutine integrated_floquet_find(self, stability, config, motion, structure, laws, excitation, work_allowed)
       class(integrated_floquet_t), intent(in) :: self
       type(stability_t), intent(out) :: stability

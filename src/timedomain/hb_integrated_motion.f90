@@ -349,8 +349,8 @@ contains
       state%q = state%q + kick*system%length*[(2.0_wp*modulo(i*0.6180339887498949_wp, 1.0_wp) - 1.0_wp, i=1, system%n_dofs)]
    end subroutine begin
 
-   !> Says what a steady record is. What a fit to candidates leaves of a motion that repeats is lines beyond them, and so may be
-   !> what little it leaves of any: such lines turn faster than returns are reported. The motion is known to that then.
+   !> Describes what a steady record is. What a fit to candidates leaves of a motion that repeats is lines beyond them, and so may
+   !> be what little it leaves of any: such lines turn faster than returns are reported. The motion is known to that then.
    subroutine tell(model, settled, z, remainder, record, allowed, has_forgotten, is_last)
       type(model_t), intent(in) :: model
       type(steady_motion_t), intent(inout) :: settled

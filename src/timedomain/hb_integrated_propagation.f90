@@ -1,6 +1,6 @@
 !> Propagation of disturbances along a motion of several tones by time integration, of the motion and of states on both sides of it.
 !>
-!> The time integration goes on from period to period, and is only compared with the given motion, which it may leave.
+!> The time integration continues from period to period, and is only compared with the given motion, which it may leave.
 module hb_integrated_propagation
    use hb_error, only: error_t
    use hb_exponents, only: propagation_t, orthogonalise

@@ -34,7 +34,7 @@ module hb_integration_laws
       real(wp), allocatable :: f(:)                                   !! forces [N], (n_coordinates)
       real(wp), allocatable :: s_start(:), s(:)                       !! states at the start of the step and now, (n_states)
       real(wp) :: time_start = 0.0_wp                                 !! of the step [s]
-      integer(int64) :: n_looks = 0_int64 !! times that a motion was looked at: what a time integration costs
+      integer(int64) :: n_looks = 0_int64 !! times that a motion was examined: what a time integration costs
       real(wp), allocatable :: omega(:)                               !! tones whose phases laws want [rad/s]
       logical :: has_turning = .false.                                !! whether a law wants one
    contains
@@ -117,7 +117,7 @@ contains
       end do
    end subroutine laws_gather
 
-   !> Tells laws that turn with a tone its phase. `evaluate` and `differentiate` do so by themselves.
+   !> Reports laws that turn with a tone its phase. `evaluate` and `differentiate` do so by themselves.
    pure subroutine laws_set_time(self, time)
       class(integration_laws_t), intent(inout) :: self
       real(wp), intent(in) :: time                                    !! [s]

@@ -17,7 +17,7 @@ module hb_integration_starts
    real(wp), parameter :: radii(3) = [1.0_wp, 3.0_wp, 10.0_wp]         ! of spheres, relative to the motion
    real(wp), parameter :: least_distance = 1.0e-2_wp                  ! of two motions, relative
    real(wp), parameter :: safety = 5.0_wp                             ! of spreads
-   real(wp), parameter :: smallest = 1.0e-3_wp                        ! motion of a coordinate that is looked at, of the largest
+   real(wp), parameter :: smallest = 1.0e-3_wp                        ! motion of a coordinate that is examined, of the largest
 
 contains
 

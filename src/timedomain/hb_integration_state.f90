@@ -1,4 +1,4 @@
-!> The state from which a time integration goes on: all that the future motion depends on.
+!> The state from which a time integration continues: all that the future motion depends on.
 module hb_integration_state
    use hb_kinds, only: wp
    implicit none

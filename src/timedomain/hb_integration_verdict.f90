@@ -58,7 +58,7 @@ contains
       limit_of = min(largest_limit, max(safety*min(estimate, 1.0_wp), smallest_limit)*min(share, 1.0_wp/smallest_limit))
    end function limit_of
 
-   !> Verdict after some periods; `not_done` where the time integration must go on.
+   !> Verdict after some periods; `not_done` where the time integration must continue.
    pure integer function decide(ratio, distance, fewest, decay, is_last) result(kind)
       real(wp), intent(in) :: ratio(:)                                !! of the difference to its limit, (n_periods)
       real(wp), intent(in) :: distance(:) !! of both time integrations, logarithm, 0 at the start, (n_periods)

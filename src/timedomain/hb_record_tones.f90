@@ -21,7 +21,7 @@ module hb_record_tones
    real(wp), parameter :: same_line = 0.3_wp                          ! in units of the resolution of the record
    real(wp), parameter :: smallest_line = 1.0e-3_wp                   ! relative to the motion
 
-   !> A record with what is looked for in it.
+   !> A record with what is searched for in it.
    type :: search_t
       real(wp), allocatable :: x(:, :)                                ! the degrees of freedom that move most, (n_samples, any)
       real(wp), allocatable :: mean(:)                                ! of each of them

@@ -33,7 +33,7 @@ module hb_verification
    integer, parameter :: most_periods_of_beats = 100
    integer, parameter :: least_bound = 100, greatest_bound = 1000     ! periods at which a time integration ends without a decision,
                                                                       ! at least and at last
-   integer, parameter :: longest_decay = 1000000                      ! periods; a slower one is none to be told from it
+   integer, parameter :: longest_decay = 1000000                      ! periods; a slower one is none to be distinguished from it
    integer, parameter :: usual_bound = 150                            ! where nothing in the structure decays
    integer, parameter :: most_samples = 400000                        ! of one time integration, beyond the fewest periods
    integer, parameter :: periods_at_once = 5

@@ -100,7 +100,7 @@ contains
       call annotate(error, "result file '"//options%path//"'")
    end subroutine run_bench
 
-   !> Solves every point once to load libraries, not counted, and then as often as asked for.
+   !> Solves every point once to load libraries, not counted, and then as often as requested.
    subroutine solve_points(study, options, layout, costs)
       type(study_t), intent(in) :: study
       type(bench_options_t), intent(in) :: options
