@@ -208,7 +208,7 @@ contains
       class(law_t), intent(in) :: self
       type(hold_t) :: hold
 
-      hold%failure = "no method of &integration supports the constraint of law '"//self%label//"', which is rigid"
+      hold%failure = "no method of &integration supports law '"//self%label//"', which is rigid"
    end function law_hold
 
    !> The functions whose zeros are kinks of the force; time integration stops where one of them changes its sign.
