@@ -155,7 +155,7 @@ contains
          "input, docs/user/schema.md the results."])
    end subroutine write_help
 
-   !> The verbs of an option, where the help tells of all verbs and not all have it.
+   !> The verbs of an option, where the help lists all verbs and not all have it.
    pure function verbs_before(option, is_one) result(text)
       type(option_t), intent(in) :: option
       logical, intent(in) :: is_one

@@ -35,7 +35,7 @@ module verb_check
 
 contains
 
-   !> Runs the verb; `all_right` tells whether the derivatives of all laws are.
+   !> Runs the verb; `all_right` reports whether the derivatives of all laws are.
    subroutine run_check(options, comm, all_right, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm

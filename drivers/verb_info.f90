@@ -27,7 +27,7 @@ module verb_info
 
 contains
 
-   !> Runs the verb, on rank 0; the exit status tells whether the file is complete.
+   !> Runs the verb, on rank 0; the exit status reports whether the file is complete.
    subroutine run_info(options, comm, status, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm

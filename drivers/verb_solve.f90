@@ -110,7 +110,7 @@ contains
          " left; nhbm resume "//path//" solves "//merge("it  ", "them", summary%n_left == 1))
    end subroutine run
 
-   !> Follows the motions that leave the curves of a finished run, each in a result file of its own, if the input asks for that.
+   !> Follows the motions that leave the curves of a finished run, each in a result file of its own, if the input requests it.
    subroutine run_switched(study, options, path, comm, status, error)
       type(study_t), intent(in) :: study
       type(arguments_t), intent(in) :: options

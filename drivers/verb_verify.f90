@@ -16,7 +16,7 @@ module verb_verify
 
 contains
 
-   !> Runs the verb; `all_right` tells whether time integration agrees with every point.
+   !> Runs the verb; `all_right` reports whether time integration agrees with every point.
    subroutine run_verify(options, comm, all_right, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm

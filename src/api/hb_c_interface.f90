@@ -72,7 +72,7 @@ contains
 
       call c_f_pointer(model, handle)
       call handle%session%read(c_text(name), c_text(text), failure)
-      code = told(failure, wrong_input, error)
+      code = reported(failure, wrong_input, error)
    end function nhbm_read
 
    subroutine nhbm_delete(model) bind(c, name="nhbm_delete")
@@ -104,7 +104,7 @@ contains
 
       call c_f_pointer(model, handle)
       call handle%session%set(c_text(path), c_text(values), failure)
-      code = told(failure, wrong_input, error)
+      code = reported(failure, wrong_input, error)
    end function nhbm_set_text
 
    integer(c_int) function nhbm_parameter(model, path, number, error) bind(c, name="nhbm_parameter") result(code)
@@ -118,7 +118,7 @@ contains
       call c_f_pointer(model, handle)
       call handle%session%resolve(c_text(path), found, failure)
       number = int(found, c_int)
-      code = told(failure, wrong_input, error)
+      code = reported(failure, wrong_input, error)
    end function nhbm_parameter
 
    integer(c_int) function nhbm_set(model, number, value, error) bind(c, name="nhbm_set") result(code)
@@ -131,7 +131,7 @@ contains
 
       call c_f_pointer(model, handle)
       call handle%session%set_number(int(number), real(value, wp), failure)
-      code = told(failure, wrong_use, error)
+      code = reported(failure, wrong_use, error)
    end function nhbm_set
 
    integer(c_int) function nhbm_solve(model, start, error) bind(c, name="nhbm_solve") result(code)
@@ -143,7 +143,7 @@ contains
 
       call c_f_pointer(model, handle)
       call handle%session%solve(start /= 0, failure)
-      code = told(failure, wrong_input, error)
+      code = reported(failure, wrong_input, error)
    end function nhbm_solve
 
    integer(c_int) function nhbm_begin_curve(model, error) bind(c, name="nhbm_begin_curve") result(code)
@@ -154,7 +154,7 @@ contains
 
       call c_f_pointer(model, handle)
       call handle%session%begin_curve(failure)
-      code = told(failure, wrong_input, error)
+      code = reported(failure, wrong_input, error)
    end function nhbm_begin_curve
 
    integer(c_int) function nhbm_next(model, is_point, error) bind(c, name="nhbm_next") result(code)
@@ -168,7 +168,7 @@ contains
       is_point = merge(1_c_int, 0_c_int, handle%session%has_curve)
       if (is_point == 1) call handle%session%next(failure)
       if (allocated(failure)) is_point = 0
-      code = told(failure, wrong_input, error)
+      code = reported(failure, wrong_input, error)
    end function nhbm_next
 
    integer(c_int) function nhbm_integrate(model, error) bind(c, name="nhbm_integrate") result(code)
@@ -179,7 +179,7 @@ contains
 
       call c_f_pointer(model, handle)
       call handle%session%integrate(failure)
-      code = told(failure, wrong_input, error)
+      code = reported(failure, wrong_input, error)
    end function nhbm_integrate
 
    integer(c_int) function nhbm_verify(model, n_periods, error) bind(c, name="nhbm_verify") result(code)
@@ -191,7 +191,7 @@ contains
 
       call c_f_pointer(model, handle)
       call handle%session%verify(int(n_periods), failure)
-      code = told(failure, wrong_use, error)
+      code = reported(failure, wrong_use, error)
    end function nhbm_verify
 
    integer(c_int) function nhbm_column_of(model, name, column, error) bind(c, name="nhbm_column_of") result(code)
@@ -204,7 +204,7 @@ contains
       call c_f_pointer(model, handle)
       call handle%session%look_up(c_text(name), failure)
       call show_column(handle, column)
-      code = told(failure, wrong_use, error)
+      code = reported(failure, wrong_use, error)
    end function nhbm_column_of
 
    integer(c_int) function nhbm_time_column_of(model, name, column, error) bind(c, name="nhbm_time_column_of") result(code)
@@ -217,7 +217,7 @@ contains
       call c_f_pointer(model, handle)
       call handle%session%look_up_in_time(c_text(name), failure)
       call show_column(handle, column)
-      code = told(failure, wrong_use, error)
+      code = reported(failure, wrong_use, error)
    end function nhbm_time_column_of
 
    type(c_ptr) function nhbm_time_column_names(model) bind(c, name="nhbm_time_column_names") result(text)
@@ -300,7 +300,7 @@ contains
       call c_f_pointer(model, handle)
       handle%session%cancellation%ask = wants_end
       handle%session%cancellation%context = context
-      code = told(none, wrong_use, error)
+      code = reported(none, wrong_use, error)
    end function nhbm_ask
 
    type(c_ptr) function nhbm_version() bind(c, name="nhbm_version") result(text)
@@ -329,7 +329,7 @@ contains
    end function nhbm_key
 
    !> Fills the error of C, and gives its code.
-   integer(c_int) function told(failure, code, error)
+   integer(c_int) function reported(failure, code, error)
       type(error_t), allocatable, intent(in) :: failure
       integer(c_int), intent(in) :: code
       type(c_error_t), intent(inout) :: error
@@ -337,7 +337,7 @@ contains
 
       error%code = 0
       error%text(1) = c_null_char
-      told = 0
+      reported = 0
       if (.not. allocated(failure)) return
       n = min(len_trim(failure%message), error_length - 1)
       do i = 1, n
@@ -345,8 +345,8 @@ contains
       end do
       error%text(n + 1) = c_null_char
       error%code = code
-      told = code
-   end function told
+      reported = code
+   end function reported
 
    !> Address of a text that stays until the next one takes its place.
    type(c_ptr) function kept(text, place)

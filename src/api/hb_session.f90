@@ -398,7 +398,7 @@ contains
       call end_curve(self)
    end subroutine session_destroy
 
-   !> Asks every twentieth of a second, which nobody notices and costs nothing.
+   !> Asks every twentieth of a second, at negligible cost.
    logical function session_cancellation_wants_end(self) result(wants)
       class(session_cancellation_t), intent(inout) :: self
       real(wp), parameter :: interval = 0.05_wp

@@ -385,7 +385,7 @@ contains
       self%has_slopes = .not. allocated(error)
    end subroutine balance_differentiate
 
-   !> Brings the motion onto the torus: q, and v and s where a law asks for them.
+   !> Brings the motion onto the torus: q, and v and s where a law requests them.
    subroutine balance_sample(self, u)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]

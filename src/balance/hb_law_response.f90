@@ -13,7 +13,7 @@ module hb_law_response
 contains
 
    !> Finds the response, at all samples, of the forces on degree of freedom k to cos (part 1) or sin (part 2) of harmonic h of
-   !> the block that was found last. A multiplier law there supplies what equilibrium then asks of it.
+   !> the block that was found last. A multiplier law there supplies what equilibrium then requires of it.
    subroutine find_response(laws, i, h, part, k, samples)
       type(sampled_law_t), intent(in) :: laws(:)
       integer, intent(in) :: i                                        !! law with memory

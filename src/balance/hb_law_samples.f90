@@ -12,7 +12,7 @@ module hb_law_samples
    type :: law_samples_t
       type(real_block_t) :: q                                         !! motion [m]
       type(real_block_t) :: v                                         !! rate [m/s]
-      type(real_block_t) :: s                                         !! reaction that equilibrium asks for [N]
+      type(real_block_t) :: s                                         !! reaction that equilibrium requires [N]
       type(real_block_t) :: f                                         !! force of the laws [N]
       type(real_block_t) :: q_before                                  !! motion one step of time before each sample [m]
       type(real_block_t) :: step_rate, step_rate_before               !! rate times the step, there and one step before [m]

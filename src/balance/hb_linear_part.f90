@@ -164,7 +164,7 @@ contains
       end do
    end subroutine linear_part_damp
 
-   !> Finds what equilibrium asks of the laws, s = F_ext - S u, with the loads multiplied by a factor.
+   !> Finds what equilibrium requires of the laws, s = F_ext - S u, with the loads multiplied by a factor.
    subroutine linear_part_find_reaction(self, set, u, load_factor, reaction)
       class(linear_part_t), intent(in) :: self
       type(harmonics_t), intent(in) :: set

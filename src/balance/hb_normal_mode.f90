@@ -159,7 +159,7 @@ contains
          reached = first_share
          point = point_of(search, search%phase%unknowns([u]))
          call begin_curve(search, point, curve)
-         if (.not. allocated(goal%energy)) then                       ! the peak tells how deep a stop is pressed
+         if (.not. allocated(goal%energy)) then                       ! the peak reports how deep a stop is pressed
             curve%form = 0.0_wp*curve%x
             curve%form(:size(u)) = sign(1.0_wp, goal%value)*goal%forms(:, 2)
          end if

@@ -147,7 +147,7 @@ contains
    end subroutine projected_laws_tabulate
 
    !> Puts how the force of a line of the laws' kinks responds to its coordinate at a neighbour of each sample into the table, times
-   !> `factor`, as what the motion is multiplied by, and tells by which angle the wave exp(i j.tau) is ahead there.
+   !> `factor`, as what the motion is multiplied by, and reports by which angle the wave exp(i j.tau) is ahead there.
    subroutine projected_laws_tabulate_kinks(self, line, part, angle, is_any)
       class(projected_laws_t), intent(inout) :: self
       integer, intent(in) :: line

@@ -1,7 +1,7 @@
 !> All laws of a model on the samples of one torus: their forces, derivatives of these, their response to a direction or to single
 !> coefficients of the motion, and what holds of them on the torus as a whole.
 !>
-!> Explicit laws come first; a multiplier law then sees the reaction p = s - (explicit forces) that equilibrium asks of it
+!> Explicit laws come first; a multiplier law then sees the reaction p = s - (explicit forces) that equilibrium requires of it
 !> at each sample, s = (loads - S u)(tau). Laws with memory are explicit; their states come from time integration along time.
 !> Source: docs/why/theory.md, sections 5.3 to 5.5.
 module hb_sampled_laws
@@ -166,7 +166,7 @@ contains
       z = matmul(values(:, self%laws(i)%law%dofs), self%laws(i)%law%shape)
    end function sampled_laws_coordinates_of
 
-   !> Forces f from the samples q, v and s. Where they are not finite, `listen` tells why.
+   !> Forces f from the samples q, v and s. Where they are not finite, `listen` reports why.
    subroutine sampled_laws_evaluate(self)
       class(sampled_laws_t), intent(inout) :: self
 

@@ -13,7 +13,7 @@ module hb_tangent_choice
 
 contains
 
-   !> Unknowns up to which the dense tangent is the cheaper, of the laws of a model: the largest of what each asks for. Walls and
+   !> Unknowns up to which the dense tangent is the cheaper, of the laws of a model: the largest of what each requests. Walls and
    !> rigid friction, whose steps have to be exact, ask for the most.
    pure integer function largest_dense_tangent(laws)
       type(law_box_t), intent(in) :: laws(:)

@@ -340,7 +340,7 @@ contains
       end do
    end function document_drives
 
-   !> Fails for a parameter that follows another one: nobody else may move it.
+   !> Fails for a parameter that follows another one: nothing else may move it.
    pure subroutine document_refuse_tied(self, parameter, path, error)
       class(document_t), intent(in) :: self
       type(parameter_t), intent(in) :: parameter
@@ -387,7 +387,7 @@ contains
       end associate
    end function document_unit_of
 
-   !> Whether the reader of a parameter takes it as a real number; false while nobody has read it.
+   !> Whether the reader of a parameter takes it as a real number; false until it has been read.
    pure logical function document_is_real(self, parameter) result(is_real)
       class(document_t), intent(in) :: self
       type(parameter_t), intent(in) :: parameter

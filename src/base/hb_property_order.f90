@@ -63,7 +63,7 @@ contains
       if (allocated(order)) deallocate (order)
    end subroutine pick
 
-   !> Checks the indices of single elements; tells how many places listed values and elements take.
+   !> Checks the indices of single elements; reports how many places listed values and elements take.
    pure subroutine check_elements(self, i_key, extents, name, n, is_good)
       class(record_t), intent(inout) :: self
       integer, intent(in) :: i_key

@@ -14,7 +14,7 @@ module hb_property_record
    private
    public :: ask, asked_t, key_problem, missing_key, record_t, value_problem
 
-   integer, parameter :: max_problems = 50                  !! more are counted, not told
+   integer, parameter :: max_problems = 50                  !! more are counted, not reported
 
    !> What was requested, and the values used.
    type :: asked_t
@@ -132,7 +132,7 @@ contains
       if (allocated(self%content%keys)) self%content%keys%has_problem = .false.
    end subroutine record_forget
 
-   !> Reports all problems, keys given twice and keys of the file that nobody asked for or said anything about, one per line.
+   !> Reports all problems, keys given twice and keys of the file that no reader requested or said anything about, one per line.
    pure subroutine record_finish(self, error)
       class(record_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error

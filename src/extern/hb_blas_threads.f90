@@ -9,7 +9,7 @@ module hb_blas_threads
    public :: n_blas_threads, take_blas_memory, use_one_blas_thread
 
    interface
-      !> Has OpenBLAS work with one thread, unless the user's environment asks for a number (OPENBLAS_NUM_THREADS,
+      !> Has OpenBLAS work with one thread, unless the user's environment requests a number (OPENBLAS_NUM_THREADS,
       !> GOTO_NUM_THREADS, OMP_NUM_THREADS).
       subroutine use_one_blas_thread() bind(c, name="hb_use_one_blas_thread")
       end subroutine use_one_blas_thread

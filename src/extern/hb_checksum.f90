@@ -80,7 +80,7 @@ contains
          size(checksums, kind=c_long_long), checksums) == 0
    end subroutine checksum_rows
 
-   !> What tells a shared library from another one, by a function of it that is loaded: its checksum and length.
+   !> Fingerprint of a shared library, by a function of it that is loaded: its checksum and length.
    function library_fingerprint(address) result(text)
       type(c_funptr), intent(in) :: address
       character(60) :: text

@@ -371,7 +371,7 @@ contains
       self%forward = c_null_ptr
    end subroutine plan_pair_destroy
 
-   !> Forgets all plans that nobody uses and what was learnt while planning, so that the next plans take as long as the
+   !> Forgets all plans not in use and what was learnt while planning, so that the next plans take as long as the
    !> first ones.
    subroutine forget_plans()
       integer :: slot

@@ -74,7 +74,7 @@ contains
 
       call MPI_Initialized(is_started)
       if (is_started) return
-      ! OMPIO opens a shared file pointer that nobody uses, by a semaphore of the machine with the name of the file: one that is
+      ! OMPIO opens a shared file pointer not in use, by a semaphore of the machine with the name of the file: one that is
       ! left over, whoever made it, would hang the run. ROMIO makes none before it is used.
       call hb_set_default("OMPI_MCA_io"//c_null_char, "^ompio"//c_null_char)
       call MPI_Init()

@@ -292,7 +292,7 @@ contains
       if (length > 1) folder = words(:length)//"/"
    end function folder_of
 
-   !> Gives the number by which the system knows this process.
+   !> Gives the number of this process.
    integer function process_id()
       process_id = int(c_getpid())
    end function process_id

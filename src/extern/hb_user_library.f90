@@ -186,7 +186,7 @@ contains
       end if
    end subroutine open_law
 
-   !> What tells the library from another one: checksum and length; laws of the program have none.
+   !> Fingerprint of the library: checksum and length; laws of the program have none.
    function user_library_fingerprint(self) result(text)
       class(user_library_t), intent(in) :: self
       character(60) :: text

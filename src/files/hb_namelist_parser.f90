@@ -13,7 +13,7 @@ module hb_namelist_parser
    private
    public :: next_group, parse_body
 
-   !> What the parser knows while it is inside a group.
+   !> State of the parser inside a group.
    type :: body_t
       character(:), allocatable :: name                     !! of the group
       character(:), allocatable :: key                      !! the latest one

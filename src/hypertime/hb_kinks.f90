@@ -104,7 +104,7 @@ contains
       steps(1 + (part - 1)/4) = along(1 + modulo(part - 1, 4))
    end function kink_grid_shift
 
-   !> Adds what sampling misses of a function of z to its samples f, and tells how that depends on the samples of z.
+   !> Adds what sampling misses of a function of z to its samples f, and reports how that depends on the samples of z.
    subroutine kink_grid_correct(self, z, places, jumps, f, slopes)
       class(kink_grid_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: z(:)                        !! [m], (n_samples)

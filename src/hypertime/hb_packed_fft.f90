@@ -70,7 +70,7 @@ contains
       type(packed_fft_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
       integer, intent(in) :: parity                                   !! 1 or 0: of the sums of tuples; any on the whole grid
-      integer, intent(in) :: highest(:)                               !! (n_tones) >= 0; larger than the grid tells apart: all
+      integer, intent(in) :: highest(:)                               !! (n_tones) >= 0; larger than the grid resolves: all
       integer, intent(in) :: directions                               !! one of `direction`
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error

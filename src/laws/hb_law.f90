@@ -97,7 +97,7 @@ module hb_law
          class(law_t), intent(in) :: self
          real(wp), intent(in), contiguous :: z(:, :)                  !! coordinates [m], (n_samples, n_coordinates)
          real(wp), intent(in), contiguous :: v(:, :)                  !! their rates [m/s]; no columns unless needs_velocity
-         real(wp), intent(in), contiguous :: p(:, :)                  !! reaction [N] that equilibrium asks of this law;
+         real(wp), intent(in), contiguous :: p(:, :)                  !! reaction [N] that equilibrium requires of this law;
                                                                       !! no columns unless is_multiplier
          real(wp), intent(out), contiguous :: f(:, :)                 !! forces [N], as z
          real(wp), intent(out), contiguous, optional :: df_dz(:, :, :)   !! last axis: the coordinate differentiated by
@@ -187,7 +187,7 @@ contains
       is_fatal = .false.
    end subroutine law_explain
 
-   !> What tells code from outside of nhbm from other code: its name and a checksum; empty for laws of its own.
+   !> Fingerprint of code from outside of nhbm: its name and a checksum; empty for laws of its own.
    function law_fingerprint(self) result(text)
       class(law_t), intent(in) :: self
       character(300) :: text

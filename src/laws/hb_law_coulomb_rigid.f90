@@ -1,6 +1,6 @@
 !> Rigid Coulomb friction, exactly: |f| <= S, and f = S sgn(v) while it slides, by the force that friction must supply.
 !>
-!> With p the reaction that equilibrium asks for, f = min(max(p + eps v, -S), S). At a solution p and f agree in the kept
+!> With p the reaction that equilibrium requires, f = min(max(p + eps v, -S), S). At a solution p and f agree in the kept
 !> harmonics, so that either |f| < S and v = 0 (stop), or f = S sgn(v) (slip), up to the truncation of the series, for any
 !> eps > 0. Source: docs/why/theory.md, section 5.5; augmented Lagrangian form of friction, Alart and Curnier, Comput. Methods
 !> Appl. Mech. Engrg. 92 (1991) 353-375. Sign: f stands beside K q on the left-hand side.

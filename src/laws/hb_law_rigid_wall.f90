@@ -1,6 +1,6 @@
 !> Rigid wall, z <= g, by the force that the wall must supply: no stiffness of the wall enters.
 !>
-!> With p the reaction that equilibrium asks for, lambda = max(0, p + eps (z - g)). At a solution p and lambda agree in the
+!> With p the reaction that equilibrium requires, lambda = max(0, p + eps (z - g)). At a solution p and lambda agree in the
 !> kept harmonics, so that lambda >= 0, z <= g and lambda (z - g) = 0 hold up to the truncation of the series, for any
 !> eps > 0. Two-sided also -max(0, -p - eps (z + g)). Source: docs/why/theory.md, section 5.3; augmented Lagrangian form of
 !> unilateral contact, Alart and Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375.

@@ -143,7 +143,7 @@ contains
       end if
    end subroutine user_law_explain
 
-   !> Its name, and what tells the library from another one.
+   !> Its name, and the fingerprint of the library.
    function user_law_fingerprint(self) result(text)
       class(user_law_t), intent(in) :: self
       character(300) :: text

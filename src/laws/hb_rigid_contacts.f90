@@ -1,4 +1,4 @@
-!> Several rigid contacts at once, gaps g_i + a_i.z >= 0, by the reaction that equilibrium asks of them.
+!> Several rigid contacts at once, gaps g_i + a_i.z >= 0, by the reaction that equilibrium requires of them.
 !>
 !> As many contacts as there are may touch: as long as their shapes a_i span a plane, what they allow is a convex polygon there.
 !> With an orthonormal basis E of the plane, w = E z and the reaction p, the loads l_i are those with which

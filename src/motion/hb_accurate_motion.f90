@@ -80,7 +80,7 @@ module hb_accurate_motion
 
 contains
 
-   !> Solves a model to the tolerance that it asks for. The result has the set of its own, and status `converged` where the
+   !> Solves a model to the tolerance that it requests. The result has the set of its own, and status `converged` where the
    !> estimated error is below the tolerance, `truncated` where the budget came first; a motion that was not found at all has the
    !> status of the attempt on the lowest level.
    subroutine solve_to_tolerance(model, result, error, top, start)

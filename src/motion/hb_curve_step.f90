@@ -570,7 +570,7 @@ contains
       is_at_origin = self%way > 2 .and. self%length <= 0.0_wp
    end function is_at_origin
 
-   !> Whether all motions of one period are sought, and the determinant tells where they meet: where multipliers of a truncated
+   !> Whether all motions of one period are sought, and the determinant reports where they meet: where multipliers of a truncated
    !> motion pass 1 a little beside a fold it is no other event.
    pure logical function tells_all(self)
       class(followed_motion_t), intent(in) :: self

@@ -194,8 +194,8 @@ contains
       level = trimmed
    end subroutine trim_set
 
-   !> Chooses a smaller set and a coarser grid for a motion that is far more accurate than is requested; `is_smaller` tells whether
-   !> it is worth the change.
+   !> Chooses a smaller set and a coarser grid for a motion that is far more accurate than is requested; `is_smaller` reports
+   !> whether it is worth the change.
    subroutine choose_smaller(model, level, is_smaller)
       type(model_t), intent(in) :: model
       type(level_t), intent(inout) :: level
@@ -215,7 +215,7 @@ contains
                    product(real(level%n_samples, wp)) <= clearly_smaller*product(real(n_samples, wp))
    end subroutine choose_smaller
 
-   !> Makes a level one that has all tuples of a set as well; its motion is zero there. `is_new` tells of any.
+   !> Makes a level one that has all tuples of a set as well; its motion is zero there. `is_new` reports any.
    subroutine join(level, set, is_new)
       type(level_t), intent(inout) :: level
       type(harmonics_t), intent(in) :: set
@@ -441,7 +441,7 @@ contains
    end function degree_of
 
    !> Fewest samples of each tone for the largest entries of a set: without aliasing for polynomials, else a little more than what
-   !> tells its harmonics apart.
+   !> separates its harmonics.
    pure function needed_samples(highest, degree) result(n_samples)
       integer, intent(in) :: highest(:)                               !! (n_tones)
       integer, intent(in) :: degree                                   !! of the laws, 0: no polynomials

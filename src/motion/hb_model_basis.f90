@@ -17,7 +17,7 @@ module hb_model_basis
 contains
 
    !> Finds the basis of a model, with a first guess that takes the place of its own. An odd one is left to what has nothing
-   !> to the contrary, unless the user asks for odd motions.
+   !> to the contrary, unless the user requests odd motions.
    subroutine find_basis(self, is_odd, model, error, guess)
       type(basis_t), intent(out) :: self
       logical, intent(out) :: is_odd

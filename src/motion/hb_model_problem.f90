@@ -192,7 +192,7 @@ contains
       end subroutine go
    end function model_problem_roughness
 
-   !> Brings model and balance to a value; `error` tells why that is not possible.
+   !> Brings model and balance to a value; `error` reports why that is not possible.
    subroutine move_to(self, value, is_possible)
       type(model_problem_t), intent(inout) :: self
       real(wp), intent(in) :: value

@@ -61,7 +61,7 @@ contains
 
    !> Brings a model, read from a document before, to the values that this has now: reads what has changed, or everything where
    !> more than numbers did. Whatever is unusual, a mistake in the input included, ends in a complete reading, which has the last
-   !> word. `is_new` tells of that.
+   !> word. `is_new` reports that.
    subroutine update_model(self, document, is_new, error, available, callbacks)
       type(model_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document

@@ -196,7 +196,7 @@ contains
       is_proven_odd = result%asymmetry <= rounding
    end function is_proven_odd
 
-   !> Takes out what was found before an error: nobody has seen that it is a motion.
+   !> Takes out what was found before an error: it is not known to be a motion.
    pure subroutine forget_motion(result)
       type(motion_result_t), intent(inout) :: result
 

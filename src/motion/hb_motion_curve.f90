@@ -405,7 +405,7 @@ contains
 
    ! Its points
 
-   !> The next point. Its status tells where there is no way on; `interrupted`: nothing was found out, and the curve continues
+   !> The next point. Its status shows where the curve ends; `interrupted`: nothing was found out, and the curve continues
    !> here in another run.
    subroutine motion_curve_next(self, result, error)
       class(motion_curve_t), intent(inout), target :: self
@@ -459,7 +459,7 @@ contains
       self%is_done = self%is_done .or. self%n_reported >= self%request%n_points
    end subroutine find_next
 
-   !> Goes on to the first point of a kind, if so many steps lead there, and tells that point alone.
+   !> Goes on to the first point of a kind, if so many steps lead there, and returns that point alone.
    subroutine motion_curve_look_for(self, kind, most_steps, result, n_steps, is_found, error)
       class(motion_curve_t), intent(inout), target :: self
       integer, intent(in) :: kind, most_steps

@@ -168,7 +168,7 @@ contains
       self%is_done = kind == curve_kind%end .or. self%n_reported >= self%request%n_points
    end subroutine take
 
-   !> The next point. Its status tells where there is no way on.
+   !> The next point. Its status shows where the curve ends.
    subroutine motion_ridge_next(self, result, error)
       class(motion_ridge_t), intent(inout), target :: self
       type(motion_result_t), intent(out) :: result

@@ -118,7 +118,7 @@ contains
    end subroutine new_curve
 
    !> Goes one step along the direction and back to the curve; where that fails, with shorter and shorter steps, at last round a
-   !> kink. The status tells where there is no way on.
+   !> kink. The status shows where the curve ends.
    subroutine curve_advance(self)
       class(curve_t), intent(inout) :: self
       logical :: is_on_curve

@@ -53,7 +53,7 @@ contains
    end subroutine line_search_remember
 
    !> Moves x along `step`, halving it until the residual is small enough; on success x, r and norm are those of the new
-   !> point and `fraction` tells how much of the step was taken; otherwise they stay, `fraction` is 0 and `failure` says why.
+   !> point and `fraction` reports how much of the step was taken; otherwise they stay, `fraction` is 0 and `failure` says why.
    !> The first x is that from which distances are assessed.
    subroutine line_search_advance(self, problem, step, x, r, norm, fraction)
       class(line_search_t), intent(inout) :: self

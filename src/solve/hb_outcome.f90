@@ -15,7 +15,7 @@ module hb_outcome
       integer :: out_of_budget = 3                     !! a limit on work came first
       integer :: singular = 4                          !! the linear system of a step has no unique solution
       integer :: not_finite = 5                        !! NaN or infinity wherever the residual was evaluated
-      integer :: failed = 6                            !! an error of this point alone, told by its message
+      integer :: failed = 6                            !! an error of this point alone, described by its message
       integer :: truncated = 7                         !! solved, but the harmonics left out matter
       integer :: aliased = 8                           !! solved, but the samples are too few
       integer :: penetrating = 9                       !! solved, but the motion goes too far into a rigid wall

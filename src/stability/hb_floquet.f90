@@ -143,7 +143,7 @@ contains
       call assess_exponents(self, propagation, work_limit, config)
    end subroutine assess_torus
 
-   !> Follows disturbances period by period, and tells what their growth says.
+   !> Follows disturbances period by period, and reports what their growth says.
    subroutine assess_exponents(self, propagation, work_limit, config)
       type(stability_t), intent(inout) :: self
       class(propagation_t), intent(inout) :: propagation
@@ -221,7 +221,7 @@ contains
       call assess_matrix(self, monodromy%matrix, variation%motion%omega(1))
    end subroutine assess_period
 
-   !> Keeps the multipliers of a monodromy matrix and tells what they say, with the estimate that there is.
+   !> Keeps the multipliers of a monodromy matrix and reports what they say, with the estimate that there is.
    subroutine assess_matrix(self, matrix, omega)
       type(stability_t), intent(inout) :: self
       real(wp), intent(in) :: matrix(:, :)

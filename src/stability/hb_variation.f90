@@ -193,7 +193,7 @@ contains
       end associate
    end subroutine variation_matrices
 
-   !> Whether no law has a memory, or forces with kinks that it tells of.
+   !> Whether no law has a memory, or forces with kinks that it provides.
    pure logical function variation_is_smooth(self) result(is_smooth)
       class(variation_t), intent(in) :: self
       integer :: i

@@ -149,7 +149,7 @@ contains
       call self%factors%destroy()
    end subroutine block_solver_end
 
-   !> Solves S(frequency, drive) X = rhs(:, 1:n_rhs) in place, and tells how close S is to a singular matrix.
+   !> Solves S(frequency, drive) X = rhs(:, 1:n_rhs) in place, and reports how close S is to a singular matrix.
    !>
    !> The last column of `rhs` is a probe, a vector of no particular direction. Where it grows much, one round
    !> of power iteration with the inverse of S**H S follows, which near a singularity settles at once.

@@ -125,7 +125,8 @@ contains
       end function line_of
    end subroutine curve_lines
 
-   !> Counts the steps on which the number of growing disturbances changes without a point, on them or next to them, that tells why.
+   !> Counts the steps on which the number of growing disturbances changes without a point, on them or next to them, that reports
+   !> why.
    !> Steps on which it is not known at both ends do not count, nor does the start of a branch.
    pure subroutine find_gaps(kind, branch, n_unstable, n_rows, n_gaps, first)
       integer, intent(in) :: kind(:), branch(:)                       !! of all points of all curves

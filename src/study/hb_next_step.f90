@@ -98,7 +98,7 @@ contains
       end associate
    end function solve_or_integrate
 
-   !> What tells more about the failure.
+   !> More about the failure.
    function look_into(run) result(text)
       type(run_t), intent(in) :: run
       character(:), allocatable :: text

@@ -22,7 +22,7 @@ contains
    !> that could be tried again, which may need them. What goes wrong leaves the file as it is.
    subroutine remove_padding(study, path)
       type(study_t), intent(in) :: study
-      character(*), intent(in) :: path                                !! of the result file, which nobody writes to
+      character(*), intent(in) :: path                                !! of the result file, which is not being written
       type(results_layout_t) :: layout
       type(record_t) :: record
       type(plan_t) :: plan

@@ -11,7 +11,7 @@ module hb_progress
    private
    public :: log_level, log_level_names, new_progress, progress_t
 
-   !> How much a run tells, each level all of those before it.
+   !> How much a run prints, each level all of those before it.
    type :: log_level_t
       integer :: quiet = 0                                            !! errors alone
       integer :: normal = 1                                           !! progress, summary, warnings
@@ -66,7 +66,7 @@ contains
       if (self%on_terminal) self%interval = terminal_interval
    end subroutine new_progress
 
-   !> Counts a point that this rank has solved; `is_report_due` tells whether the others should hear of it.
+   !> Counts a point that this rank has solved; `is_report_due` reports whether the others should hear of it.
    subroutine progress_note(self, has_failed, is_report_due)
       class(progress_t), intent(inout) :: self
       logical, intent(in) :: has_failed

@@ -11,7 +11,7 @@ module hb_run_callbacks
 
 contains
 
-   !> Makes the callbacks of a run. Stability may take two seconds in all, which nobody notices, beside what it may take at each
+   !> Makes the callbacks of a run. Stability may take two seconds in all, beside what it may take at each
    !> point. Time integration may take as much at all points together as at a single one, but not less than a fortieth of it, a
    !> second.
    function run_callbacks(n_points, is_followed) result(callbacks)

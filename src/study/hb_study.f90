@@ -126,7 +126,7 @@ contains
       end associate
    end function study_n_chains
 
-   !> Whether points start from their neighbours without being told to: where many of them follow each other along physical
+   !> Whether points start from their neighbours by default: where many of them follow each other along physical
    !> parameters that change by and by. What the input alone says decides, not who runs it.
    pure logical function is_chained(self)
       type(study_t), intent(in) :: self

@@ -203,7 +203,7 @@ contains
          else if (kind_of_file(self%model%wisdom) == file_kind%none) then
             model = self%model
             call solve_motion(model, trial, error)  ! plans every transform of the first point
-            if (allocated(error)) deallocate (error)                  ! told again when the point is solved
+            if (allocated(error)) deallocate (error)                  ! reported again when the point is solved
             if (.not. export_wisdom(self%model%wisdom)) then
                call fail(error, "&sampling: wisdom: cannot write '"//self%model%wisdom//"'; give a path in a writable folder")
             end if
@@ -221,7 +221,7 @@ contains
       call share_error(comm, error)
    end subroutine prepare_wisdom
 
-   !> Draws blocks of units until there are none left, or the run has to end. Rank 0 tells the progress of all.
+   !> Draws blocks of units until there are none left, or the run has to end. Rank 0 prints the progress of all.
    subroutine run_points(self, run, level, comm, summary, error)
       type(study_t), intent(in) :: self
       type(run_t), intent(inout), target :: run
@@ -275,7 +275,7 @@ contains
       call run%counter%destroy()
    end subroutine run_points
 
-   !> Solves the points of one unit in their order, each from its neighbours where the input asks for that, and writes them;
+   !> Solves the points of one unit in their order, each from its neighbours where the input requests it, and writes them;
    !> leaves the unit where the run has to end.
    subroutine run_unit(self, run, unit, group, summary, error)
       type(study_t), intent(in) :: self

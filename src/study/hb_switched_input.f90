@@ -59,7 +59,7 @@ contains
       else if (.not. is_torus .and. any([(model%laws(i)%law%n_phases > 0, i=1, size(model%laws))])) then
          call fail(error, "a law turns with a tone")
       end if
-      if (.not. (allocated(error) .or. model%accuracy%grows_set)) call add_set()   ! else the origin tells it
+      if (.not. (allocated(error) .or. model%accuracy%grows_set)) call add_set()   ! else the origin has it
       if (allocated(error)) return
       if (is_torus) then
          group => document%group("tones", 1)

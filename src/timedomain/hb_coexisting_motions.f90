@@ -18,7 +18,7 @@ module hb_coexisting_motions
 
 contains
 
-   !> Integrates from as many starts as the model asks for, the first one as `settle` has it. What comes out is the first motion of
+   !> Integrates from as many starts as the model requests, the first one as `settle` has it. What comes out is the first motion of
    !> the tones; where there are others beside it, the status is `several`, with as many as there are.
    subroutine settle_from_starts(model, law_dofs, settled, error)
       type(model_t), intent(in) :: model                              !! all of its tones given

@@ -358,7 +358,7 @@ contains
       real(wp), intent(in) :: remainder(:, :)                         !! what the series leaves of it, likewise
       type(integration_record_t), intent(in) :: record
       real(wp), intent(in) :: allowed                                 !! largest spread of a steady motion
-      logical, intent(in) :: has_forgotten                            !! how it began, as far as damping tells
+      logical, intent(in) :: has_forgotten                            !! how it began, as far as damping shows
       logical, intent(in) :: is_last                                  !! there is no longer window
       real(wp) :: left_out
       character(:), allocatable :: integrated_for

@@ -77,7 +77,7 @@ contains
       if (model%integration%starts > 1 .and. .not. allocated(error)) call integrate_others(model, frequencies, step, self, error)
    end subroutine integrate_model
 
-   !> Integrates from the other starts, as long as from the first one, and tells motions apart.
+   !> Integrates from the other starts, as long as from the first one, and distinguishes motions.
    subroutine integrate_others(model, frequencies, step, content, error)
       type(model_t), intent(in) :: model
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)

@@ -38,7 +38,7 @@ module hb_integrator
 
 contains
 
-   !> Forces of the laws [N] on their coordinates in a state, on the left-hand side; 0 for rigid laws unless a method knows.
+   !> Forces of the laws [N] on their coordinates in a state, on the left-hand side; 0 for rigid laws unless a method provides them.
    subroutine integrator_forces(self, state, f)
       class(integrator_t), intent(inout) :: self
       type(integration_state_t), intent(in) :: state

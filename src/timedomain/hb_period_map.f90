@@ -142,7 +142,7 @@ contains
       work = (8.0_wp*size(self%x) + usual_shots)*self%integration%work_of(2)
    end function work_of_period_map
 
-   !> Finds the state that repeats and the matrix there; `is_found` tells whether there is one close to the motion.
+   !> Finds the state that repeats and the matrix there; `is_found` reports whether there is one close to the motion.
    subroutine find_period_map(self, is_free, work_limit)
       type(period_map_t), intent(inout) :: self
       logical, intent(in) :: is_free                                  !! the tone is the motion's own

@@ -39,7 +39,7 @@ module hb_verification
    integer, parameter :: periods_at_once = 5
    real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm: the bound
    real(wp), parameter :: most_decay = 3.0_wp                         ! likewise: the start is forgotten
-   real(wp), parameter :: integration_tolerance = 1.0e-13_wp          ! of the time integration, unless the input asks for less
+   real(wp), parameter :: integration_tolerance = 1.0e-13_wp          ! of the time integration, unless the input requests less
    real(wp), parameter :: remembered = 10.0_wp                        ! fall of the distance below which the start still counts
    real(wp), parameter :: nearness = 1.0e-6_wp ! of the second time integration at its start, relative to the motion
    real(wp), parameter :: too_far = 1.0e-4_wp, too_near = 1.0e-10_wp  ! distances at which it is brought back there
