@@ -82,7 +82,8 @@ def test_errors_against_a_point_of_a_file(order_sequence):
     errors = Bench(order_sequence).errors(read_reference(f"{order_sequence}@3"))
     assert errors[3] == 0.0
     np.testing.assert_allclose(errors[:3], np.exp(-ORDERS[:3]), rtol=1e-9)
-    for text, message in ((str(order_sequence), "choose one"), (f"{order_sequence}@9", "no point 9"), (f"{order_sequence}@7", "not solved")):
+    sequence = str(order_sequence)
+    for text, message in ((sequence, "choose one"), (f"{sequence}@9", "no point 9"), (f"{sequence}@7", "not solved")):
         with pytest.raises(UsageError, match=message):
             read_reference(text)
 
@@ -101,7 +102,8 @@ def test_points_by_tolerance_have_tuples_of_their_own(order_sequence, table):
 
 
 def test_points_of_the_finest_set_are_the_reference(tmp_path):
-    path = write_order_sequence(tmp_path / "order_sequence.h5", np.concatenate([np.exp(-ORDERS), ORDERS**-3.0]) * np.tile([1, 1, 1, 0], 2), [1] * 8)
+    errors = np.concatenate([np.exp(-ORDERS), ORDERS**-3.0]) * np.tile([1, 1, 1, 0], 2)
+    path = write_order_sequence(tmp_path / "order_sequence.h5", errors, [1] * 8)
     errors = Bench(path).errors()
     assert np.isnan(errors[[3, 7]]).all()
     np.testing.assert_allclose(errors[:3], np.exp(-ORDERS[:3]), rtol=1e-9)

@@ -324,7 +324,7 @@ def _bench(case: Case, method: str, folder: Path, *sets: str) -> tuple[Bench, li
 
 
 def _by_tolerance(case: Case, folder: Path, t, reference, size: float) -> list[Point]:
-    """Motions by `&accuracy`, each timed as a time integration is: with all its levels and their certificates, without stability."""
+    """Motions by `&accuracy`, timed as time integration is: with all levels and their certificates, without stability."""
     source, result = folder / "tolerance.nml", folder / "tolerance.h5"
     source.write_text(case.model.without("harmonics", "sampling").text(), encoding="utf-8")
     points = []

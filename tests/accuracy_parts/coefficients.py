@@ -1,4 +1,4 @@
-"""Coefficients of C2a from time integrations of growing length, and from balances of growing order, against those with 14 digits."""
+"""Coefficients of C2a from time integrations of growing length, and from balances of growing order, against 14 digits."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ def draw_coefficients(order, error):
         ax.set(xlabel="order $N$ of the series", ylabel="relative rms error of eight tuples")
         ax.legend()
         ax.grid(True)
-        style.head(fig, "Elastic stop under two tones (C2a)", "against coefficients with 11 digits from time integration with events")
+        style.head(fig, "Elastic stop under two tones (C2a)", "against coefficients with 11 digits by integration with events")
     return fig
 
 

@@ -60,7 +60,7 @@ def investigate(name: str, model: Model, together: float, length: float, orders:
 
 
 def _share_of_tuples(t: np.ndarray, x: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """Sum of |c|^2 over all tuples of the boxes of order 0 to HIGHEST, over the mean square, with the smooth window of nhbm integrate.
+    """Sum of |c|^2 over all tuples of the boxes of order 0 to HIGHEST, over the mean square, with the window of nhbm integrate.
 
     The mean square needs the window too: without it the beat of the tones leaves an error of more than small lines.
     """
@@ -83,7 +83,8 @@ def _lines(model: Model, omega: np.ndarray, folder: Path) -> tuple[int, float]:
     source.write_text(model.text(), encoding="utf-8")
     length = 300.0 if model.sets else 1500.0
     settings = ("method='cvode'", "tolerance=1e-11", "step=0.01", "transient=20", f"duration={length}", f"n_peaks={N_LINES}")
-    nhbm("integrate", source, result, (*model.sets, "harmonics%order=1", "output%dofs='q1'", *(f"integration%{s}" for s in settings)))
+    given = (f"integration%{s}" for s in settings)
+    nhbm("integrate", source, result, (*model.sets, "harmonics%order=1", "output%dofs='q1'", *given))
     with h5py.File(result) as file:
         peaks = np.abs(file["peak_frequency"][0])
     k = np.arange(-HIGHEST, HIGHEST + 1)
@@ -137,7 +138,7 @@ def verdict(source: str, point: int, folder: Path) -> tuple[str, str]:
         verdicts = data["integration_verdict"]
         names = dict(zip(verdicts.attrs["flag_values"].tolist(), _words(verdicts.attrs["flag_meanings"])))
         first, last, limit, growth = (
-            float(data[name][point]) for name in ("integration_first_difference", "integration_difference", "integration_limit", "integration_growth")
+            float(data[f"integration_{name}"][point]) for name in ("first_difference", "difference", "limit", "growth")
         )
         said = f"{names[int(verdicts[point])]}: {first:.1e} of the motion of the worst coordinate in the first period, {last:.1e} "
         said += f"in the end, limit {limit:.1e}, growth {growth:.2g} 1/s"

@@ -46,7 +46,8 @@ def test_integration_from_the_state_of_a_balance_stays_on_its_motion(tmp_path):
     """Displacement and velocity of all degrees of freedom fit into one tuple of &start; a wrong one would be seen at once."""
     model = Model("order_sequence/paper_cubic", **MIDSPAN, sets=("law(1)%stiffness=10",))
     balance = Balance(model, tmp_path, "harmonics%order=5")
-    record = integration(model, tmp_path, "method='cvode'", "step=0.02", "duration=1", "tolerance=1e-13", start=balance.start_groups())
+    record = integration(model, tmp_path, "method='cvode'", "step=0.02", "duration=1", "tolerance=1e-13",
+                         start=balance.start_groups())
     assert record.cpu > 0.0
     assert rms(record.x - balance.at(record.t)) < 1e-10 * rms(record.x)
 

@@ -135,7 +135,7 @@ def test_integration_is_independent_of_the_balance():
             if module not in LAYER_OF_MODULE or module in seen:
                 continue
             is_free = LAYER_OF_MODULE[module] in INTEGRATION_MAY_USE or module in INTEGRATION_MAY_USE_MODULES
-            assert is_free, f"{paths[name].relative_to(ROOT)}:{number}: integration in time uses {module} of {LAYER_OF_MODULE[module]}/"
+            assert is_free, f"{paths[name].relative_to(ROOT)}:{number}: it uses {module} of {LAYER_OF_MODULE[module]}/"
             seen.add(module)
             left.append(module)
 

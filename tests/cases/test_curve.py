@@ -543,7 +543,7 @@ def test_folds_at_a_stop_are_those_of_shooting(tmp_path):
 
 @pytest.mark.long
 def test_coexisting_motions_of_the_rotor_are_told(tmp_path):
-    """At 1.3 rad/s: two whirls all round the ring, one free of it, two tori; time integrations end in that and in the torus that bounces."""
+    """At 1.3 rad/s: two whirls all round the ring, one free of it, two tori; integration ends in that and in a torus."""
     text = (INPUTS / "gallery" / "jeffcott_torus.nml").read_text(encoding="utf-8")
     (tmp_path / "rotor.nml").write_text(text)
     assert run("solve", "rotor.nml", cwd=tmp_path).status in (ALL_CONVERGED, NOT_ALL_CONVERGED)
@@ -559,7 +559,8 @@ def test_coexisting_motions_of_the_rotor_are_told(tmp_path):
     lines = [line for line in text.splitlines() if not line.startswith(("&curve", "   torus_order"))]
     (tmp_path / "integration.nml").write_text("\n".join(lines).replace("frequency = 0.7", "frequency = 1.3") + "\n")
     starts = ("integration%starts=12", "integration%transient=600.0", "integration%duration=600.0")
-    done = run("integrate", "integration.nml", "-o", "integration.h5", *[word for key in starts for word in ("--set", key)], cwd=tmp_path)
+    settings = [word for key in starts for word in ("--set", key)]
+    done = run("integrate", "integration.nml", "-o", "integration.h5", *settings, cwd=tmp_path)
     assert "2 motions" in done.stdout, done.stdout + done.stderr
     integrated, spread = read(tmp_path / "integration.h5", "motion_coefficients", "motion_spread")
     amplitudes = np.hypot(*np.moveaxis(integrated[:, 0, 1], -1, 0))

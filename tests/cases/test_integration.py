@@ -127,7 +127,7 @@ def test_a_record_says_what_it_holds(tmp_path):
 
 
 def test_several_motions_are_the_same_on_any_number_of_ranks(tmp_path):
-    """Both motions of a hardening spring, by a time integration and by points whose first way it is: no bit depends on who integrates."""
+    """Both motions of a hardening spring, by nhbm integrate and by points whose primary method it is: the same bits."""
     model = MASS.replace("frequency=1.3", "frequency=1.5")
     model += "&load dof='x1', tuple=1, cos=0.4 /\n&law type='cubic_spring', dof='x1', stiffness=1 /\n"
     model += "&integration duration=60, transient=150, starts=6 /\n"
@@ -190,7 +190,7 @@ def test_forced_mass_is_that_of_the_balance(tmp_path):
         ),
         (
             FORCED + "&integration duration=10 /\n&sweep parameter='law(1)%stiffness', values=1,2 /",
-            "points 0 to 1; time integration follows one",
+            "points 0 to 1; time integration takes one",
         ),
     ],
 )
@@ -214,7 +214,8 @@ def test_record_of_another_model_is_refused(tmp_path):
 def test_point_of_a_sweep_is_followed(tmp_path):
     swept = FORCED + "&sweep parameter='law(1)%stiffness', values=0.5, 2 /\n&integration duration=10, step=0.1 /"
     second = integration(swept, tmp_path, "--point", "1", name="swept")
-    alone = integration(FORCED.replace("stiffness=0.5", "stiffness=2") + "&integration duration=10, step=0.1 /", tmp_path, name="alone")
+    stiffer = FORCED.replace("stiffness=0.5", "stiffness=2")
+    alone = integration(stiffer + "&integration duration=10, step=0.1 /", tmp_path, name="alone")
     np.testing.assert_array_equal(read(second, "displacement"), read(alone, "displacement"))
 
 
@@ -222,7 +223,8 @@ def test_point_of_a_sweep_is_followed(tmp_path):
 
 
 def test_unknown_tone_without_a_guess_is_read_from_the_record(tmp_path):
-    text = VAN_DER_POL + "&start dof='x1', tuple=1, cos=1 /\n&integration start='given', transient=100, duration=400, tolerance=1e-12 /"
+    text = VAN_DER_POL + "&start dof='x1', tuple=1, cos=1 /\n"
+    text += "&integration start='given', transient=100, duration=400, tolerance=1e-12 /"
     record = integration(text, tmp_path)
     assert 2 * np.pi / read(record, "frequency")[0] == pytest.approx(6.6632868593231361, rel=1e-9)
     assert read(record, "spread").max() < 1e-8
@@ -266,7 +268,8 @@ def test_elastic_stop_under_two_tones(tmp_path):
 @pytest.mark.long
 def test_elastic_stop_under_two_tones_to_eleven_digits(tmp_path):
     source = INPUTS / "gallery" / "elastic_stop_two_tones.nml"
-    record = integration(source, tmp_path, "--point", 0, "--set", "integration%duration=40000", "--set", "integration%decimation=2000")
+    settings = ("--set", "integration%duration=40000", "--set", "integration%decimation=2000")
+    record = integration(source, tmp_path, "--point", 0, *settings)
     np.testing.assert_allclose(coefficient(record, 0, 0), (-0.20334727152247, 0.0), atol=1e-11)
     np.testing.assert_allclose(coefficient(record, 1, 0), (0.62198242428873, 0.23632950152279), atol=1e-11)
     np.testing.assert_allclose(coefficient(record, 2, -1), (0.00810698665249, 0.04650284834983), atol=1e-11)
@@ -317,7 +320,8 @@ def test_figure_7_difference_falls_with_the_order(tmp_path):
     errors = [np.sqrt(np.mean(difference(record, result, point, "v3") ** 2)) for point in range(4)]
     np.testing.assert_allclose(errors, [2.093e-5, 1.098e-5, 6.481e-6, 4.636e-6], rtol=2e-3)
     assert np.abs(difference(record, result, 3, "v3")).max() == pytest.approx(4.159e-5, rel=2e-3)
-    events = integration(source, tmp_path, "--point", 3, "--set", "integration%method='cvode'", "--set", "integration%step=1e-3", "--set",
+    events = integration(source, tmp_path, "--point", 3, "--set", "integration%method='cvode'", "--set", "integration%step=1e-3",
+                         "--set",
                    "integration%decimation=1", name="events")
     middle = 3  # v3 among the eight degrees of freedom
     apart = read(events, "displacement")[middle] - read(record, "displacement")[middle]
@@ -452,7 +456,8 @@ def test_verify_sees_motions_from_which_integration_departs(tmp_path, name):
     result = solve(text, tmp_path, status=None)
     found = verified(result, status=1)
     assert found["integration_verdict"] == [expected], found
-    growth, limit, duration, frequency = read(result, "integration_growth", "integration_limit", "integration_duration", "frequency")
+    names = ("integration_growth", "integration_limit", "integration_duration", "frequency")
+    growth, limit, duration, frequency = read(result, *names)
     assert limit <= 0.1 and duration >= 20 * 2 * np.pi / frequency.min() * (1 - 1e-12)
     if expected == DIFFERS:
         assert found["integration_difference"] > 0.3

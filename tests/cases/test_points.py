@@ -1,4 +1,4 @@
-"""tests/points and tests/time_domain: their time integration begins where it is told to, otherwise what it calls an error is one of its own;
+"""tests/points and tests/time_domain: their time integration begins where it has to, else what it calls an error is its own;
 what a file says wrongly is reported; tables come from what is kept of a campaign that was stopped."""
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def test_a_campaign_goes_on_from_what_it_kept(tmp_path):
     """Models that are kept are not solved again, there is no program for it; those asked of another tolerance do not count."""
     kept = [
         {"number": 0, "title": "", "status": "converged", "estimate": 4e-3, "verdict": "stable", "truth": 2e-3, "seconds": 1.0},
-        {"number": 1, "title": "", "status": "time_domain", "estimate": 1e-2, "verdict": "not known", "truth": 4e-2, "seconds": 3.0},
+        {"number": 1, "title": "", "status": "time_domain", "estimate": 1e-2, "verdict": "not known", "truth": 4e-2, "seconds": 3},
         {"number": 2, "title": "", "status": "converged", "estimate": 1e-3, "verdict": "unstable", "truth": 0.5, "seconds": 2.0},
         {"number": 3, "title": "", "status": "no result in time", "seconds": 60.0},
     ]

@@ -53,7 +53,8 @@ ONE_TONE += "&load dof = 'x1', tuple = 1, cos = 0.2 /\n&law type = 'elastic_stop
 OTHER_RESULTS = {
     "curve": ONE_TONE + "&harmonics order = 7 /\n&curve parameter = 'tones%frequency', from = 0.8, to = 1.0, points = 40 /\n",
     "adaptive": MODEL.replace("&harmonics order = 3 /", "&accuracy tolerance = 1e-3 /") + SPRING + SWEEP,
-    "integration": ONE_TONE.replace("damping = 0.05", "damping = 0.3") + "&harmonics order = 15 /\n&solver primary_method = 'integration' /\n",
+    "integration": ONE_TONE.replace("damping = 0.05", "damping = 0.3")
+    + "&harmonics order = 15 /\n&solver primary_method = 'integration' /\n",
 }
 TEXT_ACCIDENTS = ("number", "number", "number", "piece", "cut", "bits", "double", "tail", "long")
 NUMBERS = ("0", "-1", "1", "7", "1000", "100000", "100000000", "2147483647", "2147483648", "1e308", "-1e309", "5e-324",

@@ -1,4 +1,4 @@
-"""Time integration of structures with elastic stops at one coordinate, exact but for rounding (pieces.c), and what a time integration from a point
+"""Integration of structures with elastic stops at one coordinate, exact but for rounding (pieces.c), and what it finds from a point
 of a result says of it."""
 
 from __future__ import annotations

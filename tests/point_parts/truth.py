@@ -64,7 +64,7 @@ def farthest(library: ctypes.CDLL, model: Model, motion: Motion, seed: int) -> f
 
 
 def error_of(library: ctypes.CDLL, model: Model, motion: Motion) -> float:
-    """Root of the mean square, over the last periods of a time integration from the motion and over the coordinates of the laws, of what
+    """Root of the mean square, over the last periods of integration from the motion and over the coordinates of the laws, of what
     separates the two, relative to that of the motion: what a tolerance is about."""
     size = np.abs(motion.amplitudes).sum(0).max()
     if size == 0.0:
@@ -82,7 +82,7 @@ def error_of(library: ctypes.CDLL, model: Model, motion: Motion) -> float:
 
 
 def neighbours_part(library: ctypes.CDLL, model: Model, motion: Motion) -> bool:
-    """Whether two time integrations, from the motion and from NEXT beside it, part from each other while the first one leaves the motion: an
+    """Whether two time integrations, from the motion and from NEXT beside it, diverge while the first one leaves the motion: an
     unstable motion, whose error a time integration does not tell. Not known of laws whose rule is of first order."""
     if any(law.kind in FIRST_ORDER for law in model.laws):
         return False

@@ -380,7 +380,7 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument(
                 "--reference",
                 metavar="FILE[@POINT]",
-                help="what errors are measured against: a point of a result file, a record of a time integration, or a table (.csv) with the "
+                help="what errors are measured against: a point of a result file, a record of integration, or a table (.csv) with the "
                 "columns dof, tuple ..., cos, sin (default: the solved point with the most harmonics)",
             )
             sub.add_argument(

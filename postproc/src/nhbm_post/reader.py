@@ -573,7 +573,7 @@ class Results:
                 f"{self.path}: schema version {version}; this nhbm-post reads version {SCHEMA_VERSION}"
             )
         if self._file.attrs.get("kind") == "integration":
-            raise ReaderError(f"{self.path}: the record of a time integration, which nhbm-post info and nhbm-post time --integration read")
+            raise ReaderError(f"{self.path}: a record of time integration; nhbm-post info and nhbm-post time --integration read it")
         missing = [name for name in _REQUIRED if name not in self._file]
         if "tuple" not in self._file and "tuples" not in self._file:
             missing.append("tuple")

@@ -1,4 +1,4 @@
-"""Sequences of orders, samples or methods: error over time, error over order with its rate, cost over unknowns with its exponent."""
+"""Sequences of orders, samples or methods: error over time, error over order with its rate, cost over unknowns."""
 
 from __future__ import annotations
 
