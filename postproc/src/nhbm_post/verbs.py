@@ -289,7 +289,7 @@ def time(arguments):
         if arguments.quantity == "force":
             raise UsageError("--integration compares motions: a record has forces by coordinate of a law, not by dof")
         method, t, x = integration.read_displacement(path, dof)
-        references.append(Record(label or f"integration, {method}", t, x))
+        references.append(Record(label or f"time integration, {method}", t, x))
     for label, path in arguments.overlay:
         if path.suffix.lower() in (".h5", ".hdf5", ".nc"):
             with Results(path) as other:
