@@ -509,6 +509,7 @@ contains
                   if (.not. abs(values(k + 1) - wanted(i)) <= 0.0_wp) cycle
                end if
                call curve%find_zero(event, places(k:k + 1), (values(k:k + 1) - wanted(i))/event%unit, x, place, is_found)
+               if (.not. is_found) search%is_lost = search%is_lost .or. i <= 2     ! nothing lies beyond the ends
                if (.not. is_found) cycle
                x(n) = wanted(i)
                call self%land(x, is_there)

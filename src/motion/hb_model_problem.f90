@@ -47,6 +47,7 @@ module hb_model_problem
       real(wp), allocatable, private :: ratios(:)                     ! of tones to the value, where it moves more than tones
       logical, private :: has_stiffness = .false.
       real(wp), private :: available_memory = huge(1.0_wp)            ! bytes
+      real(wp), private :: noise = 0.0_wp                             ! of the residual, relative
       logical, private :: is_sound = .false.                          ! model and balance belong to the value
    contains
       procedure :: update_regular_preconditioner => model_problem_update_regular_preconditioner
@@ -177,6 +178,7 @@ contains
          change = max(change, self%norm(there - here))
       end do
       call go(1.0_wp)
+      self%noise = change
 
    contains
 
@@ -333,7 +335,8 @@ contains
          return
       end if
       value = self%value
-      step = self%moving%typical*merge(1.0_wp, apart, self%group == "load" .and. .not. self%law_set%needs_reaction)
+      step = self%moving%typical*merge(1.0_wp, max(apart, self%noise**(1.0_wp/3.0_wp)), &   ! noise/step is step**2 then
+                                       self%group == "load" .and. .not. self%law_set%needs_reaction)
       call move_to(self, value + step, is_possible(1))
       if (is_possible(1)) call self%residual(x, derivative)
       call move_to(self, value - step, is_possible(2))
