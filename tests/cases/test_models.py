@@ -479,6 +479,7 @@ def reduce(folder, command):
     assert nhbm_model([str(folder / word) if word.endswith(".h5") else word for word in words] + ["--overwrite"]) == 0
 
 
+@pytest.mark.long
 def test_a_large_model_is_said_to_be_and_the_command_makes_a_small_one(net):
     """That moves as the whole at the places of laws and &output, under loads on many nodes and on one, with a dashpot."""
     (net / "large.nml").write_text(NET)
