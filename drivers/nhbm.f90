@@ -12,10 +12,10 @@ program nhbm
    use hb_guard, only: guard_outside_code
    use hb_hdf5, only: can_end_library
    use hb_key_rows, only: key_row, n_key_rows
-   use hb_mpi, only: comm_t, rank_of, share_error, start_mpi, stop_mpi, world
-   use hb_signals, only: catch_signals, survive_failed_writes, wait_for_points
    use hb_memory, only: keep_freed_memory
+   use hb_mpi, only: comm_t, rank_of, share_error, start_mpi, stop_mpi, world
    use hb_printable, only: printable
+   use hb_signals, only: catch_signals, survive_failed_writes, wait_for_points
    use hb_text, only: join, lower
    use hb_version, only: git_commit, program_version
    use verb_check, only: run_check

@@ -9,19 +9,19 @@ module verb_check
    use hb_guard, only: lower_guard, raise_guard
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
-   use law_check, only: check_derivatives, derivative_check_t
    use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text
    use hb_memory_sizes, only: sizes_of
-   use hb_mpi, only: comm_t, rank_of
-   use hb_modes, only: modes_t, new_modes
-   use hb_natural_frequencies, only: natural_frequencies
    use hb_model, only: model_t
    use hb_model_basis, only: find_basis
    use hb_model_coordinates, only: coordinates_of
    use hb_model_warnings, only: commensurate_text, has_no_load
+   use hb_modes, only: modes_t, new_modes
+   use hb_mpi, only: comm_t, rank_of
+   use hb_natural_frequencies, only: natural_frequencies
    use hb_structure, only: structure_t
    use hb_study, only: study_t
    use hb_text, only: number_of, to_text
+   use law_check, only: check_derivatives, derivative_check_t
    use verb_solve, only: load_study
    implicit none
    private

@@ -2,6 +2,7 @@
 module verb_integrate
    use arguments, only: arguments_t
    use console, only: say
+   use hb_cancellation, only: cancellation_t
    use hb_clock, only: wall_clock
    use hb_coexisting_motions, only: report_motions
    use hb_document, only: document_t
@@ -9,17 +10,16 @@ module verb_integrate
    use hb_file_location, only: check_place
    use hb_input_keys, only: choices_of
    use hb_integration, only: check_integration, integrate_model, integration_t
-   use hb_kinds, only: wp
    use hb_integration_file, only: integration_origin_t, read_integration_state, write_integration_file
    use hb_integration_state, only: integration_state_t, new_integration_state
+   use hb_kinds, only: wp
+   use hb_model_reader, only: read_model
    use hb_mpi, only: comm_t, rank_of, share_error
    use hb_outcome, only: outcome
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_run_callbacks, only: run_callbacks
-   use hb_model_reader, only: read_model
    use hb_study, only: study_t
    use hb_text, only: to_text
-   use hb_cancellation, only: cancellation_t
    use result_location, only: place_result
    use verb_solve, only: load_study
    implicit none

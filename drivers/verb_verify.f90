@@ -3,8 +3,8 @@ module verb_verify
    use arguments, only: arguments_t, read_numbers
    use console, only: say
    use hb_error, only: error_t
-   use hb_kinds, only: wp
    use hb_integration_verdict, only: verdict, verdict_names, verdict_text
+   use hb_kinds, only: wp
    use hb_mpi, only: comm_t, max_over, rank_of, sum_over
    use hb_outcome, only: outcome_text
    use hb_progress, only: log_level

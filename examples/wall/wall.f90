@@ -3,12 +3,12 @@ program wall
    use hb_document, only: document_t, new_document
    use hb_error, only: error_t
    use hb_kinds, only: wp
+   use hb_model, only: model_t
+   use hb_model_reader, only: read_model
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome_text
    use hb_properties, only: properties_t
-   use hb_model, only: model_t
-   use hb_model_reader, only: read_model
    implicit none
    type(document_t), target :: document
    type(properties_t), pointer :: group

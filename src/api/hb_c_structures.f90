@@ -4,8 +4,8 @@ module hb_c_structures
       c_null_char, c_null_funptr, c_null_ptr, c_ptr
    use hb_c_text, only: c_text
    use hb_error, only: annotate, error_t, fail
-   use hb_kinds, only: wp
    use hb_fe_model, only: fe_model_source_t, fe_model_t
+   use hb_kinds, only: wp
    use hb_sparse, only: new_sparse, sparse_t
    use hb_structure, only: label_length, unit_length
    use hb_text, only: split, string_t, to_text

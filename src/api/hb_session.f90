@@ -7,17 +7,22 @@ module hb_session
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use, intrinsic :: iso_c_binding, only: c_associated, c_f_procpointer, c_funptr, c_int, c_null_funptr, c_null_ptr, c_ptr
    use hb_accurate_motion, only: solve_to_tolerance
+   use hb_cached_linear_part, only: cached_linear_parts_t
+   use hb_cancellation, only: cancellation_t, verdict
    use hb_clock, only: wall_clock
    use hb_column_view, only: column_view_t
    use hb_curve_plan, only: curve_plan_t, read_curve_plan
    use hb_curve_request, only: curve_request_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
+   use hb_integrated_floquet, only: integrated_floquet_t
    use hb_integration, only: integrate_model, integration_t
-   use hb_cached_linear_part, only: cached_linear_parts_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
-   use hb_integrated_floquet, only: integrated_floquet_t
+   use hb_level, only: level_t
+   use hb_model, only: callbacks_t, model_t
+   use hb_model_reader, only: group_names, read_model, update_model
+   use hb_model_tones, only: read_tones
    use hb_motion, only: solve_motion
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: motion_result_t
@@ -26,18 +31,13 @@ module hb_session
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: is_solved, outcome
    use hb_parameter_path, only: identifier
-   use hb_level, only: level_t
-   use hb_model, only: model_t, callbacks_t
-   use hb_model_reader, only: group_names, read_model, update_model
-   use hb_model_tones, only: read_tones
    use hb_time_columns, only: find_record_column, find_verdict_column
    use hb_time_integration, only: time_integration_t
    use hb_tones, only: tones_t
    use hb_verification, only: claim_t, verdict_t, verify_motion
-   use hb_cancellation, only: verdict, cancellation_t
    implicit none
    private
-   public :: session_t, session_cancellation_t
+   public :: session_cancellation_t, session_t
 
    !> Ends what is under way when somebody wants that.
    type, extends(cancellation_t) :: session_cancellation_t

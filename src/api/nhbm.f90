@@ -16,8 +16,8 @@
 !> own: `give_law` takes a `law_info_t` and a function of `law_samples_t`, as nhbm_user_law.h describes them.
 module nhbm
    use hb_error, only: error_t
-   use hb_kinds, only: wp
    use hb_fe_model, only: structure_data_t => fe_model_t, structure_source_t => fe_model_source_t
+   use hb_kinds, only: wp
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome, outcome_names
    use hb_session, only: model_t => session_t

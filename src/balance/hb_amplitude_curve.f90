@@ -6,9 +6,9 @@
 module hb_amplitude_curve
    use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_kinds, only: wp
+   use hb_limit_cycle_search, only: first_amplitude, fundamental, last_amplitude, path_point_t, search_t
    use hb_outcome, only: outcome
    use hb_phase, only: new_phase_problem, phase_problem_t, shift_form
-   use hb_limit_cycle_search, only: first_amplitude, fundamental, last_amplitude, path_point_t, search_t
    use hb_text, only: to_text
    use hb_thresholds, only: faint, most_bisections, rounding
    implicit none

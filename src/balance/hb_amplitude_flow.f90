@@ -2,12 +2,12 @@
 !> in time with the fast oscillation taken out. Where the base motion is stable a scan of amplitudes looks for driving first.
 !> Source: docs/why/theory.md, section 6.5.
 module hb_amplitude_flow
+   use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
-   use hb_outcome, only: outcome
    use hb_limit_cycle_search, only: first_amplitude, last_amplitude, path_point_t, search_t
+   use hb_outcome, only: outcome
    use hb_text, only: to_text
    use hb_thresholds, only: rounding
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: follow_flow

@@ -2,14 +2,14 @@
 !>
 !> Source: docs/why/theory.md, section 5.4, eq. (11) to (13).
 module hb_dense_tangent
+   use hb_cancellation, only: work_is_over
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t
+   use hb_hysteresis_tangent, only: width
    use hb_kinds, only: wp
    use hb_law_response, only: find_response, responding_dofs
    use hb_linear_part, only: linear_part_t
-   use hb_hysteresis_tangent, only: width
    use hb_projected_laws, only: projected_laws_t, slope
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: dense_tangent_t

@@ -6,11 +6,11 @@ module hb_hysteresis
    use hb_characteristic, only: characteristic_t
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
+   use hb_hysteresis_tangent, only: memory_tangent_t, new_memory_tangent, width
    use hb_hysteretic_law, only: hysteretic_law_t, path_part
    use hb_kinds, only: wp
    use hb_law_samples, only: law_samples_t
    use hb_line_tangent, only: line_tangent_t, new_line_tangent
-   use hb_hysteresis_tangent, only: memory_tangent_t, new_memory_tangent, width
    use hb_slider_derivative, only: new_slider_derivative, slider_derivative_t
    use hb_slider_states, only: new_slider_states, slider_states_t
    use hb_text, only: to_text

@@ -9,7 +9,7 @@ module hb_hysteresis_tangent
    use hb_harmonics, only: harmonics_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: two_pi, wp
-   use hb_slider_states, only: slider_states_t, most_rounds, repeat_tolerance
+   use hb_slider_states, only: most_rounds, repeat_tolerance, slider_states_t
    use hb_torus, only: torus_t
    implicit none
    private

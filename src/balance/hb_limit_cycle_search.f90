@@ -6,13 +6,13 @@
 !> Structures 154 (2015) 59-71, for the artificial damping.
 module hb_limit_cycle_search
    use hb_balance, only: balance_t
+   use hb_base_motion, only: base_motion_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_phase, only: amplitude_form, coefficient_form, new_phase_problem, phase_problem_t, shift_form, turn
-   use hb_base_motion, only: base_motion_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_thresholds, only: faint, rounding

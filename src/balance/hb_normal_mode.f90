@@ -11,9 +11,9 @@ module hb_normal_mode
    use hb_energy, only: energy_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
+   use hb_limit_cycle_search, only: continue_in_order, fundamental, path_point_t, search_t
    use hb_outcome, only: outcome
    use hb_phase, only: coefficient_form, new_phase_problem, peak_form, peak_rate_form, shift_form
-   use hb_limit_cycle_search, only: continue_in_order, fundamental, path_point_t, search_t
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_text, only: to_text

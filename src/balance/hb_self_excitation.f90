@@ -4,8 +4,8 @@ module hb_self_excitation
    use hb_amplitude_curve, only: follow_curve
    use hb_amplitude_flow, only: follow_flow
    use hb_kinds, only: wp
-   use hb_outcome, only: outcome
    use hb_limit_cycle_search, only: first_amplitude, path_point_t, search_t
+   use hb_outcome, only: outcome
    use hb_text, only: to_text
    implicit none
    private

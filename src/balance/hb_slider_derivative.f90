@@ -12,7 +12,7 @@ module hb_slider_derivative
    use hb_slider_states, only: most_rounds, repeat_tolerance, slider_states_t
    implicit none
    private
-   public :: slider_derivative_t, new_slider_derivative
+   public :: new_slider_derivative, slider_derivative_t
 
    !> Derivatives, slice by slice as in hb_slider_states.
    type :: slider_derivative_t

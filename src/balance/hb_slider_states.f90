@@ -13,15 +13,15 @@
 !> makes of a change of its start, M, is known: where many rounds have not done, Newton's method goes to the place where they end.
 module hb_slider_states
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_cancellation, only: work_is_over
    use hb_characteristic, only: characteristic_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_slider, only: pushed_by
-   use hb_cancellation, only: work_is_over
    implicit none
    private
-   public :: slider_states_t, most_rounds, new_slider_states, repeat_tolerance
+   public :: most_rounds, new_slider_states, repeat_tolerance, slider_states_t
 
    integer, parameter :: most_rounds = 1000
    integer, parameter :: many_rounds = 40, between_jumps = 4

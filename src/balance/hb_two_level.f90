@@ -8,10 +8,10 @@ module hb_two_level
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_balance, only: balance_t
    use hb_basis, only: transfer_coefficients
+   use hb_cancellation, only: work_is_over
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_tangent_solver, only: tangent_solver_t
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: clear_kept, improve, residual_of

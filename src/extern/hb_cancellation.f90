@@ -11,7 +11,7 @@ module hb_cancellation
    use hb_kinds, only: wp
    implicit none
    private
-   public :: note_progress, verdict, verdict_on_work, cancellation_t, work_is_over
+   public :: cancellation_t, note_progress, verdict, verdict_on_work, work_is_over
 
    type :: verdict_t
       integer :: go_on = 0

@@ -5,7 +5,7 @@ module hb_crash_detection
    use, intrinsic :: iso_fortran_env, only: int64
    implicit none
    private
-   public :: begin_point, crash_location_t, end_point, end_cancellation, detect_crashes
+   public :: begin_point, crash_location_t, detect_crashes, end_cancellation, end_point
 
    !> What is noted of a crash, and where: bytes of the file, of the first row each.
    type :: crash_location_t

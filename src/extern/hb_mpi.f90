@@ -9,15 +9,13 @@ module hb_mpi
    use, intrinsic :: iso_fortran_env, only: int64
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use mpi_f08, only: comm_t => MPI_Comm, MPI_ADDRESS_KIND, MPI_Allreduce, MPI_Barrier, &
-      MPI_Bcast, MPI_CHARACTER, MPI_DOUBLE_PRECISION, MPI_Comm_dup, MPI_Comm_free, MPI_COMM_NULL, MPI_Comm_rank, &
-      MPI_Comm_set_errhandler, MPI_Comm_size, MPI_Comm_split_type, MPI_COMM_TYPE_SHARED, MPI_COMM_WORLD, &
-      MPI_Error_string, MPI_ERRORS_ARE_FATAL, &
-      MPI_ERRORS_RETURN, MPI_Fetch_and_op, MPI_Finalize, MPI_Finalized, MPI_Gather, MPI_INFO_NULL, MPI_Init, &
-      MPI_Initialized, MPI_INTEGER, MPI_LOCK_EXCLUSIVE, MPI_MAX, MPI_MAX_ERROR_STRING, MPI_MIN, MPI_NO_OP, &
-      MPI_SUCCESS, MPI_SUM, MPI_Win, MPI_Win_allocate, MPI_Win_flush, MPI_Win_free, MPI_Win_lock, &
-      MPI_Win_lock_all, MPI_WIN_NULL, MPI_Win_set_errhandler, MPI_Win_unlock, MPI_Win_unlock_all, &
-      operator(/=)
+   use mpi_f08, only: comm_t => MPI_Comm, MPI_ADDRESS_KIND, MPI_Allreduce, MPI_Barrier, MPI_Bcast, MPI_CHARACTER, MPI_Comm_dup, &
+      MPI_Comm_free, MPI_COMM_NULL, MPI_Comm_rank, MPI_Comm_set_errhandler, MPI_Comm_size, MPI_Comm_split_type, &
+      MPI_COMM_TYPE_SHARED, MPI_COMM_WORLD, MPI_DOUBLE_PRECISION, MPI_Error_string, MPI_ERRORS_ARE_FATAL, MPI_ERRORS_RETURN, &
+      MPI_Fetch_and_op, MPI_Finalize, MPI_Finalized, MPI_Gather, MPI_INFO_NULL, MPI_Init, MPI_Initialized, MPI_INTEGER, &
+      MPI_LOCK_EXCLUSIVE, MPI_MAX, MPI_MAX_ERROR_STRING, MPI_MIN, MPI_NO_OP, MPI_SUCCESS, MPI_SUM, MPI_Win, MPI_Win_allocate, &
+      MPI_Win_flush, MPI_Win_free, MPI_Win_lock, MPI_Win_lock_all, MPI_WIN_NULL, MPI_Win_set_errhandler, MPI_Win_unlock, &
+      MPI_Win_unlock_all, operator(/=)
    implicit none
    private
    public :: as_comm, barrier, broadcast_integers, broadcast_text, comm_handle, comm_t, gather_rows, max_over, &

@@ -3,7 +3,7 @@
 module hb_outside_code
    implicit none
    private
-   public :: begin_outside_code, end_outside_code, cancellation_outside_code
+   public :: begin_outside_code, cancellation_outside_code, end_outside_code
 
    abstract interface
       subroutine begin_hook(text)

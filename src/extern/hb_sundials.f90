@@ -9,10 +9,10 @@ module hb_sundials
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_pointer, c_funloc, c_funptr, c_int, c_int64_t, &
       c_loc, c_long, c_null_ptr, c_ptr
    use hb_c_text, only: c_text
+   use hb_cancellation, only: work_is_over
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_text, only: to_text
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: cvode_t, new_cvode, ode_t

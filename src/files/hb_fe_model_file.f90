@@ -1,16 +1,16 @@
 !> Model files (HDF5, docs/user/model.md): read whole, once, and refused with the name of the entry that is wrong.
 module hb_fe_model_file
    use hb_error, only: annotate, error_t, fail
+   use hb_fe_model, only: fe_model_source_t, fe_model_t, most_speeds
    use hb_file_location, only: check_source
    use hb_hdf5, only: h5_file_t, open_file
    use hb_kinds, only: wp
-   use hb_fe_model, only: fe_model_source_t, fe_model_t, most_speeds
    use hb_sparse, only: new_sparse, sparse_t
    use hb_system, only: file_kind, kind_of_file
    use hb_text, only: to_text
    implicit none
    private
-   public :: is_model_file, fe_model_file_t, read_model_file
+   public :: fe_model_file_t, is_model_file, read_model_file
 
    character(*), parameter :: format_name = "nhbm model"
    integer, parameter :: schema_version = 1

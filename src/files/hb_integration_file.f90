@@ -6,13 +6,13 @@ module hb_integration_file
    use hb_file_location, only: check_place, put_in_place
    use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t, open_file
    use hb_integration, only: integration_t
-   use hb_kinds, only: wp
-   use hb_time_stepping, only: integration_assessment_t, integration_record_t
    use hb_integration_laws, only: integration_laws_t
    use hb_integration_state, only: integration_state_t
+   use hb_kinds, only: wp
    use hb_structure, only: structure_t
    use hb_system, only: process_id, remove_file, utc_now
    use hb_text, only: join, to_text
+   use hb_time_stepping, only: integration_assessment_t, integration_record_t
    use hb_version, only: git_commit, program_version
    implicit none
    private

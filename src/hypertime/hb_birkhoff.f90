@@ -4,8 +4,8 @@
 !> quasi-periodic function converges faster than any power of the length of the record. Source: S. Das, Y. Saiki,
 !> E. Sander and J. A. Yorke, Quantitative quasiperiodicity, Nonlinearity 30 (2017) 4111-4140.
 module hb_birkhoff
-   use hb_kinds, only: wp
    use hb_cancellation, only: work_is_over
+   use hb_kinds, only: wp
    implicit none
    private
    public :: average_at, bump_weights, coefficients_at

@@ -10,7 +10,7 @@ module hb_tuple_choice
    use hb_tuple_union, only: tuple_union_t
    implicit none
    private
-   public :: chosen_tuples, largest_places, lowest_order, new_lowest_set, new_doubled_set
+   public :: chosen_tuples, largest_places, lowest_order, new_doubled_set, new_lowest_set
 
    real(wp), parameter :: loyalty = 300.0_wp                          ! a kept tuple counts for that many times its amplitude
    integer, parameter :: lowest_orders(4) = [7, 5, 3, 2]              ! of the first box, by number of tones

@@ -8,24 +8,24 @@
 !> adds is stored separately. Source: docs/why/accuracy.md; nested iteration as in Hackbusch, Multi-Grid Methods and Applications
 !> (1985), chapter 5.
 module hb_accurate_motion
+   use hb_cancellation, only: cancellation_t, work_is_over
    use hb_error, only: error_t
-   use hb_primary_method, only: primary_method
    use hb_harmonics, only: harmonics_t
-   use hb_kinds, only: wp
-   use hb_integrate_to_tolerance, only: loaded_tuples, integrate_from_balance, integrate_to_tolerance, integrates_first
+   use hb_integrate_to_tolerance, only: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples
    use hb_integrated_result, only: is_lost
+   use hb_kinds, only: wp
+   use hb_level, only: choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, &
+      least_goal, level_t, margin, most_failures, put_on_level, reliable, trim_set, with_caution
+   use hb_model, only: accuracy_t, model_t
    use hb_motion, only: solve_motion
    use hb_motion_description, only: allow_for_growth, compare_with_refined
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: is_answer => is_solved, outcome
+   use hb_primary_method, only: primary_method
    use hb_refinement, only: refinable_t, refine
-   use hb_level, only: choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, &
-      least_goal, margin, most_failures, put_on_level, reliable, level_t, trim_set, with_caution
-   use hb_model, only: accuracy_t, model_t
    use hb_stability, only: few_periods, stability_method, stability_verdict => verdict
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order, new_lowest_set
-   use hb_cancellation, only: cancellation_t, work_is_over
    implicit none
    private
    public :: calibrate_outputs, estimate_by_levels, left_after, solve_to_tolerance

@@ -8,9 +8,9 @@ module hb_advice
    use hb_harmonics, only: tuple_text
    use hb_kinds, only: wp
    use hb_law, only: law_t
-   use hb_outcome, only: outcome, outcome_name
    use hb_model, only: model_t
-   use hb_solver_types, only: report_t, fallback, fallback_names
+   use hb_outcome, only: outcome, outcome_name
+   use hb_solver_types, only: fallback, fallback_names, report_t
    use hb_text, only: to_text
    implicit none
    private

@@ -6,6 +6,7 @@ module hb_autonomous
    use hb_balance, only: balance_t, new_balance
    use hb_base_motion, only: base_motion_t, find_base_motion
    use hb_basis, only: basis_t
+   use hb_cancellation, only: work_is_over
    use hb_coordinates, only: coordinates_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_energy, only: energy_t, new_energy
@@ -13,14 +14,13 @@ module hb_autonomous
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
+   use hb_limit_cycle_search, only: new_search, search_t
+   use hb_model, only: model_t
    use hb_normal_mode, only: find_mode_of_energy, find_normal_mode
    use hb_outcome, only: outcome
-   use hb_model, only: model_t
-   use hb_limit_cycle_search, only: new_search, search_t
    use hb_self_excitation, only: search_from_modes
    use hb_text, only: to_text
    use hb_torus, only: default_samples, new_torus, torus_t
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: autonomous_start_t, find_motion, find_start

@@ -5,9 +5,9 @@ module hb_curve_events
    use hb_curve, only: curve_t, event_t
    use hb_grazing, only: extremes_of_switches
    use hb_kinds, only: wp
+   use hb_model_problem, only: model_problem_t
    use hb_motion_description, only: stability_of
    use hb_response, only: response_t
-   use hb_model_problem, only: model_problem_t
    use hb_stability, only: stability_t
    use hb_thresholds, only: rounding
    implicit none

@@ -8,11 +8,11 @@ module hb_curve_origin
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: two_pi, wp
-   use hb_motion_result, only: curve_position_t
-   use hb_problem, only: problem_t
-   use hb_level, only: degree_of, join, needed_samples, level_of, level_t
+   use hb_level, only: degree_of, join, level_of, level_t, needed_samples
    use hb_model, only: model_t
    use hb_model_problem, only: model_problem_t
+   use hb_motion_result, only: curve_position_t
+   use hb_problem, only: problem_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_thresholds, only: rounding
    use hb_tuple_choice, only: new_doubled_set

@@ -2,8 +2,8 @@
 module hb_curve_request
    use hb_curve_origin, only: curve_origin_t
    use hb_kinds, only: wp
-   use hb_response, only: response_t
    use hb_model_problem, only: moving_value_t
+   use hb_response, only: response_t
    implicit none
    private
    public :: curve_kind, curve_kind_names, curve_request_t

@@ -6,6 +6,7 @@
 !> lowest set always stay, as a motion may lose its symmetry on the way. Source: docs/why/accuracy.md.
 module hb_curve_sets
    use hb_amplitudes, only: as_amplitudes
+   use hb_cancellation, only: work_is_over
    use hb_curve, only: curve_t
    use hb_curve_request, only: curve_kind
    use hb_curve_step, only: step
@@ -13,13 +14,12 @@ module hb_curve_sets
    use hb_followed_motion, only: followed_motion_t, known_t, waiting_t
    use hb_harmonics, only: harmonics_t, new_box
    use hb_kinds, only: wp
+   use hb_level, only: carry, choose_next, choose_smaller, estimate_of, join, least_goal, level_t, margin
+   use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
    use hb_refinement, only: refinable_t, refine, refinement_end
-   use hb_level, only: carry, choose_next, choose_smaller, estimate_of, join, least_goal, margin, level_t
-   use hb_model, only: model_t
    use hb_solver_types, only: report_t
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: settle, step_to_tolerance

@@ -7,21 +7,22 @@
 module hb_integrate_to_tolerance
    use hb_advice, only: rounded
    use hb_amplitudes, only: as_amplitudes
+   use hb_cancellation, only: verdict, verdict_on_work, work_is_over
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t
-   use hb_primary_method, only: primary_method, integration_counts_t, integration_is_cheaper
    use hb_harmonics, only: harmonics_t, new_harmonics
+   use hb_integrated_result, only: guess_from, keep_integrated
    use hb_kinds, only: wp
    use hb_law, only: hold_t
-   use hb_integrated_result, only: guess_from, keep_integrated
+   use hb_level, only: degree_of, distance, estimate_of, is_rigid, level_t, put_on_level, put_on_set, reliable
+   use hb_model, only: model_t, share_of_integrated
+   use hb_model_coordinates, only: coordinates_of
    use hb_modes, only: slowest_decay
    use hb_motion, only: solve_motion, status_of_ended
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
+   use hb_primary_method, only: integration_counts_t, integration_is_cheaper, primary_method
    use hb_refinement, only: refinable_t, refine
-   use hb_level, only: degree_of, distance, estimate_of, is_rigid, put_on_level, put_on_set, reliable, level_t
-   use hb_model, only: model_t, share_of_integrated
-   use hb_model_coordinates, only: coordinates_of
    use hb_stability, only: stability_method
    use hb_structure, only: most_dense, structure_t
    use hb_text, only: to_text
@@ -29,10 +30,9 @@ module hb_integrate_to_tolerance
    use hb_time_domain, only: steady_motion_t
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: largest_places, lowest_order, new_lowest_set
-   use hb_cancellation, only: verdict, verdict_on_work, work_is_over
    implicit none
    private
-   public :: loaded_tuples, integrate_from_balance, integrate_to_tolerance, integrates_first
+   public :: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples
 
    integer, parameter :: candidates_of_kept = 4                       ! at most, for each place of a set
    real(wp), parameter :: fall = 0.7_wp                               ! power of the tolerance with which orders of candidates grow

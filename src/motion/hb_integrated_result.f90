@@ -5,9 +5,9 @@ module hb_integrated_result
    use hb_coordinates, only: coordinates_t
    use hb_kinds, only: wp
    use hb_mean_energy, only: new_mean_energy
+   use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
-   use hb_model, only: model_t
    use hb_stability, only: stability_method, verdict
    use hb_time_domain, only: steady_motion_t
    implicit none

@@ -9,15 +9,15 @@ module hb_level
    use hb_kinds, only: wp
    use hb_memory_estimate, only: check_memory
    use hb_memory_sizes, only: sizes_of
-   use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_model, only: model_t
+   use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_torus, only: fast_size, new_torus, samples_for
    use hb_tuple_choice, only: chosen_tuples, largest_places
    use hb_tuple_union, only: tuple_union_t
    implicit none
    private
    public :: carry, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted
-   public :: is_rigid, join, least_goal, margin, most_failures, needed_samples, put_on_level, put_on_set, reliable, level_of
+   public :: is_rigid, join, least_goal, level_of, margin, most_failures, needed_samples, put_on_level, put_on_set, reliable
    public :: level_t, same_set, trim_set, with_caution
 
    integer, parameter :: most_failures = 3                            ! of levels one after the other

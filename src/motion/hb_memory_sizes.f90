@@ -5,11 +5,11 @@ module hb_memory_sizes
    use hb_coordinates, only: coordinates_t
    use hb_dynamic_stiffness, only: condensed_half_bandwidth
    use hb_error, only: error_t
+   use hb_hysteresis_tangent, only: width
    use hb_hysteretic_law, only: n_path_parts
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_law_coordinates, only: laws_at
-   use hb_hysteresis_tangent, only: width
    use hb_model, only: model_t
    use hb_model_basis, only: find_basis
    use hb_model_coordinates, only: coordinates_of

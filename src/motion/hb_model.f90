@@ -5,14 +5,14 @@
 module hb_model
    use hb_amplitudes, only: amplitudes_t
    use hb_error, only: error_t
+   use hb_fe_model, only: fe_model_source_t
    use hb_fftw, only: planning
-   use hb_primary_method, only: primary_method
    use hb_harmonics, only: harmonics_t
+   use hb_integration_config, only: integration_config_t
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
-   use hb_integration_config, only: integration_config_t
-   use hb_fe_model, only: fe_model_source_t
    use hb_normal_mode, only: normal_mode_t
+   use hb_primary_method, only: primary_method
    use hb_response, only: response_t
    use hb_solver_types, only: solver_config_t
    use hb_stability, only: stability_config_t, stability_finder_t

@@ -6,9 +6,9 @@ module hb_model_basis
    use hb_basis, only: basis_t, new_basis, whole_basis
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_odd_symmetry, only: even_part, most_even
    use hb_model, only: model_t, symmetry
    use hb_model_symmetry, only: half_of_odd, is_solved_odd
+   use hb_odd_symmetry, only: even_part, most_even
    implicit none
    private
    public :: find_basis

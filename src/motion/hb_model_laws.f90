@@ -4,8 +4,8 @@ module hb_model_laws
    use hb_error, only: error_t
    use hb_law, only: law_box_t, law_t
    use hb_law_catalogue, only: read_law
-   use hb_properties, only: properties_t
    use hb_model, only: model_t
+   use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: to_text
    implicit none

@@ -4,8 +4,8 @@ module hb_model_loads
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_properties, only: properties_t
    use hb_model, only: model_t
+   use hb_properties, only: properties_t
    implicit none
    private
    public :: loaded_tuples, read_loads, read_starts

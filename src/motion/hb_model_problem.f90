@@ -12,14 +12,14 @@ module hb_model_problem
    use hb_error, only: error_t, fail
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: laws_at
-   use hb_level, only: put_on_level, level_t
+   use hb_level, only: level_t, put_on_level
    use hb_model, only: model_t
    use hb_model_coordinates, only: coordinates_of
    use hb_model_loads, only: read_loads
    use hb_model_reader, only: update_model
    implicit none
    private
-   public :: moving_value_t, new_model_problem, model_problem_t
+   public :: model_problem_t, moving_value_t, new_model_problem
 
    character(*), parameter :: several = "several"                     ! groups, in which values follow the one that moves
    real(wp), parameter :: apart = 1.0e-5_wp                           ! values of a central difference, relative to the range

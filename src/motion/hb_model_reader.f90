@@ -4,12 +4,11 @@ module hb_model_reader
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t
    use hb_floquet, only: floquet_t
-   use hb_kinds, only: wp
    use hb_integration_config, only: read_integration
+   use hb_kinds, only: wp
    use hb_memory_estimate, only: check_memory
    use hb_memory_sizes, only: sizes_of
-   use hb_properties, only: properties_t
-   use hb_model, only: model_t, callbacks_t, symmetry
+   use hb_model, only: callbacks_t, model_t, symmetry
    use hb_model_laws, only: read_laws, update_laws
    use hb_model_loads, only: loaded_tuples, read_loads, read_starts
    use hb_model_settings, only: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
@@ -17,6 +16,7 @@ module hb_model_reader
    use hb_model_ties, only: read_ties, refuse_unknown_tones
    use hb_model_tones, only: read_tones
    use hb_model_unknown_tones, only: check_fundamentals, read_normal_mode, read_phase
+   use hb_properties, only: properties_t
    use hb_solver_types, only: share_of_solver
    use hb_structure, only: structure_t
    use hb_structure_catalogue, only: read_structure

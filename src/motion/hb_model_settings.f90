@@ -5,9 +5,9 @@ module hb_model_settings
    use hb_fftw, only: planning
    use hb_kinds, only: wp
    use hb_memory_estimate, only: gib
+   use hb_model, only: accuracy_t, certificate_config_t, model_t
    use hb_properties, only: properties_t
    use hb_response, only: new_response
-   use hb_model, only: accuracy_t, certificate_config_t, model_t
    use hb_solver_types, only: share_of_solver, unit_of_work
    use hb_stability, only: stability_config_t
    use hb_structure, only: structure_t

@@ -4,9 +4,9 @@
 module hb_model_symmetry
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
+   use hb_model, only: model_t, symmetry
    use hb_odd_symmetry, only: why_not_odd
    use hb_properties, only: properties_t
-   use hb_model, only: model_t, symmetry
    use hb_torus, only: torus_t
    implicit none
    private

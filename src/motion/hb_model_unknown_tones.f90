@@ -5,8 +5,8 @@ module hb_model_unknown_tones
    use hb_harmonics, only: tuple_text
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
-   use hb_properties, only: properties_t
    use hb_model, only: model_t
+   use hb_properties, only: properties_t
    use hb_structure, only: most_dense
    use hb_text, only: string_t
    implicit none

@@ -6,29 +6,29 @@ module hb_motion
    use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, whole_basis
+   use hb_cached_linear_part, only: cached_linear_parts_t
+   use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_certificate, only: certificate_t, certify_linear
    use hb_clock, only: wall_clock
    use hb_coordinates, only: coordinates_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: annotate, error_t, fail
-   use hb_primary_method, only: primary_method
-   use hb_cached_linear_part, only: cached_linear_parts_t
+   use hb_integrated_result, only: guess_from, is_lost, keep_integrated
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
    use hb_limit_cycle_search, only: search_t
    use hb_linear_part, only: linear_part_t, new_linear_part
-   use hb_integrated_result, only: guess_from, is_lost, keep_integrated
-   use hb_motion_description, only: describe_motion, keep_motion
-   use hb_motion_result, only: motion_result_t
-   use hb_outcome, only: is_solved, outcome
    use hb_model, only: model_t
    use hb_model_basis, only: find_basis
    use hb_model_coordinates, only: coordinates_of
+   use hb_motion_description, only: describe_motion, keep_motion
+   use hb_motion_result, only: motion_result_t
+   use hb_outcome, only: is_solved, outcome
+   use hb_primary_method, only: primary_method
    use hb_solver, only: solve
-   use hb_solver_types, only: report_t, fallback
+   use hb_solver_types, only: fallback, report_t
    use hb_thresholds, only: rounding
    use hb_time_domain, only: locking_t, may_be_locked, steady_motion_t
-   use hb_cancellation, only: verdict, verdict_on_work, cancellation_t, work_is_over
    implicit none
    private
    public :: solve_motion, status_of_ended

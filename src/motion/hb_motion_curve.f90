@@ -7,6 +7,7 @@
 module hb_motion_curve
    use hb_accurate_motion, only: solve_to_tolerance
    use hb_bifurcation, only: angle_of_pair
+   use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
    use hb_curve_events, only: square_at
    use hb_curve_origin, only: find_direction, find_null_vector
@@ -18,16 +19,15 @@ module hb_motion_curve
    use hb_error, only: error_t
    use hb_followed_motion, only: at_end, followed_motion_t, n_further, origin_t, reported_extreme_t, waiting_t
    use hb_kinds, only: wp
+   use hb_level, only: estimate_of, join, level_of, level_t, reliable
+   use hb_model, only: model_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_motions_apart, only: look_apart
    use hb_outcome, only: outcome
-   use hb_level, only: estimate_of, join, reliable, level_of, level_t
-   use hb_model, only: model_t
    use hb_solver_types, only: report_t
    use hb_text, only: to_text
    use hb_thresholds, only: faint
-   use hb_cancellation, only: verdict, verdict_on_work, cancellation_t, work_is_over
    implicit none
    private
    public :: motion_curve_t

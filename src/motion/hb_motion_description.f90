@@ -14,10 +14,10 @@ module hb_motion_description
    use hb_law_coordinates, only: laws_at
    use hb_limit_cycle_search, only: search_t
    use hb_linear_part, only: linear_part_t
+   use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
    use hb_odd_symmetry, only: asymmetry
    use hb_outcome, only: is_solved, outcome
-   use hb_model, only: model_t
    use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, &
       stability_method, stability_t, stability_verdict => verdict
    use hb_structure, only: most_dense

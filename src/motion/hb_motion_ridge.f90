@@ -3,19 +3,19 @@
 !> At each of its points a curve along the first value is begun next to the point before, and followed to the peak or fold, which is
 !> located as on any curve. Steps of the second value grow where that is near and shrink where it is not found, or is another one.
 module hb_motion_ridge
+   use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_motion_curve, only: motion_curve_t
-   use hb_motion_result, only: curve_position_t, motion_result_t
-   use hb_outcome, only: outcome
    use hb_level, only: distance, level_of, level_t
    use hb_model, only: model_t
    use hb_model_reader, only: update_model
+   use hb_motion_curve, only: motion_curve_t
+   use hb_motion_result, only: curve_position_t, motion_result_t
+   use hb_outcome, only: outcome
    use hb_text, only: to_text
-   use hb_cancellation, only: verdict, verdict_on_work, cancellation_t, work_is_over
    implicit none
    private
    public :: motion_ridge_t, new_motion_curve

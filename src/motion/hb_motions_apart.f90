@@ -5,10 +5,10 @@ module hb_motions_apart
    use hb_error, only: error_t
    use hb_followed_motion, only: followed_motion_t, origin_t
    use hb_kinds, only: two_pi, wp
+   use hb_level, only: carry, join, level_t
    use hb_newton, only: solve_newton
    use hb_other_motions, only: find_other, is_other, shifted
    use hb_outcome, only: outcome
-   use hb_level, only: carry, join, level_t
    use hb_solver_types, only: report_t, solver_config_t
    use hb_thresholds, only: safety
    implicit none

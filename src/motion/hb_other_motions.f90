@@ -5,6 +5,7 @@
 !> one, longer, shorter or turned round.
 !> Source: P. E. Farrell, A. Birkisson and S. W. Funke, SIAM J. Sci. Comput. 37 (2015) A2026-A2045.
 module hb_other_motions
+   use hb_cancellation, only: work_is_over
    use hb_ending, only: end_at_point
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: two_pi, wp
@@ -14,7 +15,6 @@ module hb_other_motions
    use hb_solver_types, only: report_t, solver_config_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_thresholds, only: faint
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: deflated_share, find_other, is_other, shifted

@@ -8,7 +8,7 @@ module hb_primary_method
    use hb_kinds, only: two_pi, wp
    implicit none
    private
-   public :: primary_method, integration_counts_t, integration_is_cheaper
+   public :: integration_counts_t, integration_is_cheaper, primary_method
 
    type :: primary_method_t
       integer :: auto = 1

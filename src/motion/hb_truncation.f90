@@ -3,8 +3,8 @@ module hb_truncation
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t
    use hb_harmonics, only: exceeds_largest_box, harmonics_t, new_box, new_diamond, new_harmonics
-   use hb_properties, only: properties_t
    use hb_model, only: symmetry
+   use hb_properties, only: properties_t
    use hb_text, only: to_text
    use hb_tuple_choice, only: new_lowest_set
    implicit none

@@ -1,11 +1,11 @@
 !> Termination of an iteration: criteria and resulting status, the same for all solvers.
 module hb_ending
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_cancellation, only: verdict, verdict_on_work
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_problem, only: problem_t
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_cancellation, only: verdict, verdict_on_work
    implicit none
    private
    public :: end_at_point, end_if_over, end_without_step

@@ -8,10 +8,10 @@
 !> Rozloznik, van den Eshof, Numer. Math. 101 (2005) 87-100 (twice is enough); de Sturler, J. Comput. Appl. Math. 67 (1996) 15-41.
 module hb_gmres
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
    use hb_lapack, only: dgemv, dnrm2
    use hb_problem, only: problem_t
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: gmres_t, new_gmres

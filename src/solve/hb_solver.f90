@@ -8,7 +8,7 @@ module hb_solver
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_problem, only: deformation, problem_t
-   use hb_solver_types, only: largest_affordable, method, report_t, fallback, solver_config_t
+   use hb_solver_types, only: fallback, largest_affordable, method, report_t, solver_config_t
    implicit none
    private
    public :: solve

@@ -6,7 +6,7 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: attempt_t, largest_affordable, method, report_t, fallback, fallback_names
+   public :: attempt_t, fallback, fallback_names, largest_affordable, method, report_t
    public :: share_of_solver, solver_config_t, unit_of_work
 
    type :: method_t

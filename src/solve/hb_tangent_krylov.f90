@@ -1,10 +1,10 @@
 !> Solves with the tangent of a problem from products alone: GMRES, and a preconditioner that gets stronger where GMRES does
 !> not converge. Source: docs/why/theory.md, section 6.6.
 module hb_tangent_krylov
+   use hb_cancellation, only: work_is_over
    use hb_gmres, only: gmres_t, new_gmres
    use hb_kinds, only: wp
    use hb_problem, only: problem_t
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: new_tangent_krylov, tangent_krylov_t

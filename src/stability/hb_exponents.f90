@@ -8,12 +8,12 @@
 module hb_exponents
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_birkhoff, only: bump_weights
-   use hb_kinds, only: wp
    use hb_cancellation, only: work_is_over
+   use hb_kinds, only: wp
    use hb_thresholds, only: safety
    implicit none
    private
-   public :: exponents_t, find_exponents, propagation_t, orthogonalise, work_of_exponents
+   public :: exponents_t, find_exponents, orthogonalise, propagation_t, work_of_exponents
 
    integer, parameter :: n_periods = 100                              ! on which averages are taken
    integer, parameter :: usual_most_periods = 800

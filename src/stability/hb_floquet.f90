@@ -19,7 +19,7 @@ module hb_floquet
    use hb_variation, only: least_work, new_variation, variation_t
    implicit none
    private
-   public :: floquet_t, has_to_be_integrated, assess_exponents, assess_matrix, work_on_demand
+   public :: assess_exponents, assess_matrix, floquet_t, has_to_be_integrated, work_on_demand
 
    real(wp), parameter :: safety_of_multipliers = 10.0_wp                            ! on the estimate of the error
    real(wp), parameter :: largest_surge = log(100.0_wp)               ! what is 1 % grows as large as the motion before it decays

@@ -7,12 +7,12 @@
 !> Source: F. Bayer and R. I. Leine, Sorting-free Hill-based stability analysis of periodic solutions through Koopman analysis,
 !> Nonlinear Dynamics 111 (2023) 8439-8466. Here for any number of tones, and with parts of a period.
 module hb_koopman_hill
+   use hb_cancellation, only: work_is_over
    use hb_error, only: error_t
    use hb_harmonics, only: canonical_sign, harmonics_t, new_box
    use hb_kinds, only: two_pi, wp
    use hb_matrix_exponential, only: count_exponential, exponential_of
    use hb_variation, only: variation_t
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: hill_t, new_hill

@@ -3,13 +3,13 @@
 !> A phase of the motion's own can be shifted: such disturbances, known at each time, are taken out. Beside a slow tone a
 !> disturbance may grow for a part of a period and decay on the rest: periods are cut into parts to record the largest growth.
 module hb_linear_propagation
-   use hb_exponents, only: propagation_t, orthogonalise
+   use hb_cancellation, only: work_is_over
+   use hb_exponents, only: orthogonalise, propagation_t
    use hb_kinds, only: two_pi, wp
    use hb_koopman_hill, only: hill_t
    use hb_monodromy, only: find_transfer, monodromy_t, n_looks_of, work_of_transfer
    use hb_variation, only: piece_t, variation_t
    use hb_variation_pieces, only: cut_time
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: linear_propagation_t, new_linear_propagation

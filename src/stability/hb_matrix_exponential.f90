@@ -4,9 +4,9 @@
 !> (relative error of the backward kind below 1e-16 there), then squared. Source: N. J. Higham, Functions of Matrices, SIAM 2008,
 !> section 10.3.
 module hb_matrix_exponential
+   use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
    use hb_lapack, only: dgemm, dgetrf, dgetrs
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: count_exponential, exponential_of, exponential_of_two, per_multiplication, product_of

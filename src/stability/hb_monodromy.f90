@@ -5,12 +5,12 @@
 !> 2nd edition, Springer 1993, section II.9.
 module hb_monodromy
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_cancellation, only: work_is_over
    use hb_kinds, only: two_pi, wp
    use hb_thresholds, only: agreement
    use hb_variation, only: piece_t, variation_t
    use hb_variation_pieces, only: cut_time, settle_sliders
    use hb_variation_steps, only: propagate
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: find_monodromy, find_transfer, monodromy_t, n_looks_of, work_of_monodromy, work_of_transfer

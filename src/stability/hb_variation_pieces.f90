@@ -4,12 +4,12 @@
 !> an event, so that the state does not either (its saltation matrix is the identity: R. I. Leine and H. Nijmeijer, Dynamics and
 !> Bifurcations of Non-Smooth Mechanical Systems, Springer 2004, section 7.4).
 module hb_variation_pieces
+   use hb_cancellation, only: work_is_over
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
    use hb_law, only: law_t
    use hb_thresholds, only: rounding
    use hb_variation, only: piece_t, variation_t
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: bracket_t, cut_time, settle_sliders

@@ -3,11 +3,11 @@
 !> Method: commutator-free Magnus integrator of fourth order, which takes any stiffness of the constant part, with the moments of A
 !> in a step by Simpson's rule. Source: S. Blanes and P. C. Moan, Applied Numerical Mathematics 56 (2006) 1519-1537.
 module hb_variation_steps
+   use hb_cancellation, only: work_is_over
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
    use hb_matrix_exponential, only: exponential_of, exponential_of_two, product_of
    use hb_variation, only: piece_t, variation_t
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: propagate

@@ -6,17 +6,17 @@
 !> The work is bounded: that of all motions in between by the work of the points of the chain so far and a part of a second.
 module hb_chain_check
    use hb_branch_tracking, only: difference_of, find_branch, finding, smallest_jump, stretch_t, tracking_t
+   use hb_cancellation, only: work_is_over
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
+   use hb_level, only: carry, join, level_t, put_on_level, same_set
+   use hb_model, only: model_t
+   use hb_model_reader, only: update_model
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_point_source, only: point_source_t
-   use hb_level, only: carry, join, put_on_level, level_t, same_set
-   use hb_model, only: model_t
-   use hb_model_reader, only: update_model
    use hb_stability, only: stability_method
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: chain_check_t

@@ -4,9 +4,9 @@ module hb_curve_plan
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
+   use hb_model, only: model_t
    use hb_properties, only: properties_t
    use hb_response, only: new_response
-   use hb_model, only: model_t
    use hb_text, only: lower, shown, string_t, to_text
    implicit none
    private

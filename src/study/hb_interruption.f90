@@ -3,13 +3,13 @@
 !> It is checked before each point, and by solvers within a point as a cancellation token. A point that is ended
 !> stays pending and is solved by a later run from its beginning: no number depends on when a run ends.
 module hb_interruption
+   use hb_cancellation, only: cancellation_t
    use hb_clock, only: wall_clock
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_mpi, only: comm_t, size_of
    use hb_shared_flag, only: new_shared_flag, shared_flag_t
    use hb_signals, only: signal_caught
-   use hb_cancellation, only: cancellation_t
    implicit none
    private
    public :: interruption, interruption_t, new_interruption

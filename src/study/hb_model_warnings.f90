@@ -4,8 +4,8 @@ module hb_model_warnings
    use hb_certificate, only: near_commensurate
    use hb_document, only: document_t, parameter_t
    use hb_kinds, only: wp
-   use hb_properties, only: properties_t
    use hb_model, only: model_t
+   use hb_properties, only: properties_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: join, max_name, string_t, to_text
    use hb_tones, only: tones_t

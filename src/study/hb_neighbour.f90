@@ -1,11 +1,11 @@
 !> First guesses from neighbours: each point of a chain along a swept parameter starts from the solutions of the points
 !> before it, never from a point of another chain, so that nothing depends on which rank solves which chain and when.
 module hb_neighbour
+   use hb_basis, only: transfer_coefficients
    use hb_branches, only: is_far_above
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: wp
-   use hb_basis, only: transfer_coefficients
    use hb_level, only: level_t
    use hb_model, only: model_t
    implicit none

@@ -3,9 +3,9 @@ module hb_next_step
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: two_pi, wp
+   use hb_model_tones, only: read_tones
    use hb_outcome, only: outcome
    use hb_properties, only: properties_t
-   use hb_model_tones, only: read_tones
    use hb_sweep_plan, only: sweep_plan_t
    use hb_system, only: file_kind, kind_of_file
    use hb_text, only: parse_integer, string_t, to_text

@@ -7,8 +7,8 @@ module hb_result_columns
    use hb_branches, only: left_branch
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: h5_dataset_t, is_characters, is_integer, is_real
-   use hb_kinds, only: wp
    use hb_integration_verdict, only: verdict_names
+   use hb_kinds, only: wp
    use hb_motion_columns, only: columns_t, of_dof, of_force
    use hb_motion_result, only: motion_result_t
    use hb_parameter_path, only: identifier

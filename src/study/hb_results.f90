@@ -20,8 +20,8 @@ module hb_results
    use hb_results_layout, only: check_layout, results_layout_t, swept_parameter_t
    use hb_results_plan, only: measure_row
    use hb_row_buffer, only: hold_seconds, new_row_buffer, room_for
-   use hb_system, only: check_held, held_file_t, hold_file, release_file
    use hb_stored_rows, only: stored_file_t
+   use hb_system, only: check_held, held_file_t, hold_file, release_file
    use hb_text, only: to_text
    use hb_timing, only: n_times, rank_times_t
    implicit none

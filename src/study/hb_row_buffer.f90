@@ -14,7 +14,7 @@ module hb_row_buffer
    use hb_text, only: to_text
    implicit none
    private
-   public :: row_buffer_t, hold_seconds, new_row_buffer, room_for
+   public :: hold_seconds, new_row_buffer, room_for, row_buffer_t
 
    real(wp), parameter :: writes_per_second = 5.0e4_wp                ! of all ranks, half of what a large file system takes
    real(wp), parameter :: shortest = 0.01_wp                          ! [s], for points that take less than that

@@ -1,8 +1,8 @@
 !> Callbacks of the models of a run: files for models, and time integration.
 module hb_run_callbacks
-   use hb_kinds, only: wp
-   use hb_integrated_floquet, only: integrated_floquet_t
    use hb_fe_model_file, only: fe_model_file_t
+   use hb_integrated_floquet, only: integrated_floquet_t
+   use hb_kinds, only: wp
    use hb_model, only: callbacks_t
    use hb_time_integration, only: time_integration_t
    implicit none

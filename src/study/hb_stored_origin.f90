@@ -7,9 +7,9 @@ module hb_stored_origin
    use hb_error, only: error_t, fail
    use hb_file_location, only: check_source
    use hb_hdf5, only: open_file
+   use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t
    use hb_row_checks, only: refuse_damaged_rows
-   use hb_model, only: model_t
    use hb_stored_rows, only: stored_file_t
    use hb_text, only: to_text
    implicit none

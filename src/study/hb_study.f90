@@ -8,15 +8,15 @@ module hb_study
    use hb_followed_motion, only: n_further
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
+   use hb_model, only: callbacks_t, model_t, share_of_integrated
+   use hb_model_coordinates, only: coordinates_of
+   use hb_model_reader, only: group_names, read_model
+   use hb_model_tones, only: read_tones
    use hb_namelist, only: read_namelist, set_text, write_complete_text
    use hb_result_columns, only: new_plan, plan_t
    use hb_results_layout, only: results_layout_t
    use hb_results_plan, only: measure_row
    use hb_run_callbacks, only: run_callbacks
-   use hb_model, only: model_t, share_of_integrated, callbacks_t
-   use hb_model_coordinates, only: coordinates_of
-   use hb_model_reader, only: group_names, read_model
-   use hb_model_tones, only: read_tones
    use hb_stability, only: n_multipliers_of, stability_method
    use hb_stored_origin, only: request_curve
    use hb_sweep_harmonics, only: tuples_of_sweep

@@ -6,19 +6,22 @@
 !> digit).
 module hb_sweep
    use hb_branch_marks, only: mark_branches
+   use hb_cancellation, only: verdict
    use hb_chain_check, only: chain_check_t
    use hb_clock, only: wall_clock
-   use hb_crash_detection, only: begin_point, crash_location_t, end_point, end_cancellation, detect_crashes
+   use hb_crash_detection, only: begin_point, crash_location_t, detect_crashes, end_cancellation, end_point
    use hb_error, only: error_t, fail
    use hb_fftw, only: export_wisdom, import_wisdom
    use hb_interruption, only: interruption, interruption_t, new_interruption
    use hb_kinds, only: wp
+   use hb_model, only: model_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_mpi, only: barrier, comm_t, gather_rows, max_over, new_work_counter, rank_of, share_error, size_of, sum_over, &
       work_counter_t
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: outcome, outcome_name
+   use hb_padding, only: remove_padding
    use hb_point_source, only: point_source_t
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_results, only: create_results, open_results, results_t
@@ -26,17 +29,14 @@ module hb_sweep
    use hb_resume, only: choose_units, resumed_file_t, resumed_input_t
    use hb_row_checks, only: count_pending
    use hb_run_summary, only: count_kept, count_point, has_answer, run_summary_t, sum_up
-   use hb_model, only: model_t
    use hb_schedule, only: cursor_t, new_schedule, schedule_t
    use hb_signals, only: wait_for_points
-   use hb_padding, only: remove_padding
    use hb_study, only: describe_layout, study_t
    use hb_swept_curve, only: new_swept_curve, swept_curve_t
    use hb_swept_point, only: run_point
    use hb_system, only: file_kind, kind_of_file
    use hb_text, only: to_text
    use hb_timing, only: rank_times_t
-   use hb_cancellation, only: verdict
    implicit none
    private
    public :: run_options_t, run_study

@@ -2,25 +2,25 @@
 !> points in the form of the file, one after the other.
 module hb_swept_curve
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_cancellation, only: cancellation_t, verdict, work_is_over
    use hb_clock, only: wall_clock
    use hb_curve_plan, only: curve_plan_t
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
+   use hb_level, only: estimate_of, reliable
+   use hb_model, only: model_t
+   use hb_model_reader, only: update_model
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_motion_ridge, only: new_motion_curve
    use hb_outcome, only: is_solved, outcome
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t, results_t
-   use hb_level, only: estimate_of, reliable
-   use hb_model, only: model_t
-   use hb_model_reader, only: update_model
    use hb_stored_origin, only: request_curve
    use hb_swept_point, only: check_layout, spread_result
    use hb_text, only: to_text
-   use hb_cancellation, only: verdict, cancellation_t, work_is_over
    implicit none
    private
    public :: new_swept_curve, swept_curve_t

@@ -3,23 +3,23 @@
 module hb_swept_point
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_accurate_motion, only: solve_to_tolerance
+   use hb_cancellation, only: cancellation_t, verdict
    use hb_chain_check, only: chain_check_t
    use hb_clock, only: wall_clock
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
+   use hb_level, only: level_t
+   use hb_model, only: model_t
+   use hb_model_reader, only: update_model
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: outcome
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t
-   use hb_level, only: level_t
-   use hb_model, only: model_t
-   use hb_model_reader, only: update_model
    use hb_timing, only: rank_times_t
-   use hb_cancellation, only: verdict, cancellation_t
    implicit none
    private
    public :: check_layout, run_point, spread_result

@@ -10,11 +10,11 @@ module hb_switched_input
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: two_pi, wp
+   use hb_model, only: model_t
+   use hb_model_reader, only: read_model
    use hb_namelist, only: write_complete_text
    use hb_properties, only: properties_t
    use hb_run_callbacks, only: run_callbacks
-   use hb_model, only: model_t
-   use hb_model_reader, only: read_model
    use hb_study, only: study_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: quote, string_t, to_text

@@ -5,15 +5,15 @@ module hb_verify
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t, fail
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file, open_file_parallel
-   use hb_kinds, only: wp
    use hb_integration_verdict, only: verdict
+   use hb_kinds, only: wp
+   use hb_model, only: model_t
+   use hb_model_reader, only: read_model
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_outcome, only: is_solved, outcome
    use hb_results_record, only: read_record, record_t
    use hb_row_checks, only: refuse_damaged_rows
    use hb_run_callbacks, only: run_callbacks
-   use hb_model, only: model_t
-   use hb_model_reader, only: read_model
    use hb_stored_rows, only: stored_file_t
    use hb_study, only: new_study, study_t
    use hb_text, only: string_t, to_text

@@ -1,20 +1,20 @@
 !> The motions in which a model ends from several starts: distinguished, counted, named by their amplitudes.
 module hb_coexisting_motions
    use hb_advice, only: rounded
+   use hb_cancellation, only: work_is_over
    use hb_error, only: error_t
-   use hb_kinds, only: wp
+   use hb_integrated_motion, only: settle
    use hb_integration_starts, only: motions_of, state_on_sphere
    use hb_integration_state, only: integration_state_t
    use hb_integration_system, only: integration_system_t, new_integration_system
-   use hb_integrated_motion, only: settle
-   use hb_outcome, only: outcome, outcome_name
+   use hb_kinds, only: wp
    use hb_model, only: model_t
+   use hb_outcome, only: outcome, outcome_name
    use hb_text, only: to_text
    use hb_time_domain, only: steady_motion_t
-   use hb_cancellation, only: work_is_over
    implicit none
    private
-   public :: settle_from_starts, report_motions
+   public :: report_motions, settle_from_starts
 
 contains
 

@@ -6,10 +6,10 @@
 module hb_frequency_analysis
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_birkhoff, only: average_at, bump_weights
+   use hb_cancellation, only: work_is_over
    use hb_error, only: error_t, fail
    use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, planning, real_block_t
    use hb_kinds, only: two_pi, wp
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: find_frequencies

@@ -3,11 +3,11 @@
 module hb_integrated_floquet
    use hb_error, only: error_t
    use hb_exponents, only: work_of_exponents
-   use hb_floquet, only: floquet_t, has_to_be_integrated, assess_exponents, assess_matrix, work_on_demand
+   use hb_floquet, only: assess_exponents, assess_matrix, floquet_t, has_to_be_integrated, work_on_demand
+   use hb_integrated_propagation, only: integrated_propagation_t, new_integrated_propagation
+   use hb_integration_system, only: integration_system_t, new_integration_system
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
-   use hb_integration_system, only: integration_system_t, new_integration_system
-   use hb_integrated_propagation, only: integrated_propagation_t, new_integrated_propagation
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_multipliers, only: deflate
    use hb_period_map, only: find_period_map, new_period_map, period_map_t, work_of_period_map

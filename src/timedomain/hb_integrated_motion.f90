@@ -8,24 +8,24 @@ module hb_integrated_motion
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_advice, only: rounded
    use hb_birkhoff, only: coefficients_at
+   use hb_cancellation, only: work_is_over
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t, fail
    use hb_hysteretic_law, only: hysteretic_law_t
-   use hb_kinds, only: int64, two_pi, wp
-   use hb_line_fit, only: line_fit_t, new_line_fit
-   use hb_time_stepping, only: integrate_from, integration_record_t
    use hb_integration_config, only: integration_config_t, integration_method, step_of
    use hb_integration_state, only: integration_state_t, new_integration_state
    use hb_integration_system, only: integration_system_t, new_integration_system
+   use hb_kinds, only: int64, two_pi, wp
+   use hb_line_fit, only: line_fit_t, new_line_fit
+   use hb_model, only: model_t
+   use hb_model_coordinates, only: coordinates_of
    use hb_modes, only: modes_t, new_modes, slowest_decay
    use hb_outcome, only: outcome
    use hb_recurrence, only: repetition, turns_to_repeat
-   use hb_model, only: model_t
-   use hb_model_coordinates, only: coordinates_of
    use hb_structure, only: most_dense, structure_t
    use hb_text, only: to_text
    use hb_time_domain, only: steady_motion_t
-   use hb_cancellation, only: work_is_over
+   use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private
    public :: fastest_of, has_bounds_of, largest_in_parts, settle

@@ -3,9 +3,9 @@
 !> The time integration continues from period to period, and is only compared with the given motion, which it may leave.
 module hb_integrated_propagation
    use hb_error, only: error_t
-   use hb_exponents, only: propagation_t, orthogonalise
-   use hb_kinds, only: two_pi, wp
+   use hb_exponents, only: orthogonalise, propagation_t
    use hb_integration_system, only: integration_system_t
+   use hb_kinds, only: two_pi, wp
    use hb_motion_series, only: motion_series_t
    use hb_state_map, only: new_state_map, state_map_t
    implicit none

@@ -6,14 +6,14 @@
 module hb_integrated_start
    use hb_birkhoff, only: coefficients_at
    use hb_error, only: error_t
-   use hb_kinds, only: two_pi, wp
-   use hb_time_stepping, only: integrate_from, integration_record_t
    use hb_integration_config, only: integration_config_t, step_of
    use hb_integration_state, only: integration_state_t, new_integration_state
    use hb_integration_system, only: integration_system_t, new_integration_system
-   use hb_record_tones, only: find_tones
+   use hb_kinds, only: two_pi, wp
    use hb_model, only: model_t
+   use hb_record_tones, only: find_tones
    use hb_structure, only: max_dofs
+   use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private
    public :: change_of, first_kick, integrate_once, integrated_guess, steady

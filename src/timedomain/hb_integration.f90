@@ -2,17 +2,17 @@
 !> on.
 module hb_integration
    use hb_error, only: annotate, error_t, fail
-   use hb_kinds, only: wp
-   use hb_time_stepping, only: assess, integrate_from, integration_assessment_t, integration_record_t
    use hb_integration_config, only: integration_start, step_of
    use hb_integration_starts, only: motions_of, state_on_sphere
    use hb_integration_state, only: integration_state_t, new_integration_state
    use hb_integration_system, only: integration_system_t, new_integration_system
+   use hb_kinds, only: wp
+   use hb_model, only: model_t
    use hb_modes, only: modes_t, new_modes
    use hb_record_tones, only: find_tones
-   use hb_model, only: model_t
    use hb_structure, only: max_dofs, most_dense
    use hb_text, only: to_text
+   use hb_time_stepping, only: assess, integrate_from, integration_assessment_t, integration_record_t
    implicit none
    private
    public :: check_integration, integrate_model, integration_t

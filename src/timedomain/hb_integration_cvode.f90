@@ -5,18 +5,18 @@
 !> taken. A rigid wall sends a coordinate back with the coefficient of restitution times its speed; what is slower than 1e-6 of the
 !> fastest motion so far stays on the wall.
 module hb_integration_cvode
+   use hb_cancellation, only: work_is_over
    use hb_error, only: error_t, fail
    use hb_hysteretic_law, only: hysteretic_law_t
-   use hb_integrator, only: integrator_t, law_forces
-   use hb_kinds, only: int64, wp
-   use hb_lapack, only: dgetrs
    use hb_integration_equations, only: integration_equations_t, new_integration_equations
    use hb_integration_state, only: integration_state_t
    use hb_integration_system, only: integration_system_t
+   use hb_integrator, only: integrator_t, law_forces
+   use hb_kinds, only: int64, wp
+   use hb_lapack, only: dgetrs
    use hb_rigid_laws, only: put_before_walls
    use hb_sundials, only: cvode_t, new_cvode
    use hb_text, only: to_text
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: integration_cvode_t, new_integration_cvode

@@ -9,10 +9,10 @@
 module hb_integration_equations
    use hb_error, only: error_t
    use hb_hysteretic_law, only: hysteretic_law_t
+   use hb_integration_system, only: integration_system_t
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_law, only: hold_t
-   use hb_integration_system, only: integration_system_t
    use hb_rigid_laws, only: collect_rigid
    use hb_sundials, only: ode_t
    implicit none

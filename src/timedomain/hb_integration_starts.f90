@@ -5,10 +5,10 @@
 !> each run; shapes are those in which forces in proportion to mass, of random signs, displace the structure, so that no mesh is
 !> shaken in its finest modes.
 module hb_integration_starts
-   use hb_kinds, only: two_pi, wp
-   use hb_lapack, only: dpotrf, dpotrs
    use hb_integration_state, only: integration_state_t, new_integration_state
    use hb_integration_system, only: integration_system_t
+   use hb_kinds, only: two_pi, wp
+   use hb_lapack, only: dpotrf, dpotrs
    implicit none
    private
    public :: motions_of, state_on_sphere

@@ -3,12 +3,12 @@
 !> Laws and structure are those of the model; no series, transform or balance enters, so that time integration can check them.
 module hb_integration_system
    use hb_error, only: error_t, fail
-   use hb_kinds, only: wp
-   use hb_lapack, only: dpotrf, dpotrs
-   use hb_law, only: law_box_t
    use hb_integration_laws, only: integration_laws_t, new_integration_laws
    use hb_integration_loads, only: integration_loads_t, new_integration_loads
    use hb_integration_matrix, only: integration_matrix_t, new_integration_matrix
+   use hb_kinds, only: wp
+   use hb_lapack, only: dpotrf, dpotrs
+   use hb_law, only: law_box_t
    use hb_structure, only: structure_t
    implicit none
    private

@@ -7,7 +7,7 @@ module hb_integration_verdict
    use hb_kinds, only: wp
    implicit none
    private
-   public :: decide, growth_of, limit_of, n_settled, verdict, verdict_names, verdict_text, verdict_kind_t
+   public :: decide, growth_of, limit_of, n_settled, verdict, verdict_kind_t, verdict_names, verdict_text
 
    real(wp), parameter :: safety = 5.0_wp                             ! on the estimate of the certificate
    real(wp), parameter :: largest_limit = 0.08_wp                     ! of a motion, whatever the estimate says; with several tones

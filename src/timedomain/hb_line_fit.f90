@@ -8,10 +8,10 @@
 !> D. Potts, ACM Trans. Math. Softw. 36 (2009) 19.
 module hb_line_fit
    use hb_birkhoff, only: bump_weights
+   use hb_cancellation, only: work_is_over
    use hb_error, only: error_t
    use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, planning, real_block_t
    use hb_kinds, only: two_pi, wp
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: line_fit_t, new_line_fit

@@ -7,11 +7,11 @@ module hb_locking
    use hb_birkhoff, only: bump_weights, coefficients_at
    use hb_error, only: error_t
    use hb_frequency_analysis, only: find_frequencies
-   use hb_kinds, only: wp
-   use hb_time_stepping, only: integration_record_t
    use hb_integrated_start, only: change_of, first_kick, integrate_once, steady
+   use hb_kinds, only: wp
    use hb_model, only: model_t
    use hb_time_domain, only: highest_part, locking_t
+   use hb_time_stepping, only: integration_record_t
    implicit none
    private
    public :: find_locking

@@ -7,9 +7,9 @@
 !> A. H. Nayfeh and B. Balachandran, Applied Nonlinear Dynamics, Wiley 1995, sections 6.5 and 7.1.
 module hb_period_map
    use hb_error, only: error_t
+   use hb_integration_system, only: integration_system_t
    use hb_kinds, only: two_pi, wp
    use hb_lapack, only: dgeqrf, dgetrf, dgetrs, dorgqr
-   use hb_integration_system, only: integration_system_t
    use hb_motion_series, only: motion_series_t
    use hb_state_map, only: new_state_map, state_map_t
    implicit none

@@ -6,10 +6,10 @@
 module hb_record_tones
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_birkhoff, only: bump_weights, coefficients_at
+   use hb_cancellation, only: work_is_over
    use hb_error, only: error_t
    use hb_frequency_analysis, only: find_frequencies
    use hb_kinds, only: two_pi, wp
-   use hb_cancellation, only: work_is_over
    implicit none
    private
    public :: find_tones

@@ -9,8 +9,8 @@
 !> Tones whose ratio is nearly that of small whole numbers return well after these, and badly after anything else for a long time.
 !> So the defect of a return counts, beside another that misses less, as much as that would have of it.
 module hb_recurrence
-   use hb_kinds, only: wp
    use hb_cancellation, only: work_is_over
+   use hb_kinds, only: wp
    implicit none
    private
    public :: defect_of, find_return, repetition, turns_to_repeat

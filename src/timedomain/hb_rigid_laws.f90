@@ -3,9 +3,9 @@
 !> A method without a stiffness for them needs the constraint itself, coordinate by coordinate.
 module hb_rigid_laws
    use hb_error, only: error_t, fail
+   use hb_integration_laws, only: integration_laws_t
    use hb_kinds, only: wp
    use hb_law, only: hold_t
-   use hb_integration_laws, only: integration_laws_t
    implicit none
    private
    public :: collect_rigid, put_before_walls

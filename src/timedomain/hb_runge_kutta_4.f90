@@ -6,10 +6,10 @@
 !> section II.1.
 module hb_runge_kutta_4
    use hb_error, only: error_t, fail
-   use hb_integrator, only: integrator_t
-   use hb_kinds, only: int64, wp
    use hb_integration_state, only: integration_state_t
    use hb_integration_system, only: integration_system_t
+   use hb_integrator, only: integrator_t
+   use hb_kinds, only: int64, wp
    implicit none
    private
    public :: new_runge_kutta_4, runge_kutta_4_t

@@ -1,8 +1,8 @@
 !> The time-domain solver of a model's callbacks: time integration.
 module hb_time_integration
    use hb_coexisting_motions, only: settle_from_starts
-   use hb_locking, only: find_locking
    use hb_integrated_start, only: integrated_guess
+   use hb_locking, only: find_locking
    use hb_model, only: time_domain_solver_t
    implicit none
    private

@@ -4,22 +4,22 @@
 module hb_time_stepping
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_birkhoff, only: coefficients_at
+   use hb_cancellation, only: note_progress, work_is_over
    use hb_central_differences, only: central_differences_t, new_central_differences
    use hb_error, only: error_t, fail
    use hb_frequency_analysis, only: find_frequencies
    use hb_generalized_alpha, only: generalized_alpha_t, new_generalized_alpha
-   use hb_integrator, only: integrator_t
-   use hb_kinds, only: wp
-   use hb_law, only: hold_t
    use hb_integration_config, only: integration_config_t, integration_method
    use hb_integration_cvode, only: integration_cvode_t, new_integration_cvode
    use hb_integration_state, only: integration_state_t
    use hb_integration_system, only: integration_system_t
+   use hb_integrator, only: integrator_t
+   use hb_kinds, only: wp
+   use hb_law, only: hold_t
    use hb_memory, only: available_memory
    use hb_rigid_laws, only: collect_rigid
    use hb_runge_kutta_4, only: new_runge_kutta_4, runge_kutta_4_t
    use hb_text, only: to_text
-   use hb_cancellation, only: note_progress, work_is_over
    implicit none
    private
    public :: assess, integrate_from, integration_assessment_t, integration_record_t

@@ -10,10 +10,10 @@ program fuzz_input
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
+   use hb_model, only: model_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_mpi, only: start_mpi, stop_mpi
-   use hb_model, only: model_t
    use hb_study, only: new_study, study_t
    use hb_text, only: parse_integer, string_t, to_text
    use hb_text_file, only: read_text_file

@@ -5,7 +5,7 @@ module funit
    use runner_conditions, only: assertAll, assertAny, assertExceptionRaised, assertFail, assertFalse, &
       assertIsFinite, assertIsNaN, assertTrue
    use runner_equal, only: assertEqual
-   use runner_exceptions, only: SourceLocation, anyExceptions, throw
+   use runner_exceptions, only: anyExceptions, SourceLocation, throw
    use runner_greater_than, only: assertGreaterThan
    use runner_greater_than_or_equal, only: assertGreaterThanOrEqual
    use runner_less_than, only: assertLessThan

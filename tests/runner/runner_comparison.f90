@@ -9,8 +9,7 @@ module runner_comparison
    implicit none
    private
    public :: compare, values
-   public :: equal, not_equal, less_than, less_than_or_equal, greater_than, greater_than_or_equal, &
-      relatively_equal
+   public :: equal, greater_than, greater_than_or_equal, less_than, less_than_or_equal, not_equal, relatively_equal
 
    enum, bind(c)
       enumerator :: equal = 1, not_equal, less_than, less_than_or_equal, greater_than, &

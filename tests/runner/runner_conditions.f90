@@ -2,7 +2,7 @@
 module runner_conditions
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_is_nan
    use, intrinsic :: iso_fortran_env, only: real32, real64
-   use runner_exceptions, only: SourceLocation, catch_exception, throw
+   use runner_exceptions, only: catch_exception, SourceLocation, throw
    implicit none
    private
    public :: assertAll, assertAny, assertExceptionRaised, assertFail, assertFalse, assertIsFinite, &

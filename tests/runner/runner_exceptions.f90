@@ -3,7 +3,7 @@
 module runner_exceptions
    implicit none
    private
-   public :: SourceLocation, anyExceptions, catch_exception, take_report, throw
+   public :: anyExceptions, catch_exception, SourceLocation, take_report, throw
 
    !> Line of a .pf file. Lengths are fixed, because gfortran 12 loses memory of structure constructors
    !> otherwise.

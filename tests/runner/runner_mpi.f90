@@ -1,9 +1,9 @@
 !> Tests on several processes. Each runs on a communicator of the first `npes` processes, the others wait in
 !> the collection of the messages, which ends the test on all of them.
 module runner_mpi
-   use mpi, only: MPI_CHARACTER, MPI_COMM_NULL, MPI_COMM_WORLD, MPI_INTEGER, MPI_LOGICAL, MPI_LOR, &
-      MPI_UNDEFINED, MPI_Allreduce, MPI_Bcast, MPI_Comm_free, MPI_Comm_rank, MPI_Comm_size, MPI_Comm_split, &
-      MPI_Finalize, MPI_Gather, MPI_Gatherv, MPI_Init
+   use mpi, only: MPI_Allreduce, MPI_Bcast, MPI_CHARACTER, MPI_Comm_free, MPI_COMM_NULL, MPI_Comm_rank, MPI_Comm_size, &
+      MPI_Comm_split, MPI_COMM_WORLD, MPI_Finalize, MPI_Gather, MPI_Gatherv, MPI_Init, MPI_INTEGER, MPI_LOGICAL, MPI_LOR, &
+      MPI_UNDEFINED
    use runner_cases, only: AbstractTestParameter, ParameterizedTestCase
    use runner_exceptions, only: anyExceptions, take_report, throw
    use runner_session, only: is_selected, print_totals, read_command_line, record_test, set_root, start_test

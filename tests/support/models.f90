@@ -6,15 +6,15 @@ module models
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
+   use hb_model, only: model_t
+   use hb_model_coordinates, only: coordinates_of
+   use hb_model_reader, only: read_model
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_namelist, only: read_namelist
    use hb_run_callbacks, only: run_callbacks
-   use hb_model, only: model_t
-   use hb_model_coordinates, only: coordinates_of
-   use hb_model_reader, only: read_model
-   use user_law_paths, only: user_law_samples
    use random_numbers, only: fill_random
+   use user_law_paths, only: user_law_samples
    implicit none
    private
    public :: balance_at, balance_of, law_example, law_place, make_model, message_of, one_group_a_line, paper_beam, &
