@@ -188,8 +188,7 @@ contains
       end associate
    end subroutine iterate
 
-   !> A vector that the tangent of a problem takes to nearly zero where it is singular, by inverse iteration among the entries of a
-   !> mask, across another vector.
+   !> A vector that the tangent of a problem takes to nearly zero where it is singular, see `find_null_vector` of its solver.
    subroutine find_null_vector(problem, x, scale, mask, along, vector, is_found)
       class(problem_t), intent(inout) :: problem
       real(wp), intent(in), contiguous :: x(:)
@@ -198,26 +197,12 @@ contains
       real(wp), intent(in) :: along(:)                                !! in these scales, of length 1 or 0
       real(wp), intent(out) :: vector(:)                              !! of length 1 in these scales
       logical, intent(out) :: is_found
-      integer, parameter :: n_rounds = 4
       type(tangent_solver_t) :: solver
-      real(wp) :: next(size(x))
-      integer :: i
       logical :: is_singular
 
       call new_tangent_solver(solver, problem, x, is_singular)
       if (is_singular) call new_tangent_solver(solver, problem, (1.0_wp + rounding)*x, is_singular)
-      next = cos([(real(i, wp), i=1, size(x))])
-      do i = 0, n_rounds
-         next = merge(next, 0.0_wp, mask)
-         next = next - dot_product(next, along)*along
-         is_found = .not. is_singular .and. norm2(next) > 0.0_wp
-         if (.not. is_found) return
-         next = next/norm2(next)
-         vector = scale*next
-         if (i == n_rounds) return
-         next = next*problem%r_scale                                  ! as a residual
-         call solver%solve(problem, next, is_singular)
-         next = next/scale
-      end do
+      is_found = .not. is_singular
+      if (is_found) call solver%find_null_vector(problem, scale, mask, along, vector, is_found)
    end subroutine find_null_vector
 end module hb_curve_origin

@@ -18,6 +18,7 @@ module hb_tangent_solver
       real(wp), allocatable, private :: null_vector(:), units(:)      ! left out of solutions, of length 1 in these units
    contains
       procedure :: determinant_sign => tangent_solver_determinant_sign
+      procedure :: find_null_vector => tangent_solver_find_null_vector
       procedure :: leave_out_null_vector => tangent_solver_leave_out_null_vector
       procedure :: solve => tangent_solver_solve
    end type tangent_solver_t
@@ -82,25 +83,61 @@ contains
          r = r - dot_product(self%null_vector, r/self%units)*self%null_vector*self%units
    end subroutine tangent_solver_solve
 
-   !> Makes solutions with a tangent that is singular but for rounding those without a part along its null vector, which is found by
-   !> inverse iteration.
+   !> Makes solutions with a tangent that is singular but for rounding those without a part along its null vector.
    subroutine tangent_solver_leave_out_null_vector(self, problem, units)
       class(tangent_solver_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
       real(wp), intent(in) :: units(:)                                !! of lengths (n_unknowns)
-      integer, parameter :: n_rounds = 3
-      real(wp) :: next(size(units))
+      real(wp) :: vector(size(units))
+      logical :: is_found
+
+      call self%find_null_vector(problem, units, spread(.true., 1, size(units)), 0.0_wp*units, vector, is_found)
+      if (.not. is_found) return
+      self%units = units
+      self%null_vector = vector/units
+   end subroutine tangent_solver_leave_out_null_vector
+
+   !> A vector that a nearly singular tangent takes to nearly zero, among the entries of a mask and across another vector: the
+   !> nearest of some rounds of inverse iteration. Rounds need not come nearer: where damping turns motions by a quarter of a period
+   !> against residuals, the tangent makes of a null vector as a residual others, and only then the null vector again.
+   subroutine tangent_solver_find_null_vector(self, problem, units, mask, along, vector, is_found)
+      class(tangent_solver_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in) :: units(:)                                !! of lengths (n_unknowns)
+      logical, intent(in) :: mask(:)
+      real(wp), intent(in) :: along(:)                                !! in these units, of length 1 or 0
+      real(wp), intent(out) :: vector(:)                              !! of length 1 in these units
+      logical, intent(out) :: is_found
+      integer, parameter :: n_rounds = 4
+      real(wp) :: length, longest, next(size(units))
       integer :: i
       logical :: is_singular
 
+      is_found = .false.
+      longest = 0.0_wp
       next = cos([(real(i, wp), i=1, size(next))])
+      call across(next)
       do i = 1, n_rounds
-         next = next*problem%r_scale                                  ! as a residual
+         if (.not. norm2(next) > 0.0_wp) return
+         next = next/norm2(next)*problem%r_scale                      ! as a residual
          call self%solve(problem, next, is_singular)
          if (is_singular) return
-         next = next/units/norm2(next/units)
+         next = next/units
+         call across(next)
+         length = norm2(next)
+         if (.not. length > longest) cycle
+         longest = length
+         vector = next/length*units
+         is_found = .true.
       end do
-      self%units = units
-      self%null_vector = next
-   end subroutine tangent_solver_leave_out_null_vector
+
+   contains
+
+      pure subroutine across(v)
+         real(wp), intent(inout) :: v(:)
+
+         v = merge(v, 0.0_wp, mask)
+         v = v - dot_product(v, along)*along
+      end subroutine across
+   end subroutine tangent_solver_find_null_vector
 end module hb_tangent_solver
