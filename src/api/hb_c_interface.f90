@@ -303,6 +303,15 @@ contains
       code = reported(none, wrong_use, error)
    end function nhbm_ask
 
+   subroutine nhbm_points(model, n) bind(c, name="nhbm_points")
+      type(c_ptr), value :: model
+      integer(c_int), value :: n
+      type(handle_t), pointer :: handle
+
+      call c_f_pointer(model, handle)
+      handle%session%n_points = max(int(n), 0)
+   end subroutine nhbm_points
+
    type(c_ptr) function nhbm_version() bind(c, name="nhbm_version") result(text)
       integer :: i
 

@@ -15,7 +15,6 @@ module hb_session
    use hb_curve_request, only: curve_request_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
-   use hb_integrated_floquet, only: integrated_floquet_t
    use hb_integration, only: integrate_model, integration_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
@@ -32,7 +31,7 @@ module hb_session
    use hb_outcome, only: is_solved, outcome
    use hb_parameter_path, only: identifier
    use hb_time_columns, only: find_record_column, find_verdict_column
-   use hb_time_integration, only: time_integration_t
+   use hb_time_integration, only: add_time_integration
    use hb_tones, only: tones_t
    use hb_verification, only: claim_t, verdict_t, verify_motion
    implicit none
@@ -66,13 +65,16 @@ module hb_session
       type(session_cancellation_t) :: cancellation
       type(column_view_t) :: column                                   !! looked up last
       type(parameter_t), allocatable :: parameters(:)                 !! that have been resolved
-      type(callbacks_t) :: callbacks                                   !! `models` is where structures come from
+      type(callbacks_t) :: callbacks                                  !! `fe_models` is where structures come from
+      integer :: n_points = 1                                         !! that share the time for stability that a run of the command
+                                                                      !! has beside its points; 0: there is none
       type(neighbour_t), private :: neighbour
       type(cached_linear_parts_t), private :: kept
       type(curve_plan_t), private :: plan
       type(curve_request_t), private :: request
       class(motion_curve_t), allocatable, private :: curve
       logical, private :: has_begun = .false.                         ! the curve
+      integer, private :: n_sharing = -1                              ! `n_points` that the callbacks are for
    contains
       procedure :: read => session_read
       procedure :: set => session_set
@@ -99,7 +101,6 @@ contains
       character(*), intent(in) :: name                                !! for messages
       character(*), intent(in) :: text
       type(error_t), allocatable, intent(out) :: error
-      type(integrated_floquet_t) :: finder
 
       call self%destroy()
       self%model%is_read = .false.
@@ -108,9 +109,7 @@ contains
       call read_namelist(self%document, name, text, error)
       if (.not. allocated(error)) call self%document%expect_groups([character(11) :: group_names, "curve", "sweep"], error)
       if (allocated(error)) return
-      if (.not. allocated(self%callbacks%stability_finder)) allocate (self%callbacks%stability_finder, source=finder)
-      if (.not. allocated(self%callbacks%time_domain_solver)) &
-         allocate (self%callbacks%time_domain_solver, source=time_integration_t())
+      call share_time(self, self%n_points)
       self%callbacks%is_followed = self%document%count("curve") > 0
       call self%update(error)
    end subroutine session_read
@@ -191,6 +190,7 @@ contains
       real(wp), parameter :: here = 0.0_wp                            ! neighbours are not distinguished by a value
 
       started = wall_clock()
+      call share_time(self, self%n_points)
       call self%update(error)
       if (allocated(error)) return
       if (.not. is_warm) call self%neighbour%forget()
@@ -232,6 +232,7 @@ contains
       call self%document%refuse_tied(self%plan%parameter, self%plan%path, error)
       if (allocated(error)) return
       call self%plan%set(self%document, self%plan%start)
+      call share_time(self, self%plan%n_points)
       call self%update(error)
       if (.not. allocated(error)) call self%plan%make_request(self%model, self%document, self%request, error)
       if (allocated(error)) return
@@ -380,6 +381,17 @@ contains
       case default; labels = [character(64) ::]
       end select
    end function session_labels_along
+
+   !> Lets that many points share the time that a run has for stability; the model is read anew where it was another number.
+   subroutine share_time(self, n_points)
+      class(session_t), intent(inout) :: self
+      integer, intent(in) :: n_points
+
+      if (n_points == self%n_sharing) return
+      call add_time_integration(self%callbacks, n_points)
+      self%model%is_read = .false.
+      self%n_sharing = n_points
+   end subroutine share_time
 
    subroutine end_curve(self)
       class(session_t), intent(inout) :: self

@@ -115,6 +115,10 @@ enum nhbm_start {
  * found is none: column "status" tells, 1 where it has converged (docs/user/schema.md), and nhbm_message why. */
 int nhbm_solve(nhbm_model *model, int start, nhbm_error *error);
 
+/* Says how many solutions belong together, 1 if it is not called: where &stability method = 'auto' finds stability too costly for a point,
+ * two seconds are shared by all of them, as in a run of the command. 0: there are none to share. A curve counts its own points. */
+void nhbm_points(nhbm_model *model, int n);
+
 /* Begins the curve of the group &curve, then gives its points one by one as the result: *is_point is 0 behind the last one. */
 int nhbm_begin_curve(nhbm_model *model, nhbm_error *error);
 int nhbm_next(nhbm_model *model, int *is_point, nhbm_error *error);

@@ -91,6 +91,26 @@ def test_curves_have_the_bits_of_the_command(tmp_path):
     assert float(some["tones_frequency"][:-1].max()) <= 0.5 < float(some["tones_frequency"][-1])
 
 
+def test_stability_is_known_where_the_command_knows_it(tmp_path):
+    """Of tori: a point, the points of a sweep, cold and warm, and of a curve."""
+    text = (DUFFING.replace("= 0.9 /", "= 0.9, 1.3 /").replace("tuple = 1, cos = 0.3", "tuple = 1, 0, cos = 0.1")
+            + "&harmonics order = 3 /\n&load dof = 'x1', tuple = 0, 1, cos = 0.1 /\n")  # fmt: skip
+    sweep = "&sweep parameter = 'tones%frequency(1)', from = 0.9, to = 1.0, n = 20 /\n"
+    curve = "&curve parameter = 'tones%frequency(1)', from = 0.9, to = 0.92, points = 9 /\n"
+    values, found = {"tones[0]": np.linspace(0.9, 1.0, 20)}, {}
+    for name, more in (("point", ""), ("sweep", sweep), ("curve", curve)):
+        (tmp_path / f"{name}.nml").write_text(text + more)
+        run("solve", f"{name}.nml", "--quiet", cwd=tmp_path)
+        with h5py.File(tmp_path / f"{name}.h5") as file:
+            found[name] = file["is_stable"][()]
+    model = Model.from_namelist(text)
+    assert model.solve()["is_stable"] == found["point"][0] == 1
+    assert np.array_equal(model.sweep(values)["is_stable"], found["sweep"])
+    assert np.array_equal(model.sweep(values, warm=True)["is_stable"], found["sweep"])
+    followed = model.curve("tones[0]", 0.9, 0.92, points=9)["is_stable"]
+    assert np.array_equal(followed, found["curve"][: followed.size])
+
+
 def test_values_are_set_by_path_and_by_handle():
     other = Model.from_namelist(DUFFING.replace("stiffness = 0.5", "stiffness = 0.7").replace("= 0.9 /", "= 1.1 /"))
     for spring, tone in (("spring.stiffness", "tones[0]"), ("law[0].stiffness", "tones.frequency"), ("law(1)%stiffness", "tones%frequency(1)")):

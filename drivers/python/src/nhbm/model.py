@@ -168,7 +168,7 @@ class Model:
         "x1 (1)" or "v3 (1,0)", in the unit of the degree of freedom. NaN, with a warning, where no motion was found.
         """
         session = self._live(tolerance, order).session
-        session.solve(warm)
+        session.solve(warm, points=0)
         if dataset.number(session, "status") in dataset.SOLVED:
             return dataset.response_of(session, of)
         warnings.warn(session.message, NotConverged, stacklevel=2)
@@ -282,7 +282,7 @@ class Model:
         elif not warm:
             length = 1
         lines = [points[k : k + length] for k in range(0, len(points), length)]
-        work = _Line(model, list(grid), of, tolerance, order, warm)
+        work = _Line(model, list(grid), of, tolerance, order, warm, len(points))
         with _Progress(progress, "sweep", len(points)) as bar:
             rows = list(itertools.chain.from_iterable(_spread(work, lines, workers, executor, comm, bar)))
         names = [identifier(path) for path in grid]
@@ -384,8 +384,8 @@ class _Live:
 class _Line:
     """Solves a line of points; a value that processes can be sent."""
 
-    def __init__(self, model: Model, paths: list[str], of: Any, tolerance: float | None, order: int | None, warm: bool) -> None:
-        self.model, self.paths, self.of, self.tolerance, self.order, self.warm = model, paths, of, tolerance, order, warm
+    def __init__(self, model: Model, paths: list[str], of: Any, tolerance: float | None, order: int | None, warm: bool, n: int) -> None:
+        self.model, self.paths, self.of, self.tolerance, self.order, self.warm, self.n = model, paths, of, tolerance, order, warm, n
 
     def __call__(self, points: list[Any]) -> list[Any]:
         return [self._point(point, k) for k, point in enumerate(points)]
@@ -400,7 +400,7 @@ class _Line:
         if self.of is not None:
             return model.response(self.of, warm=self.warm and k > 0, **wanted)
         session = model._live(**wanted).session
-        session.solve(self.warm and k > 0)
+        session.solve(self.warm and k > 0, points=self.n)
         return dataset.motion_of(session)
 
 

@@ -114,6 +114,8 @@ def _load() -> ctypes.CDLL:
         "refuse": (text,),
     }.items():
         getattr(library, f"nhbm_structure_{name}").argtypes = (pointer, *arguments)
+    library.nhbm_points.argtypes = (pointer, number)
+    library.nhbm_points.restype = None
     library.nhbm_delete.argtypes = (handle,)
     library.nhbm_delete.restype = None
     return library
@@ -196,6 +198,7 @@ class Session:
         self._library, self._error = library(), _Error()
         self._handle, self._place = ctypes.c_void_p(self._library.nhbm_new()), ctypes.byref(self._error)
         self._is_interrupted = False
+        self._n_points = 1
         self._fault: BaseException | None = None
         self.empty: Any = None  # layout of a motion and a dataset without its values, for nhbm.dataset
         this: Any = weakref.ref(self)  # the library holds callbacks, which must not hold the session
@@ -228,8 +231,14 @@ class Session:
         if self._library.nhbm_set(self._handle, handle, value, self._place):
             self._tell(1)
 
-    def solve(self, warm: bool = False) -> None:
-        """Finds the motion with the present values, from the last one where `warm`."""
+    def solve(self, warm: bool = False, points: int = 1) -> None:
+        """Finds the motion with the present values, from the last one where `warm`.
+
+        `points` share what a run of the command spends on stability beside its points, two seconds in all; 0: nothing is spent.
+        """
+        if points != self._n_points:
+            self._library.nhbm_points(self._handle, points)
+            self._n_points = points
         with _Interrupts(self):
             code = self._library.nhbm_solve(self._handle, int(warm), self._place)
             self._tell(code)
