@@ -195,7 +195,7 @@ contains
       if (allocated(error)) return
       if (.not. is_warm) call self%neighbour%forget()
       self%model%chain%is_on = is_warm
-      call self%cancellation%enter(self%model%solver%time_limit)
+      call begin_work(self, self%model%solver%time_limit)
       if (self%model%accuracy%is_on) then
          call self%neighbour%predict_level(here, self%model, before)
          call solve_to_tolerance(self%model, self%result, failure, level, before)
@@ -253,7 +253,7 @@ contains
       end if
       limit = self%model%solver%time_limit
       if (allocated(self%request%over)) limit = huge(1.0_wp)          ! begins with a whole curve, each point with the limit
-      call self%cancellation%enter(limit)
+      call begin_work(self, limit)
       if (self%has_begun) then
          call self%curve%next(self%result, error)
       else
@@ -279,7 +279,7 @@ contains
          call fail(error, "&integration: continue: result files are not read here")
       if (allocated(error)) return
       allocate (self%record)
-      call self%cancellation%enter(huge(1.0_wp))
+      call begin_work(self, huge(1.0_wp))
       call integrate_model(self%record, self%model, error)
       call self%cancellation%leave()
       if (allocated(error)) deallocate (self%record)
@@ -323,7 +323,7 @@ contains
          end if
          claim%is_averaged = any(motion%status == [outcome%time_domain, outcome%several]) .and. .not. model%accuracy%grows_set
       end associate
-      call self%cancellation%enter(huge(1.0_wp))
+      call begin_work(self, huge(1.0_wp))
       call verify_motion(model, claim, n_periods, self%verdict, error)
       call self%cancellation%leave()
       if (self%cancellation%verdict == verdict%interrupted .and. allocated(error)) deallocate (error)
@@ -392,6 +392,15 @@ contains
       self%model%is_read = .false.
       self%n_sharing = n_points
    end subroutine share_time
+
+   !> Enters the cancellation. What was ended before does not end this.
+   subroutine begin_work(self, time_limit)
+      class(session_t), intent(inout), target :: self
+      real(wp), intent(in) :: time_limit                              !! of the processor [s], huge for any
+
+      self%cancellation%verdict = verdict%go_on
+      call self%cancellation%enter(time_limit)
+   end subroutine begin_work
 
    subroutine end_curve(self)
       class(session_t), intent(inout) :: self

@@ -176,6 +176,24 @@ int with_context_evaluate(const nhbm_law_samples_t *s)
    return s->v || s->df_dv ? -1 : 0;
 }
 
+/* A spring whose stiffness, its first parameter, may be any but those as near to the second as the third. */
+int gapped_info(nhbm_law_info_t *info)
+{
+   return describe(info, 1, 3, 0);
+}
+
+int gapped_evaluate(int n, int n_coordinates, int stride, const double *z, const double *v, int n_parameters,
+                    const double *parameters, double *f, double *df_dz, double *df_dv)
+{
+   (void)n_coordinates, (void)stride, (void)v, (void)n_parameters, (void)df_dv;
+   for (int i = 0; i < n; i++) {
+      f[i] = parameters[0] * z[i];
+      if (df_dz != NULL)
+         df_dz[i] = parameters[0];
+   }
+   return fabs(parameters[0] - parameters[1]) < parameters[2] ? 3 : 0;
+}
+
 /* Made for another version of the interface. */
 int other_version_info(nhbm_law_info_t *info)
 {

@@ -13,6 +13,7 @@ import hashlib
 import json
 import math
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -344,10 +345,11 @@ def build_alone(file: str, text: str, folder: Path) -> tuple[bool, bool]:
     for module in folder.glob("*.mod"):
         if meaning(module) != meaning(BUILD / "src" / "modules" / module.name):
             return True, False
-    library = "lib" + place.split("/CMakeFiles/")[1].split(".dir/")[0] + ".so"
-    built = next(BUILD.rglob(library)).relative_to(BUILD)
+    library = "lib" + place.split("/CMakeFiles/")[1].split(".dir/")[0].removeprefix("lib") + ".so"
+    built = next(path for path in BUILD.rglob(library + "*") if not path.is_symlink()).relative_to(BUILD)
     link = run(["ninja", "-C", str(BUILD), "-t", "commands", str(built)]).splitlines()[-1]
-    link = link.replace(f" {place} ", f" {thing} ").replace(f"-o {built} ", f"-o {folder / library} ")
+    loaded = re.search(r"-soname,(\S+)", link)[1]
+    link = link.replace(f" {place} ", f" {thing} ").replace(f"-o {built} ", f"-o {folder / loaded} ")
     return True, subprocess.run(link, shell=True, cwd=BUILD, capture_output=True, check=False).returncode == 0
 
 
