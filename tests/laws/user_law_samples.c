@@ -194,6 +194,80 @@ int gapped_evaluate(int n, int n_coordinates, int stride, const double *z, const
    return fabs(parameters[0] - parameters[1]) < parameters[2] ? 3 : 0;
 }
 
+/* Of phases and frequencies of two tones: f = a cos(tau_1 + 2 tau_2) z + omega_1 omega_2**2. */
+int geared_info(nhbm_law_info_t *info)
+{
+   info->api_version = NHBM_USER_LAW_API_2;
+   info->n_coordinates = 1;
+   info->n_parameters = 1;
+   info->needs_phases = 1;
+   info->needs_frequencies = 1;
+   return 0;
+}
+
+int geared_evaluate(const nhbm_law_samples_t *s)
+{
+   if (s->n_tones != 2 || s->n_states != 0) return -1;
+   for (int i = 0; i < s->n_samples; ++i) {
+      const double slope = s->parameters[0]*cos(s->phases[i] + 2.0*s->phases[i + s->stride]);
+      s->f[i] = slope*s->z[i] + s->frequencies[0]*s->frequencies[1]*s->frequencies[1];
+      if (s->df_dz) s->df_dz[i] = slope;
+   }
+   return 0;
+}
+
+/* With one state, of which each step leaves the part r: s = r s_before + z - z_before + c (rise - rise_before), f = a z + b s. */
+static int fading_advance(const nhbm_law_step_t *s)
+{
+   const double r = s->parameters[2], c = s->parameters[3];
+   for (int i = 0; i < s->n_samples; ++i) {
+      s->states[i] = r*s->states_before[i] + s->z[i] - s->z_before[i] + c*(s->rise[i] - s->rise_before[i]);
+      if (!s->ds_dz) continue;
+      s->ds_dbefore[i] = r;
+      s->ds_dz[i] = 1.0;
+      s->ds_dz_before[i] = -1.0;
+      s->ds_drise[i] = c;
+      s->ds_drise_before[i] = -c;
+   }
+   return 0;
+}
+
+int fading_info(nhbm_law_info_t *info)
+{
+   info->api_version = NHBM_USER_LAW_API_2;
+   info->n_coordinates = 1;
+   info->n_parameters = 4;
+   info->n_states = 1;
+   info->length_scale = 1.0;
+   info->advance = fading_advance;
+   return 0;
+}
+
+int fading_evaluate(const nhbm_law_samples_t *s)
+{
+   for (int i = 0; i < s->n_samples; ++i) {
+      s->f[i] = s->parameters[0]*s->z[i] + s->parameters[1]*s->states[i];
+      if (s->df_dz) s->df_dz[i] = s->parameters[0];
+      if (s->df_ds) s->df_ds[i] = s->parameters[1];
+   }
+   return 0;
+}
+
+/* Has a state, but nothing that moves it. */
+int stuck_info(nhbm_law_info_t *info)
+{
+   info->api_version = NHBM_USER_LAW_API_2;
+   info->n_coordinates = 1;
+   info->n_states = 1;
+   return 0;
+}
+
+int stuck_evaluate(const nhbm_law_samples_t *s)
+{
+   (void)s;
+   return 0;
+}
+
 /* Made for another version of the interface. */
 int other_version_info(nhbm_law_info_t *info)
 {
