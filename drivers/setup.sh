@@ -91,8 +91,8 @@ hb_python() {
    if [[ -x /usr/bin/python3 ]]; then echo /usr/bin/python3; else command -v python3; fi
 }
 
-# Python environment in build/venv with the packages of the system, and ours as they stand in the tree; downloads nothing but scikit-fem,
-# which Debian does not have, and goes on without it.
+# Python environment in build/venv with the packages of the system, and ours as they stand in the tree; downloads nothing but scikit-fem
+# and AUTO, which Debian does not have, and goes on without them.
 hb_make_venv() {
    hb_say "Python environment in build/venv"
    # a copied or moved tree leaves an environment that points elsewhere, and so does a changed Python
@@ -105,6 +105,9 @@ hb_make_venv() {
    "$hb_venv/bin/python" -c 'import skfem' 2>/dev/null ||
       "$hb_venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --retries 1 --timeout 20 'scikit-fem>=8' ||
       echo "no scikit-fem: 'nhbm-model' makes no examples, and tests with them are left out"
+   "$hb_venv/bin/python" -c 'import xpplab' 2>/dev/null ||
+      "$hb_venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --retries 1 --timeout 20 'xpplab>=0.1.2' ||
+      echo "no xpplab: long tests beside AUTO are left out"
 }
 
 # Names the folders of our packages to the Python of build/venv, and makes the commands of pyproject.toml: pip would need a build backend
