@@ -12,12 +12,10 @@ module verb_check
    use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text
    use hb_memory_sizes, only: sizes_of
    use hb_model, only: model_t
-   use hb_model_basis, only: find_basis
-   use hb_model_coordinates, only: coordinates_of
+   use hb_model_basis, only: coordinates_of, find_basis
    use hb_model_warnings, only: commensurate_text, has_no_load
-   use hb_modes, only: modes_t, new_modes
+   use hb_modes, only: modes_t, natural_frequencies, new_modes
    use hb_mpi, only: comm_t, rank_of
-   use hb_natural_frequencies, only: natural_frequencies
    use hb_structure, only: structure_t
    use hb_study, only: study_t
    use hb_text, only: number_of, to_text

@@ -11,7 +11,7 @@ module verb_integrate
    use hb_input_keys, only: choices_of
    use hb_integration, only: check_integration, integrate_model, integration_t
    use hb_integration_file, only: integration_origin_t, read_integration_state, write_integration_file
-   use hb_integration_state, only: integration_state_t, new_integration_state
+   use hb_integration_system, only: integration_state_t, new_integration_state
    use hb_kinds, only: wp
    use hb_model_reader, only: read_model
    use hb_mpi, only: comm_t, rank_of, share_error

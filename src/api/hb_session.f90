@@ -227,9 +227,10 @@ contains
       call read_curve_plan(self%plan, self%document, error)
       if (.not. allocated(error)) call read_tones(tones, self%document, error)
       if (.not. allocated(error)) call self%plan%tie_tones(self%document, tones%omega, error)
-      if (.not. allocated(error) .and. len(self%plan%origin) > 0) call fail(error, "&curve: origin: result files are not read here")
+      if (.not. allocated(error) .and. len(self%plan%origin_path) > 0) &
+         call fail(error, "&curve: origin: result files are not read here")
       if (allocated(error)) return
-      call self%document%refuse_tied(self%plan%parameter, self%plan%path, error)
+      call self%document%refuse_tied(self%plan%moving%parameter, self%plan%path, error)
       if (allocated(error)) return
       call self%plan%set(self%document, self%plan%start)
       call share_time(self, self%plan%n_points)

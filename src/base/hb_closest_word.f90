@@ -1,11 +1,20 @@
 !> The known word that was probably meant by a misspelt one, or by one that had another name once.
 !> Source of the distance: Damerau-Levenshtein, restricted to one swap of neighbours at a place.
 module hb_closest_word
-   use hb_former_names, only: is_renamed
    use hb_text, only: lower, string_t
    implicit none
    private
    public :: closest_word
+
+   ! Names of keys, groups, values, statuses and verbs before 0.1.0; an input that has one is refused with the present name
+   character(*), parameter :: names(2, 7) = reshape([character(23) :: &
+      "march", "integrate", &                               ! the verb
+      "march", "integration", &                             ! the group and the value
+      "marched", "time_domain", &
+      "rescue", "fallback", &
+      "rescue_by_march", "fallback_by_integration", &
+      "rescue_work", "fallback_work", &
+      "first_way", "primary_method"], [2, 7])
 
    integer, parameter :: max_word = 63                      !! longest word that is examined
 
@@ -56,7 +65,7 @@ contains
       do i = 1, size(known)
          closest_index = i
          if (.not. allocated(known(i)%value)) cycle
-         if (is_renamed(lower(trim(word)), lower(trim(known(i)%value)))) return
+         if (any(names(1, :) == lower(trim(word)) .and. names(2, :) == lower(trim(known(i)%value)))) return
       end do
       closest_index = 0
       best = huge(best)

@@ -1,11 +1,17 @@
 !> Checksums by which damage to stored numbers is seen. Source of the interface: hb_checksum.h.
 module hb_checksum
-   use, intrinsic :: iso_c_binding, only: c_char, c_funptr, c_int, c_int32_t, c_loc, c_long_long, c_null_char, c_ptr, c_size_t
+   use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_funptr, c_int, c_int32_t, c_loc, c_long_long, c_null_char, &
+      c_ptr, c_size_t
    use, intrinsic :: iso_fortran_env, only: int8
    use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: checksum, checksum_rows, library_fingerprint
+   public :: bytes_in, checksum, checksum_rows, library_fingerprint
+
+   !> The bytes of values, in their place.
+   interface bytes_in
+      module procedure bytes_in_integers, bytes_in_reals
+   end interface bytes_in
 
    interface
       integer(c_int32_t) function hb_add_to_checksum(so_far, bytes, n_bytes) bind(c, name="hb_add_to_checksum")
@@ -91,4 +97,18 @@ contains
       if (hb_checksum_of_library(address, sum, n_bytes) /= 0) return
       write (text, "(a, z8.8, a, i0, a)") "CRC-32 ", sum, ", ", n_bytes, " bytes"
    end function library_fingerprint
+
+   function bytes_in_integers(values) result(bytes)
+      integer, intent(in), contiguous, target :: values(..)
+      integer(int8), pointer, contiguous :: bytes(:)
+
+      call c_f_pointer(c_loc(values), bytes, [4*size(values)])
+   end function bytes_in_integers
+
+   function bytes_in_reals(values) result(bytes)
+      real(wp), intent(in), contiguous, target :: values(..)
+      integer(int8), pointer, contiguous :: bytes(:)
+
+      call c_f_pointer(c_loc(values), bytes, [8*size(values)])
+   end function bytes_in_reals
 end module hb_checksum

@@ -5,9 +5,9 @@ module hb_system
    use hb_error, only: error_t, fail
    implicit none
    private
-   public :: check_held, exists, file_kind, finish_file, folder_of, follow_links, has_space, held_file_t, hold_file, is_same_file
-   public :: is_terminal, kind_of_file, link_file, process_id, release_file, remove_file, rename_file
-   public :: sync_file, take_file, utc_now
+   public :: beside, check_held, exists, file_kind, finish_file, folder_of, follow_links, has_space, held_file_t, hold_file, &
+      is_same_file, is_terminal, kind_of_file, library_place, link_file, process_id, release_file, remove_file, rename_file, &
+      sync_file, take_file, utc_now
 
    !> What a name stands for; links are followed.
    type :: file_kind_t
@@ -314,4 +314,31 @@ contains
 
       c_path = path//c_null_char
    end function c_path
+
+   !> Path of a file that an input names, with blanks behind it: beside the input file if there is one of the name, else as it is.
+   function beside(input, name) result(path)
+      character(*), intent(in) :: input                               !! path of the input file
+      character(*), intent(in) :: name                                !! as the input has it
+      character(len(input) + len(name) + 2) :: path
+      logical :: exists
+
+      path = name
+      if (index(name, "/") == 1) return
+      path = input(:index(input, "/", back=.true.))//name
+      if (index(path, "/") == 0) path = "./"//name
+      inquire (file=path, exist=exists)
+      if (.not. exists) path = name
+   end function beside
+
+   !> Path of a shared library that an input names, with blanks behind it. Code is never taken from the folder that the program happens to run in: what is
+   !> not beside the input is left to the loader as a name alone, which it looks for where the system keeps libraries.
+   function library_place(input, name) result(path)
+      character(*), intent(in) :: input                               !! path of the input file
+      character(*), intent(in) :: name                                !! as the input has it
+      character(len(input) + len(name) + 2) :: path
+
+      path = beside(input, name)
+      if (index(name, "/") <= 1 .or. path /= name) return
+      path = input(:index(input, "/", back=.true.))//name
+   end function library_place
 end module hb_system

@@ -2,17 +2,47 @@
 module hb_user_library
    use, intrinsic :: ieee_arithmetic, only: ieee_all, ieee_get_halting_mode, ieee_is_finite, ieee_quiet_nan, &
       ieee_set_halting_mode, ieee_value
-   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_procpointer, c_funptr, c_int, c_loc, &
-      c_null_char, c_null_funptr, c_null_ptr, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_procpointer, c_funptr, c_int, c_loc, c_null_char, &
+      c_null_funptr, c_null_ptr, c_ptr
+   use hb_c_text, only: c_text
    use hb_checksum, only: library_fingerprint
-   use hb_dynamic_library, only: dynamic_library_t, open_library
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
    use hb_outside_code, only: begin_outside_code, end_outside_code
+   use hb_system, only: file_kind, kind_of_file
    use hb_text, only: to_text
    implicit none
    private
-   public :: any_number, api_version, forget_law, give_law, law_info_t, law_samples_t, law_step_t, load_user_library, user_library_t
+   public :: any_number, api_version, dynamic_library_t, forget_law, give_law, law_info_t, law_samples_t, law_step_t, &
+      load_user_library, open_library, user_library_t
+
+   !> A shared library. It stays loaded until the process ends, so that addresses stay valid in every copy of what holds them.
+   !> Source of the interfaces: POSIX.1-2017, dlopen, dlsym, dlerror.
+   type :: dynamic_library_t
+      type(c_ptr), private :: handle = c_null_ptr
+   contains
+      procedure :: find => dynamic_library_find
+   end type dynamic_library_t
+
+   integer(c_int), parameter :: rtld_now = 2                           ! the same on Linux, BSD and macOS
+
+   interface
+      type(c_ptr) function dlopen(path, flags) bind(c, name="dlopen")
+         import :: c_char, c_int, c_ptr
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int), value :: flags
+      end function dlopen
+
+      type(c_funptr) function dlsym(handle, name) bind(c, name="dlsym")
+         import :: c_char, c_funptr, c_ptr
+         type(c_ptr), value :: handle
+         character(kind=c_char), intent(in) :: name(*)
+      end function dlsym
+
+      type(c_ptr) function dlerror() bind(c, name="dlerror")
+         import :: c_ptr
+      end function dlerror
+   end interface
 
    integer, parameter :: api_version = 2                              !! NHBM_USER_LAW_API_2
    integer, parameter :: any_number = -1                              !! NHBM_ANY_NUMBER
@@ -347,4 +377,43 @@ contains
       end if
       call ieee_set_halting_mode(ieee_all, halting)
    end function call_evaluate
+
+   !> Loads a shared library; a path with a slash is taken as it is, a name without is searched for where the system keeps
+   !> libraries. Fails with the reason that the loader gives.
+   subroutine open_library(self, path, error)
+      type(dynamic_library_t), intent(out) :: self
+      character(*), intent(in) :: path
+      type(error_t), allocatable, intent(out) :: error
+
+      if (kind_of_file(path) == file_kind%device_or_pipe) then
+         call fail(error, "cannot load the library: '"//path//"' is a pipe or a device")
+         return
+      end if
+      call begin_outside_code("'"//path//"': the loader of the system died of this library; the file is damaged")   ! e.g. cut off
+      self%handle = dlopen(path//c_null_char, rtld_now)
+      call end_outside_code()
+      if (.not. c_associated(self%handle)) call fail(error, "cannot load the library: "//trim(last_reason(path)))
+   end subroutine open_library
+
+   !> Address of a function; fails when the library does not export it.
+   subroutine dynamic_library_find(self, name, address, error)
+      class(dynamic_library_t), intent(in) :: self
+      character(*), intent(in) :: name
+      type(c_funptr), intent(out) :: address
+      type(error_t), allocatable, intent(out) :: error
+
+      address = dlsym(self%handle, name//c_null_char)
+      if (.not. c_associated(address)) call fail(error, "the library has no function '"//name//"': "//trim(last_reason(name)))
+   end subroutine dynamic_library_find
+
+   !> What the loader says about its last failure.
+   function last_reason(subject) result(text)
+      character(*), intent(in) :: subject                             !! told when the loader says nothing
+      character(1000) :: text
+      type(c_ptr) :: message
+
+      message = dlerror()
+      text = subject
+      if (c_associated(message)) text = c_text(message)
+   end function last_reason
 end module hb_user_library

@@ -7,7 +7,7 @@ module hb_integration_file
    use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t, open_file
    use hb_integration, only: integration_t
    use hb_integration_laws, only: integration_laws_t
-   use hb_integration_state, only: integration_state_t
+   use hb_integration_system, only: integration_state_t
    use hb_kinds, only: wp
    use hb_structure, only: structure_t
    use hb_system, only: process_id, remove_file, utc_now

@@ -8,8 +8,7 @@ module hb_namelist
    use hb_document, only: document_t, new_document, parameter_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: int64, wp
-   use hb_namelist_parser, only: next_group, parse_body
-   use hb_namelist_scan, only: scan_t
+   use hb_namelist_parser, only: next_group, parse_body, scan_t
    use hb_parameter_path, only: path_help, split_path
    use hb_properties, only: properties_t
    use hb_property_groups, only: max_groups

@@ -8,9 +8,9 @@ module hb_law_user
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
    use hb_law, only: law_box_t, law_t, read_dofs, read_place
-   use hb_path, only: library_place
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
+   use hb_system, only: library_place
    use hb_text, only: to_text
    use hb_user_library, only: any_number, load_user_library, user_library_t
    implicit none

@@ -16,7 +16,7 @@ module hb_integrate_to_tolerance
    use hb_law, only: hold_t
    use hb_level, only: degree_of, distance, estimate_of, is_rigid, level_t, put_on_level, put_on_set, reliable
    use hb_model, only: model_t, share_of_integrated
-   use hb_model_coordinates, only: coordinates_of
+   use hb_model_basis, only: coordinates_of
    use hb_modes, only: slowest_decay
    use hb_motion, only: solve_motion, status_of_ended
    use hb_motion_result, only: motion_result_t

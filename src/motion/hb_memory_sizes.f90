@@ -11,8 +11,7 @@ module hb_memory_sizes
    use hb_law, only: law_box_t
    use hb_law_coordinates, only: laws_at
    use hb_model, only: model_t
-   use hb_model_basis, only: find_basis
-   use hb_model_coordinates, only: coordinates_of
+   use hb_model_basis, only: coordinates_of, find_basis
    use hb_solver_types, only: solver_config_t
    use hb_structure, only: structure_t
    use hb_tangent_choice, only: largest_dense_tangent

@@ -14,7 +14,7 @@ module hb_model_problem
    use hb_law_coordinates, only: laws_at
    use hb_level, only: level_t, put_on_level
    use hb_model, only: model_t
-   use hb_model_coordinates, only: coordinates_of
+   use hb_model_basis, only: coordinates_of
    use hb_model_loads, only: read_loads
    use hb_model_reader, only: update_model
    implicit none

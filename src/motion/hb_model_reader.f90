@@ -9,10 +9,10 @@ module hb_model_reader
    use hb_memory_estimate, only: check_memory
    use hb_memory_sizes, only: sizes_of
    use hb_model, only: callbacks_t, model_t, symmetry
+   use hb_model_basis, only: check_symmetry
    use hb_model_laws, only: read_laws, update_laws
    use hb_model_loads, only: loaded_tuples, read_loads, read_starts
    use hb_model_settings, only: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
-   use hb_model_symmetry, only: check_symmetry
    use hb_model_ties, only: read_ties, refuse_unknown_tones
    use hb_model_tones, only: read_tones
    use hb_model_unknown_tones, only: check_fundamentals, read_normal_mode, read_phase

@@ -19,8 +19,7 @@ module hb_motion
    use hb_limit_cycle_search, only: search_t
    use hb_linear_part, only: linear_part_t, new_linear_part
    use hb_model, only: model_t
-   use hb_model_basis, only: find_basis
-   use hb_model_coordinates, only: coordinates_of
+   use hb_model_basis, only: coordinates_of, find_basis
    use hb_motion_description, only: describe_motion, keep_motion
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: is_solved, outcome

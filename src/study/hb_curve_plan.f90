@@ -15,26 +15,16 @@ module hb_curve_plan
    !> Groups whose numbers can move.
    character(*), parameter :: groups(4) = [character(9) :: "structure", "tones", "load", "law"]
 
-   type :: curve_plan_t
+   !> A request whose responses and origin are texts still: they need the model.
+   type, extends(curve_request_t) :: curve_plan_t
       character(:), allocatable :: path                               !! in the input, such as tones%frequency
       character(:), allocatable :: units                              !! of the value; empty before it is known
       character(:), allocatable :: place                              !! of the group, for messages
-      type(parameter_t) :: parameter                                  !! what the path names in the document of the plan
-      real(wp) :: from = 0.0_wp, to = 0.0_wp, start = 0.0_wp
-      integer :: n_points = 500                                       !! at most
-      real(wp), allocatable :: values(:)                              !! to be met exactly
-      real(wp), allocatable :: others(:)                              !! likewise, and motions apart from the curve sought there
       type(string_t), allocatable :: peak_of(:)
-      real(wp) :: longest_step = 0.04_wp
-      logical :: switches = .false.                                   !! curves that cross or leave are followed as well
-      character(:), allocatable :: origin                             !! result file from whose point the curve leaves; empty: none
+      character(:), allocatable :: origin_path                        !! result file from whose point the curve leaves; empty: none
       integer :: origin_point = 0                                     !! from 0
       integer, allocatable :: torus_order(:)                          !! of the set of a torus that leaves the curve; none: chosen
-      character(:), allocatable :: follow                             !! motion, peak or fold
-      character(:), allocatable :: over                               !! path of the value over which peak or fold is one
-      type(parameter_t) :: first_parameter                   ! what that names
-      real(wp), private :: over_from = 0.0_wp, over_to = 0.0_wp
-      character(:), allocatable :: tie
+      character(:), allocatable :: over_path                          !! of the value over which peak or fold is one
       real(wp), allocatable :: ratios(:)                              !! of all tones to the one that moves, if these are tied
    contains
       procedure :: set => curve_plan_set
@@ -51,6 +41,7 @@ contains
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
       type(properties_t), pointer :: group
+      character(:), allocatable :: follow, tie
 
       call document%required_group("curve", group, error)
       if (allocated(error)) return
@@ -67,33 +58,38 @@ contains
       call group%get("points", self%n_points)
       call group%get("max_step", self%longest_step)
       call group%get("peak_of", self%peak_of)
-      call group%get("tie", self%tie)
+      call group%get("tie", tie)
+      self%moving%is_tied = tie == "ratio"
       call group%get("switch", self%switches)
-      call group%get("follow", self%follow)
-      if (self%follow /= "motion") then
-         call group%get("over", self%over)
-         call group%get("over_from", self%over_from)
-         call group%get("over_to", self%over_to)
-         if (self%follow == "peak" .and. size(self%peak_of) /= 1) &
+      call group%get("follow", follow)
+      if (follow /= "motion") then
+         allocate (self%over)
+         self%over%kind = merge(curve_kind%peak, curve_kind%fold, follow == "peak")
+         call group%get("over", self%over_path)
+         call group%get("over_from", self%over%from)
+         call group%get("over_to", self%over%to)
+         self%over%moving%typical = abs(self%over%to - self%over%from)
+         if (follow == "peak" .and. size(self%peak_of) /= 1) &
             call group%problem("peak_of", "name the one response whose maximum is followed")
          if (abs(self%start - self%from) > 0.0_wp) call group%problem("start", "a peak or fold is followed from 'from'")
          if (size(self%others) > 0) call group%problem("others", "is for the motion itself, not for a peak or fold")
          if (self%switches) call group%problem("switch", "is for the motion itself, not for a peak or fold")
          if (group%given("over") .and. group%given("parameter")) then
-            if (self%over == self%path) call group%problem("over", "moves along 'parameter' already; name another value")
+            if (self%over_path == self%path) call group%problem("over", "moves along 'parameter' already; name another value")
          end if
          if (group%given("over_from") .and. group%given("over_to")) then
-            if (.not. abs(self%over_to - self%over_from) > 0.0_wp) &
+            if (.not. self%over%moving%typical > 0.0_wp) &
                call group%problem("over_to", "is the same as 'over_from': the range is empty")
          end if
       end if
-      self%origin = ""
-      call group%get("origin", self%origin)
-      if (len(self%origin) > 0) call group%get("origin_point", self%origin_point)
+      self%origin_path = ""
+      call group%get("origin", self%origin_path)
+      if (len(self%origin_path) > 0) call group%get("origin_point", self%origin_point)
       allocate (self%torus_order(0))
       call group%get("torus_order", self%torus_order, n=2)
       if (group%given("from") .and. group%given("to")) then
-         if (.not. abs(self%to - self%from) > 0.0_wp) call group%problem("to", "is the same as 'from': the range is empty")
+         self%moving%typical = abs(self%to - self%from)
+         if (.not. self%moving%typical > 0.0_wp) call group%problem("to", "is the same as 'from': the range is empty")
          if ((self%start - self%from)*(self%start - self%to) > 0.0_wp) &
             call group%problem("start", "must lie between 'from' and 'to'")
          call check_values("values", self%values)
@@ -101,37 +97,37 @@ contains
       end if
       call group%finish(error)
       if (allocated(error)) return
-      call document%resolve(self%path, self%parameter, error)
+      call document%resolve(self%path, self%moving%parameter, error)
       if (allocated(error)) then
          error%message = self%place//": parameter '"//shown(self%path)//"': "//error%message
          return
       end if
       if (allocated(self%over)) then
-         call document%resolve(self%over, self%first_parameter, error)
+         call document%resolve(self%over_path, self%over%moving%parameter, error)
          if (.not. allocated(error)) then
-            if (.not. any(groups == document%groups%holders(self%first_parameter%i_group)%group%name)) then
+            if (.not. any(groups == document%groups%holders(self%over%moving%parameter%i_group)%group%name)) then
                call fail(error, "a curve follows a number of &structure, &tones, &load or &law")
-            else if (document%n_tones_of(self%first_parameter) > 1) then
-               call fail(error, "say which tone moves, such as '"//trim(lower(self%over))//"(1)'")
+            else if (document%n_tones_of(self%over%moving%parameter) > 1) then
+               call fail(error, "say which tone moves, such as '"//trim(lower(self%over_path))//"(1)'")
             end if
          end if
          if (allocated(error)) then
-            error%message = self%place//": over '"//shown(self%over)//"': "//error%message
+            error%message = self%place//": over '"//shown(self%over_path)//"': "//error%message
             return
          end if
       end if
-      associate (name => document%groups%holders(self%parameter%i_group)%group%name)
+      associate (name => document%groups%holders(self%moving%parameter%i_group)%group%name)
          if (.not. any(groups == name)) call fail(error, self%place//": parameter '"//shown(self%path)// &
             "': a curve follows a number of &structure, &tones, &load or &law; give others to &sweep")
-         if (name /= "tones" .and. self%tie == "ratio") &
+         if (name /= "tones" .and. self%moving%is_tied) &
             call fail(error, self%place//": tie: 'ratio' is for the frequency of a tone")
       end associate
-      if (document%n_tones_of(self%parameter) > 1) &
+      if (document%n_tones_of(self%moving%parameter) > 1) &
          call fail(error, self%place//": parameter '"//shown(self%path)//"': there are "// &
-                   to_text(document%n_tones_of(self%parameter))//" tones; say which of them moves, such as '"// &
+                   to_text(document%n_tones_of(self%moving%parameter))//" tones; say which of them moves, such as '"// &
                    trim(lower(self%path))//"(1)', and tie = 'ratio' if the others move along")
       group => document%group("curve", 1)
-      self%parameter%line = group%line
+      self%moving%parameter%line = group%line
 
    contains
 
@@ -161,8 +157,8 @@ contains
       integer :: i
 
       error_text = ""
-      is_tones = document%groups%holders(self%parameter%i_group)%group%name == "tones"
-      if (.not. document%is_real(self%parameter)) then
+      is_tones = document%groups%holders(self%moving%parameter%i_group)%group%name == "tones"
+      if (.not. document%is_real(self%moving%parameter)) then
          error_text = "is no real number; only such can move by and by"
       else if (model%normal_mode%is_asked .and. model%normal_mode%has_energy) then
          error_text = "a curve keeps the amplitude of a &normal_mode, not its energy"
@@ -170,8 +166,8 @@ contains
          error_text = "a curve needs at least one &law; without any, a &sweep shows all there is"
       end if
       if (is_tones .and. len(error_text) == 0) then
-         if (model%tones%is_unknown(max(1, self%parameter%element(1)))) error_text = "this frequency is found, not given"
-         if (any(model%tones%is_unknown) .and. self%tie == "ratio") error_text = "tie = 'ratio' needs tones that are all given"
+         if (model%tones%is_unknown(max(1, self%moving%parameter%element(1)))) error_text = "this frequency is found, not given"
+         if (any(model%tones%is_unknown) .and. self%moving%is_tied) error_text = "tie = 'ratio' needs tones that are all given"
       end if
       if (len(error_text) > 0) then
          call fail(error, self%place//": parameter '"//shown(self%path)//"': "//error_text)
@@ -184,31 +180,16 @@ contains
       if (allocated(self%over)) then
          if (any(model%tones%is_unknown)) then
             error_text = "tones must be given"
-         else if (.not. document%is_real(self%first_parameter)) then
+         else if (.not. document%is_real(self%over%moving%parameter)) then
             error_text = "is no real number; only such can move by and by"
          end if
          if (len(error_text) > 0) then
-            call fail(error, self%place//": over '"//shown(self%over)//"': "//error_text)
+            call fail(error, self%place//": over '"//shown(self%over_path)//"': "//error_text)
             return
          end if
-         allocate (request%over)
-         request%over%kind = merge(curve_kind%peak, curve_kind%fold, self%follow == "peak")
-         request%over%moving%parameter = self%first_parameter
-         request%over%moving%typical = abs(self%over_to - self%over_from)
-         request%over%from = self%over_from
-         request%over%to = self%over_to
       end if
-      request%moving%parameter = self%parameter
-      request%moving%typical = abs(self%to - self%from)
-      request%moving%is_tied = self%tie == "ratio"
-      request%from = self%from
-      request%to = self%to
-      request%start = self%start
-      request%values = self%values
-      if (size(self%others) > 0) request%others = self%others
-      request%longest_step = self%longest_step
-      request%n_points = self%n_points
-      request%switches = self%switches
+      request = self%curve_request_t
+      if (size(request%others) == 0) deallocate (request%others)
       allocate (request%peaks(size(self%peak_of)))
       do i = 1, size(self%peak_of)
          call new_response(request%peaks(i), self%peak_of(i)%value, model%structure, model%tones%n_tones, error)
@@ -227,12 +208,12 @@ contains
       real(wp), intent(in) :: omega(:)                                !! base frequencies, (n_tones)
       type(error_t), allocatable, intent(out) :: error
 
-      if (document%groups%holders(self%parameter%i_group)%group%name /= "tones") return
-      if (self%parameter%element(1) > size(omega)) then
+      if (document%groups%holders(self%moving%parameter%i_group)%group%name /= "tones") return
+      if (self%moving%parameter%element(1) > size(omega)) then
          call fail(error, self%place//": parameter '"//shown(self%path)//"': the highest number of a tone is "// &
             to_text(size(omega)))
-      else if (self%tie == "ratio") then
-         self%ratios = omega/omega(max(1, self%parameter%element(1)))
+      else if (self%moving%is_tied) then
+         self%ratios = omega/omega(max(1, self%moving%parameter%element(1)))
       end if
    end subroutine curve_plan_tie_tones
 
@@ -244,12 +225,12 @@ contains
       type(parameter_t) :: tone
       integer :: i
 
-      call document%set(self%parameter, value)
+      call document%set(self%moving%parameter, value)
       if (.not. allocated(self%ratios)) return
-      tone = self%parameter
+      tone = self%moving%parameter
       do i = 1, size(self%ratios)
          tone%element(1) = i
-         if (i /= self%parameter%element(1)) call document%set(tone, self%ratios(i)*value)
+         if (i /= self%moving%parameter%element(1)) call document%set(tone, self%ratios(i)*value)
       end do
    end subroutine curve_plan_set
 

@@ -5,10 +5,9 @@
 module hb_interruption
    use hb_cancellation, only: cancellation_t
    use hb_clock, only: wall_clock
-   use hb_error, only: error_t
+   use hb_error, only: annotate, error_t
    use hb_kinds, only: wp
-   use hb_mpi, only: comm_t, size_of
-   use hb_shared_flag, only: new_shared_flag, shared_flag_t
+   use hb_mpi, only: comm_t, new_work_counter, size_of, work_counter_t
    use hb_signals, only: signal_caught
    implicit none
    private
@@ -33,7 +32,7 @@ module hb_interruption
       real(wp), private :: started = 0.0_wp
       real(wp), private :: time_limit = huge(1.0_wp)                  !! [s] from the start
       real(wp), private :: longest = 0.0_wp                           !! [s] of the points of this rank so far
-      type(shared_flag_t), private :: flag                            !! up when all ranks have to stop
+      type(work_counter_t), private :: flag                           !! more than 0 points are done: all ranks have to stop
       real(wp), private :: looked = -huge(1.0_wp)                     !! [s] when this rank looked at it last
       real(wp), private :: interval = shortest_interval               !! [s] between two looks
    contains
@@ -53,7 +52,8 @@ contains
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
 
-      call new_shared_flag(self%flag, comm, error)
+      call new_work_counter(self%flag, [0], comm, error)
+      call annotate(error, "MPI cannot make a flag that all ranks share")
       self%started = wall_clock()
       self%time_limit = time_limit
       self%interval = max(shortest_interval, size_of(comm)/looks_per_second)
@@ -93,13 +93,13 @@ contains
 
       now = wall_clock()
       if (signal_caught()) then
-         if (self%reason /= interruption%signal) call self%flag%raise()
+         if (self%reason /= interruption%signal) call self%ask_all()
          self%reason = interruption%signal
       else if (now - self%started + seconds >= self%time_limit) then
          self%reason = interruption%time_limit
       else if (now - self%looked >= self%interval) then
          self%looked = now
-         if (self%flag%is_raised()) self%reason = interruption%other_rank
+         if (self%flag%n_done(1) > 0) self%reason = interruption%other_rank
       end if
    end subroutine look
 
@@ -107,7 +107,7 @@ contains
    subroutine interruption_ask_all(self)
       class(interruption_t), intent(in) :: self
 
-      call self%flag%raise()
+      if (self%flag%n_done(1) == 0) call self%flag%add_done(1, 1, 0)
    end subroutine interruption_ask_all
 
    !> Frees what the ranks share; collective, safe to call twice.

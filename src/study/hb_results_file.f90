@@ -1,20 +1,23 @@
 !> Making a result file whole, before the first point is solved; by one process.
 module hb_results_file
-   use hb_error, only: error_t, fail
+   use, intrinsic :: iso_fortran_env, only: int8
+   use hb_checksum, only: checksum
+   use hb_error, only: annotate, error_t, fail
    use hb_file_location, only: check_place, put_in_place
-   use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t, is_characters, is_integer, is_real
-   use hb_kinds, only: int64, two_pi
+   use hb_hdf5, only: bytes_of_kind, create_file, h5_dataset_t, h5_file_t, is_characters, is_integer, is_real
+   use hb_kinds, only: int64, two_pi, wp
    use hb_parameter_path, only: identifier
    use hb_result_columns, only: axis_t, column_t, plan_t, tuple_entry_name
-   use hb_results_copy, only: copy_rows
    use hb_results_layout, only: results_layout_t, swept_parameter_t
-   use hb_results_plan, only: n_bytes_of, parameter_name_length, parameter_names, size_text
+   use hb_results_plan, only: measure_row, n_bytes_of, parameter_name_length, parameter_names, size_text
    use hb_signals, only: note_unfinished
    use hb_system, only: finish_file, has_space, release_file, remove_file, sync_file, take_file, utc_now
    use hb_text, only: to_text
    implicit none
    private
-   public :: make_file, schema_version
+   public :: copy_rows, make_file, schema_version
+
+   real(wp), parameter :: most_bytes = 1.6e7_wp                       ! [B] of rows that are copied at once
 
    integer, parameter :: schema_version = 1
    character(*), parameter :: amplitude_convention = "x(t) = sum over harmonics h of "// &
@@ -278,4 +281,63 @@ contains
       or_empty = ""
       if (present(text)) or_empty = text
    end function or_empty
+
+   !> Copies the rows of all points and ranks. Of the places for harmonics, and of what curves continue from, those that the new
+   !> file has are kept, the first ones; checksums are made anew.
+   subroutine copy_rows(source, plan, error)
+      type(h5_file_t), intent(in) :: source
+      type(plan_t), intent(in) :: plan                                !! of the new file, with its datasets
+      type(error_t), allocatable, intent(out) :: error
+      integer, allocatable :: stored(:), sums(:)
+      integer :: first, i, n_at_once, n_datasets, n_points
+      real(wp) :: n_bytes
+
+      n_points = plan%axes(1)%length
+      call measure_row(plan, 0, n_bytes, n_datasets)
+      n_at_once = max(1, int(most_bytes/n_bytes))
+      do first = 1, n_points, n_at_once
+         allocate (sums(min(n_at_once, n_points - first + 1)), source=0)
+         do i = 1, size(plan%columns)
+            call copy(source, plan%columns(i), first, sums, error)
+            if (allocated(error)) return
+         end do
+         associate (of_rows => plan%columns(plan%index_of("checksum"))%dataset)
+            allocate (stored, mold=sums)
+            call of_rows%read(stored, error, first)
+            if (.not. allocated(error)) call of_rows%write(merge(sums, 0, stored /= 0), error, first)
+         end associate
+         if (allocated(error)) return
+         deallocate (stored, sums)
+      end do
+      do i = 1, size(plan%times)
+         allocate (sums(product(plan%times(i)%dataset%get_extents())))
+         call copy(source, plan%times(i), 1, sums, error)
+         if (allocated(error)) return
+         deallocate (sums)
+      end do
+   end subroutine copy_rows
+
+   !> Copies as many rows of a dataset as there are checksums, which continue over what is checked.
+   subroutine copy(source, column, first, sums, error)
+      type(h5_file_t), intent(in) :: source
+      type(column_t), intent(in) :: column
+      integer, intent(in) :: first
+      integer, intent(inout) :: sums(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(h5_dataset_t) :: old
+      integer(int8), allocatable :: rows(:, :)
+      integer, allocatable :: n_used                                  ! not allocated: not present where it is handed on
+      integer :: k
+
+      call source%open_dataset(column%name, old, error)
+      if (allocated(error)) return
+      associate (extents => column%dataset%get_extents())
+         if (column%is_part_used) n_used = extents(min(2, size(extents) - 1))
+         allocate (rows(bytes_of_kind(column%kind)*product(extents(:size(extents) - 1)), size(sums)))
+      end associate
+      call old%read(rows, error, first, n_used)
+      if (column%is_checked) sums = [(checksum(sums(k), rows(:, k)), k=1, size(sums))]
+      if (.not. allocated(error)) call column%dataset%write(rows, error, first)
+      call annotate(error, "'"//column%name//"'")
+   end subroutine copy
 end module hb_results_file

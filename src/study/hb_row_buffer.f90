@@ -6,8 +6,7 @@
 module hb_row_buffer
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use, intrinsic :: iso_fortran_env, only: int8
-   use hb_bytes, only: bytes_in
-   use hb_checksum, only: checksum
+   use hb_checksum, only: bytes_in, checksum
    use hb_error, only: error_t, fail
    use hb_hdf5, only: bytes_of_kind, h5_dataset_t, is_integer, is_real
    use hb_kinds, only: wp

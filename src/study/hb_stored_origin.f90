@@ -27,9 +27,9 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       call plan%make_request(model, document, request, error)
-      if (allocated(error) .or. len(plan%origin) == 0) return
+      if (allocated(error) .or. len(plan%origin_path) == 0) return
       allocate (request%origin)
-      call read_curve_origin(request%origin, plan%origin, plan%origin_point, model, error)
+      call read_curve_origin(request%origin, plan%origin_path, plan%origin_point, model, error)
       if (allocated(error)) error%message = plan%place//": origin: "//error%message
    end subroutine request_curve
 

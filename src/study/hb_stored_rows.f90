@@ -102,35 +102,47 @@ contains
       type(curve_position_t), intent(out) :: place
       type(error_t), allocatable, intent(inout) :: error
       character(*), intent(in), optional :: parameter                 !! column of the value that moves along the curve
-      integer, allocatable :: branch(:), kind(:), n(:), response(:)
-      real(wp), allocatable :: angle(:), largest(:), length(:), orientation(:), step(:), value(:)
+      real(wp), allocatable :: value(:)
+      integer :: n
 
-      call self%fetch("curve_kind", kind, error, point)
-      call self%fetch("curve_branch", branch, error, point)
-      call self%fetch("curve_length", length, error, point)
       value = [0.0_wp]
       if (present(parameter)) call self%file%get(parameter, value, error, [self%plan%length_of("point")], point)
       if (allocated(error)) return
-      place = curve_position_t(kind(1), value(1), length(1), branch(1))
-      if (place%kind == 0) return
-      call self%fetch("curve_n_unknowns", n, error, point)
+      place = curve_position_t(whole("curve_kind"), value(1), number("curve_length"), whole("curve_branch"))
+      if (place%kind == 0 .or. allocated(error)) return
+      n = whole("curve_n_unknowns")
       call self%fetch("curve_unknowns", place%unknowns, error, point)
       call self%fetch("curve_direction", place%direction, error, point)
-      call self%fetch("curve_step", step, error, point)
-      call self%fetch("curve_orientation", orientation, error, point)
-      call self%fetch("curve_largest_motion", largest, error, point)
-      call self%fetch("curve_angle", angle, error, point)
-      call self%fetch("curve_response", response, error, point)
+      place%step = number("curve_step")
+      place%orientation = number("curve_orientation")
+      place%largest_motion = number("curve_largest_motion")
+      place%angle = number("curve_angle")
+      place%response = whole("curve_response")
       if (allocated(error)) return
       n = max(0, min(n, size(place%unknowns)))
-      place%unknowns = place%unknowns(:n(1))
-      place%direction = place%direction(:n(1))
-      place%step = step(1)
-      place%orientation = orientation(1)
-      place%largest_motion = largest(1)
-      place%angle = angle(1)
-      place%response = response(1)
+      place%unknowns = place%unknowns(:n)
+      place%direction = place%direction(:n)
       if (self%file%has("grid")) call self%fetch("grid", place%n_samples, error, point)
       if (self%file%has("tuples")) call self%get_tuples(point, place%tuples, error)
+
+   contains
+
+      integer function whole(name)
+         character(*), intent(in) :: name
+         integer, allocatable :: values(:)
+
+         whole = 0
+         call self%fetch(name, values, error, point)
+         if (.not. allocated(error)) whole = values(1)
+      end function whole
+
+      real(wp) function number(name)
+         character(*), intent(in) :: name
+         real(wp), allocatable :: values(:)
+
+         number = 0.0_wp
+         call self%fetch(name, values, error, point)
+         if (.not. allocated(error)) number = values(1)
+      end function number
    end subroutine stored_file_get_place
 end module hb_stored_rows

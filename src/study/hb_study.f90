@@ -9,7 +9,7 @@ module hb_study
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
    use hb_model, only: callbacks_t, model_t, share_of_integrated
-   use hb_model_coordinates, only: coordinates_of
+   use hb_model_basis, only: coordinates_of
    use hb_model_reader, only: group_names, read_model
    use hb_model_tones, only: read_tones
    use hb_namelist, only: read_namelist, set_text, write_complete_text

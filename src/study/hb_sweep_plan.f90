@@ -149,9 +149,9 @@ contains
          if (allocated(error)) return
       end do
       if (.not. allocated(self%curve)) return
-      call document%refuse_tied(self%curve%parameter, self%curve%path, error)
+      call document%refuse_tied(self%curve%moving%parameter, self%curve%path, error)
       if (.not. allocated(error) .and. allocated(self%curve%over)) &
-         call document%refuse_tied(self%curve%first_parameter, self%curve%over, error)
+         call document%refuse_tied(self%curve%over%moving%parameter, self%curve%over_path, error)
       if (allocated(error)) error%message = self%curve%place//": "//error%message
    end subroutine sweep_plan_refuse_tied
 
@@ -177,7 +177,7 @@ contains
       type(swept_t), intent(in) :: swept
       type(error_t), allocatable, intent(out) :: error
 
-      if (swept%parameter%hides(curve%parameter) .or. curve%parameter%hides(swept%parameter)) then
+      if (swept%parameter%hides(curve%moving%parameter) .or. curve%moving%parameter%hides(swept%parameter)) then
          call fail(error, "moves along the curve; sweep another value, or leave out &curve")
       else if (swept%group == "curve") then
          call fail(error, "a sweep cannot vary a curve; give the path of another group")
@@ -516,7 +516,7 @@ contains
          self%parameters(i)%units = trim(document%unit_of(self%parameters(i)%parameter))
          self%parameters(i)%is_real = document%is_real(self%parameters(i)%parameter)
       end do
-      if (allocated(self%curve)) self%curve%units = trim(document%unit_of(self%curve%parameter))
+      if (allocated(self%curve)) self%curve%units = trim(document%unit_of(self%curve%moving%parameter))
    end subroutine sweep_plan_note_units
 
    !> Text such as `law(1)%gap = 0.0015, solver%method = 'newton'`; empty without parameters.

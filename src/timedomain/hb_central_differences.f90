@@ -9,8 +9,7 @@
 !> J. J. Moreau, Comput. Methods Appl. Mech. Engrg. 177 (1999) 329-349.
 module hb_central_differences
    use hb_error, only: error_t, fail
-   use hb_integration_state, only: integration_state_t
-   use hb_integration_system, only: integration_system_t
+   use hb_integration_system, only: integration_state_t, integration_system_t
    use hb_integrator, only: integrator_t, law_forces
    use hb_kinds, only: int64, wp
    use hb_lapack, only: dgetrf, dgetrs

@@ -5,8 +5,7 @@ module hb_coexisting_motions
    use hb_error, only: error_t
    use hb_integrated_motion, only: settle
    use hb_integration_starts, only: motions_of, state_on_sphere
-   use hb_integration_state, only: integration_state_t
-   use hb_integration_system, only: integration_system_t, new_integration_system
+   use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_system
    use hb_kinds, only: wp
    use hb_model, only: model_t
    use hb_outcome, only: outcome, outcome_name

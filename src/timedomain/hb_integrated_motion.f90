@@ -13,12 +13,11 @@ module hb_integrated_motion
    use hb_error, only: error_t, fail
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_integration_config, only: integration_config_t, integration_method, step_of
-   use hb_integration_state, only: integration_state_t, new_integration_state
-   use hb_integration_system, only: integration_system_t, new_integration_system
+   use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: int64, two_pi, wp
    use hb_line_fit, only: line_fit_t, new_line_fit
    use hb_model, only: model_t
-   use hb_model_coordinates, only: coordinates_of
+   use hb_model_basis, only: coordinates_of
    use hb_modes, only: modes_t, new_modes, slowest_decay
    use hb_outcome, only: outcome
    use hb_recurrence, only: repetition, turns_to_repeat

@@ -7,8 +7,8 @@ module hb_integrated_start
    use hb_birkhoff, only: coefficients_at
    use hb_error, only: error_t
    use hb_integration_config, only: integration_config_t, step_of
-   use hb_integration_state, only: integration_state_t, new_integration_state
-   use hb_integration_system, only: integration_system_t, new_integration_system
+   use hb_integration_starts, only: scattered
+   use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: two_pi, wp
    use hb_model, only: model_t
    use hb_record_tones, only: find_tones
@@ -109,13 +109,6 @@ contains
       call integrate_from(system, config, min(step_of(config, omega), two_pi/(samples_of_harmonic*maxval(abs(frequencies)))), &
                       law_dofs, state, record, error)
    end subroutine integrate_once
-
-   !> Numbers between -1 and 1.
-   pure real(wp) function scattered(i)
-      integer, intent(in) :: i
-
-      scattered = 2.0_wp*modulo(i*0.6180339887498949_wp, 1.0_wp) - 1.0_wp
-   end function scattered
 
    !> Typical length of the laws [m], 1 where they have none.
    pure real(wp) function length_of(model)

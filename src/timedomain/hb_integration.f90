@@ -4,8 +4,7 @@ module hb_integration
    use hb_error, only: annotate, error_t, fail
    use hb_integration_config, only: integration_start, step_of
    use hb_integration_starts, only: motions_of, state_on_sphere
-   use hb_integration_state, only: integration_state_t, new_integration_state
-   use hb_integration_system, only: integration_system_t, new_integration_system
+   use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: wp
    use hb_model, only: model_t
    use hb_modes, only: modes_t, new_modes

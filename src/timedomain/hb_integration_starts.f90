@@ -5,13 +5,12 @@
 !> each run; shapes are those in which forces in proportion to mass, of random signs, displace the structure, so that no mesh is
 !> shaken in its finest modes.
 module hb_integration_starts
-   use hb_integration_state, only: integration_state_t, new_integration_state
-   use hb_integration_system, only: integration_system_t
+   use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state
    use hb_kinds, only: two_pi, wp
    use hb_lapack, only: dpotrf, dpotrs
    implicit none
    private
-   public :: motions_of, state_on_sphere
+   public :: motions_of, scattered, state_on_sphere
 
    real(wp), parameter :: golden = 0.6180339887498949_wp
    real(wp), parameter :: radii(3) = [1.0_wp, 3.0_wp, 10.0_wp]         ! of spheres, relative to the motion
@@ -94,7 +93,7 @@ contains
       distance = maxval([(norm2(abs(a(:, k) - b(:, k)))/own(k), k=1, size(a, 2))])
    end function distance
 
-   !> Numbers between -1 and 1.
+   !> Gives numbers between -1 and 1: multiples of the golden ratio, which spread evenly.
    pure real(wp) function scattered(i)
       integer, intent(in) :: i
 

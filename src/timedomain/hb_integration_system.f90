@@ -4,15 +4,52 @@
 module hb_integration_system
    use hb_error, only: error_t, fail
    use hb_integration_laws, only: integration_laws_t, new_integration_laws
-   use hb_integration_loads, only: integration_loads_t, new_integration_loads
-   use hb_integration_matrix, only: integration_matrix_t, new_integration_matrix
-   use hb_kinds, only: wp
+   use hb_kinds, only: int64, wp
    use hb_lapack, only: dpotrf, dpotrs
    use hb_law, only: law_box_t
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: integration_system_t, new_integration_system
+   public :: integration_loads_t, integration_matrix_t, integration_state_t, integration_system_t, new_integration_loads, &
+      new_integration_matrix, new_integration_state, new_integration_system
+
+   !> The state from which a time integration continues: all that the future motion depends on.
+   type :: integration_state_t
+      real(wp) :: time = 0.0_wp                                       !! [s]
+      real(wp), allocatable :: q(:)                                   !! displacements [m], (n_dofs)
+      real(wp), allocatable :: v(:)                                   !! velocities [m/s], (n_dofs)
+      real(wp), allocatable :: s(:)                                   !! states of all laws with memory, (n_states)
+   end type integration_state_t
+
+   integer(int64), parameter :: steps_between_cosines = 512_int64              ! rotation errors grow with the steps since
+
+   !> Loads as functions of time, sum over tuples of Re(F_j exp(i j.omega t)), stepped by rotation of phasors.
+   type :: integration_loads_t
+      integer :: n_active = 0
+      real(wp), allocatable :: frequency(:)                           !! [rad/s], (n_active)
+      real(wp), allocatable :: cosine(:, :), sine(:, :)               !! (n_dofs, n_active)
+      complex(wp), allocatable :: phasor(:), rotation(:)              !! (n_active)
+      real(wp) :: origin = 0.0_wp, step = 0.0_wp                      !! [s]
+      integer(int64) :: n_steps = 0                                   !! since `origin`
+   contains
+      procedure :: at => loads_at
+      procedure :: after => loads_after
+      procedure :: begin => loads_begin
+      procedure :: go_on => loads_go_on
+      procedure :: here => loads_here
+   end type integration_loads_t
+
+   !> A square matrix that is multiplied many times: by its non-zero entries where they are few, else as it is.
+   type :: integration_matrix_t
+      integer :: n = 0
+      logical :: is_sparse = .false.
+      real(wp), allocatable :: entries(:, :)                          !! (n, n) unless sparse
+      integer, allocatable :: first(:)                                !! (n + 1) first entry of each column
+      integer, allocatable :: row(:)
+      real(wp), allocatable :: value(:)
+   contains
+      procedure :: subtract_product => matrix_subtract_product
+   end type integration_matrix_t
 
    type :: integration_system_t
       integer :: n_dofs = 0
@@ -109,4 +146,151 @@ contains
          end do
       end do
    end subroutine system_accelerate
+
+   !> Takes a matrix; where few entries are other than zero, these alone.
+   pure subroutine new_integration_matrix(self, entries)
+      type(integration_matrix_t), intent(out) :: self
+      real(wp), intent(in) :: entries(:, :)                           !! (n, n)
+      integer :: e, i, j
+
+      self%n = size(entries, 1)
+      self%is_sparse = 2*count(abs(entries) > 0.0_wp) < self%n**2
+      if (.not. self%is_sparse) then
+         self%entries = entries
+         return
+      end if
+      allocate (self%first(self%n + 1), self%row(count(abs(entries) > 0.0_wp)))
+      allocate (self%value(size(self%row)))
+      e = 0
+      do j = 1, self%n
+         self%first(j) = e + 1
+         do i = 1, self%n
+            if (.not. abs(entries(i, j)) > 0.0_wp) cycle
+            e = e + 1
+            self%row(e) = i
+            self%value(e) = entries(i, j)
+         end do
+      end do
+      self%first(self%n + 1) = e + 1
+   end subroutine new_integration_matrix
+
+   !> y = y - A x.
+   pure subroutine matrix_subtract_product(self, x, y)
+      class(integration_matrix_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: x(:)                        !! (n)
+      real(wp), intent(inout), contiguous :: y(:)                     !! (n)
+      integer :: e, i, j
+
+      if (self%is_sparse) then
+         do j = 1, self%n
+            do e = self%first(j), self%first(j + 1) - 1
+               y(self%row(e)) = y(self%row(e)) - self%value(e)*x(j)
+            end do
+         end do
+      else
+         do j = 1, self%n
+            do i = 1, self%n
+               y(i) = y(i) - self%entries(i, j)*x(j)
+            end do
+         end do
+      end if
+   end subroutine matrix_subtract_product
+
+   !> Keeps the columns that are not zero of amplitudes c = cos - i sin.
+   pure subroutine new_integration_loads(self, amplitudes, frequencies)
+      type(integration_loads_t), intent(out) :: self
+      complex(wp), intent(in) :: amplitudes(:, :)                     !! (n_dofs, n_harmonics)
+      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      integer :: h
+      logical :: is_active(size(frequencies))
+
+      is_active = [(any(abs(amplitudes(:, h)) > 0.0_wp), h=1, size(frequencies))]
+      self%n_active = count(is_active)
+      self%frequency = pack(frequencies, is_active)
+      allocate (self%cosine(size(amplitudes, 1), self%n_active), self%sine(size(amplitudes, 1), self%n_active))
+      allocate (self%phasor(self%n_active), self%rotation(self%n_active))
+      self%cosine = real(amplitudes(:, pack([(h, h=1, size(frequencies))], is_active)), wp)
+      self%sine = -aimag(amplitudes(:, pack([(h, h=1, size(frequencies))], is_active)))
+   end subroutine new_integration_loads
+
+   !> Value at any time.
+   pure subroutine loads_at(self, time, values)
+      class(integration_loads_t), intent(in) :: self
+      real(wp), intent(in) :: time                                    !! [s]
+      real(wp), intent(out) :: values(:)                              !! (n_dofs)
+      real(wp) :: phase
+      integer :: k
+
+      values = 0.0_wp
+      do k = 1, self%n_active
+         phase = self%frequency(k)*time
+         values = values + cos(phase)*self%cosine(:, k) + sin(phase)*self%sine(:, k)
+      end do
+   end subroutine loads_at
+
+   !> Value some time after the one given to `begin`. Phases of long times are taken once, not at each call.
+   pure subroutine loads_after(self, elapsed, values)
+      class(integration_loads_t), intent(in) :: self
+      real(wp), intent(in) :: elapsed                                 !! [s]
+      real(wp), intent(out) :: values(:)                              !! (n_dofs)
+      complex(wp) :: phasor
+      integer :: k
+
+      values = 0.0_wp
+      do k = 1, self%n_active
+         phasor = self%phasor(k)*cmplx(cos(self%frequency(k)*elapsed), sin(self%frequency(k)*elapsed), wp)
+         values = values + real(phasor, wp)*self%cosine(:, k) + aimag(phasor)*self%sine(:, k)
+      end do
+   end subroutine loads_after
+
+   !> Prepares equal steps from a time on.
+   pure subroutine loads_begin(self, time, step)
+      class(integration_loads_t), intent(inout) :: self
+      real(wp), intent(in) :: time, step                              !! [s]
+
+      self%origin = time
+      self%step = step
+      self%n_steps = 0_int64
+      self%rotation = cmplx(cos(self%frequency*step), sin(self%frequency*step), wp)
+      self%phasor = cmplx(cos(self%frequency*time), sin(self%frequency*time), wp)
+   end subroutine loads_begin
+
+   !> One step on.
+   pure subroutine loads_go_on(self)
+      class(integration_loads_t), intent(inout) :: self
+      real(wp) :: time
+
+      self%n_steps = self%n_steps + 1_int64
+      if (modulo(self%n_steps, steps_between_cosines) == 0_int64) then
+         time = self%origin + self%n_steps*self%step
+         self%phasor = cmplx(cos(self%frequency*time), sin(self%frequency*time), wp)
+      else
+         self%phasor = self%phasor*self%rotation
+      end if
+   end subroutine loads_go_on
+
+   !> Value where the steps are.
+   pure subroutine loads_here(self, values)
+      class(integration_loads_t), intent(in) :: self
+      real(wp), intent(out), contiguous :: values(:)                  !! (n_dofs)
+      real(wp) :: c, s
+      integer :: i, k
+
+      values = 0.0_wp
+      do k = 1, self%n_active
+         c = real(self%phasor(k), wp)
+         s = aimag(self%phasor(k))
+         do i = 1, size(values)
+            values(i) = values(i) + c*self%cosine(i, k) + s*self%sine(i, k)
+         end do
+      end do
+   end subroutine loads_here
+
+   !> State of rest at time zero, sliders relaxed.
+   pure subroutine new_integration_state(self, n_dofs, n_states)
+      type(integration_state_t), intent(out) :: self
+      integer, intent(in) :: n_dofs, n_states
+
+      allocate (self%q(n_dofs), self%v(n_dofs), self%s(n_states), source=0.0_wp)
+   end subroutine new_integration_state
 end module hb_integration_system

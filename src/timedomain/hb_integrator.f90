@@ -1,8 +1,7 @@
 !> The abstract integrator: from a state in steps of one size.
 module hb_integrator
    use hb_error, only: error_t
-   use hb_integration_state, only: integration_state_t
-   use hb_integration_system, only: integration_system_t
+   use hb_integration_system, only: integration_state_t, integration_system_t
    use hb_kinds, only: wp
    implicit none
    private

@@ -7,8 +7,7 @@ module hb_state_map
    use hb_error, only: error_t
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_integration_config, only: integration_config_t, integration_method
-   use hb_integration_state, only: integration_state_t, new_integration_state
-   use hb_integration_system, only: integration_system_t
+   use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state
    use hb_kinds, only: int64, two_pi, wp
    use hb_law, only: hold_t
    use hb_motion_series, only: motion_series_t

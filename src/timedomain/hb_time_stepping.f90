@@ -11,8 +11,7 @@ module hb_time_stepping
    use hb_generalized_alpha, only: generalized_alpha_t, new_generalized_alpha
    use hb_integration_config, only: integration_config_t, integration_method
    use hb_integration_cvode, only: integration_cvode_t, new_integration_cvode
-   use hb_integration_state, only: integration_state_t
-   use hb_integration_system, only: integration_system_t
+   use hb_integration_system, only: integration_state_t, integration_system_t
    use hb_integrator, only: integrator_t
    use hb_kinds, only: wp
    use hb_law, only: hold_t

@@ -12,8 +12,7 @@ module hb_verification
    use hb_integrated_motion, only: fastest_of, has_bounds_of, settle
    use hb_integration_config, only: integration_config_t, integration_method, step_of
    use hb_integration_difference, only: integration_difference_t, motion, new_integration_difference, series_t
-   use hb_integration_state, only: integration_state_t, new_integration_state
-   use hb_integration_system, only: integration_system_t, new_integration_system
+   use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_integration_verdict, only: decide, growth_of, limit_of, n_settled, verdict
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: law_dofs_of
