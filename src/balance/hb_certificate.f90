@@ -105,7 +105,7 @@ contains
       allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
       call near_commensurate(tones, self%combination, self%combination_frequency)
       call choose_wider(balance%harmonics, amplitudes(balance%harmonics, u), torus, has_multipliers(balance) .or. present(phase), &
-                        set, grid, error)
+                        set, grid, error, self%combination)
       if (allocated(error)) return
       call make_wide_balance()
       if (.not. allocated(error)) call check_contact(self, structure, balance, wide, u, error)
@@ -178,7 +178,7 @@ contains
    !> The wider set, which reaches twice as far as that of the motion in all directions, and a finer grid: of one tone with four
    !> times the samples or more, as a short touch lies between fewer; of several, whose samples lie at other phases in each
    !> period, twice. Half of a grid holds odd motions of odd equations, which do not answer in even tuples.
-   subroutine choose_wider(narrow, carried, torus, is_fine, set, grid, error)
+   subroutine choose_wider(narrow, carried, torus, is_fine, set, grid, error, slow)
       type(harmonics_t), intent(in) :: narrow
       real(wp), intent(in) :: carried(:)                              !! amplitudes of the motion (narrow%n_harmonics)
       type(torus_t), intent(in) :: torus
@@ -187,10 +187,11 @@ contains
       type(harmonics_t), intent(out) :: set
       type(torus_t), intent(out) :: grid
       type(error_t), allocatable, intent(out) :: error
+      integer, intent(in) :: slow(:)
       type(harmonics_t) :: all_tuples
       integer :: samples(narrow%n_tones)
 
-      call new_doubled_set(set, narrow, error, carried)
+      call new_doubled_set(set, narrow, error, carried, slow)
       if (allocated(error)) return
       if (set%n_harmonics > largest_wide_set) call choose_wider_set(narrow, set, error)
       if (allocated(error)) return

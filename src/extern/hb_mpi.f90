@@ -75,8 +75,27 @@ contains
       ! OMPIO opens a shared file pointer not in use, by a semaphore of the machine with the name of the file: one that is
       ! left over, whoever made it, would hang the run. ROMIO makes none before it is used.
       call hb_set_default("OMPI_MCA_io"//c_null_char, "^ompio"//c_null_char)
+      if (.not. is_launched()) then
+         ! Open MPI's helper process and its search for networks take half a second of a command. Without that process all share
+         ! one folder, which the first that ends removes: none is made.
+         call hb_set_default("OMPI_MCA_ess_singleton_isolated"//c_null_char, "1"//c_null_char)
+         call hb_set_default("OMPI_MCA_orte_create_session_dirs"//c_null_char, "0"//c_null_char)
+         call hb_set_default("OMPI_MCA_pml"//c_null_char, "ob1"//c_null_char)
+      end if
       call MPI_Init()
    end subroutine start_mpi
+
+   !> Whether mpirun, srun or the like has started this process, with others perhaps.
+   logical function is_launched()
+      character(*), parameter :: marks(4) = [character(20) :: "OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_STEP_ID"]
+      integer :: i, status
+
+      is_launched = .false.
+      do i = 1, size(marks)
+         call get_environment_variable(trim(marks(i)), status=status)
+         is_launched = is_launched .or. status /= 1                   ! 1: there is no such variable
+      end do
+   end function is_launched
 
    !> Ends MPI if it runs; the last MPI call of a program, safe to call twice.
    subroutine stop_mpi()

@@ -86,17 +86,18 @@ contains
    !> steps: of a stop that is touched for a short part of the period the error of order 3 is not seen by order 6. And
    !> what forces of second and third degree answer to the largest tuples: a load at tuple 7 has its next harmonics at
    !> 14 and 21.
-   subroutine new_doubled_set(self, set, error, carried)
+   subroutine new_doubled_set(self, set, error, carried, slow)
       type(harmonics_t), intent(out) :: self
       type(harmonics_t), intent(in) :: set
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: carried(:)                    !! amplitudes of a motion (set%n_harmonics)
+      integer, intent(in), optional :: slow(:)                        !! with it: the tuple k of which k.omega is next to 0
       integer, parameter :: steps_of_one_tone = 5
       type(tuple_union_t) :: union
       integer :: h, j(set%n_tones), k, m, s
 
       call union%add(set%tuples)
-      if (present(carried)) call add_answers(union, set, carried)
+      if (present(carried)) call add_answers(union, set, carried, slow)
       if (set%n_tones == 1) then
          do k = 1, steps_of_one_tone
             call union%add(set%tuples + k)
@@ -122,16 +123,27 @@ contains
       call new_harmonics(self, union%list(), error)
    end subroutine new_doubled_set
 
-   !> Adds i + k, i - k, 2 i + k and 2 i - k for the largest tuples i and k of a motion.
-   pure subroutine add_answers(union, set, carried)
+   !> Adds i + k, i - k, 2 i + k and 2 i - k for the largest tuples i and k of a motion; i + slow and i - slow for a combination i
+   !> of high order that is as large as only a resonance makes it: they are nearly as resonant.
+   pure subroutine add_answers(union, set, carried, slow)
       type(tuple_union_t), intent(inout) :: union
       type(harmonics_t), intent(in) :: set
       real(wp), intent(in) :: carried(:)                              !! amplitudes (set%n_harmonics)
+      integer, intent(in) :: slow(:)
+      real(wp), parameter :: resonant = 0.03_wp                       ! of the largest amplitude, for a combination of at least
+      integer, parameter :: resonant_order = 4                        ! this sum of entries
       real(wp), parameter :: large = 0.1_wp                           ! of the largest amplitude: the third power of less is nothing
       integer, parameter :: most_large = 8                            ! tuples
       integer :: i, j(set%n_tones), k, n, order(set%n_harmonics), s
 
       call sort_descending(carried, order)
+      do i = 1, min(most_large, count(carried > resonant*maxval(carried)))
+         if (sum(abs(set%tuples(:, order(i)))) < resonant_order) cycle
+         do s = -1, 1, 2
+            j = set%tuples(:, order(i)) + s*slow
+            call union%add(reshape(canonical_sign(j)*j, [set%n_tones, 1]))
+         end do
+      end do
       n = min(most_large, count(carried > large*maxval(carried)))
       do i = 1, n
          do k = 1, n

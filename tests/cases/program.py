@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import tempfile
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,21 +16,15 @@ ALL_CONVERGED, NOT_ALL_CONVERGED, BAD_INPUT, INCOMPLETE = 0, 1, 2, 3
 # Nothing here takes this long; a run that hangs must end the test.
 _TIME_LIMIT = 120.0
 
-# Open MPI keeps the files of isolated processes in one folder and removes it at the end of any of them: tests that run
-# side by side need folders of their own, with short names because sockets are made there.
-_MPI_FOLDER = tempfile.TemporaryDirectory(prefix="nhbm-")
-
 # Open MPI under root, on few cores and on this machine alone, where it then starts in a third of the time; one thread a
 # rank, so that sums have one order.
 _ENVIRONMENT = {
     "OMPI_ALLOW_RUN_AS_ROOT": "1",
     "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
     "OMPI_MCA_rmaps_base_oversubscribe": "1",
-    "OMPI_MCA_ess_singleton_isolated": "1",
     "OMPI_MCA_pml": "ob1",
     "OMPI_MCA_btl": "self,vader",
     "OPENBLAS_NUM_THREADS": "1",
-    "TMPDIR": _MPI_FOLDER.name,
 }
 
 

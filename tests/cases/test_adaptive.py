@@ -312,7 +312,6 @@ def test_what_shorter_steps_change_is_the_error_of_a_motion(tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.xfail(strict=True, reason="the larger set lacks (20, -7), nearly in resonance: .41 of the error")
 def test_tones_near_sixteen_to_five_are_within_the_tolerance(tmp_path):
     """16 w1 - 5 w2 is small, so that the combination (4, -2), nearly in resonance under light damping, has a neighbour (20, -7) that
     carries 9e-3 of the motion."""

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 import shlex
+import subprocess
 from pathlib import Path
 
 import pytest
-from program import ALL_CONVERGED, BAD_INPUT, read, run
+from program import ALL_CONVERGED, BAD_INPUT, command, environment, read, run
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "user" / "input.md"
 VERBS = ("solve", "resume", "info", "check", "plan", "integrate", "verify")
@@ -111,3 +112,15 @@ def test_worked_example_prints_what_the_page_shows(tmp_path):
         assert done.status == ALL_CONVERGED, done.stderr
         pattern = ".*?".join(re.escape(part) for part in shown.strip("\n").split("..."))
         assert re.fullmatch(pattern, done.stdout.strip("\n")), f"{command}\nprints\n{done.stdout}\nthe page shows\n{shown}"
+
+
+def test_one_process_starts_no_helper_and_looks_for_no_network(tmp_path):
+    """Both belong to jobs of several processes and take half a second of each command."""
+    own = {name: value for name, value in environment().items() if not name.startswith("OMPI_MCA_")}
+    own["OMPI_MCA_mpi_show_mca_params"] = "enviro"
+    alone, launched = (
+        subprocess.run(command("keys", ranks=ranks), cwd=tmp_path, env=own, capture_output=True, text=True, check=True).stderr
+        for ranks in (None, 1)
+    )
+    assert all(f"{name} (environment)" in alone for name in ("isolated=true", "create_session_dirs=false", "pml=ob1"))
+    assert "show_mca_params" in launched and not any(word in launched for word in ("isolated=true", "pml=ob1"))
