@@ -112,7 +112,8 @@ def changes(start: str, code: str, begin: int):
         at = match.start(match.lastindex)
         yield at, "-", [""], "sign"
     for match in each(r"(?<![\w=<>/*])= (?=[a-z(])"):  # a result with the other sign; does not build where it is no number
-        if begin == 0 and not start.startswith(("do ", "if (", "allocate", "where", "forall", "call")) and "=>" not in code:
+        is_zero = not re.search(r"[^0. ,()]", re.sub(r"_wp", "", code[match.end() :]))  # has no other sign
+        if begin == 0 and not is_zero and not start.startswith(("do ", "if (", "allocate", "where", "forall", "call")) and "=>" not in code:
             yield match.start(), "= ", ["= -"], "sign"
     relations = {"<": ["<=", ">"], ">": [">=", "<"], "<=": ["<", ">="], ">=": [">", "<="], "==": ["/="], "/=": ["=="]}
     for match in each(r"(?<= )(<=|>=|==|/=|<|>)(?= )"):

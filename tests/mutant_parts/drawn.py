@@ -370,14 +370,16 @@ def line_of(verdict: Verdict) -> str:
 
 
 def table_of(verdicts: list[Verdict]) -> str:
-    """Numbers by kind of change, and the survivors."""
+    """Numbers by layer and by kind of change, and the survivors."""
     counted = [verdict for verdict in verdicts if verdict.verdict != NOT_BUILT]
-    caught = Counter(verdict.draw.kind for verdict in counted if verdict.verdict in (CAUGHT, TOO_LONG))
-    drawn = Counter(verdict.draw.kind for verdict in counted)
-    rows = ["| kind of change | drawn | caught |", "|---|---|---|"]
-    rows += [f"| {kind} | {drawn[kind]} | {caught[kind]} |" for kind in sorted(drawn)]
-    rows.append(f"| all | {len(counted)} | {sum(caught.values())} |")
+    caught = [verdict for verdict in counted if verdict.verdict in (CAUGHT, TOO_LONG)]
+    rows = []
+    for heading, name_of in (("layer", lambda draw: draw.file.split("/")[1]), ("kind of change", lambda draw: draw.kind)):
+        drawn, seen = (Counter(name_of(verdict.draw) for verdict in some) for some in (counted, caught))
+        rows += [f"| {heading} | drawn | caught |", "|---|---|---|"]
+        rows += [f"| {name} | {drawn[name]} | {seen[name]} |" for name in sorted(drawn)]
+        rows += [f"| all | {len(counted)} | {len(caught)} |", ""]
     late = sum(verdict.verdict == TOO_LONG for verdict in counted)
     words = f"{len(verdicts) - len(counted)} more did not build and do not count; {late} of those caught ran too long."
     survivors = ["- " + line_of(verdict) for verdict in counted if verdict.verdict == SURVIVED]
-    return "\n".join([*rows, "", words, "", "Survivors:", "", *survivors])
+    return "\n".join([*rows, words, "", "Survivors:", "", *survivors])
