@@ -200,7 +200,7 @@ contains
       end if
       allocate (self%lookup(product(2*self%highest + 1)), source=0)
       do h = 1, self%n_harmonics
-         key = tuple_key(self, self%tuples(:, h))
+         key = tuple_key(self, self%tuples(:, h), 1)
          if (self%lookup(key) /= 0) then
             call fail(error, "tuple "//tuple_text(self%tuples(:, h))//" is in the set of harmonics twice (j and -j are the same)")
             return
@@ -236,7 +236,7 @@ contains
       harmonics_index_of = 0
       if (size(tuple) /= self%n_tones) return
       if (any(abs(tuple) > self%highest)) return
-      harmonics_index_of = self%lookup(tuple_key(self, canonical_sign(tuple)*tuple))
+      harmonics_index_of = self%lookup(tuple_key(self, tuple, canonical_sign(tuple)))
    end function harmonics_index_of
 
    !> Complex amplitude a - i b of harmonic h.
@@ -306,14 +306,15 @@ contains
       text(len(text):) = ")"
    end function tuple_text
 
-   pure integer function tuple_key(self, tuple)
+   pure integer function tuple_key(self, tuple, factor)
       type(harmonics_t), intent(in) :: self
       integer, intent(in) :: tuple(:)
+      integer, intent(in) :: factor                                   !! of the tuple, 1 or -1
       integer :: m
 
       tuple_key = 0
       do m = self%n_tones, 1, -1
-         tuple_key = tuple_key*(2*self%highest(m) + 1) + tuple(m) + self%highest(m)
+         tuple_key = tuple_key*(2*self%highest(m) + 1) + factor*tuple(m) + self%highest(m)
       end do
       tuple_key = tuple_key + 1
    end function tuple_key

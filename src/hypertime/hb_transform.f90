@@ -61,7 +61,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer, intent(in), optional :: directions                     !! one of hb_packed_fft%direction, default: both
       logical, allocatable :: is_used(:)
-      integer :: chosen, first(0:harmonics%highest(1)), h
+      integer :: chosen, first(0:harmonics%highest(1)), h, j(harmonics%n_tones)
       complex(wp), dimension(0:harmonics%highest(1)) :: far, near
 
       call self%destroy()
@@ -73,8 +73,14 @@ contains
       if (present(directions)) chosen = directions
       call new_packed_fft(self%fft, torus, modulo(sum(harmonics%tuples(:, 1)), 2), harmonics%highest, chosen, effort, error)
       if (allocated(error)) return
-      self%at = [(self%fft%place(harmonics%tuples(:, h)), h=1, harmonics%n_harmonics)]
-      self%mirror_at = [(self%fft%place(-harmonics%tuples(:, h)), h=1, harmonics%n_harmonics)]
+      if (allocated(self%at)) deallocate (self%at, self%mirror_at)
+      allocate (self%at(harmonics%n_harmonics), self%mirror_at(harmonics%n_harmonics))
+      do h = 1, harmonics%n_harmonics
+         j = harmonics%tuples(:, h)
+         self%at(h) = self%fft%place(j)
+         j = -j
+         self%mirror_at(h) = self%fft%place(j)
+      end do
       first = [(h, h=0, size(first) - 1)]                             ! of kept tuples none is negative
       call self%fft%factors(first, near, far)
       self%near_factor = near(harmonics%tuples(1, :))

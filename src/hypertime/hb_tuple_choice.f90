@@ -106,8 +106,10 @@ contains
       end if
       do h = 1, set%n_harmonics
          do k = 0, 3**set%n_tones - 1                                 ! digit m: what is added to entry m, and one
-            j = [(2*set%tuples(m, h) + modulo(k/3**(m - 1), 3) - 1, m=1, set%n_tones)]
-            if (all(abs(j) <= 2*set%highest)) call union%add(reshape(canonical_sign(j)*j, [set%n_tones, 1]))
+            do m = 1, set%n_tones
+               j(m) = 2*set%tuples(m, h) + modulo(k/3**(m - 1), 3) - 1
+            end do
+            if (all(abs(j) <= 2*set%highest)) call add_tuple(union, j)
          end do
          do m = 1, set%n_tones                                        ! two steps, or one
             do k = 1, set%n_tones
@@ -115,13 +117,22 @@ contains
                   j = set%tuples(:, h)
                   j(m) = j(m) + modulo(s, 2)*2 - 1
                   j(k) = j(k) + s/2 - 1
-                  call union%add(reshape(canonical_sign(j)*j, [set%n_tones, 1]))
+                  call add_tuple(union, j)
                end do
             end do
          end do
       end do
       call new_harmonics(self, union%list(), error)
    end subroutine new_doubled_set
+
+   !> Adds j or -j, whichever stands in sets; j is the one then.
+   pure subroutine add_tuple(union, j)
+      type(tuple_union_t), intent(inout) :: union
+      integer, intent(inout) :: j(:)
+
+      j = canonical_sign(j)*j
+      call union%add_one(j)
+   end subroutine add_tuple
 
    !> Adds i + k, i - k, 2 i + k and 2 i - k for the largest tuples i and k of a motion; i + slow and i - slow for a combination i
    !> of high order that is as large as only a resonance makes it: they are nearly as resonant.
@@ -149,7 +160,7 @@ contains
          do k = 1, n
             do s = 0, 3
                j = (2 - s/2)*set%tuples(:, order(i)) + (1 - 2*modulo(s, 2))*set%tuples(:, order(k))
-               call union%add(reshape(canonical_sign(j)*j, [set%n_tones, 1]))
+               call add_tuple(union, j)
             end do
          end do
       end do

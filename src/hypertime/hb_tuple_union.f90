@@ -12,6 +12,7 @@ module hb_tuple_union
       integer, allocatable, private :: slots(:)                       !! place of a tuple, 0 where free
    contains
       procedure :: add => tuple_union_add
+      procedure :: add_one => tuple_union_add_one
       procedure :: list => tuple_union_list
    end type tuple_union_t
 
@@ -21,17 +22,27 @@ contains
    pure subroutine tuple_union_add(self, tuples)
       class(tuple_union_t), intent(inout) :: self
       integer, intent(in) :: tuples(:, :)                             !! (n_tones, any), signs as those of hb_harmonics
-      integer :: h, slot
+      integer :: h
 
       do h = 1, size(tuples, 2)
          if (.not. has_room(self)) call enlarge(self, size(tuples, 1), self%n + size(tuples, 2) - h + 1)
-         slot = slot_of(self, tuples(:, h))
-         if (self%slots(slot) > 0) cycle
-         self%n = self%n + 1
-         self%entries(:, self%n) = tuples(:, h)
-         self%slots(slot) = self%n
+         call self%add_one(tuples(:, h))
       end do
    end subroutine tuple_union_add
+
+   !> Adds a tuple, unless it is there.
+   pure subroutine tuple_union_add_one(self, tuple)
+      class(tuple_union_t), intent(inout) :: self
+      integer, intent(in) :: tuple(:)                                 !! sign as those of hb_harmonics
+      integer :: slot
+
+      if (.not. has_room(self)) call enlarge(self, size(tuple), self%n + 1)
+      slot = slot_of(self, tuple)
+      if (self%slots(slot) > 0) return
+      self%n = self%n + 1
+      self%entries(:, self%n) = tuple
+      self%slots(slot) = self%n
+   end subroutine tuple_union_add_one
 
    !> All tuples, each once, (n_tones, n); at least one must have been added.
    pure function tuple_union_list(self) result(tuples)
