@@ -52,7 +52,7 @@ contains
          if (allocated(self%linear)) deallocate (self%linear)
          call make_linear(structure, coordinates, frequencies, loads, linear, error, wanted)
          self%n_condensed = self%n_condensed + size(frequencies)
-         self%structure = structure
+         if (.not. structure%has_matrices_of(self%structure)) self%structure = structure
          self%frequencies = frequencies
       end if
       if (allocated(error)) return

@@ -105,12 +105,14 @@ contains
       type(projected_laws_t), intent(in) :: laws
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable :: error
+      integer, parameter :: least_samples = 2048                      ! of one tone; for fewer a thin grid costs more than it saves
       type(harmonics_t) :: band
       type(torus_t) :: thin
       integer :: m
 
       call self%destroy()
       if (laws%has_memory .or. any(torus%n_samples < 4*harmonics%highest + 1)) return
+      if (harmonics%n_tones == 1 .and. torus%n_total*laws%n_dofs < least_samples) return
       call new_torus(thin, [(min(torus%n_samples(m), cheap_size(4*harmonics%highest(m) + 1, harmonics%n_tones)), &
                              m=1, harmonics%n_tones)], harmonics, error)
       if (allocated(error)) return

@@ -480,6 +480,7 @@ contains
 
       do h = 1, self%n_harmonics
          coefficients(self%coordinates%places, h) = law_coefficients(:, h)
+         if (size(held) == 0) cycle
          held = self%held_motion%of(h)
          coefficients(self%interior, h) = held - matmul(self%transfer(:, :, h), law_coefficients(:, h))
       end do
