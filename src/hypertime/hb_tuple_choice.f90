@@ -152,7 +152,7 @@ contains
          if (sum(abs(set%tuples(:, order(i)))) < resonant_order) cycle
          do s = -1, 1, 2
             j = set%tuples(:, order(i)) + s*slow
-            call union%add(reshape(canonical_sign(j)*j, [set%n_tones, 1]))
+            call add_tuple(union, j)
          end do
       end do
       n = min(most_large, count(carried > large*maxval(carried)))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import doctest
+import importlib
 import os
 import pickle
 import re
@@ -14,6 +16,7 @@ import sys
 import threading
 import time
 import types
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import h5py
@@ -551,11 +554,19 @@ def test_faults_of_laws_are_raised():
             time.sleep(0.01)
 
     for law, fault, text in ((raises, RuntimeError, "out of range"), (wrong_shape, ModelError, "'wrong_shape' gives forces of shape"),
-                             (lambda q, v, p, x: q, ModelError, "1 to 3 arguments")):  # fmt: skip
+                             (lambda q, v, p, x: q, ModelError, "1 to 3 arguments"),
+                             (lambda q: None, ModelError, "'<lambda>' gives forces that are None"),
+                             (lambda q: 1j * q, ModelError, "gives forces that are complex"),
+                             (lambda q: "much", ModelError, "gives forces that are no numbers"),
+                             (lambda q: sys.exit(3), SystemExit, "3")):  # fmt: skip
         model = duffing(spring=law)
         with pytest.raises(fault, match=text):
             model.law(law, "x1")
             model.solve(order=3)
+    for law in (lambda q: np.zeros(q.shape, dtype=int), lambda q: 0, lambda q: [0.0] * len(q)):  # taken as they are
+        model = duffing(spring=True)
+        model.law(law, "x1")
+        np.testing.assert_allclose(model.solve(order=3)["coefficients"], duffing(spring=True).solve(order=3)["coefficients"], atol=1e-12)
     model = duffing(spring=True)
     model.law(lambda q: np.full_like(q, np.nan), "x1")
     with pytest.warns(nhbm.NotConverged, match="NaN"):
@@ -566,6 +577,52 @@ def test_faults_of_laws_are_raised():
     with pytest.raises(KeyboardInterrupt):
         model.solve(order=3)
     assert duffing().solve(order=3).nhbm.is_converged
+
+
+def test_models_are_sent_with_their_values():
+    """Pickled, with laws of Python and values set since; executors with `map`, that of Dask where it is there."""
+    model = duffing(spring=True)
+    model.law(nhbm.Law(cubic, odd=True), "x1")
+    model["tones[0]"] = 0.8
+    again = pickle.loads(pickle.dumps(model))
+    same(again.solve(order=5)["coefficients"].values, model.solve(order=5)["coefficients"].values, "coefficients")
+    values = {"tones[0]": np.linspace(0.6, 0.9, 4)}
+    alone = model.sweep(values, order=5)["coefficients"].values
+    with ThreadPoolExecutor(2) as executor:
+        same(model.sweep(values, order=5, executor=executor)["coefficients"].values, alone, "coefficients")
+    distributed = pytest.importorskip("distributed")
+    with distributed.Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None) as client:
+        found = again.sweep(values, order=5, executor=client.get_executor())
+    same(found["coefficients"].values, alone, "coefficients")
+
+
+def test_progress_is_reported(monkeypatch):
+    """To a function, or by a bar of tqdm, which need not be there."""
+    counts, shown = [], []
+
+    class Bar:
+        def __init__(self, **keys):
+            self.total = keys["total"]
+
+        def update(self, n):
+            shown.append(n)
+
+        def close(self):
+            shown.append(self.total)
+
+    monkeypatch.setitem(sys.modules, "tqdm.auto", types.SimpleNamespace(tqdm=Bar))
+    monkeypatch.setitem(sys.modules, "tqdm", types.SimpleNamespace(auto=sys.modules["tqdm.auto"]))
+    for progress in (counts.append, True):
+        duffing().sweep({"tones[0]": [0.6, 0.7, 0.8]}, order=3, progress=progress)
+    assert counts == [1, 2, 3] and shown == [1, 1, 1, 3]
+    monkeypatch.setitem(sys.modules, "tqdm.auto", None)
+    assert duffing().curve("tones[0]", 0.6, 0.7, order=3, progress=True).sizes["point"] > 1
+
+
+@pytest.mark.parametrize("module", ["groups", "laws", "model", "session"])
+def test_examples_of_docstrings(module):
+    found = doctest.testmod(importlib.import_module(f"nhbm.{module}"), optionflags=doctest.ELLIPSIS)
+    assert found.attempted > 0 and found.failed == 0
 
 
 def test_sweeps_are_spread_over_processes():

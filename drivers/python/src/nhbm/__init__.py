@@ -1,5 +1,5 @@
-"""Vibrations of structures with contact, friction and other nonlinear laws under several tones: models that are solved in process, finite
-element structures, and their files."""
+"""Vibrations of structures with contact, friction and other nonlinear laws under several tones: models that are solved in process,
+finite element structures, and their files."""
 
 from typing import Any
 
@@ -8,7 +8,8 @@ from nhbm.errors import ModelError
 __version__ = "0.1.0"
 _LATER = {  # what needs NumPy and more is imported when it is asked for
     "Model": "model", "NotConverged": "model", "Peak": "model", "Law": "laws", "law": "laws", "Beam": "groups", "Chain": "groups",
-    "Jeffcott": "groups", "Matrices": "groups", "ModalBeam": "groups", "RotorStator": "groups", "Rotor": "rotors", "Session": "session", "Structure": "structure", "input_keys": "session",
+    "Jeffcott": "groups", "Matrices": "groups", "ModalBeam": "groups", "RotorStator": "groups", "Rotor": "rotors",
+    "Session": "session", "Structure": "structure", "input_keys": "session",
 }  # fmt: skip
 __all__ = ["ModelError", "__version__", *_LATER]
 

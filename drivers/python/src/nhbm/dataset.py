@@ -80,7 +80,8 @@ def number(session: Session, name: str) -> float:
 
 
 def response_of(session: Session, of: str) -> float:
-    """A response of the motion found last: "x1", the root mean square of what oscillates, or "x1 (1)", the amplitude of a harmonic."""
+    """A response of the motion found last: "x1", the root mean square of what oscillates, or "x1 (1)", the amplitude of a
+    harmonic."""
     dof, wanted = parts_of(of)
     labels = session.labels("dof")
     if dof not in labels:
@@ -126,7 +127,8 @@ def joined(motions: list[xr.Dataset], coordinates: dict[str, Any]) -> xr.Dataset
 
 
 def _padded(values: Any, like: xr.DataArray, longest: dict[Any, int]) -> np.ndarray[Any, Any]:
-    """Values, or what stands for none, in an array of the longest axes: 0 for whole numbers and beyond the harmonics in use, else NaN."""
+    """Values, or what stands for none, in an array of the longest axes: 0 for whole numbers and beyond the harmonics in use, else
+    NaN."""
     shape = tuple(longest[axis] for axis in like.dims)
     is_real = like.dtype.kind == "f"
     if like.dtype.kind in "US":
@@ -139,7 +141,7 @@ def _padded(values: Any, like: xr.DataArray, longest: dict[Any, int]) -> np.ndar
 
 @xr.register_dataset_accessor("nhbm")  # type: ignore[no-untyped-call, unused-ignore]
 class Accessor:
-    """What one asks of motions: dataset.nhbm.amplitude("x1", 1)."""
+    """What one asks of motions: ``dataset.nhbm.amplitude("x1", 1)``."""
 
     def __init__(self, dataset: xr.Dataset) -> None:
         self._dataset = dataset
@@ -161,9 +163,21 @@ class Accessor:
         return next((str(text) for text in np.ravel(self._dataset["message"].values) if str(text)), "")
 
     def harmonic(self, dof: str, tuple_: Any = 1, of: str = "coefficients") -> xr.DataArray:
-        """Complex amplitude cos - i sin of the harmonic of an integer tuple (or number, of one tone) at a degree of freedom.
+        """Complex amplitude cos - i sin of a harmonic at a degree of freedom.
 
-        `of` names the column: coefficients, force_coefficients, corrected_coefficients. Zero where the set lacks the tuple.
+        Parameters
+        ----------
+        dof : str
+            Degree of freedom, or law, as the axis of the column has it.
+        tuple_ : int or sequence of int
+            Its tuple; zero is returned where the set lacks it.
+        of : str
+            Column: "coefficients" [m], "force_coefficients" [N], "corrected_coefficients" [m].
+
+        Returns
+        -------
+        xarray.DataArray
+            In the unit of the column, one a point.
         """
         data = self._dataset
         wanted = np.atleast_1d(tuple_)
@@ -180,12 +194,27 @@ class Accessor:
         return found.sel(component="cos", drop=True) - sign * 1j * found.sel(component="sin", drop=True)
 
     def amplitude(self, dof: str, tuple_: Any = 1, of: str = "coefficients") -> xr.DataArray:
-        """Amplitude of that harmonic."""
+        """Amplitude of that harmonic; parameters and unit are those of `harmonic`."""
         size: Any = np.abs(self.harmonic(dof, tuple_, of))
         return size  # type: ignore[no-any-return]
 
     def time(self, dof: str, times: Any, of: str = "coefficients") -> xr.DataArray:
-        """Values at times [s], (..., time)."""
+        """Values along time.
+
+        Parameters
+        ----------
+        dof : str
+            Degree of freedom, or law, as the axis of the column has it.
+        times : array_like
+            [s].
+        of : str
+            Column: "coefficients" [m], "force_coefficients" [N].
+
+        Returns
+        -------
+        xarray.DataArray
+            In the unit of the column, (..., time).
+        """
         data = self._dataset
         tuples = data["tuples"] if "tuples" in data else data["tuple"]
         times = xr.DataArray(np.asarray(times, dtype=float), dims="time", attrs={"units": "s"})
@@ -196,7 +225,15 @@ class Accessor:
         return found
 
     def largest(self, dof: str, n: int = 4096) -> xr.DataArray:
-        """Largest displacement [m] over many samples of the motion along time, from both signs."""
+        """Largest displacement [m] over many samples of the motion along time, from both signs.
+
+        Parameters
+        ----------
+        dof : str
+            Degree of freedom.
+        n : int
+            Samples of a period; eight times as many over 64 periods of the slowest of several tones.
+        """
         slowest = float(np.nanmin(self._dataset["frequency"]))
         periods = 1 if self._dataset.sizes["tone"] == 1 else 64
         times = np.linspace(0.0, periods * 2 * np.pi / slowest, n * (1 if periods == 1 else 8), endpoint=False)
@@ -207,7 +244,13 @@ class Accessor:
         return found
 
     def response(self, of: str) -> tuple[xr.DataArray, str]:
-        """A response of each point and its name with unit: "x1" the largest |x1|, "x1 (1)" the amplitude of a harmonic."""
+        """A response of each point, and its name with unit.
+
+        Parameters
+        ----------
+        of : str
+            "x1", the largest |x1|, or "x1 (1)", the amplitude of a harmonic.
+        """
         dof, tuple_ = parts_of(of)
         unit = self._dataset["coefficients"].attrs.get("units", "m")
         if tuple_ is None:
@@ -216,8 +259,19 @@ class Accessor:
         return self.amplitude(dof, tuple_), f"Amplitude of {dof}, {number} [{unit}]"
 
     def plot(self, of: str | None = None, ax: Any = None) -> Any:
-        """The motion of a degree of freedom over time; of curves and sweeps a response over what varies: "x1" the largest |x1|,
-        "x1 (1)" the amplitude of a harmonic. Returns the axes."""
+        """Draws the motion of a degree of freedom over time, or a response of curves and sweeps over what varies.
+
+        Parameters
+        ----------
+        of : str, optional
+            "x1", the largest |x1| [m], or "x1 (1)", the amplitude of a harmonic; default: the first degree of freedom.
+        ax : matplotlib.axes.Axes, optional
+            Where to draw.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
         from nhbm.pictures import plot
 
         return plot(self._dataset, of, ax)

@@ -70,7 +70,8 @@ def described(path: str, text: str, keys: Iterable[Any]) -> dict[str, str]:
     named = [body for body in bodies if f"label = '{which}'" in body]
     if (group, key) == ("tones", "frequency"):
         several = re.search(r"frequency = .*,", bodies[0])
-        return {"long_name": f"Excitation frequency ω{chr(0x2080 + int(element)) if element and several else ''}", "units": "rad/s"}
+        number = chr(0x2080 + int(element)) if element and several else ""
+        return {"long_name": f"Excitation frequency ω{number}", "units": "rad/s"}
     body = (named or bodies[int(which) - 1 if (which or "").isdigit() else 0 :] or [""])[0]
     kind = re.search(r"type = '(\w+)'", body)
     sections = (f"{group} {kind[1]}" if kind else group, group)
@@ -80,7 +81,14 @@ def described(path: str, text: str, keys: Iterable[Any]) -> dict[str, str]:
 
 
 class Builder:
-    """A structure that the solver builds: `&structure` with its keys, which docs/user/input.md names with their units."""
+    """A structure that the solver builds: `&structure` with its keys, which docs/user/input.md names with their units.
+
+    Examples
+    --------
+    >>> import nhbm
+    >>> nhbm.Chain(n_masses=2, mass=1.0, coupling_stiffness=1.0)
+    Chain(n_masses=2, mass=1.0, coupling_stiffness=1.0)
+    """
 
     type = ""
 
@@ -122,7 +130,15 @@ class RotorStator(Builder):
 
 
 class Matrices(Builder):
-    """Small full matrices, row by row; Structure takes sparse ones."""
+    """Small full matrices; Structure takes sparse ones.
+
+    Parameters
+    ----------
+    mass, stiffness, damping : array_like
+        [kg], [N/m], [N s/m], (n_dofs, n_dofs).
+    **keys
+        Further keys of &structure type = 'matrices', such as `labels`.
+    """
 
     type = "matrices"
 

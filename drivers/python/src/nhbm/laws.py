@@ -117,22 +117,44 @@ class Step(NamedTuple):
 
 
 class Law:
-    """A law that models of this process may use: model.law(law, "x1").
+    """A law that models of this process may use: ``model.law(law, "x1")``.
 
-    `function` has the arguments q, v and p, or the first one or two of them: displacements [m], velocities [m/s] and the parameters of the
-    input, each an array of all samples, (n_samples) with one coordinate, (n_samples, n_coordinates) with several. It returns the forces
-    [N] of the same shape, positive where they pull back, or a tuple of them and their derivatives by q (and v), with a further axis for the
-    coordinate differentiated by where there are several. Without derivatives these come from complex steps where the function takes
-    complex samples, else from central differences.
+    Parameters
+    ----------
+    function : function or pointer
+        It has the arguments q, v and p, or the first one or two of them: displacements [m], velocities [m/s] and the parameters of
+        the input, each an array of all samples, (n_samples) with one coordinate, (n_samples, n_coordinates) with several. It
+        returns the forces [N] of the same shape, positive where they pull back, or a tuple of them and their derivatives by q (and
+        v), with a further axis for the coordinate differentiated by where there are several. Derivatives that it does not give come
+        from complex steps where it takes complex samples, else from central differences.
 
-    Further arguments are known by their names: `phases` are those of the tones, omega t along time [rad], (n_samples, n_tones), and
-    `frequencies` the base frequencies [rad/s], (n_tones). A law with memory has `states`, the number of its states, and a function
-    `advance(states, step)` or `advance(states, step, p)` that returns the states at the end of a Step from those at its start; the
-    force is then a function of q, `states` and, if wanted, p. Samples of one state are (n_samples), of several (n_samples, states). At rest
-    they are zero. Derivatives that the force gives are those by q and by the states.
+        Further arguments are known by their names: `phases` are those of the tones, omega t along time [rad], (n_samples, n_tones),
+        and `frequencies` the base frequencies [rad/s], (n_tones).
 
-    Compiled functions instead take a pointer to LawSamples, `advance` one to LawStep (nhbm_user_law.h): a ctypes pointer, a Numba cfunc, a
-    scipy.LowLevelCallable; `velocity`, `phases` and `frequencies` say then whether these are needed.
+        A compiled function instead takes a pointer to LawSamples (nhbm_user_law.h): a ctypes pointer, a Numba cfunc, a
+        scipy.LowLevelCallable.
+    velocity, phases, frequencies : bool
+        Whether a compiled function needs these.
+    degree : int
+        Of a polynomial force; 0: it is none.
+    length_scale : float
+        Displacement [m] over which the force changes; 0: not known.
+    odd : bool
+        The force changes its sign with the motion.
+    states : int
+        Number of states of a law with memory. The force is then a function of q, `states` and, if wanted, p, and derivatives that
+        it gives are those by q and by the states. Samples of one state are (n_samples), of several (n_samples, states). At rest
+        they are zero.
+    advance : function or pointer
+        ``advance(states, step)`` or ``advance(states, step, p)`` returns the states at the end of a Step from those at its start; a
+        compiled one takes a pointer to LawStep.
+
+    Examples
+    --------
+    >>> import nhbm
+    >>> law = nhbm.Law(lambda q: 0.5 * q**3, odd=True)
+    >>> law(2.0)
+    4.0
     """
 
     def __init__(
@@ -172,7 +194,17 @@ class Law:
 
 
 def law(function: Any = None, **options: Any) -> Any:
-    """Decorator that makes a Law of a function: @nhbm.law, or @nhbm.law(odd=True); the options are those of Law."""
+    """Decorator that makes a Law of a function: ``@nhbm.law``, or ``@nhbm.law(odd=True)``; the options are those of Law.
+
+    Examples
+    --------
+    >>> import nhbm, numpy as np
+    >>> @nhbm.law(odd=True)
+    ... def stiffening(q, v, p):
+    ...     return p[0] * np.sinh(q / p[1])
+    >>> stiffening.odd
+    True
+    """
     return (lambda f: Law(f, **options)) if function is None else Law(function, **options)
 
 
@@ -301,7 +333,8 @@ class _Force(_Caller):
         answer = ask(z, v, s)
         given = answer if isinstance(answer, tuple) else (answer,)
         _columns(block.f, n, block)[:] = _shaped(self.function, "forces", given[0], z.shape)
-        wanted = [(block.df_dz, z, lambda x: ask(x, v, s)), (block.df_dv, v, lambda x: ask(z, x, s)), (block.df_ds, s, lambda x: ask(z, v, x))]
+        wanted = [(block.df_dz, z, lambda x: ask(x, v, s)), (block.df_dv, v, lambda x: ask(z, x, s)),
+                  (block.df_ds, s, lambda x: ask(z, v, x))]  # fmt: skip
         wanted = [(place, x, along) for place, x, along in wanted if place]
         if 1 < len(given) <= len(wanted):
             by = "states" if self.n_states else "velocities"
@@ -310,7 +343,7 @@ class _Force(_Caller):
             if len(given) > 1:
                 _write(place, _shaped(self.function, "derivatives", given[k + 1], (*z.shape, x.shape[1])), block)
             else:
-                _write(place, np.stack([_slope(along, x, c, z.shape) for c in range(x.shape[1])], axis=2), block)
+                _write(place, np.stack([_slope(self.function, along, x, c, z.shape) for c in range(x.shape[1])], axis=2), block)
 
 
 class _Advance(_Caller):
@@ -358,14 +391,22 @@ class _Advance(_Caller):
 
 def _shaped(function: Any, what: str, values: Any, shape: tuple[int, ...], dtype: Any = float) -> Array:
     """Values as an array of that shape; raises ModelError that names the law where they are not."""
-    values = np.asarray(values, dtype=dtype)
+    place = f"law '{getattr(function, '__name__', function)}' gives {what}"
+    if dtype is float and np.iscomplexobj(values):
+        raise ModelError(f"{place} that are complex")
+    if values is None:
+        raise ModelError(f"{place} that are None")
+    try:
+        values = np.asarray(values, dtype=dtype)
+    except (TypeError, ValueError) as fault:
+        raise ModelError(f"{place} that are no numbers: {fault}") from None
     wanted = shape[:1] if max(shape[1:]) == 1 else shape
     if values.shape not in (wanted, shape, ()):
-        raise ModelError(f"law '{getattr(function, '__name__', function)}' gives {what} of shape {values.shape}, expected {wanted}")
+        raise ModelError(f"{place} of shape {values.shape}, expected {wanted}")
     return np.broadcast_to(values, wanted).reshape(shape) if values.shape == () else values.reshape(shape)
 
 
-def _slope(along: Callable[[Array], Any], samples: Array, c: int, shape: tuple[int, ...]) -> Array:
+def _slope(function: Any, along: Callable[[Array], Any], samples: Array, c: int, shape: tuple[int, ...]) -> Array:
     """Derivative of forces by a column: a complex step where the function follows it, else central differences."""
 
     def moved(by: complex) -> Any:
@@ -376,9 +417,10 @@ def _slope(along: Callable[[Array], Any], samples: Array, c: int, shape: tuple[i
     try:
         stepped = moved(_STEP * 1j)
         if np.iscomplexobj(stepped):
-            return np.asarray(np.imag(stepped) / _STEP).reshape(shape)
+            return _shaped(function, "forces", np.imag(stepped) / _STEP, shape)
     except TypeError:
         pass
     step = _DIFFERENCE * (np.abs(samples[:, c]).max() or 1.0)
-    slope: Array = (np.asarray(moved(step), dtype=float) - np.asarray(moved(-step), dtype=float)) / (2 * step)
-    return slope.reshape(shape)
+    up, down = (_shaped(function, "forces", moved(side), shape) for side in (step, -step))
+    slope: Array = (up - down) / (2 * step)
+    return slope

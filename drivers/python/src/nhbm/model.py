@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import itertools
 import re
+import threading
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -21,7 +22,8 @@ from nhbm.session import Session, input_keys
 from nhbm.structure import Structure
 
 GROUPS = (
-    "structure", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", "certificate", "stability",
+    "structure", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", "certificate",
+    "stability",
     "output", "integration", "accuracy", "curve", "tie",
 )  # fmt: skip
 _IN_MEMORY = "structure in memory"
@@ -41,12 +43,33 @@ class Peak(NamedTuple):
 class Model:
     """A structure with tones, loads and laws.
 
-    structure: a Builder (nhbm.Beam, nhbm.Chain, ...), a Structure of sparse matrices, or the path of a model file.
-    tones: base frequencies [rad/s], or a mapping of keys of the group &tones.
-    groups: further groups of the input by name, each a mapping of its keys: harmonics={"order": 9}.
+    Keys, units and defaults are those of the input (docs/user/input.md). A model belongs to one thread at a time; it can be pickled
+    with its values, for processes that work on the same.
 
-    Keys, units and defaults are those of the input (docs/user/input.md). Raises ModelError with group, key and the right value. A model
-    belongs to one thread at a time; it can be pickled with its values, for processes that work on the same.
+    Parameters
+    ----------
+    structure : Builder, Structure, str or Path
+        `nhbm.Beam(...)`, `nhbm.Chain(...)` and so on, sparse matrices, or the path of a model file.
+    tones : array_like or dict
+        Base frequencies [rad/s], or keys of the group &tones.
+    **groups : dict
+        Further groups of the input by name, each a mapping of its keys: ``harmonics={"order": 9}``.
+
+    Raises
+    ------
+    ModelError
+        What is wrong, with group, key and the right value; by the operation that first needs it.
+
+    Examples
+    --------
+    >>> import nhbm
+    >>> oscillator = nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1)
+    >>> model = nhbm.Model(oscillator, tones=[0.9])
+    >>> model.load("x1", 1, cos=0.3)
+    >>> model.law("cubic_spring", "x1", stiffness=0.5, label="spring")
+    >>> motion = model.solve(order=7)
+    >>> print(f"{float(motion.nhbm.amplitude('x1', 1)):.6f} m, stable: {int(motion['is_stable'])}")
+    0.737765 m, stable: 1
     """
 
     def __init__(self, structure: Builder | Structure | str | Path, tones: Any = (), **groups: Mapping[str, Any]) -> None:
@@ -83,8 +106,17 @@ class Model:
 
     @classmethod
     def from_namelist(cls, text: str, folder: str | Path = ".", name: str = "model") -> Model:
-        """The model of the text of an input; files that it names are looked for in `folder`, and `name` stands in messages. Groups
-        &sweep are left out."""
+        """The model of the text of an input; groups &sweep are left out.
+
+        Parameters
+        ----------
+        text : str
+            Groups of the input.
+        folder : str or Path
+            Where files that it names are looked for.
+        name : str
+            Stands in messages.
+        """
         model = cls.__new__(cls)
         model._clear()
         model._base, model._folder = text if text.endswith("\n") else text + "\n", Path(folder)
@@ -98,13 +130,27 @@ class Model:
         return cls.from_namelist(Path(path).read_text(), Path(path).parent, Path(path).name)
 
     def to_namelist(self) -> str:
-        """The input with all keys that may be given and their values; laws of Python and structures in memory stand by name alone."""
+        """The input with all keys that may be given and their values; laws of Python and structures in memory stand by name alone.
+
+        Returns
+        -------
+        str
+            An input that `from_namelist` and the command read.
+        """
         return self._live(*self._used[:2]).session.input()
 
     # What it is made of
 
     def set(self, group: str, **keys: Any) -> None:
-        """Sets keys of a group, such as set("harmonics", order=9); None leaves a key to its default."""
+        """Sets keys of a group.
+
+        Parameters
+        ----------
+        group : str
+            A group that there is once: "harmonics", "stability", "solver", ...
+        **keys
+            Its keys, such as ``set("harmonics", order=9)``; None leaves a key to its default.
+        """
         if group in ("load", "law", "start", "tie"):
             raise ModelError(f"there may be several groups &{group}; model.{group}(...) adds one")
         if group not in GROUPS:
@@ -113,12 +159,34 @@ class Model:
         self._sessions = {}
 
     def load(self, dof: str | None = None, tuple_: Any = 1, cos: float = 0.0, sin: float = 0.0, **keys: Any) -> None:
-        """Adds the force cos cos(j.omega t) + sin sin(j.omega t) [N] at a degree of freedom, or vector="name" of a structure; `tuple_` is j."""
+        """Adds the force ``cos cos(j.omega t) + sin sin(j.omega t)``.
+
+        Parameters
+        ----------
+        dof : str, optional
+            Degree of freedom; else ``vector="name"``, a load vector of the structure.
+        tuple_ : int or sequence of int
+            j, one entry a tone.
+        cos, sin : float
+            Amplitudes [N] ([N m] at an angle), times those of the vector.
+        **keys
+            Further keys of &load, such as ``frequency_power=2`` for an unbalance [kg m].
+        """
         entries = [int(k) for k in np.atleast_1d(tuple_)]
         self._add("load", {"dof": dof, "tuple": entries, "cos": cos, "sin": sin, **keys})
 
     def law(self, kind: str | Law | Callable[..., Any], dof: str | Iterable[str] | None = None, **keys: Any) -> None:
-        """Adds a law of the catalogue by its type, or one of Python (nhbm.law); `dof` is where it acts, several are `dofs`."""
+        """Adds a nonlinear element.
+
+        Parameters
+        ----------
+        kind : str, Law or function
+            A type of the catalogue ("cubic_spring", "jenkins", ...), a law of Python, or a function that becomes one.
+        dof : str or iterable of str, optional
+            Where it acts; several are the key `dofs`.
+        **keys
+            Its keys with their units of docs/user/input.md, such as ``gap=1e-3`` [m]; ``label="wall"`` names it in paths.
+        """
         where = {} if dof is None else {"dof": dof} if isinstance(dof, str) else {"dofs": list(dof)}
         if isinstance(kind, str):
             self._add("law", {"type": kind, **where, **keys})
@@ -128,16 +196,54 @@ class Model:
         self._add("law", {"type": "user", "library": "", "name": law.name, "odd": law.odd, **where, **keys})
 
     def start(self, dof: str, tuple_: Any = 1, cos: float = 0.0, sin: float = 0.0, **keys: Any) -> None:
-        """Adds an entry of the first guess, as `load`, in units of the motion."""
+        """Adds an entry of the first guess.
+
+        Parameters
+        ----------
+        dof : str
+            Degree of freedom.
+        tuple_ : int or sequence of int
+            Tuple of the harmonic.
+        cos, sin : float
+            Amplitudes, in the unit of the degree of freedom [m or rad].
+        **keys
+            Further keys of &start.
+        """
         self._add("start", {"dof": dof, "tuple": [int(k) for k in np.atleast_1d(tuple_)], "cos": cos, "sin": sin, **keys})
 
     def tie(self, path: str, to: str, factor: float = 1.0, offset: float = 0.0) -> None:
-        """Lets a value follow another one, offset + factor times it: model.tie("structure.speed", "tones[0]")."""
+        """Lets a value follow another one, ``offset + factor * value``.
+
+        Parameters
+        ----------
+        path, to : str
+            What follows, and what it follows: ``model.tie("structure.speed", "tones[0]")``.
+        factor, offset : float
+            In the units of both.
+        """
         paths = path_of(path, GROUPS), path_of(to, GROUPS)
         self._add("tie", {"parameter": paths[0], "to": paths[1], "factor": factor, "offset": offset})
 
     def __setitem__(self, path: str, value: Any) -> None:
-        """Sets a value by its path: model["wall.gap"] = 1e-3, model["tones[0]"] = 2.0, or a path of the input, "law(wall)%gap"."""
+        """Sets a value by its path.
+
+        Parameters
+        ----------
+        path : str
+            "wall.gap" (label and key), "tones[0]", or a path of the input, "law(wall)%gap".
+        value : object
+            In the unit of the input.
+
+        Examples
+        --------
+        >>> import nhbm
+        >>> model = nhbm.Model(nhbm.Chain(n_masses=2, mass=1.0, coupling_stiffness=1.0), tones=[0.9])
+        >>> model["tones[0]"] = 1.1
+        >>> model["stop.gap"] = 1e-3
+        Traceback (most recent call last):
+            ...
+        nhbm.errors.ModelError: 'law(stop)%gap' there is no group '&law'; the file has: structure, tones, ...
+        """
         path, live = path_of(path, GROUPS), self._live(*self._used[:2])
         live.set(path, value)
         self._n_assignments += 1
@@ -148,10 +254,28 @@ class Model:
     # What it does
 
     def solve(self, *, tolerance: float | None = None, order: int | None = None, warm: bool = False) -> xr.Dataset:
-        """Finds the motion: harmonics by tolerance (relative, 1e-2 if nothing is said) or of a given order.
+        """Finds the motion.
 
-        `warm` starts from the motion found last. The dataset has the names of the result file; its status is 1 where the motion has
-        converged, else NotConverged is warned of with the reason.
+        Parameters
+        ----------
+        tolerance : float, optional
+            Relative error of the motion that is asked for, with harmonics chosen for it; 1e-2 if neither it nor `order` is given.
+        order : int, optional
+            Highest order of the harmonics, in the place of a tolerance.
+        warm : bool
+            Start from the motion found last.
+
+        Returns
+        -------
+        xarray.Dataset
+            The names, axes and units of the result file (docs/user/schema.md); `dataset.nhbm` has amplitudes, harmonics, values
+            over time and pictures.
+
+        Warns
+        -----
+        NotConverged
+            The motion was not found, or misses what was asked for; its `status` is not 1, and `dataset.nhbm.message` has the
+            reason.
         """
         session = self._live(tolerance, order).session
         self._solved = self._used
@@ -164,8 +288,22 @@ class Model:
     def response(self, of: str, *, tolerance: float | None = None, order: int | None = None, warm: bool = True) -> float:
         """Finds the motion and returns one number of it, without a dataset: for optimisers and other loops.
 
-        `of` is a degree of freedom, "x1", for the root mean square of what oscillates there, or the amplitude of a harmonic of it,
-        "x1 (1)" or "v3 (1,0)", in the unit of the degree of freedom. NaN, with a warning, where no motion was found.
+        Parameters
+        ----------
+        of : str
+            A degree of freedom, "x1", for the root mean square of what oscillates there, or a harmonic of it, "x1 (1)" or "v3
+            (1,0)", for its amplitude.
+        tolerance : float, optional
+            Relative error of the motion that is asked for, with harmonics chosen for it; 1e-2 if neither it nor `order` is given.
+        order : int, optional
+            Highest order of the harmonics, in the place of a tolerance.
+        warm : bool
+            Start from the motion found last.
+
+        Returns
+        -------
+        float
+            In the unit of the degree of freedom [m or rad]; NaN, with the warning NotConverged, where no motion was found.
         """
         session = self._live(tolerance, order).session
         session.solve(warm, points=0)
@@ -176,10 +314,29 @@ class Model:
 
     def peak(self, of: str, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
              **keys: Any) -> Peak:  # fmt: skip
-        """Follows motions as `curve` does and returns the largest response on the way, and where it is.
+        """Follows motions as `curve` does and returns the largest response on the way.
 
-        `of` is a response as for `response`; folds on the way do not matter. keys: of the group &curve. Neither stability
-        nor, of a given order, errors are looked for.
+        Neither stability nor, of a given order, errors are looked for; folds on the way do not matter.
+
+        Parameters
+        ----------
+        of : str
+            A response, as for `response`.
+        path : str
+            Path of the value that moves.
+        start, stop : float
+            Its range, in its unit.
+        tolerance : float, optional
+            Relative error of the motion that is asked for, with harmonics chosen for it; 1e-2 if neither it nor `order` is given.
+        order : int, optional
+            Highest order of the harmonics, in the place of a tolerance.
+        **keys
+            Of the group &curve.
+
+        Returns
+        -------
+        Peak
+            The response and the value of the parameter at which it is.
         """
         path = path_of(path, GROUPS)
         groups = {
@@ -201,10 +358,40 @@ class Model:
 
     def curve(self, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
               on_point: Callable[[xr.Dataset], bool] | None = None, progress: Any = False, **keys: Any) -> xr.Dataset:  # fmt: skip
-        """Follows motions while the value of a path moves from `start` to `stop`, round folds, with stability and bifurcations.
+        """Follows motions while a value moves, round folds, with stability and bifurcations.
 
-        keys: of the group &curve (docs/user/curves.md), such as peak_of="x1 (1)", points=200. `on_point` gets each point and may end the
-        curve by returning True. The points are those of the dimension `point`; `curve_kind` tells folds, peaks and bifurcations.
+        Parameters
+        ----------
+        path : str
+            Path of the value: "tones[0]", "wall.gap".
+        start, stop : float
+            Its range, in its unit.
+        tolerance : float, optional
+            Relative error of the motion that is asked for, with harmonics chosen for it; 1e-2 if neither it nor `order` is given.
+        order : int, optional
+            Highest order of the harmonics, in the place of a tolerance.
+        on_point : function, optional
+            Gets the dataset of each point; True ends the curve.
+        progress : bool or function
+            True: a bar of tqdm, in notebooks too; a function gets the number of points.
+        **keys
+            Of the group &curve (docs/user/curves.md), such as ``peak_of="x1 (1)", points=200``.
+
+        Returns
+        -------
+        xarray.Dataset
+            As of `solve`, with the dimension `point`; `curve_kind` names folds (3), peaks (4) and bifurcations.
+
+        Examples
+        --------
+        >>> import nhbm
+        >>> oscillator = nhbm.Chain(n_masses=1, ends="fixed-free", mass=1.0, coupling_stiffness=1.0, damping_mass=0.05)
+        >>> model = nhbm.Model(oscillator, tones=[0.5])
+        >>> model.load("x1", 1, cos=0.18)
+        >>> model.law("cubic_spring", "x1", stiffness=0.1)
+        >>> curve = model.curve("tones[0]", 0.5, 2.0, order=15)
+        >>> print([f"{float(omega):.6f}" for omega in curve["tones_frequency_1"][curve["curve_kind"] == 3]])
+        ['1.269602', '1.115700']
         """
         path = path_of(path, GROUPS)
         if "over" in keys:
@@ -227,22 +414,45 @@ class Model:
         return found.set_coords(identifier(path)).assign_attrs(varies=[identifier(path)])
 
     def integrate(self, duration: float | None = None, *, order: int | None = None, **keys: Any) -> xr.Dataset:
-        """Integrates the model through time, from rest if nothing else is said, and returns the record that `nhbm integrate` writes.
+        """Integrates the model through time, from rest if nothing else is said.
 
-        duration: of the record [s], after the `transient`; keys: of the group &integration, such as method, transient, step. The coefficients are
-        those of the harmonics of the model or of `order`.
+        Parameters
+        ----------
+        duration : float, optional
+            Of the record [s], after the `transient`; else that of the group &integration.
+        order : int, optional
+            Highest order of the harmonics of which the record has coefficients.
+        **keys
+            Of the group &integration: `method`, `transient` [s], `step` [s], ...
+
+        Returns
+        -------
+        xarray.Dataset
+            The record that `nhbm integrate` writes.
         """
         given = {"duration": None if duration is None else float(duration), **keys}
-        session = self._live(None, order, {"integration": {key: value for key, value in given.items() if value is not None}}).session
+        given = {key: value for key, value in given.items() if value is not None}
+        session = self._live(None, order, {"integration": given}).session
         session.integrate()
         return dataset.record_of(session)
 
     def verify(self, motion: xr.Dataset | None = None, *, periods: int = 0) -> xr.Dataset:
-        """Integrates through time from the motion that `solve` has found last, and from beside it, until it is clear whether it stays there.
+        """Integrates through time from the motion that `solve` has found last, and from beside it, until it is clear whether it
+        stays there.
 
-        Returns what `nhbm verify` writes: `integration_verdict` ("agrees", "unstable", "differs", "undecided"), the differences of the motion
-        in the first and in the last periods, the limit of the latter by the estimated error, the growth of disturbances [1/s]. `motion`, where
-        given, must be the one found last; `periods` of the slowest tone is the most (0: as many as the decay takes).
+        Parameters
+        ----------
+        motion : xarray.Dataset, optional
+            The motion found last; another one is refused.
+        periods : int
+            The most periods of the slowest tone; 0: as many as the decay takes.
+
+        Returns
+        -------
+        xarray.Dataset
+            What `nhbm verify` writes: `integration_verdict` ("agrees", "unstable", "differs", "undecided"), the differences of the
+            motion in the first and in the last periods, the limit of the latter by the estimated error, the growth of disturbances
+            [1/s].
         """
         live = self._sessions.get(self._solved)
         if live is None:
@@ -257,14 +467,39 @@ class Model:
     def sweep(self, values: Mapping[str, Any], *, paired: bool = False, of: str | Callable[[Model], object] | None = None,
               tolerance: float | None = None, order: int | None = None, warm: bool = False,
               workers: int = 1, executor: Any = None, comm: Any = None, progress: Any = False) -> xr.Dataset:  # fmt: skip
-        """Solves the points of a grid of values by path, {"wall.gap": [...], "tones[0]": [...]}; the last one changes fastest.
+        """Solves the points of a grid of values.
 
-        `paired`: the first values of all paths are a point, the second ones the next, as samples of random parameters are.
-        `of` keeps numbers in place of motions: a response ("x1 (1)", see `response`), or a function that gets the model with the values
-        of the point and returns a number or a mapping of numbers, such as functools.partial(nhbm.Model.peak, of="x1", ...).
-        `warm` starts each point from its neighbour along the last path. The work is spread over lines of the grid (points, where nothing
-        is warm): over `workers` processes, an executor with `map` (concurrent.futures, mpi4py.futures, Dask), or the ranks of an MPI
-        communicator, each of which gets the whole dataset. Points that have no motion are reported by `status` and `message`.
+        The work is spread over lines of the grid (points, where nothing is warm): over `workers`, an `executor`, or the ranks of
+        `comm`.
+
+        Parameters
+        ----------
+        values : dict
+            Values by path, ``{"wall.gap": [...], "tones[0]": [...]}``; the last one changes fastest.
+        paired : bool
+            The first values of all paths are a point, the second ones the next, as samples of random parameters are.
+        of : str or function, optional
+            Keeps numbers in place of motions: a response ("x1 (1)"), or a function that gets the model with the values of the point
+            and returns a number or a mapping of numbers, such as ``functools.partial(nhbm.Model.peak, of="x1", ...)``.
+        tolerance : float, optional
+            Relative error of the motion that is asked for, with harmonics chosen for it; 1e-2 if neither it nor `order` is given.
+        order : int, optional
+            Highest order of the harmonics, in the place of a tolerance.
+        warm : bool
+            Start each point from its neighbour along the last path.
+        workers : int
+            Processes.
+        executor : object, optional
+            With `map`: of concurrent.futures, mpi4py.futures, a client of Dask by its `get_executor()`.
+        comm : mpi4py.MPI.Comm, optional
+            Each of its ranks gets the whole dataset.
+        progress : bool or function
+            True: a bar of tqdm, in notebooks too; a function gets the number of points done.
+
+        Returns
+        -------
+        xarray.Dataset
+            As of `solve`, with the dimension `point`; points without a motion are reported by `status` and `message`.
         """
         grid = {path_of(path, GROUPS): list(np.atleast_1d(list(np.atleast_1d(line)))) for path, line in values.items()}
         if not grid or not all(grid.values()):
@@ -319,7 +554,8 @@ class Model:
     def _is_in_base(self, group: str) -> bool:
         return re.search(rf"^\s*&{group}\b", self._base, re.IGNORECASE | re.MULTILINE) is not None
 
-    def _live(self, tolerance: float | None = None, order: int | None = None, more: dict[str, dict[str, Any]] | None = None) -> _Live:
+    def _live(self, tolerance: float | None = None, order: int | None = None,
+              more: dict[str, dict[str, Any]] | None = None) -> _Live:  # fmt: skip
         """The session with that tolerance or order and keys of further groups, made once, with the present values."""
         self._used = tolerance, order, repr(more or "")
         if self._used not in self._sessions:
@@ -384,14 +620,16 @@ class _Live:
 class _Line:
     """Solves a line of points; a value that processes can be sent."""
 
-    def __init__(self, model: Model, paths: list[str], of: Any, tolerance: float | None, order: int | None, warm: bool, n: int) -> None:
+    def __init__(self, model: Model, paths: list[str], of: Any, tolerance: float | None, order: int | None, warm: bool,
+                 n: int) -> None:  # fmt: skip
         self.model, self.paths, self.of, self.tolerance, self.order, self.warm, self.n = model, paths, of, tolerance, order, warm, n
+        self.thread = threading.get_ident()
 
     def __call__(self, points: list[Any]) -> list[Any]:
-        return [self._point(point, k) for k, point in enumerate(points)]
+        model = self.model if threading.get_ident() == self.thread else copy.copy(self.model)  # a model belongs to one thread
+        return [self._point(model, point, k) for k, point in enumerate(points)]
 
-    def _point(self, point: Any, k: int) -> Any:
-        model = self.model
+    def _point(self, model: Model, point: Any, k: int) -> Any:
         wanted: dict[str, Any] = {"tolerance": self.tolerance, "order": self.order}
         for path, value in zip(self.paths, point):
             model[path] = value

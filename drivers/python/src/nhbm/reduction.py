@@ -331,8 +331,8 @@ class _KrylovSpace:
         return np.array([u @ np.linalg.solve(rigidity - np.diag(w**2 * theta) + 1j * (w * viscous + hysteretic), b) for w in frequencies])
 
     def _go_on_with_residuals(self, offset) -> None:
-        """The next forces are what the shapes leave of the forces at some frequencies: damping or stiffness of another kind than that
-        of the space acts all over the structure."""
+        """The next forces are what the shapes leave of the forces at some frequencies: damping or stiffness of another kind than
+        that of the space acts all over the structure."""
         frequencies = self.up_to * (np.arange(1, N_RESIDUALS + 1) - offset) / N_RESIDUALS
         motions = self._answers(self.basis, frequencies)
         left = [self.forces - _dynamic(self.model, w, 0.0) @ (self.basis @ x) for w, x in zip(frequencies, motions)]

@@ -1,9 +1,8 @@
 """Rotors: round shafts with disks in bearings, by beam elements in two planes, with their terms in the speeds of the shafts.
 
-Timoshenko's beam with rotary inertia and gyroscopic terms (Nelson, J. Mech. Design 102 (1980) 793), damping that turns with the shaft
-(Genta, Dynamics of Rotating Systems, Springer 2005, chapter 6). The shafts lie along z: each node moves along x and y and has the
-slopes dx/dz and dy/dz of its section.
-"""
+Timoshenko's beam with rotary inertia and gyroscopic terms (Nelson, J. Mech. Design 102 (1980) 793), damping that turns with the
+shaft (Genta, Dynamics of Rotating Systems, Springer 2005, chapter 6). The shafts lie along z: each node moves along x and y and has
+the slopes dx/dz and dy/dz of its section. """
 
 from __future__ import annotations
 
@@ -34,8 +33,8 @@ class _Shaft:
 class Rotor:
     """Round shafts of one material on one axis, with disks, bearings and unbalance; `structure` makes the matrices.
 
-    young: Young's modulus [N/m2]; density [kg/m3]; poisson: Poisson's ratio for the shear of the sections, None for none (Bernoulli).
-    """
+    young: Young's modulus [N/m2]; density [kg/m3]; poisson: Poisson's ratio for the shear of the sections, None for none
+    (Bernoulli). """
 
     def __init__(self, young: float = 2.1e11, density: float = 7850.0, poisson: float | None = 0.3):
         self.young, self.density, self.poisson = young, density, poisson
@@ -50,10 +49,9 @@ class Rotor:
         return sum(len(shaft.z) for shaft in self._shafts)
 
     def shaft(self, z, diameter, bore=0.0, *, name: str = "shaft", speed: int = 1, damping: float = 0.0) -> None:
-        """Adds a shaft. z: positions of its nodes [m], rising; diameter, bore: outer and inner one [m], one or one for each element;
-        name: for the other methods; speed: 1 or 2, the number of the speed that it turns by; damping: of its material, viscous and turning
-        along, as a factor of its stiffness [s].
-        """
+        """Adds a shaft. z: positions of its nodes [m], rising; diameter, bore: outer and inner one [m], one or one for each
+        element; name: for the other methods; speed: 1 or 2, the number of the speed that it turns by; damping: of its material,
+        viscous and turning along, as a factor of its stiffness [s]. """
         z = np.asarray(z, dtype=float)
         if z.ndim != 1 or len(z) < 2 or not (np.diff(z) > 0).all():
             raise ModelError(f"shaft '{name}': z must be two or more rising positions")
@@ -77,21 +75,24 @@ class Rotor:
         self._shafts.append(place)
 
     def disk(self, z: float, mass: float, diametral: float, polar: float, *, shaft: str | None = None) -> None:
-        """Adds a rigid disk at the node nearest to z [m]: its mass [kg], diametral and polar moment of inertia [kg m2]; set `disk1`, ..."""
+        """Adds a rigid disk at the node nearest to z [m]: its mass [kg], diametral and polar moment of inertia [kg m2]; set
+        `disk1`, ..."""
         place, node = self._node(z, shaft)
         self._add("mass", (node,), np.eye(2), np.diag([mass, diametral]))
         self._add(_by_speed("gyroscopic_by_speed", place.speed), (node,), ACROSS, np.diag([0.0, polar]))
         self._sets[self._next("disk")] = node
 
     def bearing(self, z: float, stiffness, damping=0.0, *, shaft: str | None = None) -> None:
-        """Holds the node nearest to z [m]: stiffness [N/m] and damping [N s/m], one number or a matrix over x and y; set `bearing1`, ..."""
+        """Holds the node nearest to z [m]: stiffness [N/m] and damping [N s/m], one number or a matrix over x and y; set
+        `bearing1`, ..."""
         _, node = self._node(z, shaft)
         for name, values in (("stiffness", stiffness), ("damping", damping)):
             self._add(name, (node,), _two(values), np.diag([1.0, 0.0]))
         self._sets[self._next("bearing")] = node
 
     def between(self, z: float, one: str, other: str, stiffness, damping=0.0) -> None:
-        """Joins two shafts at z [m] by a bearing, as `bearing`; sets `inner1` and `outer1`, ... for contact laws (stiffness may be 0)."""
+        """Joins two shafts at z [m] by a bearing, as `bearing`; sets `inner1` and `outer1`, ... for contact laws (stiffness may be
+        0)."""
         nodes = self._node(z, one)[1], self._node(z, other)[1]
         joint = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.diag([1.0, 0.0]))
         for name, values in (("stiffness", stiffness), ("damping", damping)):
@@ -100,8 +101,8 @@ class Rotor:
             self._sets[self._next(word)] = node
 
     def unbalance(self, z: float, amount: float, angle: float = 0.0, *, shaft: str | None = None) -> None:
-        """Adds mass times eccentricity [kg m] at z [m] and an angle [rad]; vectors of loads `unbalance_NAME_cos` and `..._sin` of the shaft,
-        for &load with frequency_power = 2 and the tuple of the shaft's tone."""
+        """Adds mass times eccentricity [kg m] at z [m] and an angle [rad]; vectors of loads `unbalance_NAME_cos` and `..._sin` of
+        the shaft, for &load with frequency_power = 2 and the tuple of the shaft's tone."""
         place, node = self._node(z, shaft)
         self._unbalance.setdefault(place.name, []).append((node, amount, angle))
 
@@ -157,12 +158,12 @@ class Rotor:
         return np.array([f for f, _ in found]), np.array([g for _, g in found])
 
     def critical_speeds(self, up_to: float, ratio: float = 1.0, order: float = 1.0) -> np.ndarray:
-        """Speeds of speed 1 [rad/s], up to one, at which a whirl of the undamped rotor has `order` times the speed: forward ones for the
-        unbalance of its shafts (order 1); `order = ratio` is for that of the other shaft, a negative order for backward whirls.
+        """Speeds of speed 1 [rad/s], up to one, at which a whirl of the undamped rotor has `order` times the speed: forward ones
+        for the unbalance of its shafts (order 1); `order = ratio` is for that of the other shaft, a negative order for backward
+        whirls.
 
-        Source: (K - W**2 (order**2 M - order G)) u = 0 for circular whirl, G the gyroscopic matrix of all shafts at W = 1; bearings must be the
-        same in x and y.
-        """
+        Source: (K - W**2 (order**2 M - order G)) u = 0 for circular whirl, G the gyroscopic matrix of all shafts at W = 1; bearings
+        must be the same in x and y. """
         s = self.structure()
         k, m = s.stiffness.toarray(), s.mass.toarray()
         planes = [np.arange(s.n_dofs)[plane::2] for plane in (0, 1)]  # x and xz, y and yz of all nodes

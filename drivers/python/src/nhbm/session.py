@@ -1,4 +1,5 @@
-"""The shared library in process (nhbm.h, ctypes): a session reads an input, is given other values, and is solved again and again."""
+"""The shared library in process (nhbm.h, ctypes): a session reads an input, is given other values, and is solved again and
+again."""
 
 from __future__ import annotations
 
@@ -145,7 +146,19 @@ class Key(NamedTuple):
 
 
 def input_keys() -> list[Key]:
-    """The table of input keys, in the order of the documentation."""
+    """The table of input keys, in the order of the documentation.
+
+    Returns
+    -------
+    list of Key
+        With section, name, type, unit, default, range and meaning, as texts.
+
+    Examples
+    --------
+    >>> import nhbm
+    >>> next(key.unit for key in nhbm.input_keys() if (key.section, key.name) == ("law rigid_wall", "gap"))
+    'm'
+    """
     keys: list[Key] = []
     row = ctypes.create_string_buffer(1200)
     while library().nhbm_key(len(keys), row, len(row)):
@@ -190,9 +203,8 @@ class Column:
 class Session:
     """An input that is solved in process. Raises ModelError with group, key and the right value where something is wrong.
 
-    `structures(name)` gives the Structure that `&structure type = 'model', file = name` asks for. A session belongs to one thread at a
-    time; the interpreter's lock is released while it is solved.
-    """
+    `structures(name)` gives the Structure that `&structure type = 'model', file = name` asks for. A session belongs to one thread
+    at a time; the interpreter's lock is released while it is solved. """
 
     def __init__(self, structures: Callable[[str], Structure] | None = None) -> None:
         self._library, self._error = library(), _Error()
