@@ -36,6 +36,7 @@ module hb_c_interface
    !> struct nhbm_model: a session with the texts that C sees of it.
    type :: handle_t
       type(session_t) :: session
+      type(error_t), allocatable :: failure                           ! of the last call
       character(c_char), allocatable :: text(:), unit(:), axes(:)
    end type handle_t
 
@@ -68,11 +69,10 @@ contains
       type(c_ptr), value :: model, text, name
       type(c_error_t), intent(inout) :: error
       type(handle_t), pointer :: handle
-      type(error_t), allocatable :: failure
 
       call c_f_pointer(model, handle)
-      call handle%session%read(c_text(name), c_text(text), failure)
-      code = reported(failure, wrong_input, error)
+      call handle%session%read(c_text(name), c_text(text), handle%failure)
+      code = reported(handle%failure, wrong_input, error)
    end function nhbm_read
 
    subroutine nhbm_delete(model) bind(c, name="nhbm_delete")
@@ -100,11 +100,10 @@ contains
       type(c_ptr), value :: model, path, values
       type(c_error_t), intent(inout) :: error
       type(handle_t), pointer :: handle
-      type(error_t), allocatable :: failure
 
       call c_f_pointer(model, handle)
-      call handle%session%set(c_text(path), c_text(values), failure)
-      code = reported(failure, wrong_input, error)
+      call handle%session%set(c_text(path), c_text(values), handle%failure)
+      code = reported(handle%failure, wrong_input, error)
    end function nhbm_set_text
 
    integer(c_int) function nhbm_parameter(model, path, number, error) bind(c, name="nhbm_parameter") result(code)
@@ -112,13 +111,12 @@ contains
       integer(c_int), intent(out) :: number
       type(c_error_t), intent(inout) :: error
       type(handle_t), pointer :: handle
-      type(error_t), allocatable :: failure
       integer :: found
 
       call c_f_pointer(model, handle)
-      call handle%session%resolve(c_text(path), found, failure)
+      call handle%session%resolve(c_text(path), found, handle%failure)
       number = int(found, c_int)
-      code = reported(failure, wrong_input, error)
+      code = reported(handle%failure, wrong_input, error)
    end function nhbm_parameter
 
    integer(c_int) function nhbm_set(model, number, value, error) bind(c, name="nhbm_set") result(code)
@@ -127,11 +125,10 @@ contains
       real(c_double), value :: value
       type(c_error_t), intent(inout) :: error
       type(handle_t), pointer :: handle
-      type(error_t), allocatable :: failure
 
       call c_f_pointer(model, handle)
-      call handle%session%set_number(int(number), real(value, wp), failure)
-      code = reported(failure, wrong_use, error)
+      call handle%session%set_number(int(number), real(value, wp), handle%failure)
+      code = reported(handle%failure, wrong_use, error)
    end function nhbm_set
 
    integer(c_int) function nhbm_solve(model, start, error) bind(c, name="nhbm_solve") result(code)
@@ -139,22 +136,20 @@ contains
       integer(c_int), value :: start
       type(c_error_t), intent(inout) :: error
       type(handle_t), pointer :: handle
-      type(error_t), allocatable :: failure
 
       call c_f_pointer(model, handle)
-      call handle%session%solve(start /= 0, failure)
-      code = reported(failure, wrong_input, error)
+      call handle%session%solve(start /= 0, handle%failure)
+      code = reported(handle%failure, wrong_input, error)
    end function nhbm_solve
 
    integer(c_int) function nhbm_begin_curve(model, error) bind(c, name="nhbm_begin_curve") result(code)
       type(c_ptr), value :: model
       type(c_error_t), intent(inout) :: error
       type(handle_t), pointer :: handle
-      type(error_t), allocatable :: failure
 
       call c_f_pointer(model, handle)
-      call handle%session%begin_curve(failure)
-      code = reported(failure, wrong_input, error)
+      call handle%session%begin_curve(handle%failure)
+      code = reported(handle%failure, wrong_input, error)
    end function nhbm_begin_curve
 
    integer(c_int) function nhbm_next(model, is_point, error) bind(c, name="nhbm_next") result(code)
@@ -175,11 +170,10 @@ contains
       type(c_ptr), value :: model
       type(c_error_t), intent(inout) :: error
       type(handle_t), pointer :: handle
-      type(error_t), allocatable :: failure
 
       call c_f_pointer(model, handle)
-      call handle%session%integrate(failure)
-      code = reported(failure, wrong_input, error)
+      call handle%session%integrate(handle%failure)
+      code = reported(handle%failure, wrong_input, error)
    end function nhbm_integrate
 
    integer(c_int) function nhbm_verify(model, n_periods, error) bind(c, name="nhbm_verify") result(code)
@@ -187,11 +181,10 @@ contains
       integer(c_int), value :: n_periods
       type(c_error_t), intent(inout) :: error
       type(handle_t), pointer :: handle
-      type(error_t), allocatable :: failure
 
       call c_f_pointer(model, handle)
-      call handle%session%verify(int(n_periods), failure)
-      code = reported(failure, wrong_use, error)
+      call handle%session%verify(int(n_periods), handle%failure)
+      code = reported(handle%failure, wrong_use, error)
    end function nhbm_verify
 
    integer(c_int) function nhbm_column_of(model, name, column, error) bind(c, name="nhbm_column_of") result(code)
@@ -199,12 +192,11 @@ contains
       type(c_column_t), intent(out) :: column
       type(c_error_t), intent(inout) :: error
       type(handle_t), pointer :: handle
-      type(error_t), allocatable :: failure
 
       call c_f_pointer(model, handle)
-      call handle%session%look_up(c_text(name), failure)
+      call handle%session%look_up(c_text(name), handle%failure)
       call show_column(handle, column)
-      code = reported(failure, wrong_use, error)
+      code = reported(handle%failure, wrong_use, error)
    end function nhbm_column_of
 
    integer(c_int) function nhbm_time_column_of(model, name, column, error) bind(c, name="nhbm_time_column_of") result(code)
@@ -212,21 +204,19 @@ contains
       type(c_column_t), intent(out) :: column
       type(c_error_t), intent(inout) :: error
       type(handle_t), pointer :: handle
-      type(error_t), allocatable :: failure
 
       call c_f_pointer(model, handle)
-      call handle%session%look_up_in_time(c_text(name), failure)
+      call handle%session%look_up_in_time(c_text(name), handle%failure)
       call show_column(handle, column)
-      code = reported(failure, wrong_use, error)
+      code = reported(handle%failure, wrong_use, error)
    end function nhbm_time_column_of
 
    type(c_ptr) function nhbm_time_column_names(model) bind(c, name="nhbm_time_column_names") result(text)
       type(c_ptr), value :: model
       type(handle_t), pointer :: handle
-      type(error_t), allocatable :: ignored
 
       call c_f_pointer(model, handle)
-      call handle%session%look_up_in_time("", ignored)
+      call handle%session%look_up_in_time("", handle%failure)
       text = kept(handle%session%column%names, handle%text)
    end function nhbm_time_column_names
 
@@ -254,10 +244,9 @@ contains
    type(c_ptr) function nhbm_column_names(model) bind(c, name="nhbm_column_names") result(text)
       type(c_ptr), value :: model
       type(handle_t), pointer :: handle
-      type(error_t), allocatable :: ignored
 
       call c_f_pointer(model, handle)
-      call handle%session%look_up("", ignored)
+      call handle%session%look_up("", handle%failure)
       text = kept(handle%session%column%names, handle%text)
    end function nhbm_column_names
 
