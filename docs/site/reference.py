@@ -80,8 +80,9 @@ def signature(name: str, what) -> str:
 
 def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
+    ford = '<a href="../ford/module/nhbm.html">pages of FORD</a>'
     source = {"c": ("# C\n\nThe header is the manual, in the order of use.\n", ["src/api/nhbm.h", "src/laws/nhbm_user_law.h"], "c"),
-              "fortran": ("# Fortran\n\nThe module `nhbm`.\n", ["src/api/nhbm.f90"], "fortran")}  # fmt: skip
+              "fortran": (f"# Fortran\n\nThe module `nhbm`; its types with all they have: {ford}.\n", ["src/api/nhbm.f90"], "fortran")}  # fmt: skip
     pages = {"command": command(), "python": python()}
     for name, (head, files, language) in source.items():
         pages[name] = "\n".join([head, *(f"## {Path(file).name}\n\n{block((ROOT / file).read_text(encoding='utf-8'), language)}" for file in files)])
