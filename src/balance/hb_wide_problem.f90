@@ -118,8 +118,10 @@ contains
       real(wp) :: r_there(size(r))
       logical :: is_found
 
+      call self%step_in_blocks(r, first)
+      is_lost = self%is_lost
+      if (is_lost) return
       if (size(self%wide%omega) > 1) then
-         call self%step_in_blocks(r, first)
          call self%find_residual(moved(), first, r_there, is_lost)
          if (is_lost) return
          call self%step_in_blocks(r_there, second)
@@ -128,11 +130,13 @@ contains
             if (is_rigid) second = 0.0_wp
             if (is_rigid) return
          end if
+         self%is_lost = .false.
       end if
       call self%find_step(motion, r, 0.0_wp, first, is_found)
       is_lost = .not. is_found
       if (.not. is_lost) call self%find_residual(moved(), first, r_there, is_lost)
       if (is_lost) return
+      call self%step_in_blocks(r_there, second)
       call self%find_step(moved(), r_there, small_step*norm2(first(:size(motion))), second, is_found)
       is_lost = .not. is_found
 
@@ -170,33 +174,29 @@ contains
       end associate
    end subroutine wide_problem_find_residual
 
-   !> Finds the step s of J s = r at a motion; `is_found` is false where nothing near it comes out.
+   !> Finds the step s of J s = r at a motion from the step in blocks; `is_found` is false where nothing near it comes out.
    subroutine wide_problem_find_step(self, motion, r, least, step, is_found)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
       real(wp), intent(in) :: r(:)                                    !! (n_unknowns)
       real(wp), intent(in) :: least                                   !! size of steps that matter
-      real(wp), intent(out) :: step(:)                                !! (n_unknowns)
+      real(wp), intent(inout) :: step(:)                              !! (n_unknowns)
       logical, intent(out) :: is_found
       type(gmres_t) :: gmres
       integer :: most
-      real(wp) :: first(size(step)), found(size(step))
+      real(wp) :: blocks(size(step))
 
       is_found = .false.
-      self%is_lost = .false.
-      call self%step_in_blocks(r, first)
-      if (self%is_lost .or. .not. all(ieee_is_finite(first))) return
-      is_found = norm2(first) <= least
-      step = first
+      if (self%is_lost .or. .not. all(ieee_is_finite(step))) return
+      is_found = norm2(step) <= least
       if (is_found) return
       call self%wide%linearise(reshape(motion, [size(motion)]), is_found)
       if (.not. is_found) return
       most = merge(of_one_tone, of_several, size(self%wide%omega) == 1)
       call new_gmres(gmres, self%n_unknowns, most)
-      found = first
-      call gmres%solve(self, first, max(accuracy, least/norm2(first)), most, found)
+      blocks = step
+      call gmres%solve(self, blocks, max(accuracy, least/norm2(blocks)), most, step)
       self%n_products = self%n_products + gmres%n_products
-      step = found
       is_found = all(ieee_is_finite(step)) .and. .not. self%is_lost
    end subroutine wide_problem_find_step
 

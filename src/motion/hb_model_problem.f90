@@ -3,8 +3,10 @@
 !>
 !> A value that is the frequency of a tone moves the balance; loads that grow with frequencies go along. Any other value is set in
 !> the document of the model, and what depends on it is made anew. The derivative of the residual by it is exact for frequencies,
-!> and for loads, which the residual is linear in; else a central difference. Source: docs/why/theory.md, section 6.7.
+!> and for loads, which the residual is linear in; else a central difference, of what a condensed structure is made from before it
+!> is condensed. Source: docs/why/theory.md, section 6.7.
 module hb_model_problem
+   use hb_amplitudes, only: amplitudes_t, new_amplitudes
    use hb_balance, only: balance_t, new_balance
    use hb_coordinates, only: coordinates_t
    use hb_document, only: document_t, parameter_t
@@ -13,10 +15,12 @@ module hb_model_problem
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: laws_at
    use hb_level, only: level_t, put_on_level
+   use hb_linear_part, only: linear_part_t, new_linear_part
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
    use hb_model_loads, only: read_loads
    use hb_model_reader, only: update_model
+   use hb_structure, only: structure_t
    implicit none
    private
    public :: model_problem_t, moving_value_t, new_model_problem
@@ -30,6 +34,13 @@ module hb_model_problem
       real(wp) :: typical = 1.0_wp                                    !! > 0, such as the length of its range
       logical :: is_tied = .false.                                    !! of a tone: all others keep their ratios to it
    end type moving_value_t
+
+   !> What the structure and its loads are where the value is somewhat larger or smaller.
+   type :: side_t
+      type(structure_t) :: structure
+      real(wp), allocatable :: frequencies(:)                         !! [rad/s], (n_harmonics)
+      type(amplitudes_t) :: loads                                     !! [N]
+   end type side_t
 
    !> Owner of outside resources: call `destroy`.
    type, extends(balance_t) :: model_problem_t
@@ -47,7 +58,6 @@ module hb_model_problem
       real(wp), allocatable, private :: ratios(:)                     ! of tones to the value, where it moves more than tones
       logical, private :: has_stiffness = .false.
       real(wp), private :: available_memory = huge(1.0_wp)            ! bytes
-      real(wp), private :: noise = 0.0_wp                             ! of the residual, relative
       logical, private :: is_sound = .false.                          ! model and balance belong to the value
    contains
       procedure :: update_regular_preconditioner => model_problem_update_regular_preconditioner
@@ -178,7 +188,6 @@ contains
          change = max(change, self%norm(there - here))
       end do
       call go(1.0_wp)
-      self%noise = change
 
    contains
 
@@ -317,9 +326,10 @@ contains
       real(wp), intent(in), contiguous :: x(:)
       integer, intent(in) :: which
       real(wp), intent(out), contiguous :: derivative(:)
-      real(wp) :: other(size(x)), step, value
-      integer :: tone
-      logical :: is_possible(3)
+      type(side_t) :: sides(2)
+      real(wp) :: at(2), other(size(x)), r(size(x), 2), step, value
+      integer :: i, tone
+      logical :: is_condensed, is_here, is_possible(2)
 
       if (which /= self%own) then
          call self%balance_t%parameter_derivative(x, which, derivative)
@@ -334,25 +344,64 @@ contains
          end do
          return
       end if
+      is_condensed = any(self%group == [character(9) :: "structure", several]) .and. &
+                     self%model%structure%n_dofs > self%n_dofs .and. .not. self%law_set%needs_reaction
       value = self%value
-      step = self%moving%typical*merge(1.0_wp, max(apart, self%noise**(1.0_wp/3.0_wp)), &   ! noise/step is step**2 then
-                                       self%group == "load" .and. .not. self%law_set%needs_reaction)
-      call move_to(self, value + step, is_possible(1))
-      if (is_possible(1)) call self%residual(x, derivative)
-      call move_to(self, value - step, is_possible(2))
-      if (is_possible(2)) call self%residual(x, other)
-      call move_to(self, value, is_possible(3))
-      if (all(is_possible)) then
-         derivative = (derivative - other)/(2.0_wp*step)
-      else if (is_possible(3) .and. any(is_possible)) then            ! at the end of the range of the value
-         if (is_possible(1)) then
-            call self%residual(x, other)
-            derivative = (derivative - other)/step
-         else
-            call self%residual(x, derivative)
-            derivative = (derivative - other)/step
-         end if
-      end if
+      step = self%moving%typical*merge(1.0_wp, apart, self%group == "load" .and. .not. self%law_set%needs_reaction)
+      call find_side(1, value + step, is_possible(1))
+      call find_side(2, value - step, is_possible(2))
+      call move_to(self, value, is_here)
+      if (.not. is_here .or. .not. any(is_possible)) return
+      do i = 1, 2                                                     ! at the end of the range of the value
+         if (.not. is_possible(i)) call find_side(i, value, is_possible(i))
+      end do
+      derivative = (r(:, 1) - r(:, 2))/(at(1) - at(2))
+      if (is_condensed) derivative = derivative - reaction_slope(1.0_wp/(at(1) - at(2)))
+
+   contains
+
+      !> Residual at a value; of a condensed structure that of the laws alone.
+      subroutine find_side(i, there, is_possible)
+         integer, intent(in) :: i
+         real(wp), intent(in) :: there
+         logical, intent(out) :: is_possible
+         real(wp) :: reaction(self%harmonics%n_coefficients, self%n_dofs)
+
+         call move_to(self, there, is_possible)
+         if (.not. is_possible) return
+         at(i) = there
+         call self%residual(x, r(:, i))
+         if (.not. is_condensed) return
+         call self%stiffness%find_reaction(self%harmonics, reshape(x, shape(reaction)), 1.0_wp, reaction)
+         r(:, i) = r(:, i) + [reaction]
+         sides(i) = side_t(self%model%structure, self%frequencies, self%model%loads)
+      end subroutine find_side
+
+      !> Derivative of the reaction by the value; zero where the structure is singular.
+      function reaction_slope(weight) result(slope)
+         real(wp), intent(in) :: weight                               !! of differences of both sides
+         real(wp) :: slope(size(x))
+         type(dynamic_stiffness_t) :: stiffness
+         type(error_t), allocatable :: error
+         type(linear_part_t) :: linear
+         type(wanted_slopes_t) :: wanted
+         real(wp) :: along(self%harmonics%n_coefficients, self%n_dofs), once(self%harmonics%n_harmonics)
+
+         slope = 0.0_wp
+         once = 1.0_wp
+         wanted%is_on = .true.
+         wanted%change = sides(1)%structure%change_from(sides(2)%structure, weight)
+         wanted%rates = weight*(sides(1)%frequencies - sides(2)%frequencies)
+         call new_amplitudes(wanted%loads, sides(1)%loads%n_dofs, sides(1)%loads%n_harmonics)
+         call wanted%loads%add_scaled(sides(1)%loads, weight*once)
+         call wanted%loads%add_scaled(sides(2)%loads, -weight*once)
+         call new_dynamic_stiffness(stiffness, self%model%structure, coordinates_of(self%model), self%frequencies, &
+                                    self%model%loads, error, wanted)
+         if (allocated(error)) return
+         call new_linear_part(linear, stiffness)
+         call linear%find_reaction_slope(self%harmonics, reshape(x, shape(along)), 1.0_wp, once, 0.0_wp*once, along)
+         slope = [along]
+      end function reaction_slope
    end subroutine model_problem_parameter_derivative
 
    subroutine model_problem_update_regular_preconditioner(self, which, level, is_strongest)

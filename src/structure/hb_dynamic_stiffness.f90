@@ -37,16 +37,24 @@ module hb_dynamic_stiffness
       logical :: of_interior = .true.                        !! room for `recover` and `hand_to_laws`
       type(amplitudes_t) :: loads                            !! dP/dw [N s] of loads that grow with the frequency, else zero;
                                                              !! `move` leaves the loads as they are
+      type(structure_t), allocatable :: change               !! derivative of the structure by a value; slopes are by it
+      real(wp), allocatable :: rates(:)                      !! of the frequencies by that value, (n_harmonics)
    end type wanted_slopes_t
 
-   !> What does not change with the frequencies.
-   type :: parts_t
+   !> Entries of a structure between coordinates and interior.
+   type :: blocks_t
       type(structure_block_t) :: ll, lr, rl, rr
+   end type blocks_t
+
+   !> What does not change with the frequencies.
+   type, extends(blocks_t) :: parts_t
+      type(blocks_t), allocatable :: change                  ! of the structure by a value
+      real(wp), allocatable :: rates(:)
       type(block_solver_t) :: solver                         ! of rr
       type(amplitudes_t) :: loads                            ! [N]
       type(amplitudes_t) :: load_slopes                      ! dP/dw [N s]
-      ! of the harmonic that is condensed: y, T, entries of S_lr, room for slopes of entries and of loads
-      complex(wp), allocatable :: held_motion(:), transfer(:, :), s_lr(:), slope(:), load_slope(:)
+      ! of the harmonic that is condensed: y, T, entries of S_lr, room for slopes of loads
+      complex(wp), allocatable :: held_motion(:), transfer(:, :), s_lr(:), load_slope(:)
    end type parts_t
 
    type :: dynamic_stiffness_t
@@ -114,7 +122,7 @@ contains
       type(wanted_slopes_t), intent(in), optional :: slopes
       type(wanted_slopes_t) :: wanted
       type(parts_t), allocatable :: parts
-      integer :: n_interior, n_law
+      integer :: half_bandwidth, n_interior, n_law
 
       call check_input(structure, coordinates%dofs, frequencies, loads, error)
       if (allocated(error)) return
@@ -135,7 +143,14 @@ contains
          parts%load_slopes%values = coordinates%forces_in(wanted%loads%values)
       end if
       call find_blocks(parts, structure, coordinates, self%interior)
-      call new_block_pattern(self%pattern, n_law, half_bandwidth_of(parts%ll, parts%lr, parts%rl, parts%rr, n_interior))
+      half_bandwidth = half_bandwidth_of(parts, n_interior)
+      if (allocated(wanted%change)) then
+         allocate (parts%change)
+         parts%rates = wanted%rates
+         call find_blocks(parts%change, wanted%change, coordinates, self%interior)
+         half_bandwidth = max(half_bandwidth, half_bandwidth_of(parts%change, n_interior))
+      end if
+      call new_block_pattern(self%pattern, n_law, half_bandwidth)
       allocate (self%condensed(self%pattern%n_rows, n_law, self%n_harmonics), self%load(n_law, self%n_harmonics))
       allocate (self%magnitude(n_law, self%n_harmonics))
       if (wanted%of_interior) allocate (self%transfer(n_interior, n_law, self%n_harmonics))
@@ -155,7 +170,7 @@ contains
 
    !> Entries of the structure between coordinates and interior.
    subroutine find_blocks(parts, structure, coordinates, interior)
-      type(parts_t), intent(inout) :: parts
+      class(blocks_t), intent(inout) :: parts
       type(structure_t), intent(in) :: structure
       type(coordinates_t), intent(in) :: coordinates
       integer, intent(in) :: interior(:)
@@ -282,8 +297,7 @@ contains
          if (is_full) allocate (of_lr(n_law, n_interior), source=(0.0_wp, 0.0_wp))
          allocate (s_ll(ll%n_entries), s_rl(rl%n_entries), magnitude(ll%n_entries))
          if (.not. allocated(parts%s_lr)) allocate (parts%s_lr(lr%n_entries))
-         if (allocated(self%condensed_slope) .and. .not. allocated(parts%slope)) allocate (parts%load_slope(self%n_dofs), &
-            parts%slope(max(ll%n_entries, lr%n_entries, rl%n_entries, parts%rr%n_entries)))
+         if (allocated(self%condensed_slope) .and. .not. allocated(parts%load_slope)) allocate (parts%load_slope(self%n_dofs))
          do h = 1, self%n_harmonics
             call rl%evaluate(frequencies(h), drives(h), s_rl)
             solver%rhs(:, :n_law) = (0.0_wp, 0.0_wp)
@@ -338,8 +352,8 @@ contains
       end associate
    end subroutine condense_all
 
-   !> Derivatives of S_c and P_c of harmonic h by the frequency or by the drive, from its T and y and with the factors that
-   !> gave these.
+   !> Derivatives of S_c and P_c of harmonic h by the frequency, or by a value that the structure depends on too, or by the drive,
+   !> from its T and y and with the factors that gave these.
    subroutine find_slopes(self, h, frequency, parts, by_drive, condensed, load)
       class(dynamic_stiffness_t), intent(in) :: self
       integer, intent(in) :: h
@@ -354,55 +368,68 @@ contains
       if (.not. by_drive) k = findloc(parts%load_slopes%harmonics, h, dim=1)
       parts%load_slope = (0.0_wp, 0.0_wp)
       if (k > 0) parts%load_slope = parts%load_slopes%values(:, k)
-      associate (transfer => parts%transfer, held_motion => parts%held_motion, s_lr => parts%s_lr, slope => parts%slope, &
-                 load_slope => parts%load_slope, lr => parts%lr, solver => parts%solver)
+      associate (solver => parts%solver, s_lr => parts%s_lr, lr => parts%lr)
          ! dT = S_rr^-1 (dS_rl - dS_rr T), dy = S_rr^-1 (dP_r - dS_rr y)
-         solver%rhs = (0.0_wp, 0.0_wp)
-         solver%rhs(:, n + 1) = load_slope(self%interior)
-         call find_slope(parts%rl)
-         associate (rl => parts%rl)
-            do e = 1, rl%n_entries
-               solver%rhs(rl%row(e), rl%column(e)) = slope(e)
-            end do
-         end associate
-         call find_slope(parts%rr)
-         associate (rr => parts%rr)
-            do e = 1, rr%n_entries
-               solver%rhs(rr%row(e), :n) = solver%rhs(rr%row(e), :n) - slope(e)*transfer(rr%column(e), :)
-               solver%rhs(rr%row(e), n + 1) = solver%rhs(rr%row(e), n + 1) - slope(e)*held_motion(rr%column(e))
-            end do
-         end associate
-         call solver%solve_again()
-
          ! dS_c = dS_ll - dS_lr T - S_lr dT, dP_c = dP_l - dS_lr y - S_lr dy
+         solver%rhs = (0.0_wp, 0.0_wp)
+         solver%rhs(:, n + 1) = parts%load_slope(self%interior)
          condensed = (0.0_wp, 0.0_wp)
-         load = load_slope(self%coordinates%places)
-         call find_slope(parts%ll)
-         associate (ll => parts%ll)
-            do e = 1, ll%n_entries
-               condensed(self%pattern%shift(ll%column(e)) + ll%row(e), ll%column(e)) = slope(e)
-            end do
-         end associate
-         call find_slope(lr)
+         load = parts%load_slope(self%coordinates%places)
+         call add(parts, .false.)
+         if (allocated(parts%change) .and. .not. by_drive) call add(parts%change, .true.)
+         call solver%solve_again()
          do e = 1, lr%n_entries
-            call subtract_row(self%pattern, condensed, lr%row(e), slope(e), transfer(lr%column(e), :))
             call subtract_row(self%pattern, condensed, lr%row(e), s_lr(e), solver%rhs(lr%column(e), :n))
-            load(lr%row(e)) = load(lr%row(e)) - slope(e)*held_motion(lr%column(e)) &
-                              - s_lr(e)*solver%rhs(lr%column(e), n + 1)
+            load(lr%row(e)) = load(lr%row(e)) - s_lr(e)*solver%rhs(lr%column(e), n + 1)
          end do
       end associate
 
    contains
 
-      subroutine find_slope(block)
-         type(structure_block_t), intent(in) :: block
+      !> What some blocks add but for S_lr dT and S_lr dy.
+      subroutine add(blocks, are_of_change)
+         class(blocks_t), intent(in) :: blocks
+         logical, intent(in) :: are_of_change
+         complex(wp), allocatable :: slope(:)
 
-         if (by_drive) then
-            call block%drive_slope(parts%slope(:block%n_entries))
+         associate (rhs => parts%solver%rhs, transfer => parts%transfer, held_motion => parts%held_motion, &
+                    rl => blocks%rl, rr => blocks%rr, ll => blocks%ll, lr => blocks%lr, shift => self%pattern%shift)
+            slope = slopes_of(rl, are_of_change)
+            do e = 1, rl%n_entries
+               rhs(rl%row(e), rl%column(e)) = rhs(rl%row(e), rl%column(e)) + slope(e)
+            end do
+            slope = slopes_of(rr, are_of_change)
+            do e = 1, rr%n_entries
+               rhs(rr%row(e), :n) = rhs(rr%row(e), :n) - slope(e)*transfer(rr%column(e), :)
+               rhs(rr%row(e), n + 1) = rhs(rr%row(e), n + 1) - slope(e)*held_motion(rr%column(e))
+            end do
+            slope = slopes_of(ll, are_of_change)
+            do e = 1, ll%n_entries
+               k = shift(ll%column(e)) + ll%row(e)
+               condensed(k, ll%column(e)) = condensed(k, ll%column(e)) + slope(e)
+            end do
+            slope = slopes_of(lr, are_of_change)
+            do e = 1, lr%n_entries
+               call subtract_row(self%pattern, condensed, lr%row(e), slope(e), transfer(lr%column(e), :))
+               load(lr%row(e)) = load(lr%row(e)) - slope(e)*held_motion(lr%column(e))
+            end do
+         end associate
+      end subroutine add
+
+      function slopes_of(block, is_of_change) result(slope)
+         type(structure_block_t), intent(in) :: block
+         logical, intent(in) :: is_of_change
+         complex(wp) :: slope(block%n_entries)
+
+         if (is_of_change) then
+            call block%evaluate(frequency, 0.0_wp, slope)
+         else if (by_drive) then
+            call block%drive_slope(slope)
          else
-            call block%slope(frequency, parts%slope(:block%n_entries))
+            call block%slope(frequency, slope)
+            if (allocated(parts%rates)) slope = parts%rates(h)*slope
          end if
-      end subroutine find_slope
+      end function slopes_of
    end subroutine find_slopes
 
    !> Subtracts factor*values from row i of a block; outside of its pattern the values are zero.
@@ -422,43 +449,45 @@ contains
    integer function condensed_half_bandwidth(structure, coordinates) result(half_bandwidth)
       type(structure_t), intent(in) :: structure
       type(coordinates_t), intent(in) :: coordinates
-      type(parts_t) :: parts
+      type(blocks_t) :: blocks
       integer, allocatable :: interior(:)
 
       interior = all_but(coordinates%places, structure%n_dofs)
-      call find_blocks(parts, structure, coordinates, interior)
-      half_bandwidth = half_bandwidth_of(parts%ll, parts%lr, parts%rl, parts%rr, size(interior))
+      call find_blocks(blocks, structure, coordinates, interior)
+      half_bandwidth = half_bandwidth_of(blocks, size(interior))
    end function condensed_half_bandwidth
 
    !> Largest distance between two law dofs that S_c couples: directly, or through interior dofs that hang together.
-   pure integer function half_bandwidth_of(ll, lr, rl, rr, n_interior) result(half_bandwidth)
-      type(structure_block_t), intent(in) :: ll, lr, rl, rr
+   pure integer function half_bandwidth_of(blocks, n_interior) result(half_bandwidth)
+      class(blocks_t), intent(in) :: blocks
       integer, intent(in) :: n_interior
       integer, allocatable :: lowest(:), highest(:), part(:)
       integer :: a, b, e, i
 
-      half_bandwidth = max(0, maxval(abs(ll%row - ll%column)))
-      part = [(i, i=1, n_interior)]                          ! each dof points to one of its part, the first to itself
-      do e = 1, rr%n_entries
-         a = first_of(part, rr%row(e))
-         b = first_of(part, rr%column(e))
-         part(max(a, b)) = min(a, b)
-      end do
-      allocate (lowest(n_interior), source=huge(1))
-      allocate (highest(n_interior), source=0)
-      do e = 1, lr%n_entries
-         a = first_of(part, lr%column(e))
-         lowest(a) = min(lowest(a), lr%row(e))
-         highest(a) = max(highest(a), lr%row(e))
-      end do
-      do e = 1, rl%n_entries
-         a = first_of(part, rl%row(e))
-         lowest(a) = min(lowest(a), rl%column(e))
-         highest(a) = max(highest(a), rl%column(e))
-      end do
-      do i = 1, n_interior
-         if (highest(i) > 0) half_bandwidth = max(half_bandwidth, highest(i) - lowest(i))
-      end do
+      associate (ll => blocks%ll, lr => blocks%lr, rl => blocks%rl, rr => blocks%rr)
+         half_bandwidth = max(0, maxval(abs(ll%row - ll%column)))
+         part = [(i, i=1, n_interior)]                          ! each dof points to one of its part, the first to itself
+         do e = 1, rr%n_entries
+            a = first_of(part, rr%row(e))
+            b = first_of(part, rr%column(e))
+            part(max(a, b)) = min(a, b)
+         end do
+         allocate (lowest(n_interior), source=huge(1))
+         allocate (highest(n_interior), source=0)
+         do e = 1, lr%n_entries
+            a = first_of(part, lr%column(e))
+            lowest(a) = min(lowest(a), lr%row(e))
+            highest(a) = max(highest(a), lr%row(e))
+         end do
+         do e = 1, rl%n_entries
+            a = first_of(part, rl%row(e))
+            lowest(a) = min(lowest(a), rl%column(e))
+            highest(a) = max(highest(a), rl%column(e))
+         end do
+         do i = 1, n_interior
+            if (highest(i) > 0) half_bandwidth = max(half_bandwidth, highest(i) - lowest(i))
+         end do
+      end associate
    end function half_bandwidth_of
 
    pure integer function first_of(part, member)

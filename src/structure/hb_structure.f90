@@ -9,7 +9,7 @@ module hb_structure
    use hb_lapack, only: dpotrf
    use hb_name_table, only: name_table_t
    use hb_node_sets, only: named_vectors_t, node_sets_t
-   use hb_sparse, only: sparse_t
+   use hb_sparse, only: sparse_sum, sparse_t
    use hb_text, only: join, parse_integer, to_text
    implicit none
    private
@@ -40,6 +40,7 @@ module hb_structure
       character(:), allocatable :: model_file                !! that it was read from; else not given
       character(:), allocatable :: origin                    !! the model that it was read from and what marks it; else not given
    contains
+      procedure :: change_from => structure_change_from
       procedure :: damping_times => structure_damping_times
       procedure :: diagonals => structure_diagonals
       procedure :: dof_index => structure_dof_index
@@ -263,7 +264,8 @@ contains
       if (dof < 1 .or. dof > self%n_dofs) dof = 0
    end function structure_dof_index
 
-   !> Finds a degree of freedom as `dof_index` does, or the only one of a set such as `disk.x`; fails with the known labels and the closest one.
+   !> Finds a degree of freedom as `dof_index` does, or the only one of a set such as `disk.x`; fails with the known labels and the
+   !> closest one.
    pure subroutine structure_find_dof(self, label, dof, error)
       class(structure_t), intent(in) :: self
       character(*), intent(in) :: label
@@ -326,6 +328,28 @@ contains
                     all(self%stiffness == other%stiffness)
       end if
    end function structure_has_matrices_of
+
+   !> Structure of matrices that are a weight times those of this one less those of another: a derivative by a value of which the
+   !> two are neighbours.
+   function structure_change_from(self, other, weight) result(change)
+      class(structure_t), intent(in) :: self
+      class(structure_t), intent(in) :: other
+      real(wp), intent(in) :: weight
+      type(structure_t) :: change
+
+      change%n_dofs = self%n_dofs
+      if (allocated(self%sparse)) then
+         associate (mine => self%sparse, others => other%sparse)
+            change%sparse = sparse_matrices_t(sparse_sum(weight, mine%mass, -weight, others%mass), &
+                                              sparse_sum(weight, mine%damping, -weight, others%damping), &
+                                              sparse_sum(weight, mine%stiffness, -weight, others%stiffness))
+         end associate
+      else
+         change%mass = weight*(self%mass - other%mass)
+         change%damping = weight*(self%damping - other%damping)
+         change%stiffness = weight*(self%stiffness - other%stiffness)
+      end if
+   end function structure_change_from
 
    !> All labels, or the ends of a long list.
    pure function known_labels(labels) result(text)
