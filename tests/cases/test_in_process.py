@@ -90,7 +90,9 @@ def test_curves_have_the_bits_of_the_command(tmp_path):
             same(curve[name].values, stored[tuple(slice(k) for k in curve[name].shape)], name)
     kinds = curve["curve_kind"].values.tolist()
     assert kinds.count(3) == 2 and kinds.count(4) == 1
-    some = Model.from_namelist(DUFFING).curve("tones.frequency", 0.3, 3.0, on_point=lambda point: float(point["tones_frequency"]) > 0.5)
+    some = Model.from_namelist(DUFFING).curve(
+        "tones.frequency", 0.3, 3.0, on_point=lambda point: float(point["tones_frequency"]) > 0.5
+    )
     assert float(some["tones_frequency"][:-1].max()) <= 0.5 < float(some["tones_frequency"][-1])
 
 
@@ -116,7 +118,11 @@ def test_stability_is_known_where_the_command_knows_it(tmp_path):
 
 def test_values_are_set_by_path_and_by_handle():
     other = Model.from_namelist(DUFFING.replace("stiffness = 0.5", "stiffness = 0.7").replace("= 0.9 /", "= 1.1 /"))
-    for spring, tone in (("spring.stiffness", "tones[0]"), ("law[0].stiffness", "tones.frequency"), ("law(1)%stiffness", "tones%frequency(1)")):
+    for spring, tone in (
+        ("spring.stiffness", "tones[0]"),
+        ("law[0].stiffness", "tones.frequency"),
+        ("law(1)%stiffness", "tones%frequency(1)"),
+    ):
         model = Model.from_namelist(DUFFING)
         model[spring] = 0.7
         model[tone] = 1.1
@@ -239,7 +245,9 @@ def test_a_hundred_thousand_models_leave_nothing_behind():
 def test_programs_of_an_earlier_header_run(tmp_path):
     """The headers in abi/ are those of the first program that was built with this version of the interface: it runs, and its law does."""
     headers = ROOT / "tests" / "cases" / "abi"
-    version = [re.search(r"#define NHBM_API (\d+)", (folder / "nhbm.h").read_text())[1] for folder in (headers, ROOT / "src" / "api")]
+    version = [
+        re.search(r"#define NHBM_API (\d+)", (folder / "nhbm.h").read_text())[1] for folder in (headers, ROOT / "src" / "api")
+    ]
     assert version[0] == version[1], "programs must be compiled anew: copy nhbm.h and nhbm_user_law.h to tests/cases/abi"
     compiler = [shutil.which("cc"), f"-I{headers}"]
     example = ROOT / "drivers" / "examples" / "duffing.c"
@@ -275,11 +283,15 @@ def test_programs_in_c_and_fortran_have_the_same_numbers(tmp_path):
     in_fortran = subprocess.run([LIBRARY.parents[1] / "drivers" / "duffing_in_fortran"], capture_output=True, text=True, check=True)
     assert [float(line.split()[1]) for line in in_fortran.stdout.splitlines()] == expected
     by_phase = subprocess.run([LIBRARY.parents[1] / "drivers" / "force_by_phase"], capture_output=True, text=True, check=True)
-    np.testing.assert_allclose(float(by_phase.stdout), duffing().solve()["coefficients"].values[0, 1, 0], rtol=1e-6)  # sets by tolerance
+    np.testing.assert_allclose(
+        float(by_phase.stdout), duffing().solve()["coefficients"].values[0, 1, 0], rtol=1e-6
+    )  # sets by tolerance
 
 
 def duffing(**spring):
-    model = Model(nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1), tones=[0.9])
+    model = Model(
+        nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1), tones=[0.9]
+    )
     model.load("x1", 1, cos=0.3)
     if not spring:
         model.law("cubic_spring", "x1", label="spring", stiffness=0.5)
@@ -288,7 +300,10 @@ def duffing(**spring):
 
 def test_models_are_made_of_values():
     same(duffing().solve()["coefficients"].values, Model.from_namelist(DUFFING).solve()["coefficients"].values, "coefficients")
-    wall = Model(nhbm.Beam(length=1.0, bending_stiffness=1750.0, mass_per_length=7.8, n_elements=4, damping_diagonal=1.0), tones=[np.e, np.pi])
+    wall = Model(
+        nhbm.Beam(length=1.0, bending_stiffness=1750.0, mass_per_length=7.8, n_elements=4, damping_diagonal=1.0),
+        tones=[np.e, np.pi],
+    )
     wall.load("v3", (1, 0), cos=100)
     wall.load("v3", (0, 1), cos=100)
     wall.law("rigid_wall", "v3", gap=1.5e-3, label="wall")
@@ -374,6 +389,7 @@ def cubic(q):
 
 def test_laws_are_functions_of_python(tmp_path):
     """Complex steps, differences, given derivatives and a compiled law find what the law of the catalogue does."""
+
     def with_derivatives(q, v, p):
         return p[0] * q**3, 3 * p[0] * q**2, np.zeros_like(v)
 
@@ -396,7 +412,9 @@ def test_laws_are_functions_of_python(tmp_path):
         model = duffing(spring=law)
         model.law(law, "x1", **keys)
         found = model.solve(order=9)
-        np.testing.assert_allclose(found["coefficients"].values, expected, atol=1e-9 if name != "differences" else 1e-7, err_msg=name)
+        np.testing.assert_allclose(
+            found["coefficients"].values, expected, atol=1e-9 if name != "differences" else 1e-7, err_msg=name
+        )
 
 
 def pushed(q, phases, frequencies):
@@ -405,7 +423,9 @@ def pushed(q, phases, frequencies):
 
 def test_laws_may_depend_on_phases_and_frequencies():
     """A force given by the phase is a load; its derivative by the frequency leads round folds as well; two tones."""
-    forced = Model(nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1), tones=[0.9])
+    forced = Model(
+        nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1), tones=[0.9]
+    )
     forced.law("cubic_spring", "x1", stiffness=0.5)
     forced.law(pushed, "x1")
     loaded = duffing()
@@ -473,8 +493,14 @@ def test_laws_with_memory_are_the_one_of_the_catalogue(tones, tmp_path):
     """A slider in Python, in C and of the catalogue: the same motion to 1e-10; multipliers, which come from time integration without the
     events of the catalogue's, within their estimates."""
     shutil.copy(ROOT / "inputs" / "user_law" / "friction.c", tmp_path)
-    subprocess.run([shutil.which("cc"), *INCLUDES, "-shared", "-fPIC", "friction.c", "-o", "friction.so", "-lm"], cwd=tmp_path, check=True)
-    text = FRICTION if tones == 1 else FRICTION.replace("1.1 /", "1.1, 1.9 /").replace("= 15", "= 5").replace("tuple = 1", "tuple = 1, 0")
+    subprocess.run(
+        [shutil.which("cc"), *INCLUDES, "-shared", "-fPIC", "friction.c", "-o", "friction.so", "-lm"], cwd=tmp_path, check=True
+    )
+    text = (
+        FRICTION
+        if tones == 1
+        else FRICTION.replace("1.1 /", "1.1, 1.9 /").replace("= 15", "= 5").replace("tuple = 1", "tuple = 1, 0")
+    )
     expected = Model.from_namelist(text + "&law type = 'jenkins', dof = 'x1', stiffness = 2.0, limit = 0.2 /\n").solve()
     assert expected.nhbm.is_converged
     compiled = Model.from_namelist(text + "&law type = 'user', library = 'friction.so', name = 'friction', dof = 'x1', "
@@ -566,7 +592,9 @@ def test_faults_of_laws_are_raised():
     for law in (lambda q: np.zeros(q.shape, dtype=int), lambda q: 0, lambda q: [0.0] * len(q)):  # taken as they are
         model = duffing(spring=True)
         model.law(law, "x1")
-        np.testing.assert_allclose(model.solve(order=3)["coefficients"], duffing(spring=True).solve(order=3)["coefficients"], atol=1e-12)
+        np.testing.assert_allclose(
+            model.solve(order=3)["coefficients"], duffing(spring=True).solve(order=3)["coefficients"], atol=1e-12
+        )
     model = duffing(spring=True)
     model.law(lambda q: np.full_like(q, np.nan), "x1")
     with pytest.warns(nhbm.NotConverged, match="NaN"):
@@ -660,7 +688,10 @@ def test_laws_compiled_by_numba():
     cubic_law = compiled(lambda q, v, p: p[0] * q * q * q, lambda q, v, p: (3 * p[0] * q * q, 0.0), odd=True)
     damping = compiled(lambda q, v, p: p[0] * v * v * v, lambda q, v, p: (0.0, 3 * p[0] * v * v), velocity=True, odd=True)
     found = []
-    for laws in (("cubic_spring", {"stiffness": 0.5}), ("cubic_damping", {"coefficient": 0.2})), ((cubic_law, {"parameters": [0.5]}), (damping, {"parameters": [0.2]})):
+    for laws in (
+        (("cubic_spring", {"stiffness": 0.5}), ("cubic_damping", {"coefficient": 0.2})),
+        ((cubic_law, {"parameters": [0.5]}), (damping, {"parameters": [0.2]})),
+    ):
         model = duffing(spring=True)
         for law, keys in laws:
             model.law(law, ["x1"] if law == "cubic_damping" or law is damping else "x1", **keys)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import block_diag
@@ -11,7 +13,7 @@ from nhbm.errors import ModelError
 from nhbm.structure import MATRICES, Recovery, Structure
 
 
-def assemble(parts: dict[str, Structure], places: dict[str, tuple[float, float, float]] | None = None) -> Structure:
+def assemble(parts: dict[str, Structure], places: dict[str, tuple[float, ...]] | None = None) -> Structure:
     """One model of several parts, which nothing couples yet. Nodes of later parts are numbered on from those before; sets and loads
     bear the name of their part, `lower_top`, as modes of reduced parts do, `lower.q1`. `places`: by what a part is shifted."""
     places = places or {}
@@ -24,7 +26,8 @@ def assemble(parts: dict[str, Structure], places: dict[str, tuple[float, float, 
         one, other = (list(parts)[are_reduced.index(is_reduced)] for is_reduced in (True, False))
         raise ModelError(f"part '{one}' is a reduced model and '{other}' is none: put either kind together, not both")
     labels, numbers, coordinates, nodes, cell_nodes, cell_starts = [], [], [], [], [], [np.zeros(1, dtype=np.int64)]
-    sets, loads = {}, {}
+    sets: dict[str, Any] = {}
+    loads: dict[str, Any] = {}
     recovered, recovered_directions = [], []
     n_nodes = n_dofs = highest = n_cell_nodes = 0
     for name, model in parts.items():

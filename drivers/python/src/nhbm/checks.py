@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from typing import Any
+
 import numpy as np
 import scipy.sparse as sp
 
@@ -36,7 +38,7 @@ def check(model: Structure) -> list[Finding]:
     return findings
 
 
-def _symmetry(model, name, is_needed, sign=1) -> Finding:
+def _symmetry(model: Any, name: Any, is_needed: Any, sign: int = 1) -> Finding:
     """Symmetry up to rounding, relative to the diagonal where there is one, so that units do not matter."""
     matrix = getattr(model, name)
     scale = np.sqrt(np.abs(matrix.diagonal()))
@@ -56,7 +58,7 @@ def _symmetry(model, name, is_needed, sign=1) -> Finding:
     )
 
 
-def _unconnected(model) -> list[Finding]:
+def _unconnected(model: Any) -> list[Finding]:
     touched = np.zeros(model.n_dofs, dtype=bool)
     for matrix in (model.mass, model.stiffness):
         touched |= np.asarray(abs(matrix).sum(axis=1)).ravel() > 0
@@ -66,14 +68,14 @@ def _unconnected(model) -> list[Finding]:
     return [Finding(f"{model.labels[empty[0]]} has neither mass nor stiffness ({len(empty)} such in all): singular", True)]
 
 
-def _shift(model) -> float:
+def _shift(model: Any) -> float:
     """A small shift: far below the first frequencies, far above rounding."""
     k, m = model.stiffness.diagonal(), model.mass.diagonal()
     used = (m > 0) & (k > 0)
     return 1.0e-7 * float(np.median(k[used] / m[used])) if used.any() else 1.0
 
 
-def _definiteness(model) -> Finding:
+def _definiteness(model: Any) -> Finding:
     """Mass positive semi-definite, so that nothing moves with negative energy."""
     diagonal = model.mass.diagonal()
     if (diagonal < 0).any():
@@ -91,7 +93,7 @@ def _definiteness(model) -> Finding:
     return Finding("mass is positive definite")
 
 
-def _rigid_body_modes(model) -> list[Finding]:
+def _rigid_body_modes(model: Any) -> list[Finding]:
     shift = _shift(model)
     stiffness = symmetric_part(model.stiffness)
     n = min(model.n_dofs, 12)
@@ -114,7 +116,7 @@ def _rigid_body_modes(model) -> list[Finding]:
     return findings
 
 
-def _units(model) -> list[Finding]:
+def _units(model: Any) -> list[Finding]:
     """Translational mass and size of the model, with a guess whether they are those of m, kg, s or mm, t, s."""
     findings = []
     for direction in ("x", "y", "z"):

@@ -6,6 +6,7 @@ import argparse
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,7 @@ def guarded_main() -> int:
     return guarded(main, "nhbm-model")
 
 
-def main(arguments=None) -> int:
+def main(arguments: Any = None) -> int:
     """Runs the command and returns its exit status: 0, 1 for a model that is not sound, 2 for what cannot be done."""
     options = parser().parse_args(arguments)
     try:
@@ -73,11 +74,16 @@ def parser() -> argparse.ArgumentParser:
     verb.set_defaults(run=run_check)
     verb.add_argument("model")
 
-    for name, make in (("beam", examples.beam), ("plate", examples.plate), ("solid", examples.solid),
-                       ("sector", examples.sector), ("ring", examples.ring)):
-        verb = verbs.add_parser(name, help=f"an example made with scikit-fem: {make.__doc__.splitlines()[0]}")
+    for name, make in (
+        ("beam", examples.beam),
+        ("plate", examples.plate),
+        ("solid", examples.solid),
+        ("sector", examples.sector),
+        ("ring", examples.ring),
+    ):
+        verb = verbs.add_parser(name, help=f"an example made with scikit-fem: {str(make.__doc__).splitlines()[0]}")
         verb.set_defaults(run=run_example, make=make)
-        for key, default in zip(make.__code__.co_varnames, make.__defaults__):
+        for key, default in zip(make.__code__.co_varnames, make.__defaults__ or ()):
             verb.add_argument(f"--{key.replace('_', '-')}", dest=key, type=type(default), default=default,
                               help=f"(default: {default})")  # fmt: skip
         verb.add_argument("--node-set", action="append", default=[], metavar="NAME=X,Y,Z",
@@ -93,7 +99,12 @@ def parser() -> argparse.ArgumentParser:
     verb.add_argument("--disk", action="append", default=[], metavar="POSITION,MASS,DIAMETRAL,POLAR",
                       help="[m], [kg], moments of inertia [kg m2]; at the nearest node, as bearings are")  # fmt: skip
     verb.add_argument("--bearing", action="append", default=[], metavar="POSITION,STIFFNESS,DAMPING", help="[m], [N/m], [N s/m]")
-    verb.add_argument("--speed", type=float, metavar="RAD/S", help="of the gyroscopic terms (default: they are left to the key speed of &structure)")
+    verb.add_argument(
+        "--speed",
+        type=float,
+        metavar="RAD/S",
+        help="of the gyroscopic terms (default: they are left to the key speed of &structure)",
+    )
     _loads(verb)
     _output(verb)
 
@@ -134,12 +145,14 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
-def _reduction(verb, n_modes: int, more: str = "", methods=reduction.MODAL) -> None:
+def _reduction(verb: Any, n_modes: int, more: str = "", methods: Any = reduction.MODAL) -> None:
     has_krylov = methods is reduction.METHODS
     default = "krylov with --up-to and without --modes, else free-interface" if has_krylov else methods[0]
     verb.add_argument("--modes", type=int, help=f"number of modes{' ' * bool(more)}{more} (default: {n_modes})")
     verb.add_argument("--method", choices=methods, help=f"(default: {default})")
-    verb.add_argument("--up-to", type=float, metavar="RAD/S", help="highest frequency that the model is for, where errors are reported")
+    verb.add_argument(
+        "--up-to", type=float, metavar="RAD/S", help="highest frequency that the model is for, where errors are reported"
+    )
     verb.add_argument("--no-error", action="store_true", help="do not compare with the full model")
     verb.add_argument("--tolerance", type=float, metavar="E",
                       help="largest error up to there: doubles the modes until it is met"
@@ -147,17 +160,17 @@ def _reduction(verb, n_modes: int, more: str = "", methods=reduction.MODAL) -> N
     verb.set_defaults(n_modes=n_modes, has_krylov=has_krylov)
 
 
-def _loads(verb) -> None:
+def _loads(verb: Any) -> None:
     verb.add_argument("--load", action="append", default=[], metavar="NAME=LABEL:VALUE,...",
                       help="a vector of loads; a set with a direction has the value at each node")  # fmt: skip
 
 
-def _output(verb) -> None:
+def _output(verb: Any) -> None:
     verb.add_argument("-o", "--output", required=True, metavar="FILE", help="model file to write")
     verb.add_argument("--overwrite", action="store_true", help="replace a file that exists")
 
 
-def _check_output(options) -> None:
+def _check_output(options: Any) -> None:
     path = Path(options.output)
     if path.is_dir():
         raise ModelError(f"'{path}' is a folder")
@@ -169,13 +182,13 @@ def _check_output(options) -> None:
         raise ModelError(f"file '{path}': there is no folder '{path.parent}'")
 
 
-def _write(model: Structure, options) -> None:
+def _write(model: Structure, options: Any) -> None:
     path = Path(options.output)
     model.write(path)
     print(f"{path}: {model.n_dofs} degrees of freedom, {model.stiffness.nnz} entries of the stiffness")
 
 
-def run_import(options) -> int:
+def run_import(options: Any) -> int:
     given = {name: getattr(options, name) for name in MATRICES if getattr(options, name)}
     more = {"unit_system": options.units}
     if options.calculix:
@@ -222,7 +235,7 @@ def _named(text: str, form: str) -> tuple[str, str]:
     return name, rest
 
 
-def run_info(options) -> int:
+def run_info(options: Any) -> int:
     model = Structure.read(options.model)
     print(f"{options.model}: {model.source or 'of unknown origin'}; units {model.unit_system}")
     print(f"{model.n_dofs} degrees of freedom, {model.labels[0]} to {model.labels[-1]}; {len(model.node_numbers)} nodes, "
@@ -241,14 +254,14 @@ def run_info(options) -> int:
     return OK
 
 
-def run_check(options) -> int:
+def run_check(options: Any) -> int:
     findings = check(Structure.read(options.model))
     for finding in findings:
         print(("wrong: " if finding.is_bad else "") + finding.text)
     return NOT_GOOD if any(finding.is_bad for finding in findings) else OK
 
 
-def run_example(options) -> int:
+def run_example(options: Any) -> int:
     names = options.make.__code__.co_varnames[: len(options.make.__defaults__)]
     model = options.make(**{name: getattr(options, name) for name in names})
     for text in options.node_set:
@@ -287,7 +300,7 @@ def _numbers(text: str, form: str) -> list[float]:
     return values
 
 
-def run_rotor(options) -> int:
+def run_rotor(options: Any) -> int:
     disks = [_numbers(text, "POSITION,MASS,DIAMETRAL,POLAR") for text in options.disk]
     bearings = [_numbers(text, "POSITION,STIFFNESS,DAMPING") for text in options.bearing]
     model = rotors.rotor(options.length, options.diameter, options.n_elements, disks, bearings, options.speed)
@@ -296,7 +309,7 @@ def run_rotor(options) -> int:
     return OK
 
 
-def run_wheel(options) -> int:
+def run_wheel(options: Any) -> int:
     n = options.sectors
     sector = cyclic.sector_of(Structure.read(options.model), n, options.low, options.high)
     if options.frequencies > 0:
@@ -312,7 +325,7 @@ def run_wheel(options) -> int:
             if h is not None and (wave.diameter - h) % n and (wave.diameter + h) % n:
                 raise ModelError(f"wave '{name}' of {wave.diameter} nodal diameters: the model has {h} alone (--diameter)")
 
-        def reduced_wheel(n_modes):
+        def reduced_wheel(n_modes: Any) -> Any:
             wanted = cyclic.Reduction(options.keep.split(","), n_modes, options.method, neighbours, waves)
             return cyclic.reduced_wheel(sector, wanted, options.diameter)
 
@@ -341,7 +354,7 @@ def _wave(text: str) -> tuple[str, cyclic.Wave]:
     return name, cyclic.Wave(where, int(diameter))
 
 
-def run_assemble(options) -> int:
+def run_assemble(options: Any) -> int:
     parts = {}
     for text in options.parts:
         name, path = _named(text, "NAME=FILE")
@@ -357,10 +370,10 @@ def run_assemble(options) -> int:
     return OK
 
 
-def run_reduce(options) -> int:
+def run_reduce(options: Any) -> int:
     model = Structure.read(options.model)
 
-    def reduced_model(n_modes):
+    def reduced_model(n_modes: Any) -> Any:
         reduced = reduction.reduce(
             model, options.keep.split(","), n_modes, options.method, options.up_to, options.tolerance or reduction.KRYLOV_TOLERANCE
         )
@@ -370,7 +383,7 @@ def run_reduce(options) -> int:
     return OK
 
 
-def _reduced(reduce, options) -> Structure:
+def _reduced(reduce: Any, options: Any) -> Structure:
     """What `reduce` makes with a number of modes: a model, and pairs to compare. With more until errors are below the tolerance."""
     if options.method is None:
         is_krylov = options.has_krylov and options.up_to is not None and options.modes is None
@@ -398,11 +411,13 @@ def _reduced(reduce, options) -> Structure:
         print(f"reduced in {time.perf_counter() - started:.1f} s, {model.n_dofs} degrees of freedom")
         if options.no_error:
             return model
-        error = _tell_errors(pairs, options.up_to)
-        if options.tolerance is None or error <= options.tolerance or options.method == "krylov":
+        largest = _tell_errors(pairs, options.up_to)
+        if options.tolerance is None or largest <= options.tolerance or options.method == "krylov":
             return model
         if model.n_dofs == before:
-            raise ModelError(f"--tolerance {options.tolerance:g} is not met: the error is {error:.1e}, and there are no more modes")
+            raise ModelError(
+                f"--tolerance {options.tolerance:g} is not met: the error is {largest:.1e}, and there are no more modes"
+            )
         n_modes, before = max(1, 2 * n_modes), model.n_dofs
 
 

@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from typing import Any
+
 import numpy as np
 import scipy.sparse as sp
 
@@ -121,7 +123,7 @@ def nodal_diameter(sector: Sector, diameter: int, neighbours: dict[str, tuple[st
     if is_single:
         turn = turn[:n_own, :n_own]
 
-    def doubled(matrix):
+    def doubled(matrix: Any) -> Any:
         x = wave.conj().T @ matrix @ wave
         return turn.T @ (x.real if is_single else sp.bmat([[x.real, x.imag], [-x.imag, x.real]])) @ turn
 
@@ -216,7 +218,9 @@ class _Part:
         return sum(label[0] != "q" for label in self.reduced.labels) // self.waves.shape[1]
 
 
-def reduced_wheel(sector: Sector, wanted: Reduction, diameter: int | None = None) -> tuple[Structure, list[tuple[Structure, Structure]]]:
+def reduced_wheel(
+    sector: Sector, wanted: Reduction, diameter: int | None = None
+) -> tuple[Structure, list[tuple[Structure, Structure]]]:
     """A small model of a wheel that never was put together: kept degrees of freedom of all sectors, and modes of each nodal
     diameter. Beside it the model of each diameter and what it was reduced to, to compare.
 
@@ -236,7 +240,8 @@ def reduced_wheel(sector: Sector, wanted: Reduction, diameter: int | None = None
         part.place = np.zeros((part.reduced.n_dofs, starts[-1]))
         part.place[: start - end or None, :n_kept] = np.kron(amplitudes, np.eye(part.n_kept))
         part.place[len(part.place) - (end - start) :, start:end] = np.eye(end - start) / np.sqrt(part.weight)
-    matrices, loads = {}, {}
+    matrices: dict[str, Any] = {}
+    loads: dict[str, Any] = {}
     for part in parts:
         for name, matrix in part.reduced.matrices().items():
             matrices[name] = matrices.get(name, 0.0) + part.weight * (part.place.T @ (matrix @ part.place))
@@ -265,7 +270,7 @@ def reduced_wheel(sector: Sector, wanted: Reduction, diameter: int | None = None
     return model, [(part.full, part.reduced) for part in parts]
 
 
-def _recovery(sector: Sector, wanted: Reduction, parts: list[_Part], body: dict) -> Recovery | None:
+def _recovery(sector: Sector, wanted: Reduction, parts: list[_Part], body: dict[str, Any]) -> Recovery | None:
     """All degrees of freedom of the wheel; none where that would be too many numbers."""
     n_rows, size = sector.n_sectors * len(sector.own), parts[0].place.shape[1]
     if n_rows * size > LARGEST_RECOVERY:
@@ -305,7 +310,7 @@ def _of_sine(full: Structure, sector: Sector, name: str) -> str:
     return f"{stem}_sin{dot}{direction}"
 
 
-def _retained_nodes(sector: Sector, body: dict, part: _Part, sectors: range | None) -> dict:
+def _retained_nodes(sector: Sector, body: dict[str, Any], part: _Part, sectors: range | None) -> dict[Any, Any]:
     """Nodes, degrees of freedom and sets of what is kept in all sectors or, without these, of both amplitudes of a wave. Pairs, and
     sines of other nodes, have nodes of their own behind those of the wheel."""
     reduced, n_kept = part.reduced, part.n_kept
@@ -342,7 +347,7 @@ def _retained_nodes(sector: Sector, body: dict, part: _Part, sectors: range | No
     }
 
 
-def _body(sector: Sector) -> dict:
+def _body(sector: Sector) -> dict[str, Any]:
     """Nodes, degrees of freedom and cells of the whole wheel, and where a node of sector i is. Nodes of sector i are numbered on
     from those of the one before."""
     model, n = sector.model, sector.n_sectors
@@ -376,7 +381,7 @@ def wheel(sector: Sector) -> Structure:
     node_of = body.pop("node_of")
     next_one = sp.csr_matrix(np.roll(np.eye(n), 1, axis=1))  # row i: one at sector i + 1
 
-    def expand(matrix):
+    def expand(matrix: Any) -> Any:
         a, b = sector.inside, sector.shared
         across = sp.kron(next_one, a.T @ matrix @ b)
         back = sp.kron(next_one.T, b.T @ matrix @ a)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy.sparse as sp
 
@@ -13,7 +15,7 @@ VTK_LINE, VTK_QUAD, VTK_QUADRATIC_TETRA = 3, 9, 24
 STEEL = {"young": 2.1e11, "poisson": 0.3, "density": 7850.0}
 
 
-def _skfem():
+def _skfem() -> Any:
     try:
         import skfem
     except ImportError:
@@ -21,7 +23,15 @@ def _skfem():
     return skfem
 
 
-def beam(length=1.0, n_elements=20, width=0.03, height=0.01, clamped="left", young=2.1e11, density=7850.0) -> Structure:
+def beam(
+    length: float = 1.0,
+    n_elements: int = 20,
+    width: float = 0.03,
+    height: float = 0.01,
+    clamped: str = "left",
+    young: float = 2.1e11,
+    density: float = 7850.0,
+) -> Structure:
     """Bernoulli beam along x that bends along z: `z` and the slope `zx` at each node."""
     fem = _skfem()
     _above_zero(length=length, n_elements=n_elements, width=width, height=height, young=young, density=density)
@@ -39,7 +49,15 @@ def beam(length=1.0, n_elements=20, width=0.03, height=0.01, clamped="left", you
 
 
 def plate(
-    length=0.4, width=0.3, thickness=0.004, n_x=10, n_y=8, edges="clamped", young=2.1e11, poisson=0.3, density=7850.0
+    length: float = 0.4,
+    width: float = 0.3,
+    thickness: float = 0.004,
+    n_x: int = 10,
+    n_y: int = 8,
+    edges: str = "clamped",
+    young: float = 2.1e11,
+    poisson: float = 0.3,
+    density: float = 7850.0,
 ) -> Structure:
     """Kirchhoff plate in the plane of x and y that bends along z, by the rectangle of Bogner, Fox and Schmit: `z`, its slopes `zx`
     and `zy` and its twist `zxy` at each node. Edges are `clamped`, `supported`, `cantilever` (clamped at x = 0) or `free`."""
@@ -49,7 +67,7 @@ def plate(
     basis = fem.Basis(mesh, fem.ElementQuadBFS(), intorder=8)
     bending = young * thickness**3 / (12 * (1 - poisson**2))
 
-    def energy(u, v, w):
+    def energy(u: Any, v: Any, w: Any) -> Any:
         a, b = u.hess, v.hess
         trace_a, trace_b = a[0, 0] + a[1, 1], b[0, 0] + b[1, 1]
         product = a[0, 0] * b[0, 0] + a[1, 1] * b[1, 1] + 2 * a[0, 1] * b[0, 1]
@@ -78,7 +96,16 @@ def plate(
 
 
 def solid(
-    length=0.2, width=0.04, height=0.02, n_x=10, n_y=2, n_z=2, clamped="left", young=2.1e11, poisson=0.3, density=7850.0
+    length: float = 0.2,
+    width: float = 0.04,
+    height: float = 0.02,
+    n_x: int = 10,
+    n_y: int = 2,
+    n_z: int = 2,
+    clamped: str = "left",
+    young: float = 2.1e11,
+    poisson: float = 0.3,
+    density: float = 7850.0,
 ) -> Structure:
     """Block of quadratic tetrahedra with `x`, `y`, `z` at each node."""
     fem = _skfem()
@@ -99,8 +126,9 @@ def solid(
 
 
 def sector(
-    n_sectors=12, hub=0.08, rim=0.14, platform=0.16, tip=0.26, height=0.012, clamped="hub", young=2.1e11, poisson=0.3,
-    density=7850.0,
+    n_sectors: int = 12, hub: float = 0.08, rim: float = 0.14, platform: float = 0.16, tip: float = 0.26,
+    height: float = 0.012, clamped: str = "hub", young: float = 2.1e11, poisson: float = 0.3,
+    density: float = 7850.0,
 ) -> Structure:  # fmt: skip
     """Sector of a bladed disk about the axis z: disk, neck, platform and blade of quadratic tetrahedra, `clamped` at the hub or not
     at all (`none`)."""
@@ -136,7 +164,15 @@ def sector(
     )  # fmt: skip
 
 
-def ring(n_sectors=12, inner=0.262, outer=0.272, height=0.012, young=2.1e11, poisson=0.3, density=7850.0) -> Structure:
+def ring(
+    n_sectors: int = 12,
+    inner: float = 0.262,
+    outer: float = 0.272,
+    height: float = 0.012,
+    young: float = 2.1e11,
+    poisson: float = 0.3,
+    density: float = 7850.0,
+) -> Structure:
     """Sector of a casing, a ring about the axis z that nothing holds, of quadratic tetrahedra; the set `inside` is the node of its
     middle that the blade of a `sector` meets."""
     fem = _skfem()
@@ -158,7 +194,7 @@ def ring(n_sectors=12, inner=0.262, outer=0.272, height=0.012, young=2.1e11, poi
     )
 
 
-def _around_z(mesh, young, poisson, density):
+def _around_z(mesh: Any, young: Any, poisson: Any, density: Any) -> Any:
     """Radius and angle of the nodes of a body given in these and z, and what `_elastic` makes of it. Middles of edges have those of
     their ends, so that both sides of a sector have them at the same places."""
     polar = mesh.p
@@ -167,14 +203,14 @@ def _around_z(mesh, young, poisson, density):
     return r, phi, _elastic(bent, young, poisson, density)
 
 
-def _elastic(mesh, young, poisson, density):
+def _elastic(mesh: Any, young: Any, poisson: Any, density: Any) -> Any:
     """Stiffness and mass of an elastic body of quadratic tetrahedra; numbers of the degrees of freedom (3, n_nodes), places of the
     nodes, cells in the order of VTK."""
     fem = _skfem()
     basis = fem.Basis(mesh, fem.ElementVector(fem.ElementTetP2()), intorder=4)
     lame = young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
 
-    def energy(u, v, w):
+    def energy(u: Any, v: Any, w: Any) -> Any:
         a, b = u.grad, v.grad
         strain = (a + np.swapaxes(a, 0, 1)) / 2, (b + np.swapaxes(b, 0, 1)) / 2
         trace = [s[0, 0] + s[1, 1] + s[2, 2] for s in strain]
@@ -189,7 +225,7 @@ def _elastic(mesh, young, poisson, density):
     return stiffness, mass, dofs, points, _vtk_order(mesh, cells)
 
 
-def _vtk_order(mesh, cells):
+def _vtk_order(mesh: Any, cells: Any) -> Any:
     """Middle nodes in VTK's order, edges (0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3), whatever theirs is; corners so that the
     volume is positive."""
     wanted = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]
@@ -207,7 +243,9 @@ def _vtk_order(mesh, cells):
     return cells
 
 
-def _nodal(stiffness, mass, dofs, directions, points, cells, vtk_type, sets, held, source) -> Structure:
+def _nodal(
+    stiffness: Any, mass: Any, dofs: Any, directions: Any, points: Any, cells: Any, vtk_type: Any, sets: Any, held: Any, source: Any
+) -> Structure:
     """Model of the degrees of freedom that are not held, node by node. `held`: names of sets, or directions by set."""
     n_nodes = len(points)
     kept = np.ones((len(directions), n_nodes), dtype=bool)
@@ -247,13 +285,13 @@ def _clamped(ends: str) -> list[str]:
     return known[ends]
 
 
-def nearest_node(model: Structure, place) -> int:
+def nearest_node(model: Structure, place: Any) -> int:
     """Index of the node that moves and is closest to a place."""
     moving = np.unique(model.dof_node[model.dof_node >= 0])
     return int(moving[np.argmin(((model.coordinates[moving] - np.asarray(place)) ** 2).sum(axis=1))])
 
 
-def _above_zero(**values) -> None:
+def _above_zero(**values: Any) -> None:
     for name, value in values.items():
         if not value > 0:
             raise ModelError(f"{name} must be above 0, not {value}")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
@@ -16,7 +18,7 @@ MOST_RESTARTS = 40  # of ARPACK, which needs a few
 class Factors:
     """Factors of a symmetric positive definite matrix; fails for one that is not."""
 
-    def __init__(self, matrix: sp.spmatrix, what: str):
+    def __init__(self, matrix: sp.spmatrix, what: str) -> None:
         self.n = matrix.shape[0]
         try:
             from cvxopt import cholmod, matrix as dense, spmatrix
@@ -31,7 +33,7 @@ class Factors:
         except ArithmeticError:
             raise ModelError(f"{what} is not positive definite") from None
 
-        def solve(b):
+        def solve(b: Any) -> Any:
             x = dense(np.asfortranarray(b))
             cholmod.solve(factor, x)
             return np.array(x).reshape(b.shape)
@@ -39,11 +41,9 @@ class Factors:
         self._solve = solve
 
     @staticmethod
-    def _by_superlu(matrix, what):
+    def _by_superlu(matrix: Any, what: Any) -> Any:
         try:
-            factor = spla.splu(
-                matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-            )
+            factor = spla.splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         except RuntimeError:
             raise ModelError(f"{what} is singular") from None
         if (factor.U.diagonal() <= 0.0).any():
@@ -61,12 +61,12 @@ class Factors:
         return spla.LinearOperator((self.n, self.n), matvec=lambda b: self.solve(np.ravel(b)), dtype=float)
 
 
-def symmetric_part(matrix) -> sp.csr_matrix:
+def symmetric_part(matrix: Any) -> sp.csr_matrix:
     """(A + A')/2."""
     return sp.csr_matrix((matrix + matrix.T) / 2)
 
 
-def lowest_modes(stiffness, mass, n_modes: int, shift: float = 0.0, factors: Factors | None = None):
+def lowest_modes(stiffness: Any, mass: Any, n_modes: int, shift: float = 0.0, factors: Factors | None = None) -> Any:
     """Lowest squared frequencies and shapes (unit modal mass) by ARPACK, shifted to -shift and inverted; fewer where the mass has
     no more."""
     n = stiffness.shape[0]
@@ -91,7 +91,7 @@ def lowest_modes(stiffness, mass, n_modes: int, shift: float = 0.0, factors: Fac
     return dense_modes(stiffness, mass, n_modes, shift)
 
 
-def dense_modes(stiffness, mass, n_modes: int | None = None, shift: float = 0.0):
+def dense_modes(stiffness: Any, mass: Any, n_modes: int | None = None, shift: float = 0.0) -> Any:
     """The same by LAPACK, all of them unless told; some degrees of freedom may be without mass."""
     k, m = stiffness.toarray(), mass.toarray()
     try:

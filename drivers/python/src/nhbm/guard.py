@@ -15,6 +15,7 @@ import sys
 import traceback
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import h5py
 
@@ -24,7 +25,7 @@ _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _unfinished: mmap.mmap | None = None  # where the child tells the name of the file that it is writing
 
 
-def guarded(main, program: str) -> int:
+def guarded(main: Any, program: str) -> int:
     """Exit status of the command; 2 and a line on standard error when the library died in it, or was ended."""
     global _unfinished
     if not hasattr(os, "fork"):
@@ -76,7 +77,7 @@ def guarded(main, program: str) -> int:
 
 
 @contextmanager
-def written(path):
+def written(path: Any) -> Any:
     """Gives the name of a new file beside `path` to be written, brings it to the disk and gives it its name: whatever fails or ends
     the process before, a file that was there stays as it was, and no part of the new one is left. A link stays and leads to it."""
     path = Path(os.path.realpath(path))
@@ -103,7 +104,7 @@ def written(path):
     _sync(path.parent)
 
 
-def _sync(path) -> None:
+def _sync(path: Any) -> None:
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -134,7 +135,7 @@ def _shown(character: str) -> str:
 class _Printable:
     """A stream that passes on what is printable."""
 
-    def __init__(self, stream):
+    def __init__(self, stream: Any) -> None:
         self._stream = stream
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
@@ -143,7 +144,7 @@ class _Printable:
         self._stream.write(printable(text))
         return len(text)
 
-    def __getattr__(self, name):
+    def __getattr__(self, name: Any) -> Any:
         return getattr(self._stream, name)
 
 
@@ -152,9 +153,9 @@ def _cancellation(place: mmap.mmap) -> None:
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
     is_inside = False
 
-    def watched(call, entry, end):
+    def watched(call: Any, entry: Any, end: Any) -> Any:
         @functools.wraps(call)
-        def reading(self, *args, **kwargs):
+        def reading(self: Any, *args: Any, **kwargs: Any) -> Any:
             nonlocal is_inside
             if is_inside:
                 return end(call(self, *args, **kwargs))
@@ -173,13 +174,13 @@ def _cancellation(place: mmap.mmap) -> None:
 
         return reading
 
-    def member(self, name=None):
+    def member(self: Any, name: Any = None) -> Any:
         return self.file.filename, name if isinstance(name, str) else self.name
 
-    def attribute(self, name=""):
+    def attribute(self: Any, name: str = "") -> Any:
         return h5py.h5i.get_file_id(self._id).name.decode(errors="replace"), name
 
-    def itself(value):
+    def itself(value: Any) -> Any:
         return value
 
     for owner, name, entry, end in (

@@ -9,6 +9,7 @@ import io
 import zipfile
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.io
@@ -21,7 +22,7 @@ DIRECTIONS = {1: "x", 2: "y", 3: "z", 4: "rx", 5: "ry", 6: "rz"}
 ANGLES = ("rx", "ry", "rz")
 
 
-def from_matrices(paths: dict[str, Path], labels: list[str] | None = None, **more) -> Structure:
+def from_matrices(paths: dict[str, Path], labels: list[str] | None = None, **more: Any) -> Structure:
     """Structure of matrices in Matrix Market (.mtx, .mm) or npz files, one a matrix."""
     matrices = {name: read_matrix(path) for name, path in paths.items()}
     if labels is None:
@@ -32,7 +33,7 @@ def from_matrices(paths: dict[str, Path], labels: list[str] | None = None, **mor
     return Structure(**matrices, **places_of(labels), **more)
 
 
-def read_matrix(path) -> sp.csr_matrix:
+def read_matrix(path: Any) -> sp.csr_matrix:
     """One matrix, its format by the end of the file's name."""
     path = _existing(path)
     try:
@@ -57,19 +58,19 @@ def read_matrix(path) -> sp.csr_matrix:
     return matrix
 
 
-def _has_sizes(path) -> bool:
+def _has_sizes(path: Any) -> bool:
     """Whether there is a line behind the head and the comments of a Matrix Market file; SciPy looks for one for ever."""
-    opener = {".gz": gzip.open, ".bz2": bz2.open}.get(path.suffix, open)  # as mmread takes them
+    opener: Any = {".gz": gzip.open, ".bz2": bz2.open}.get(path.suffix, open)  # as mmread takes them
     with opener(path, "rb") as file:
         return any(line.strip() and not line.lstrip().startswith(b"%") for line in file)
 
 
-def read_labels(path) -> list[str]:
+def read_labels(path: Any) -> list[str]:
     """Labels, a line each."""
     return _checked(_text(path).split(), path)
 
 
-def _checked(labels: list[str], path) -> list[str]:
+def _checked(labels: list[str], path: Any) -> list[str]:
     try:
         check_labels(labels)
     except ModelError as error:
@@ -77,7 +78,7 @@ def _checked(labels: list[str], path) -> list[str]:
     return labels
 
 
-def places_of(labels: list[str]) -> dict:
+def places_of(labels: list[str]) -> dict[Any, Any]:
     """What labels such as `n1204.z` tell: the numbers of the nodes, and where each degree of freedom stands."""
     numbers: dict[int, int] = {}
     node, direction, units = [], [], []
@@ -97,7 +98,7 @@ def places_of(labels: list[str]) -> dict:
     }
 
 
-def from_calculix(stem, **more) -> Structure:
+def from_calculix(stem: Any, **more: Any) -> Structure:
     """Structure of what CalculiX stores for `*FREQUENCY, SOLVER=MATRIXSTORAGE`: <stem>.sti, .mas and .dof."""
     stem = Path(stem)
     stem = stem.with_suffix("") if stem.suffix in (".sti", ".mas", ".dof", ".inp") else stem
@@ -114,7 +115,7 @@ def from_calculix(stem, **more) -> Structure:
     return Structure(**matrices, **places_of(labels), **more)
 
 
-def _triangle(path, n) -> sp.csr_matrix:
+def _triangle(path: Any, n: Any) -> sp.csr_matrix:
     """Symmetric matrix of which one triangle stands in a file as row, column, value."""
     table = _table(path, 3, 2)
     outside = ((table[:, :2] < 1) | (table[:, :2] > n)).any(axis=1)
@@ -125,7 +126,7 @@ def _triangle(path, n) -> sp.csr_matrix:
     return _symmetric(row, column, table[:, 2], n)
 
 
-def _symmetric(row, column, value, n) -> sp.csr_matrix:
+def _symmetric(row: Any, column: Any, value: Any, n: Any) -> sp.csr_matrix:
     """Both triangles of a matrix from one; entries that stand on both sides already are taken as they are."""
     if (row < column).any() and (row > column).any():
         return sp.csr_matrix((value, (row, column)), shape=(n, n))
@@ -133,7 +134,7 @@ def _symmetric(row, column, value, n) -> sp.csr_matrix:
     return sp.csr_matrix(half + half.T - sp.diags(half.diagonal()))
 
 
-def from_abaqus(paths: dict[str, Path], **more) -> Structure:
+def from_abaqus(paths: dict[str, Path], **more: Any) -> Structure:
     """Structure of Abaqus' `*MATRIX GENERATE` (MATRIX INPUT format): node, direction, node, direction, value a line."""
     tables = {name: _table(path, 5, 4) for name, path in paths.items()}
     places = np.unique(np.concatenate([t[:, pair] for t in tables.values() for pair in ([0, 1], [2, 3])]), axis=0)
@@ -154,7 +155,7 @@ def from_abaqus(paths: dict[str, Path], **more) -> Structure:
     return Structure(**matrices, **places_of(labels), **more)
 
 
-def from_nastran(path, names: dict[str, str], **more) -> Structure:
+def from_nastran(path: Any, names: dict[str, str], **more: Any) -> Structure:
     """Structure of DMIG matrices in a bulk data or punch file (needs pyNastran)."""
     try:
         from pyNastran.bdf.bdf import read_bdf
@@ -190,7 +191,7 @@ def from_nastran(path, names: dict[str, str], **more) -> Structure:
     return Structure(**matrices, **places_of(labels), **more)
 
 
-def add_mesh(model: Structure, path) -> None:
+def add_mesh(model: Structure, path: Any) -> None:
     """Takes coordinates, cells and sets of nodes from a mesh (any format of meshio), nodes by their numbers."""
     if (model.dof_node < 0).all():
         raise ModelError(f"no degree of freedom stands at a node of '{path}': --labels gives names such as n12.z")
@@ -234,7 +235,7 @@ def add_mesh(model: Structure, path) -> None:
     model.validate()
 
 
-def _physical_groups(mesh) -> dict[str, np.ndarray]:
+def _physical_groups(mesh: Any) -> dict[str, np.ndarray]:
     """Nodes of the named physical groups of Gmsh."""
     tags = mesh.cell_data.get("gmsh:physical", [])
     found = {}
@@ -259,7 +260,7 @@ def _abaqus_numbers(path: Path) -> np.ndarray | None:
     return np.array(numbers)
 
 
-def _table(path, n_columns, n_whole) -> np.ndarray:
+def _table(path: Any, n_columns: Any, n_whole: Any) -> np.ndarray:
     """Numbers of a text file, a row a line, the first of them whole; lines that begin with * or # are no data."""
     rows = []
     for number, line in enumerate(_text(path).splitlines(), start=1):
@@ -283,14 +284,14 @@ def _table(path, n_columns, n_whole) -> np.ndarray:
     return np.array(rows).reshape(-1, n_columns)
 
 
-def _text(path) -> str:
+def _text(path: Any) -> str:
     try:
         return _existing(path).read_text()
     except UnicodeDecodeError:
         raise ModelError(f"file '{path}' is no text") from None
 
 
-def _existing(path) -> Path:
+def _existing(path: Any) -> Path:
     path = Path(path)
     if not path.is_file():
         raise ModelError(f"file '{path}' does not exist")

@@ -14,6 +14,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 
+from typing import Any
+
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
@@ -51,7 +53,12 @@ class Report:
 
 
 def reduce(
-    model: Structure, keep: list[str], n_modes: int = 20, method: str = MODAL[0], up_to: float | None = None, tolerance: float = KRYLOV_TOLERANCE
+    model: Structure,
+    keep: list[str],
+    n_modes: int = 20,
+    method: str = MODAL[0],
+    up_to: float | None = None,
+    tolerance: float = KRYLOV_TOLERANCE,
 ) -> Structure:
     """Reduced model with the named degrees of freedom or sets, and the vectors of loads as further static shapes.
 
@@ -90,7 +97,7 @@ def reduce(
     return reduced
 
 
-def _pair(model, name) -> tuple[str, str, str] | None:
+def _pair(model: Any, name: Any) -> tuple[str, str, str] | None:
     """Name of a pair and what its two sets are called with the direction; none for what is no pair."""
     stem, _, direction = name.rpartition(".")
     if not stem or name in model.labels or stem in model.sets or not {f"{stem}_1", f"{stem}_2"} <= set(model.sets):
@@ -98,11 +105,12 @@ def _pair(model, name) -> tuple[str, str, str] | None:
     return stem, f"{stem}_1.{direction}", f"{stem}_2.{direction}"
 
 
-def _relative(model, keep) -> tuple[Structure, sp.csr_matrix]:
+def _relative(model: Any, keep: Any) -> tuple[Structure, sp.csr_matrix]:
     """The model in coordinates x = turn @ x' of which those of pairs are differences. These belong to new nodes, halfway."""
     numbers, coordinates, sets = model.node_numbers, model.coordinates, dict(model.sets)
     dof_node, dof_direction, labels = model.dof_node.copy(), list(model.dof_direction), list(model.labels)
-    first, second = [], []
+    first: list[Any] = []
+    second: list[Any] = []
     for pair in filter(None, (_pair(model, name) for name in keep)):
         name, one, other = pair
         a, b = model.dofs_of(one), model.dofs_of(other)
@@ -151,7 +159,7 @@ def _without_circulation(model: Structure) -> Structure:
     rest.data[rest.data <= ASYMMETRY * abs(symmetric).max()] = 0.0
     where = np.flatnonzero(np.asarray(rest.sum(axis=1)).ravel())
     if len(where) > MOST_CIRCULATORY:
-        where = []
+        where = where[:0]
     forces = {f"circulatory {dof}": (np.array([dof]), np.ones(1)) for dof in where}
     return replace(model, stiffness=symmetric, loads=model.loads | forces)
 
@@ -164,13 +172,13 @@ def load_matrix(model: Structure) -> np.ndarray:
     return loads
 
 
-def _craig_bampton(model, kept, n_modes) -> np.ndarray:
+def _craig_bampton(model: Any, kept: Any, n_modes: Any) -> np.ndarray:
     """Columns: kept degrees of freedom, modes with these held, static shapes of the loads."""
     inside = np.setdiff1d(np.arange(model.n_dofs), kept)
     k, m = model.stiffness, model.mass
     k_ii = sp.csr_matrix(k[inside][:, inside])
     what = "the stiffness with the kept degrees of freedom held (keep more, or leave --method craig-bampton out): it"
-    factors = Factors(k_ii, what) if len(inside) else None
+    factors: Any = Factors(k_ii, what) if len(inside) else None
     n_more = len(model.loads)
     basis = np.zeros((model.n_dofs, len(kept)))
     basis[kept, np.arange(len(kept))] = 1.0
@@ -183,7 +191,7 @@ def _craig_bampton(model, kept, n_modes) -> np.ndarray:
     return basis
 
 
-def _free_interface(model, kept, n_modes) -> np.ndarray:
+def _free_interface(model: Any, kept: Any, n_modes: Any) -> np.ndarray:
     """Modes of the free structure and the response to unit forces at the kept degrees of freedom, in a form that has these as
     coordinates. A small shift makes the stiffness of a structure that can move as a whole invertible; static answers are exact
     where there is none."""
@@ -225,7 +233,7 @@ def _free_interface(model, kept, n_modes) -> np.ndarray:
     return np.hstack([boundary, inner, more])
 
 
-def _boundary_and_inner(shapes, kept) -> tuple[np.ndarray, np.ndarray]:
+def _boundary_and_inner(shapes: Any, kept: Any) -> tuple[np.ndarray, np.ndarray]:
     """Shapes as those with one at each kept degree of freedom and as what is zero at these."""
     turn, triangle = np.linalg.qr(shapes[kept].T, mode="complete")
     boundary = scipy.linalg.solve_triangular(triangle[: len(kept)], (shapes @ turn[:, : len(kept)]).T).T
@@ -237,7 +245,7 @@ class _KrylovSpace:
     and its loads; `kept` has also those few where damping, gyroscopic and circulatory terms act that are no sum of mass and
     stiffness, so that these are exact."""
 
-    def __init__(self, model, kept, up_to):
+    def __init__(self, model: Any, kept: Any, up_to: Any) -> None:
         self.model, self.up_to, self.shift = model, up_to, SHIFT * up_to
         self.rests = _rests(model)
         touched = np.unique(np.concatenate([np.concatenate(rest.nonzero()) for rest in self.rests] + [np.zeros(0, int)]))
@@ -250,7 +258,7 @@ class _KrylovSpace:
         self.factors = Factors(self.energy, "the stiffness with some of the mass (nhbm-model check says more): it")
         self.basis = np.zeros((model.n_dofs, 0))
 
-    def grown(self, tolerance) -> np.ndarray:
+    def grown(self, tolerance: Any) -> np.ndarray:
         """Columns: kept degrees of freedom and shapes, of a space that grew until its last block changed the flexibility by less
         than the tolerance, also at frequencies that it was not tuned to."""
         n_cycles, change = 0, np.inf
@@ -295,7 +303,7 @@ class _KrylovSpace:
         self.basis = np.hstack([self.basis, shapes])
         self.next = self.model.mass @ shapes
 
-    def _without_basis(self, w) -> np.ndarray:
+    def _without_basis(self, w: Any) -> np.ndarray:
         for _ in range(2):
             w = w - self.basis @ (self.basis.T @ (self.energy @ w))
         return w
@@ -316,11 +324,11 @@ class _KrylovSpace:
         old, new = (scale[:, None] * (self.forces.T @ v @ x) * scale for v, x in ((self.basis[:, :before], old), (self.basis, new)))
         return float((np.abs(new - old).max(axis=(1, 2)) / np.abs(new).max(axis=(1, 2))).max())
 
-    def _mass(self, v) -> np.ndarray:
+    def _mass(self, v: Any) -> np.ndarray:
         mass = v.T @ (self.model.mass @ v)
         return (mass + mass.T) / 2
 
-    def _answers(self, v, frequencies) -> np.ndarray:
+    def _answers(self, v: Any, frequencies: Any) -> np.ndarray:
         """Coordinates (frequencies, shapes, forces) of the motion in some shapes."""
         theta, u = np.linalg.eigh(self._mass(v))
         b = u.T @ (v.T @ self.forces)
@@ -328,9 +336,11 @@ class _KrylovSpace:
             return np.array([u @ (b / (1.0 - (self.shift**2 + w**2) * theta)[:, None]) for w in frequencies])
         x = v @ u
         rigidity, viscous, hysteretic = (x.T @ (matrix @ x) for matrix in _parts(self.model))
-        return np.array([u @ np.linalg.solve(rigidity - np.diag(w**2 * theta) + 1j * (w * viscous + hysteretic), b) for w in frequencies])
+        return np.array(
+            [u @ np.linalg.solve(rigidity - np.diag(w**2 * theta) + 1j * (w * viscous + hysteretic), b) for w in frequencies]
+        )
 
-    def _go_on_with_residuals(self, offset) -> None:
+    def _go_on_with_residuals(self, offset: Any) -> None:
         """The next forces are what the shapes leave of the forces at some frequencies: damping or stiffness of another kind than
         that of the space acts all over the structure."""
         frequencies = self.up_to * (np.arange(1, N_RESIDUALS + 1) - offset) / N_RESIDUALS
@@ -339,7 +349,7 @@ class _KrylovSpace:
         self.next = np.hstack([part for r in left for part in (r.real, r.imag)])
 
 
-def _rests(model) -> list[sp.csr_matrix]:
+def _rests(model: Any) -> list[sp.csr_matrix]:
     """What of damping, gyroscopic and circulatory terms is no sum of mass and stiffness with the factors of most rows."""
     symmetric = symmetric_part(model.stiffness)
     rests = [model.stiffness - symmetric]
@@ -357,9 +367,15 @@ def _rests(model) -> list[sp.csr_matrix]:
     return found
 
 
-def _proportions(matrix, mass, stiffness) -> tuple[float, float]:
+def _proportions(matrix: Any, mass: Any, stiffness: Any) -> tuple[float, float]:
     """Medians over the rows of the factors in matrix = alpha mass + beta stiffness."""
-    pairs = {"mm": (mass, mass), "mk": (mass, stiffness), "kk": (stiffness, stiffness), "dm": (matrix, mass), "dk": (matrix, stiffness)}
+    pairs = {
+        "mm": (mass, mass),
+        "mk": (mass, stiffness),
+        "kk": (stiffness, stiffness),
+        "dm": (matrix, mass),
+        "dk": (matrix, stiffness),
+    }
     p = {name: np.asarray(a.multiply(b).sum(axis=1)).ravel() for name, (a, b) in pairs.items()}
     determinant = p["mm"] * p["kk"] - p["mk"] ** 2
     sound = determinant > 1.0e-6 * p["mm"] * p["kk"]
@@ -370,7 +386,7 @@ def _proportions(matrix, mass, stiffness) -> tuple[float, float]:
     return float(np.median(alpha)), float(np.median(beta))
 
 
-def _project(model, kept, basis, method) -> Structure:
+def _project(model: Any, kept: Any, basis: Any, method: Any) -> Structure:
     """The model in the columns of a basis, of which the first are the kept degrees of freedom."""
     n_kept = len(kept)
     inner = basis[:, n_kept:]
@@ -391,7 +407,7 @@ def _project(model, kept, basis, method) -> Structure:
         sign = -1.0 if is_skew else 1.0
         if name == "mass" or is_skew or (name == "stiffness" and is_symmetric(model)):
             matrices[name] = (matrices[name] + sign * matrices[name].T) / 2
-    n_inner = inner.shape[1]
+    n_inner, words = inner.shape[1], "shapes" if method == "krylov" else "modes"
     loads = {}
     for (name, _), column in zip(model.loads.items(), load_matrix(model).T):
         loads[name] = (np.arange(n_kept + n_inner), basis.T @ column)
@@ -412,12 +428,12 @@ def _project(model, kept, basis, method) -> Structure:
         sets={name: nodes for name, nodes in sets.items() if len(nodes)},
         loads=loads,
         unit_system=model.unit_system,
-        source=f"{model.source}; {method}, {n_kept} of {model.n_dofs} kept, {n_inner} {'shapes' if method == 'krylov' else 'modes'}",
+        source=f"{model.source}; {method}, {n_kept} of {model.n_dofs} kept, {n_inner} {words}",
         recovery=Recovery(basis, model.dof_node, model.dof_direction),
     )
 
 
-def _uncoupled(matrix, n_kept) -> np.ndarray:
+def _uncoupled(matrix: Any, n_kept: Any) -> np.ndarray:
     """The matrix without the coupling between shapes that is rounding beside their own entries."""
     size = np.sqrt(np.abs(np.diag(matrix)[n_kept:]))
     shapes = matrix[n_kept:, n_kept:]
@@ -446,7 +462,7 @@ def resonances(reduced: Structure, up_to: float) -> np.ndarray:
     return found[(found > RIGID * up_to) & (found <= up_to)]
 
 
-def compare(model: Structure, reduced: Structure, frequencies, loss: float = 1.0e-3) -> Report:
+def compare(model: Structure, reduced: Structure, frequencies: Any, loss: float = 1.0e-3) -> Report:
     """Errors of the reduced model's flexibility at its kept degrees of freedom against the full one's, at some frequencies [rad/s].
 
     Both with the loss factor `loss` on top, so that a resonance is no singularity. The full model is solved from the reduced one's
@@ -484,26 +500,26 @@ def compare(model: Structure, reduced: Structure, frequencies, loss: float = 1.0
     return Report(frequencies, np.array(errors), len(ours), float(off), time.perf_counter() - started)
 
 
-def _parts(model) -> tuple[sp.csr_matrix, sp.csr_matrix, sp.csr_matrix]:
+def _parts(model: Any) -> tuple[sp.csr_matrix, sp.csr_matrix, sp.csr_matrix]:
     """Stiffness, viscous damping with gyroscopic terms, and structural damping."""
     none = sp.csr_matrix(model.mass.shape)
     viscous = sum((matrix for matrix in (model.damping, model.gyroscopic) if matrix is not None), none)
     return model.stiffness, viscous, model.structural if model.structural is not None else none
 
 
-def _dynamic(model, w, loss):
+def _dynamic(model: Any, w: Any, loss: Any) -> Any:
     stiffness, viscous, hysteretic = _parts(model)
     return sp.csr_matrix(stiffness * (1 + 1j * loss) - w**2 * model.mass + 1j * w * viscous + 1j * hysteretic)
 
 
-def _solve(a, b, guess, factors):
+def _solve(a: Any, b: Any, guess: Any, factors: Any) -> Any:
     """Solution of a x = b by GMRES from a guess."""
 
-    def precondition(r):
+    def precondition(r: Any) -> Any:
         r = np.ravel(r)
         return factors.solve(np.column_stack([r.real, r.imag])) @ np.array([1.0, 1.0j])
 
-    def rounding(x):
+    def rounding(x: Any) -> Any:
         return np.finfo(float).eps * np.linalg.norm(abs(a) @ np.abs(x))
 
     m = spla.LinearOperator(a.shape, matvec=precondition, dtype=complex)

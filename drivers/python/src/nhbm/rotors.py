@@ -2,11 +2,13 @@
 
 Timoshenko's beam with rotary inertia and gyroscopic terms (Nelson, J. Mech. Design 102 (1980) 793), damping that turns with the
 shaft (Genta, Dynamics of Rotating Systems, Springer 2005, chapter 6). The shafts lie along z: each node moves along x and y and has
-the slopes dx/dz and dy/dz of its section. """
+the slopes dx/dz and dy/dz of its section."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -34,9 +36,9 @@ class Rotor:
     """Round shafts of one material on one axis, with disks, bearings and unbalance; `structure` makes the matrices.
 
     young: Young's modulus [N/m2]; density [kg/m3]; poisson: Poisson's ratio for the shear of the sections, None for none
-    (Bernoulli). """
+    (Bernoulli)."""
 
-    def __init__(self, young: float = 2.1e11, density: float = 7850.0, poisson: float | None = 0.3):
+    def __init__(self, young: float = 2.1e11, density: float = 7850.0, poisson: float | None = 0.3) -> None:
         self.young, self.density, self.poisson = young, density, poisson
         self._shafts: list[_Shaft] = []
         self._sets: dict[str, int] = {}
@@ -48,10 +50,10 @@ class Rotor:
         """Number of nodes of all shafts."""
         return sum(len(shaft.z) for shaft in self._shafts)
 
-    def shaft(self, z, diameter, bore=0.0, *, name: str = "shaft", speed: int = 1, damping: float = 0.0) -> None:
+    def shaft(self, z: Any, diameter: Any, bore: float = 0.0, *, name: str = "shaft", speed: int = 1, damping: float = 0.0) -> None:
         """Adds a shaft. z: positions of its nodes [m], rising; diameter, bore: outer and inner one [m], one or one for each
         element; name: for the other methods; speed: 1 or 2, the number of the speed that it turns by; damping: of its material,
-        viscous and turning along, as a factor of its stiffness [s]. """
+        viscous and turning along, as a factor of its stiffness [s]."""
         z = np.asarray(z, dtype=float)
         if z.ndim != 1 or len(z) < 2 or not (np.diff(z) > 0).all():
             raise ModelError(f"shaft '{name}': z must be two or more rising positions")
@@ -82,7 +84,7 @@ class Rotor:
         self._add(_by_speed("gyroscopic_by_speed", place.speed), (node,), ACROSS, np.diag([0.0, polar]))
         self._sets[self._next("disk")] = node
 
-    def bearing(self, z: float, stiffness, damping=0.0, *, shaft: str | None = None) -> None:
+    def bearing(self, z: float, stiffness: Any, damping: float = 0.0, *, shaft: str | None = None) -> None:
         """Holds the node nearest to z [m]: stiffness [N/m] and damping [N s/m], one number or a matrix over x and y; set
         `bearing1`, ..."""
         _, node = self._node(z, shaft)
@@ -90,7 +92,7 @@ class Rotor:
             self._add(name, (node,), _two(values), np.diag([1.0, 0.0]))
         self._sets[self._next("bearing")] = node
 
-    def between(self, z: float, one: str, other: str, stiffness, damping=0.0) -> None:
+    def between(self, z: float, one: str, other: str, stiffness: Any, damping: float = 0.0) -> None:
         """Joins two shafts at z [m] by a bearing, as `bearing`; sets `inner1` and `outer1`, ... for contact laws (stiffness may be
         0)."""
         nodes = self._node(z, one)[1], self._node(z, other)[1]
@@ -124,9 +126,9 @@ class Rotor:
             if matrix.nnz:
                 matrices[name] = matrix
         loads = {}
-        for name, parts in self._unbalance.items():
-            dofs = np.array([N * node + plane for node, _, _ in parts for plane in (0, 1)])
-            turned = np.concatenate([[amount * np.cos(angle), amount * np.sin(angle)] for _, amount, angle in parts])
+        for name, masses in self._unbalance.items():
+            dofs = np.array([N * node + plane for node, _, _ in masses for plane in (0, 1)])
+            turned = np.concatenate([[amount * np.cos(angle), amount * np.sin(angle)] for _, amount, angle in masses])
             loads[f"unbalance_{name}_cos"] = dofs, turned
             loads[f"unbalance_{name}_sin"] = dofs, np.concatenate([[-b, a] for a, b in turned.reshape(-1, 2)])
         ends = [shaft.first + np.arange(len(shaft.z)) for shaft in self._shafts]
@@ -148,7 +150,7 @@ class Rotor:
             source=f"rotor, {len(lines)} elements",
         )
 
-    def campbell(self, speeds, ratio: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    def campbell(self, speeds: Any, ratio: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
         """Whirl frequencies [rad/s], rising, and growth rates [1/s] of the linear rotor over its speed, each (n_speeds, n_dofs).
 
         speeds: of the shafts of speed 1 [rad/s]; ratio: of speed 2 to them.
@@ -163,13 +165,17 @@ class Rotor:
         whirls.
 
         Source: (K - W**2 (order**2 M - order G)) u = 0 for circular whirl, G the gyroscopic matrix of all shafts at W = 1; bearings
-        must be the same in x and y. """
+        must be the same in x and y."""
         s = self.structure()
         k, m = s.stiffness.toarray(), s.mass.toarray()
         planes = [np.arange(s.n_dofs)[plane::2] for plane in (0, 1)]  # x and xz, y and yz of all nodes
         if not np.allclose(k[np.ix_(planes[0], planes[0])], k[np.ix_(planes[1], planes[1])], rtol=1e-9, atol=1e-9 * abs(k).max()):
             raise ModelError("critical_speeds: the bearings differ in x and y; read them off a Campbell diagram")
-        g = sum(part.toarray() * factor for part, factor in ((s.gyroscopic_by_speed, 1.0), (s.gyroscopic_by_speed_2, ratio)) if part is not None)
+        g = sum(
+            part.toarray() * factor
+            for part, factor in ((s.gyroscopic_by_speed, 1.0), (s.gyroscopic_by_speed_2, ratio))
+            if part is not None
+        )
         polar = g[np.ix_(planes[0], planes[1])] if not np.isscalar(g) else np.zeros((s.n_dofs // 2,) * 2)
         one = planes[0]
         values = scipy.linalg.eigvals(order**2 * m[np.ix_(one, one)] - order * polar, k[np.ix_(one, one)])
@@ -189,12 +195,15 @@ class Rotor:
             h, 13 / 35 + 7 * p / 10 + p**2 / 3, 11 / 210 + 11 * p / 120 + p**2 / 24, 1 / 105 + p / 60 + p**2 / 120,
             9 / 70 + 3 * p / 10 + p**2 / 6, -(13 / 420 + 3 * p / 40 + p**2 / 24), -(1 / 140 + p / 60 + p**2 / 120),
         )  # fmt: skip
-        rotary = self.density * second / (h * (1 + p) ** 2) * _matrix(
-            h, 6 / 5, 1 / 10 - p / 2, 2 / 15 + p / 6 + p**2 / 3, -6 / 5, 1 / 10 - p / 2, -1 / 30 - p / 6 + p**2 / 6
+        rotary = (
+            self.density
+            * second
+            / (h * (1 + p) ** 2)
+            * _matrix(h, 6 / 5, 1 / 10 - p / 2, 2 / 15 + p / 6 + p**2 / 3, -6 / 5, 1 / 10 - p / 2, -1 / 30 - p / 6 + p**2 / 6)
         )
         return stiffness, mass, rotary
 
-    def _add(self, name: str, nodes, across: np.ndarray, plane: np.ndarray) -> None:
+    def _add(self, name: str, nodes: Any, across: np.ndarray, plane: np.ndarray) -> None:
         """Adds kron(across, plane): `across` over x and y, `plane` over deflection and slope of the nodes."""
         dofs = np.concatenate([[N * node + direction, N * node + 2 + direction] for direction in (0, 1) for node in nodes])
         self._parts.setdefault(name, []).append((dofs, np.kron(across, plane)))
@@ -214,7 +223,16 @@ class Rotor:
         return f"{word}{1 + sum(name.startswith(word) for name in self._sets)}"
 
 
-def rotor(length, diameter, n_elements, disks=(), bearings=(), speed=None, young=2.1e11, density=7850.0) -> Structure:
+def rotor(
+    length: Any,
+    diameter: Any,
+    n_elements: Any,
+    disks: Any = (),
+    bearings: Any = (),
+    speed: Any = None,
+    young: float = 2.1e11,
+    density: float = 7850.0,
+) -> Structure:
     """One even shaft [m] without shear; sets `disk1`, `bearing1`, ...
 
     `disks`: position [m], mass [kg], diametral and polar moment of inertia [kg m2]; `bearings`: position, stiffness [N/m] and
@@ -233,9 +251,9 @@ def rotor(length, diameter, n_elements, disks=(), bearings=(), speed=None, young
     return structure if speed is None else at_speeds(structure, (speed, 0.0))
 
 
-def at_speeds(structure: Structure, speeds) -> Structure:
+def at_speeds(structure: Structure, speeds: Any) -> Structure:
     """The structure with its terms in speeds at these speeds [rad/s]: no term in a speed is left."""
-    added: dict[str, list] = {"gyroscopic": [structure.gyroscopic], "stiffness": [structure.stiffness]}
+    added: dict[str, list[Any]] = {"gyroscopic": [structure.gyroscopic], "stiffness": [structure.stiffness]}
     for suffix, speed in zip(("", "_2"), speeds):
         for kind, name, factor in (
             ("gyroscopic", "gyroscopic_by_speed", speed),
@@ -246,7 +264,8 @@ def at_speeds(structure: Structure, speeds) -> Structure:
             if matrix is not None and factor:
                 added[kind].append(factor * matrix)
     total = {kind: [m for m in matrices if m is not None] for kind, matrices in added.items()}
-    return replace(structure, **dict.fromkeys(BY_SPEED), **{kind: sum(m[1:], m[0]) if m else None for kind, m in total.items()})
+    at_speed: dict[str, Any] = {kind: sum(m[1:], m[0]) if m else None for kind, m in total.items()}
+    return replace(structure, **dict.fromkeys(BY_SPEED), **at_speed)  # type: ignore[arg-type]
 
 
 def whirls(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
@@ -260,7 +279,7 @@ def whirls(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
     return abs(values.imag), values.real
 
 
-def _matrix(h, deflection, both, slope, far_deflection, far_both, far_slope) -> np.ndarray:
+def _matrix(h: Any, deflection: Any, both: Any, slope: Any, far_deflection: Any, far_both: Any, far_slope: Any) -> np.ndarray:
     """Matrix of a beam element between deflection and slope of both ends, from the numbers that make it up."""
     near = np.array([[deflection, both * h], [both * h, slope * h**2]])
     other = np.array([[deflection, -both * h], [-both * h, slope * h**2]])
@@ -268,7 +287,7 @@ def _matrix(h, deflection, both, slope, far_deflection, far_both, far_slope) -> 
     return np.block([[near, far], [far.T, other]])
 
 
-def _two(values) -> np.ndarray:
+def _two(values: Any) -> np.ndarray:
     values = np.asarray(values, dtype=float)
     if values.ndim == 0:
         return float(values) * np.eye(2)

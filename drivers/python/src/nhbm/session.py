@@ -204,7 +204,7 @@ class Session:
     """An input that is solved in process. Raises ModelError with group, key and the right value where something is wrong.
 
     `structures(name)` gives the Structure that `&structure type = 'model', file = name` asks for. A session belongs to one thread
-    at a time; the interpreter's lock is released while it is solved. """
+    at a time; the interpreter's lock is released while it is solved."""
 
     def __init__(self, structures: Callable[[str], Structure] | None = None) -> None:
         self._library, self._error = library(), _Error()
@@ -364,5 +364,3 @@ def _text(words: bytes) -> str:
 
 def _words(words: list[str]) -> bytes:
     return " ".join(words).encode()
-
-

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -50,11 +51,11 @@ class Structure:
     gyroscopic_by_speed_2: sp.csr_matrix | None = None
     stiffness_by_speed_2: sp.csr_matrix | None = None
     stiffness_by_speed_squared_2: sp.csr_matrix | None = None
-    units: list[str] | None = None  # of the coordinates
+    units: list[str] = None  # type: ignore[assignment]  # of the coordinates; m
     node_numbers: np.ndarray = field(default_factory=lambda: _NO_INTEGERS)
     coordinates: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    dof_node: np.ndarray | None = None  # index into the nodes, -1 for none
-    dof_direction: list[str] | None = None
+    dof_node: np.ndarray = None  # type: ignore[assignment]  # index into the nodes, -1 for none
+    dof_direction: list[str] = None  # type: ignore[assignment]
     cell_types: np.ndarray = field(default_factory=lambda: _NO_INTEGERS)  # of VTK
     cell_starts: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
     cell_nodes: np.ndarray = field(default_factory=lambda: _NO_INTEGERS)
@@ -62,10 +63,10 @@ class Structure:
     loads: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)  # degrees of freedom, values
     unit_system: str = "m kg s"
     source: str = ""
-    recovery: Recovery | None = None
+    recovery: Recovery | Any = None  # None: there is none
     up_to: float | None = None  # frequencies that a reduced model is for [rad/s]
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in MATRICES:
             matrix = getattr(self, name)
             if matrix is None:
@@ -150,7 +151,7 @@ class Structure:
             raise ModelError(f"node {self.node_numbers[missing[0]]} of set '{stem}' has no degree of freedom '{direction}'")
         return [dof for node in self.sets[stem] for dof in of_node[int(node)]]
 
-    def write(self, path) -> None:
+    def write(self, path: Any) -> None:
         """Writes the model file: a new one beside it, which takes its name when it is complete and on the disk."""
         image = self._image()
         try:
@@ -193,7 +194,7 @@ class Structure:
             return file.id.get_file_image()
 
     @classmethod
-    def read(cls, path) -> Structure:
+    def read(cls, path: Any) -> Structure:
         """Reads a model file."""
         if not Path(path).is_file():
             raise ModelError(f"file '{path}' does not exist")
@@ -230,7 +231,7 @@ class Structure:
         for name in ("mass", "stiffness"):
             if name not in matrices:
                 raise ModelError(f"has no matrix '{name}'")
-        more = {}
+        more: dict[str, Any] = {}
         if "dofs" in file:
             more = {"dof_node": _values(file, "dofs/node"), "dof_direction": _texts(file, "dofs/direction")}
         if "nodes" in file:
@@ -242,8 +243,8 @@ class Structure:
                 "cell_nodes": _values(file, "cells/nodes"),
             }
         if "recovery" in file:
-            parts = (_values(file, "recovery/matrix"), _values(file, "recovery/node"), _texts(file, "recovery/direction"))
-            more["recovery"] = Recovery(*parts)
+            matrix, node = _values(file, "recovery/matrix"), _values(file, "recovery/node")
+            more["recovery"] = Recovery(matrix, node, _texts(file, "recovery/direction"))
         if "up_to" in file:
             more["up_to"] = float(_values(file, "up_to")[0])
         return cls(
@@ -278,7 +279,7 @@ def check_labels(labels: list[str]) -> None:
         seen[label] = i
 
 
-def _write_lists(file, group, lists, parts, texts) -> None:
+def _write_lists(file: Any, group: Any, lists: Any, parts: Any, texts: Any) -> None:
     """Writes named lists one behind the other, with the place where each begins."""
     if not lists:
         return
@@ -290,7 +291,7 @@ def _write_lists(file, group, lists, parts, texts) -> None:
         file[f"{group}/{part}"] = values.astype(float if part == "values" else np.int64)
 
 
-def _read_lists(file, group, parts) -> dict[str, tuple]:
+def _read_lists(file: Any, group: Any, parts: Any) -> dict[str, Any]:
     if group not in file:
         return {}
     starts = _values(file, f"{group}/indptr")
@@ -298,20 +299,18 @@ def _read_lists(file, group, parts) -> dict[str, tuple]:
     names = _texts(file, f"{group}/names")
     if len(starts) != len(names) + 1:
         raise ModelError(f"'{group}/indptr' has {len(starts)} entries, expected {len(names) + 1}")
-    return {
-        name: tuple(column[starts[i] : starts[i + 1]] for column in columns) for i, name in enumerate(names)
-    }
+    return {name: tuple(column[starts[i] : starts[i + 1]] for column in columns) for i, name in enumerate(names)}
 
 
-def _values(file, name) -> np.ndarray:
+def _values(file: Any, name: Any) -> np.ndarray:
     if name not in file:
         raise ModelError(f"has no '{name}'")
     return file[name][()]
 
 
-def _texts(file, name) -> list[str]:
+def _texts(file: Any, name: Any) -> list[str]:
     return [_text(value) for value in _values(file, name)]
 
 
-def _text(value) -> str:
+def _text(value: Any) -> str:
     return value.decode() if isinstance(value, bytes) else str(value)
