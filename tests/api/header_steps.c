@@ -19,6 +19,7 @@ int verdict_step(void);
 int structure_step(void);
 int wrong_structure_step(void);
 int ending_step(void);
+int law_step(void);
 
 /* m x'' + c x' + (k + a) x = F cos(w t), the spring a being a law. */
 static const char *const oscillator =
@@ -356,5 +357,49 @@ int ending_step(void)
    CHECK(nhbm_ask(model, NULL, NULL, &error) == NHBM_OK);
    CHECK(nhbm_solve(model, NHBM_COLD, &error) == NHBM_OK && status_of(model) == 1 && n_asked == 1);
    nhbm_delete(&model);
+   return 0;
+}
+
+static int spring_evaluate(const nhbm_law_samples_t *s)
+{
+   const double stiffness = *(const double *)s->context;
+
+   for (int i = 0; i < s->n_samples; ++i) {
+      s->f[i] = stiffness*s->z[i];
+      if (s->df_dz) s->df_dz[i] = stiffness;
+   }
+   return 0;
+}
+
+/* A law of the program takes the place of one of its name, and lives on in models that have it. */
+int law_step(void)
+{
+   nhbm_error error;
+   nhbm_model *model = nhbm_new(), *other = nhbm_new();
+   nhbm_law_info_t info = {0};
+   double stiffness[2] = {3.0, 5.0};
+   char text[1000];
+
+   snprintf(text, sizeof text, "%.*s&law type = 'user', library = '', name = 'mine', dof = 'x1' /\n",
+            (int)(strstr(oscillator, "&law") - oscillator), oscillator);
+   CHECK(nhbm_read(model, text, "oscillator", &error) == NHBM_INPUT && strstr(error.text, "no law 'mine'"));
+   info.api_version = NHBM_USER_LAW_API;
+   info.n_coordinates = 1;
+   info.context = &stiffness[0];
+   CHECK(nhbm_give_law("mine", &info, spring_evaluate) != 0);
+   info.api_version = NHBM_USER_LAW_API_2;
+   CHECK(nhbm_give_law("mine", &info, spring_evaluate) == 0);
+   CHECK(nhbm_read(model, text, "oscillator", &error) == NHBM_OK && nhbm_solve(model, NHBM_COLD, &error) == NHBM_OK);
+   CHECK(cabs(first_harmonic(model) - answer(3.0, 0.9)) < 1e-12);
+   info.context = &stiffness[1];
+   CHECK(nhbm_give_law("mine", &info, spring_evaluate) == 0);
+   CHECK(nhbm_read(other, text, "oscillator", &error) == NHBM_OK && nhbm_solve(other, NHBM_COLD, &error) == NHBM_OK);
+   CHECK(cabs(first_harmonic(other) - answer(5.0, 0.9)) < 1e-12);
+   nhbm_forget_law("mine");
+   nhbm_forget_law("mine");
+   CHECK(nhbm_read(other, text, "oscillator", &error) == NHBM_INPUT);
+   CHECK(nhbm_solve(model, NHBM_COLD, &error) == NHBM_OK && cabs(first_harmonic(model) - answer(3.0, 0.9)) < 1e-12);
+   nhbm_delete(&model);
+   nhbm_delete(&other);
    return 0;
 }

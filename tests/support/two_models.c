@@ -1,5 +1,5 @@
-/* Two threads, each with models of its own: errors of the input, points of four laws. Both print what they
- * found, so that a race shows as a difference, too; a race detector sees more. */
+/* Two threads, each with models of its own: errors of the input, points of laws, one of them given by this program. Both print what
+ * they found, so that a race shows as a difference, too; a race detector sees more. */
 #include <pthread.h>
 #include <stdio.h>
 #include <string.h>
@@ -16,12 +16,22 @@ static const char *const texts[] = {
    OSCILLATOR "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /\n",
    OSCILLATOR "&law type = 'elastic_stop', label = 'stop', dof = 'x1', stiffness = 5.0, gap = 0.2 /\n",
    OSCILLATOR "&law type = 'jenkins', label = 'joint', dof = 'x1', stiffness = 1.0, limit = 0.1 /\n",
+   OSCILLATOR "&law type = 'user', library = '', name = 'given', dof = 'x1' /\n",
 };
 enum { n_texts = sizeof texts / sizeof texts[0] };
 
 typedef struct {
    char lines[n_texts][400];
 } found_t;
+
+/* A cubic spring, of version 2 of the interface for laws. */
+static int given(const nhbm_law_samples_t *s) {
+   for (int i = 0; i < s->n_samples; ++i) {
+      s->f[i] = *(const double *)s->context * s->z[i] * s->z[i] * s->z[i];
+      if (s->df_dz) s->df_dz[i] = 3.0 * *(const double *)s->context * s->z[i] * s->z[i];
+   }
+   return 0;
+}
 
 static void *run(void *data) {
    found_t *found = data;
@@ -45,7 +55,10 @@ static void *run(void *data) {
 int main(void) {
    static found_t alone, found[2];
    pthread_t threads[2];
+   static double stiffness = 0.5;
+   nhbm_law_info_t info = {.api_version = NHBM_USER_LAW_API_2, .n_coordinates = 1, .context = &stiffness};
 
+   if (nhbm_give_law("given", &info, given)) return 2;
    run(&alone);
    for (int i = 0; i < 2; ++i) pthread_create(&threads[i], NULL, run, &found[i]);
    for (int i = 0; i < 2; ++i) pthread_join(threads[i], NULL);
