@@ -127,7 +127,7 @@ def changes(start: str, code: str, begin: int):
         yield match.start(1), match[1], [others[match[1]]], "operator"
     is_steering = "parameter" in start.split("::")[0] and "::" in start
     for match in each(NUMBER):
-        if re.search(r"((kind|unit|len)\s*=\s*|\b(huge|tiny|epsilon)\()$", code[: match.start(1)]):  # of these the kind counts
+        if re.search(r"((kind|unit|len)\s*=\s*|\b(huge|tiny|epsilon|ieee_value)\()$", code[: match.start(1)]):  # of these the kind counts
             continue
         yield match.start(1), match[1], other_numbers(match[1]), "steering constant" if is_steering else "constant"
     if begin == 0:
