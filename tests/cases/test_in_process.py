@@ -180,18 +180,37 @@ def test_what_is_wrong_is_said():
         Model.from_namelist(DUFFING + "&solver max_iterations = 1, fallback = .false. /\n").solve(order=7)
 
 
+def long_solution(more=""):
+    """A model that takes many seconds."""
+    laws = "".join(f"&law type = 'jenkins', dof = 'x{i}', stiffness = 5.0, limit = 0.1 /\n" for i in range(1, 9))
+    return Model.from_namelist(
+        "&structure type = 'chain', n_masses = 8, mass = 1.0, coupling_stiffness = 1.0, damping_mass = 0.01 /\n"
+        "&tones frequency = 0.7, 1.13 /\n&harmonics order = 14 /\n"
+        "&load dof = 'x1', tuple = 1, 0, cos = 1.0 /\n&load dof = 'x1', tuple = 0, 1, cos = 1.0 /\n" + laws + more
+    )
+
+
 def test_an_interrupt_ends_a_solution():
     """Ctrl-C ends a long solution within a second, and the model goes on."""
-    laws = "".join(f"&law type = 'jenkins', dof = 'x{i}', stiffness = 5.0, limit = 0.1 /\n" for i in range(1, 9))
-    text = ("&structure type = 'chain', n_masses = 8, mass = 1.0, coupling_stiffness = 1.0, damping_mass = 0.01 /\n"
-            "&tones frequency = 0.7, 1.13 /\n&harmonics order = 14 /\n"
-            "&load dof = 'x1', tuple = 1, 0, cos = 1.0 /\n&load dof = 'x1', tuple = 0, 1, cos = 1.0 /\n" + laws)  # fmt: skip
-    model = Model.from_namelist(text)
+    model = long_solution()
     threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
     started = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
         model.solve()
     assert time.monotonic() - started < 3.0
+
+
+def test_other_threads_go_on_during_a_solution():
+    """The lock of the interpreter is released while the library is at work."""
+    model, pauses = long_solution("&solver time_limit = 0.5 /\n"), 0
+    thread = threading.Thread(target=model.solve)
+    with pytest.warns(nhbm.NotConverged):
+        thread.start()
+        while thread.is_alive():
+            time.sleep(0.005)
+            pauses += 1
+        thread.join()
+    assert pauses > 20
 
 
 def test_threads_with_a_model_each_do_not_meet():
@@ -286,6 +305,20 @@ def test_programs_in_c_and_fortran_have_the_same_numbers(tmp_path):
     np.testing.assert_allclose(
         float(by_phase.stdout), duffing().solve()["coefficients"].values[0, 1, 0], rtol=1e-6
     )  # sets by tolerance
+
+
+@pytest.mark.long
+def test_valgrind_finds_nothing_in_the_example_of_c(tmp_path):
+    valgrind = shutil.which("valgrind") or pytest.skip("no valgrind")
+    source = ROOT / "drivers" / "examples" / "duffing.c"
+    subprocess.run(
+        [shutil.which("cc"), *INCLUDES, source, LIBRARY, f"-Wl,-rpath,{LIBRARY.parent}", "-o", "duffing"], cwd=tmp_path, check=True
+    )
+    options = ["--error-exitcode=9", "--leak-check=full", "--errors-for-leak-kinds=definite,indirect,possible"]
+    done = subprocess.run(
+        [valgrind, *options, "./duffing"], cwd=tmp_path, capture_output=True, text=True, env={**os.environ, **_ENVIRONMENT}
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def duffing(**spring):
