@@ -9,8 +9,7 @@ module verb_check
    use hb_guard, only: lower_guard, raise_guard
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
-   use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text
-   use hb_memory_sizes, only: sizes_of
+   use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text, sizes_of
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of, find_basis
    use hb_model_warnings, only: commensurate_text, has_no_load

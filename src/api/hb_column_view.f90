@@ -1,9 +1,11 @@
 !> One column of a motion by its name: its values with their shape.
 module hb_column_view
+   use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_motion_columns, only: columns_t, of_dof, of_force
    use hb_motion_result, only: motion_result_t
+   use hb_text, only: split, string_t
    implicit none
    private
    public :: column_kind, column_view_t
@@ -26,13 +28,31 @@ module hb_column_view
       character(:), allocatable :: units, axes                        !! names of axes, slowest first, with blanks between
       character(:), allocatable :: names                              !! of all columns, with blanks between
    contains
+      procedure :: begin => column_view_begin
       procedure :: look_up => column_view_look_up
+      procedure :: refuse_unknown => column_view_refuse_unknown
       procedure :: integer => column_view_integer
       procedure :: real => column_view_real
       procedure :: text => column_view_text
    end type column_view_t
 
 contains
+
+   !> Begins to look for a column among those that are gone through next.
+   subroutine column_view_begin(self, name)
+      class(column_view_t), intent(inout) :: self
+      character(*), intent(in) :: name                                !! empty: `names` are listed
+
+      self%name = name
+      self%names = ""
+      self%is_found = .false.
+      self%is_there = .true.
+      self%is_known = .true.
+      self%kind = column_kind%unknown
+      self%extents = [integer ::]
+      self%units = "1"
+      self%axes = ""
+   end subroutine column_view_begin
 
    !> Looks a column up. Fails for a name that there is not.
    subroutine column_view_look_up(self, name, motion, n_outputs, error)
@@ -42,13 +62,7 @@ contains
       integer, intent(in) :: n_outputs                                !! that a tolerance is for
       type(error_t), allocatable, intent(out) :: error
 
-      self%name = name
-      self%names = ""
-      self%is_found = .false.
-      self%kind = column_kind%unknown
-      self%extents = [integer ::]
-      self%units = "1"
-      self%axes = ""
+      call self%begin(name)
       self%has_one_tone = .false.
       if (allocated(motion%frequency)) self%has_one_tone = size(motion%frequency) == 1
       self%n_multipliers = 0
@@ -60,8 +74,22 @@ contains
          if (allocated(motion%curve%unknowns)) self%n_curve_unknowns = size(motion%curve%unknowns)
       end if
       call self%go_through(motion)
-      if (len(name) > 0 .and. .not. self%is_found) call fail(error, "there is no column '"//name//"'; known: "//self%names)
+      call self%refuse_unknown(error)
    end subroutine column_view_look_up
+
+   !> Fails for a name that no column of those that were gone through has, with that which was probably meant.
+   subroutine column_view_refuse_unknown(self, error)
+      class(column_view_t), intent(in) :: self
+      type(error_t), allocatable, intent(out) :: error
+      type(string_t), allocatable :: known(:)
+      character(:), allocatable :: closest
+
+      if (len(self%name) == 0 .or. self%is_found) return
+      call split(self%names, " ", known)
+      closest = closest_word(self%name, known)
+      if (len(closest) > 0) closest = "; did you mean '"//closest//"'?"
+      call fail(error, "there is no column '"//self%name//"'; known: "//self%names//closest)
+   end subroutine column_view_refuse_unknown
 
    !> Whether a column is the one that is requested.
    logical function is_asked(self, name, units, axes)
@@ -112,6 +140,7 @@ contains
       rank (1); self%reals = values
       rank (2); self%reals = reshape(values, [size(values)])
       rank (3); self%reals = reshape(values, [size(values)])
+      rank (4); self%reals = reshape(values, [size(values)])
       end select
    end subroutine column_view_real
 

@@ -6,15 +6,24 @@ module hb_closest_word
    private
    public :: closest_word
 
-   ! Names of keys, groups, values, statuses and verbs before 0.1.0; an input that has one is refused with the present name
-   character(*), parameter :: names(2, 7) = reshape([character(23) :: &
+   ! Names of keys, groups, values, statuses, verbs and columns before 0.1.0: whoever gives one is told the present name
+   character(*), parameter :: names(2, 16) = reshape([character(28) :: &
       "march", "integrate", &                               ! the verb
       "march", "integration", &                             ! the group and the value
       "marched", "time_domain", &
       "rescue", "fallback", &
       "rescue_by_march", "fallback_by_integration", &
       "rescue_work", "fallback_work", &
-      "first_way", "primary_method"], [2, 7])
+      "first_way", "primary_method", &
+      "n_rungs", "n_levels", &                              ! columns from here on
+      "rung_difference", "level_difference", &
+      "is_marched_first", "is_integrated_first", &
+      "march_verdict", "integration_verdict", &
+      "march_first_difference", "integration_first_difference", &
+      "march_difference", "integration_difference", &
+      "march_limit", "integration_limit", &
+      "march_growth", "integration_growth", &
+      "march_duration", "integration_duration"], [2, 16])
 
    integer, parameter :: max_word = 63                      !! longest word that is examined
 

@@ -48,7 +48,6 @@ module hb_kinks
    contains
       procedure :: correct => kink_grid_correct
       procedure :: shift => kink_grid_shift
-      procedure, private :: scan => kink_grid_scan
       procedure, private :: place => kink_grid_place
       procedure, private :: neighbour => kink_grid_neighbour
       procedure, private :: add_cell => kink_grid_add_cell
@@ -120,8 +119,7 @@ contains
             do j = -1, n(1) + 1
                if (j < 0 .or. j >= n(1)) self%line(j) = value_at(self%neighbour(first, 0, 1, j))
             end do
-            call self%scan(1, first, self%line(-1:n(1) - 2), self%line(0:n(1) - 1), self%line(1:n(1)), self%line(2:n(1) + 1), &
-                           z, places, jumps, f, slopes)
+            call scan(1, first, self%line(-1:n(1) - 2), self%line(0:n(1) - 1), self%line(1:n(1)), self%line(2:n(1) + 1))
          end do
          do m = 2, size(n)                                            ! along others neighbours of a whole slab stand side by side
             slab = self%stride(m)
@@ -129,14 +127,14 @@ contains
                do j = 0, n(m) - 1
                   associate (at => first + j*slab)
                      if (j > 0 .and. j < n(m) - 2) then
-                        call self%scan(m, at, z(at - slab:at - 1), z(at:at + slab - 1), z(at + slab:at + 2*slab - 1), &
-                                       z(at + 2*slab:at + 3*slab - 1), z, places, jumps, f, slopes)
+                        call scan(m, at, z(at - slab:at - 1), z(at:at + slab - 1), z(at + slab:at + 2*slab - 1), &
+                                       z(at + 2*slab:at + 3*slab - 1))
                      else
                         do k = before, beyond
                            call fetch_slab(first, m, j + k - left, self%beside(:slab, k))
                         end do
-                        call self%scan(m, at, self%beside(:slab, before), self%beside(:slab, left), self%beside(:slab, right), &
-                                       self%beside(:slab, beyond), z, places, jumps, f, slopes)
+                        call scan(m, at, self%beside(:slab, before), self%beside(:slab, left), self%beside(:slab, right), &
+                                       self%beside(:slab, beyond))
                      end if
                   end associate
                end do
@@ -145,6 +143,31 @@ contains
       end associate
 
    contains
+
+      !> Looks for kinks between samples and their next ones along tone m.
+      subroutine scan(m, first, a, b, c, d)
+         integer, intent(in) :: m
+         integer, intent(in) :: first                                    !! sample to which b(1) belongs
+         real(wp), intent(in), contiguous :: a(:), b(:), c(:), d(:)      !! samples before, at, after and beyond each cell
+         integer, parameter :: block_size = 64                           ! cells that are examined together
+         real(wp) :: distance(block_size)
+         integer :: first_cell, i, k, n
+
+         do k = 1, size(places)
+            do first_cell = 0, size(b) - 1, block_size
+               n = min(block_size, size(b) - first_cell)
+               associate (from => first_cell + 1)
+                  call find_distances(n, a(from:), b(from:), c(from:), d(from:), places(k), distance)
+               end associate
+               do i = 1, n
+                  if (.not. distance(i) <= 0.0_wp) cycle
+                  associate (at => first_cell + i)
+                     call self%add_cell(m, first + at - 1, [a(at), b(at), c(at), d(at)] - places(k), jumps(k), z, f, slopes)
+                  end associate
+               end do
+            end do
+         end do
+      end subroutine scan
 
       pure real(wp) function value_at(neighbour)
          type(neighbour_t), intent(in) :: neighbour
@@ -211,36 +234,6 @@ contains
          there%sample = there%sample + self%mirror(lower + 1) - lower - 1
       end associate
    end function kink_grid_neighbour
-
-   !> Looks for kinks between samples and their next ones along tone m.
-   subroutine kink_grid_scan(self, m, first, a, b, c, d, z, places, jumps, f, slopes)
-      class(kink_grid_t), intent(in) :: self
-      integer, intent(in) :: m
-      integer, intent(in) :: first                                    !! sample to which b(1) belongs
-      real(wp), intent(in), contiguous :: a(:), b(:), c(:), d(:)      !! samples before, at, after and beyond each cell
-      real(wp), intent(in), contiguous :: z(:)
-      real(wp), intent(in) :: places(:), jumps(:)
-      real(wp), intent(inout), contiguous :: f(:)
-      type(kink_slopes_t), intent(inout), optional :: slopes
-      integer, parameter :: block_size = 64                           ! cells that are examined together
-      real(wp) :: distance(block_size)
-      integer :: first_cell, i, k, n
-
-      do k = 1, size(places)
-         do first_cell = 0, size(b) - 1, block_size
-            n = min(block_size, size(b) - first_cell)
-            associate (from => first_cell + 1)
-               call find_distances(n, a(from:), b(from:), c(from:), d(from:), places(k), distance)
-            end associate
-            do i = 1, n
-               if (.not. distance(i) <= 0.0_wp) cycle
-               associate (at => first_cell + i)
-                  call self%add_cell(m, first + at - 1, [a(at), b(at), c(at), d(at)] - places(k), jumps(k), z, f, slopes)
-               end associate
-            end do
-         end do
-      end do
-   end subroutine kink_grid_scan
 
    !> Finds how far a place is from where the cubics of cells may pass. Not above zero: it stands between their ends, or as near as
    !> a cubic can be to its chord.

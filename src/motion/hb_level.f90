@@ -7,13 +7,11 @@ module hb_level
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_box, new_harmonics
    use hb_kinds, only: wp
-   use hb_memory_estimate, only: check_memory
-   use hb_memory_sizes, only: sizes_of
+   use hb_memory_estimate, only: check_memory, sizes_of
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_torus, only: fast_size, new_torus, samples_for
-   use hb_tuple_choice, only: chosen_tuples, largest_places
-   use hb_tuple_union, only: tuple_union_t
+   use hb_tuple_choice, only: chosen_tuples, largest_places, tuple_union_t
    implicit none
    private
    public :: carry, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted

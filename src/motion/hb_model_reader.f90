@@ -1,26 +1,23 @@
 !> Reads models from documents: which groups there are, and in which order they are read, each by its own procedure; and which of
 !> them are read again when values of the document change.
 module hb_model_reader
-   use hb_document, only: document_t
+   use hb_document, only: document_t, parameter_t, tie_t
    use hb_error, only: annotate, error_t
    use hb_floquet, only: floquet_t
    use hb_integration_config, only: read_integration
    use hb_kinds, only: wp
-   use hb_memory_estimate, only: check_memory
-   use hb_memory_sizes, only: sizes_of
+   use hb_memory_estimate, only: check_memory, sizes_of
    use hb_model, only: callbacks_t, model_t, symmetry
    use hb_model_basis, only: check_symmetry
    use hb_model_laws, only: read_laws, update_laws
    use hb_model_loads, only: loaded_tuples, read_loads, read_starts
    use hb_model_settings, only: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
-   use hb_model_ties, only: read_ties, refuse_unknown_tones
-   use hb_model_tones, only: read_tones
-   use hb_model_unknown_tones, only: check_fundamentals, read_normal_mode, read_phase
+   use hb_model_tones, only: check_fundamentals, read_normal_mode, read_phase, read_tones
    use hb_properties, only: properties_t
    use hb_solver_types, only: share_of_solver
    use hb_structure, only: structure_t
    use hb_structure_catalogue, only: read_structure
-   use hb_text, only: to_text
+   use hb_text, only: shown, to_text
    use hb_tones, only: tones_t
    use hb_truncation, only: read_harmonics, read_lowest_set
    implicit none
@@ -226,4 +223,78 @@ contains
          if (is_read) structure = other
       end associate
    end subroutine read_other_numbers
+
+   !> Reads the ties of a document, which keeps them, and sets what follows. Paths that name nothing are problems of their groups.
+   subroutine read_ties(document)
+      type(document_t), intent(inout), target :: document
+      type(properties_t), pointer :: group
+      type(tie_t), allocatable :: ties(:)
+      character(:), allocatable :: path
+      real(wp) :: number
+      logical :: is_given
+      integer :: i, n
+
+      if (allocated(document%ties)) deallocate (document%ties)
+      n = document%count("tie")
+      if (n == 0) return
+      allocate (ties(n))
+      do i = 1, n
+         group => document%group("tie", i)
+         path = ""
+         call group%get("parameter", path)
+         call find_value(document, group, "parameter", path, ties(i)%parameter)
+         path = ""
+         call group%get("to", path)
+         call find_value(document, group, "to", path, ties(i)%to)
+         call group%get("factor", ties(i)%factor)
+         call group%get("offset", ties(i)%offset)
+         if (ties(i)%parameter%i_group == 0 .or. ties(i)%to%i_group == 0) then
+            deallocate (ties)
+            return
+         end if
+         call document%number_at(ties(i)%to, number, is_given)
+         if (.not. is_given) call group%problem("to", "has no number in this input: give it one")
+      end do
+      do i = 1, n
+         if (any([(ties(n)%parameter%hides(ties(i)%to), n=i, size(ties))])) then
+            group => document%group("tie", i)
+            call group%problem("to", "follows another value by a later &tie, or by this one; put that before this one")
+         end if
+      end do
+      call move_alloc(ties, document%ties)
+      call document%follow_ties()
+   end subroutine read_ties
+
+   !> Looks a path up that a key has; what is wrong with it is a problem of the key.
+   subroutine find_value(document, group, key, path, parameter)
+      type(document_t), intent(inout) :: document
+      type(properties_t), intent(inout) :: group
+      character(*), intent(in) :: key, path                           !! empty: not given, which has been reported
+      type(parameter_t), intent(out) :: parameter
+      type(error_t), allocatable :: error
+
+      if (len(path) == 0) return
+      call document%resolve(path, parameter, error)
+      if (.not. allocated(error)) return
+      parameter%i_group = 0
+      call group%problem(key, "'"//trim(shown(path))//"' "//error%message)
+   end subroutine find_value
+
+   !> Adds a problem for each tie to the frequency of a tone that is unknown.
+   subroutine refuse_unknown_tones(document, is_unknown)
+      type(document_t), intent(inout), target :: document
+      logical, intent(in) :: is_unknown(:)                            !! (n_tones)
+      type(properties_t), pointer :: group
+      integer :: i
+
+      if (.not. (allocated(document%ties) .and. any(is_unknown))) return
+      do i = 1, size(document%ties)
+         associate (to => document%ties(i)%to)
+            if (document%groups%holders(to%i_group)%group%name /= "tones") cycle
+            if (.not. is_unknown(min(size(is_unknown), max(1, to%element(1))))) cycle
+         end associate
+         group => document%group("tie", i)
+         call group%problem("to", "is the frequency of a tone that is found, not given")
+      end do
+   end subroutine refuse_unknown_tones
 end module hb_model_reader

@@ -1,14 +1,19 @@
-!> The base frequencies of a model: the group `&tones`.
+!> The base frequencies of a model: the group `&tones`; and what unknown ones need besides: phase conditions (`&phase`), amplitude or
+!> energy (`&normal_mode`), laws, and the fundamentals of these tones.
 module hb_model_tones
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t
+   use hb_harmonics, only: tuple_text
    use hb_kinds, only: two_pi, wp
+   use hb_law_coordinates, only: law_dofs_of
+   use hb_model, only: model_t
    use hb_properties, only: properties_t
-   use hb_text, only: to_text
+   use hb_structure, only: most_dense
+   use hb_text, only: string_t, to_text
    use hb_tones, only: new_tones, tones_t
    implicit none
    private
-   public :: read_tones
+   public :: check_fundamentals, read_normal_mode, read_phase, read_tones
 
 contains
 
@@ -60,4 +65,138 @@ contains
       self%subharmonic = subharmonic
       if (allocated(error)) call annotate(error, group%place())
    end subroutine read_tones
+
+   !> Refuses a model without laws, and a set of harmonics that lacks the fundamental of an unknown tone.
+   subroutine check_fundamentals(self, group)
+      type(model_t), intent(in) :: self
+      type(properties_t), intent(inout) :: group
+      integer :: i, m
+
+      if (size(self%laws) == 0) call group%problem_as_is(group%place()//": unknown tones need a law, without one nothing "// &
+                                                         "fixes an amplitude")
+      do m = 1, self%tones%n_tones
+         associate (tuple => [(merge(1, 0, i == m), i=1, self%tones%n_tones)])
+            if (self%tones%is_unknown(m) .and. self%harmonics%index_of(tuple) == 0) &
+               call group%problem_as_is(group%place()//": the set of harmonics needs "//tuple_text(tuple)// &
+                                        ", the fundamental of an unknown tone")
+         end associate
+      end do
+   end subroutine check_fundamentals
+
+   !> Reads `&phase`: the conditions that fix the phases of unknown tones.
+   subroutine read_phase(self, group)
+      type(model_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+      type(string_t), allocatable :: names(:)
+      integer :: condition, i                                         ! condition: integral, sine
+
+      allocate (self%phase_dofs(0))
+      call group%choose("condition", condition)
+      if (condition == 1) return
+      call group%get("dofs", names, n=count(self%tones%is_unknown))
+      if (.not. allocated(names)) return
+      self%phase_dofs = spread(0, 1, size(names))
+      do i = 1, size(names)
+         call find_law_dof(self, group, "dofs", names(i)%value, self%phase_dofs(i))
+      end do
+   end subroutine read_phase
+
+   !> Reads `&normal_mode`: which amplitude or energy the motion has, and the linear mode from which it starts.
+   subroutine read_normal_mode(self, group)
+      type(model_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+      character(:), allocatable :: dof
+      integer :: measure                                              ! peak, harmonic
+
+      measure = 1
+      associate (mode => self%normal_mode)
+         mode%is_asked = .true.
+         mode%has_energy = group%given("energy")
+         call group%get("mode", mode%mode)
+         if (mode%has_energy) then
+            call group%get("energy", mode%energy)
+            call refuse_beside_energy(group)
+            call check_energy(self, group)
+         else if (.not. any([group%given("amplitude"), group%given("dof"), group%given("measure")])) then
+            call group%problem("amplitude", "give 'amplitude' and 'dof', or 'energy'")
+         else
+            call group%get("amplitude", mode%amplitude)
+            call group%get("dof", dof)
+            if (group%given("amplitude") .and. mode%amplitude == 0.0_wp) call group%problem("amplitude", "must not be 0")
+            call group%choose("measure", measure)
+         end if
+         mode%is_peak = measure == 1
+         if (allocated(dof)) call find_law_dof(self, group, "dof", dof, mode%dof)
+      end associate
+      if (self%start_from_integration) call group%problem_as_is(group%place()//": a normal mode attracts nothing, so that "// &
+         "&solver first_guess = 'integration' does not find it")
+      if (count(self%tones%is_unknown) /= 1) then
+         call group%problem_as_is(group%place()//": a normal mode needs one unknown tone: give 'unknown' in &tones")
+      else if (self%normal_mode%has_energy) then
+         if (self%tones%n_tones > 1) call group%problem("energy", "with several tones the energy is not that of one motion")
+      else if (self%normal_mode%is_peak .and. self%tones%n_tones > 1) then
+         call group%problem("measure", "with several tones there is no common peak; use 'harmonic'")
+      end if
+   end subroutine read_normal_mode
+
+   !> Refuses keys of a mode by amplitude where the energy is given.
+   subroutine refuse_beside_energy(group)
+      type(properties_t), intent(inout) :: group
+      character(9), parameter :: keys(3) = [character(9) :: "amplitude", "dof", "measure"]
+      integer :: i
+
+      do i = 1, size(keys)
+         if (group%given(trim(keys(i)))) call group%problem(trim(keys(i)), "not beside 'energy'; leave out one of the two")
+      end do
+   end subroutine refuse_beside_energy
+
+   !> Refuses what leaves a free motion without a mechanical energy: laws without a potential, loads that vary, a stiffness
+   !> that is not symmetric.
+   subroutine check_energy(self, group)
+      type(model_t), intent(in) :: self
+      type(properties_t), intent(inout) :: group
+      real(wp), parameter :: digits = 1.0e-12_wp                      ! relative to the largest stiffness
+      type(error_t), allocatable :: error
+      integer :: h, i
+
+      do i = 1, size(self%laws)
+         if (.not. allocated(self%laws(i)%law)) cycle                  ! a problem by now
+         if (.not. self%laws(i)%law%has_potential) call group%problem("energy", "law '"//self%laws(i)%law%label// &
+            "' has no potential, so that there is no energy to prescribe; give 'amplitude' and 'dof'")
+      end do
+      do h = 1, self%harmonics%n_harmonics
+         if (any(self%harmonics%tuples(:, h) /= 0) .and. .not. self%loads%is_zero_at(h)) &
+            call group%problem("energy", "the energy of a motion under a &load that varies is not constant; give 'amplitude' "// &
+                               "and 'dof'")
+      end do
+      call self%structure%refuse_large("an energy", most_dense, error)
+      if (allocated(error)) then
+         call group%problem("energy", error%message)
+         return
+      end if
+      associate (k => self%structure%stiffness)
+         if (maxval(abs(k - transpose(k))) > digits*maxval(abs(k))) &
+            call group%problem("energy", "the stiffness is not symmetric, so that there is no strain energy; give 'amplitude' "// &
+                               "and 'dof'")
+      end associate
+   end subroutine check_energy
+
+   !> Finds a degree of freedom on which a law acts: only these are unknowns.
+   subroutine find_law_dof(self, group, key, name, dof)
+      type(model_t), intent(in) :: self
+      type(properties_t), intent(inout) :: group
+      character(*), intent(in) :: key, name
+      integer, intent(out) :: dof
+      type(error_t), allocatable :: error
+      integer :: i
+
+      call self%structure%find_dof(name, dof, error)
+      if (allocated(error)) then
+         call group%problem(key, error%message)
+      else if (.not. all([(allocated(self%laws(i)%law%dofs), i=1, size(self%laws))])) then
+         return                                                       ! a problem by now
+      else if (all(law_dofs_of(self%laws) /= dof)) then
+         call group%problem(key, "no law acts on '"//name//"', so that its motion is not among the unknowns")
+      end if
+   end subroutine find_law_dof
 end module hb_model_tones

@@ -97,6 +97,31 @@ contains
       end if
       call group%finish(error)
       if (allocated(error)) return
+      call find_values(self, document, error)
+      group => document%group("curve", 1)
+      self%moving%parameter%line = group%line
+
+   contains
+
+      subroutine check_values(key, values)
+         character(*), intent(in) :: key
+         real(wp), intent(in) :: values(:)
+         integer :: k
+
+         do k = 1, size(values)
+            if ((values(k) - self%from)*(values(k) - self%to) <= 0.0_wp) cycle
+            call group%problem(key, "must lie between 'from' and 'to'; "//to_text(values(k))//" does not")
+            return
+         end do
+      end subroutine check_values
+   end subroutine read_curve_plan
+
+   !> Finds what the paths name; fails for what is no single number that can move.
+   subroutine find_values(self, document, error)
+      type(curve_plan_t), intent(inout) :: self
+      type(document_t), intent(inout) :: document
+      type(error_t), allocatable, intent(out) :: error
+
       call document%resolve(self%path, self%moving%parameter, error)
       if (allocated(error)) then
          error%message = self%place//": parameter '"//shown(self%path)//"': "//error%message
@@ -126,23 +151,7 @@ contains
          call fail(error, self%place//": parameter '"//shown(self%path)//"': there are "// &
                    to_text(document%n_tones_of(self%moving%parameter))//" tones; say which of them moves, such as '"// &
                    trim(lower(self%path))//"(1)', and tie = 'ratio' if the others move along")
-      group => document%group("curve", 1)
-      self%moving%parameter%line = group%line
-
-   contains
-
-      subroutine check_values(key, values)
-         character(*), intent(in) :: key
-         real(wp), intent(in) :: values(:)
-         integer :: k
-
-         do k = 1, size(values)
-            if ((values(k) - self%from)*(values(k) - self%to) <= 0.0_wp) cycle
-            call group%problem(key, "must lie between 'from' and 'to'; "//to_text(values(k))//" does not")
-            return
-         end do
-      end subroutine check_values
-   end subroutine read_curve_plan
+   end subroutine find_values
 
    !> The request to the follower, for the model at the start; the origin in a file is added by hb_stored_origin. Fails where the
    !> path names no real number, or not one of them, or where a response is not known.

@@ -12,7 +12,7 @@ module hb_next_step
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: failure_kind_t, next_step, run_names_t, shell_word
+   public :: failure_kind_t, list_of, next_step, run_names_t, shell_word
 
    character(*), parameter :: without_bounds(1) = ["jenkins_2d"]      ! laws with states that cvode cannot follow
    integer, parameter :: more = 10                                    ! times a budget that was not enough
@@ -384,6 +384,7 @@ contains
       group => run%here%group(name, number)
    end function group_of
 
+   !> Writes numbers as the values of a key.
    pure function list_of(numbers) result(text)
       integer, intent(in) :: numbers(:)
       character(:), allocatable :: text

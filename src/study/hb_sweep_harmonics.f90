@@ -10,7 +10,7 @@ module hb_sweep_harmonics
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: to_text
    use hb_truncation, only: box_truncation, read_truncation, truncation_t
-   use hb_tuple_union, only: tuple_union_t
+   use hb_tuple_choice, only: tuple_union_t
    implicit none
    private
    public :: tuples_of_sweep

@@ -13,6 +13,7 @@ module hb_switched_input
    use hb_model, only: model_t
    use hb_model_reader, only: read_model
    use hb_namelist, only: write_complete_text
+   use hb_next_step, only: list_of
    use hb_properties, only: properties_t
    use hb_run_callbacks, only: run_callbacks
    use hb_study, only: study_t
@@ -75,16 +76,16 @@ contains
       samples = [0]
       call group%get("samples", samples)
       if (is_torus) then
-         call add("sampling%samples", as_list([samples(1), 0]))
+         call add("sampling%samples", list_of([samples(1), 0]))
       else
-         call add("sampling%samples", as_list(2*samples))
+         call add("sampling%samples", list_of(2*samples))
       end if
       do k = 1, size(with_tuples)
          do i = 1, document%count(trim(with_tuples(k)))
             group => document%group(trim(with_tuples(k)), i)
             if (allocated(samples)) deallocate (samples)
             call group%get("tuple", samples)
-            call add(trim(with_tuples(k))//"("//to_text(i)//")%tuple", as_list(taken_over(samples, is_torus)))
+            call add(trim(with_tuples(k))//"("//to_text(i)//")%tuple", list_of(taken_over(samples, is_torus)))
          end do
       end do
       if (is_torus .and. index(plan%curve%path, "(") == 0 .and. index(plan%curve%path, "tones%") == 1) &
@@ -122,12 +123,12 @@ contains
          if (.not. allocated(truncation%order)) then
             call fail(error, "&harmonics set = 'list' does not define the other motions; use a box or a diamond")
          else if (is_torus .and. size(plan%curve%torus_order) == 2) then
-            call add("harmonics%order", as_list(plan%curve%torus_order))
+            call add("harmonics%order", list_of(plan%curve%torus_order))
             call add("harmonics%set", "'box'")
          else if (is_torus .and. truncation%set == "box") then
-            call add("harmonics%order", as_list(min([truncation%order, truncation%order], torus_orders)))
+            call add("harmonics%order", list_of(min([truncation%order, truncation%order], torus_orders)))
          else if (.not. is_torus .and. truncation%set == "box") then
-            call add("harmonics%order", as_list(2*truncation%order))
+            call add("harmonics%order", list_of(2*truncation%order))
          else if (.not. is_torus) then
             call add("harmonics%order", to_text(2*truncation%order(1)))
          end if
@@ -182,19 +183,8 @@ contains
       if (bracket == 0) return
       allocate (tuple(1 + count([(name(i:i) == ",", i=bracket, len(name))])))
       read (name(bracket + 1:index(name, ")") - 1), *, iostat=status) tuple
-      if (status == 0) text = name(:bracket)//as_list(taken_over(tuple, is_torus))//")"
+      if (status == 0) text = name(:bracket)//list_of(taken_over(tuple, is_torus))//")"
    end function response_text
-
-   pure function as_list(numbers) result(text)
-      integer, intent(in) :: numbers(:)
-      character(:), allocatable :: text
-      integer :: i
-
-      text = to_text(numbers(1))
-      do i = 2, size(numbers)
-         text = text//","//to_text(numbers(i))
-      end do
-   end function as_list
 
    !> A complete input without its groups `&sweep`: a line for each key, groups end with a line of their own.
    pure function without_sweeps(complete) result(text)

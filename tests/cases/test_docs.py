@@ -31,11 +31,11 @@ SECTIONS_BY_FILE = {
     "hb_next_step.f90": [],  # looks at keys that others read, as the next
     "hb_switched_input.f90": [],
     "hb_model_warnings.f90": [],
-    "hb_model_ties.f90": ["tie"],
 }
 SECTIONS_BY_PROCEDURE = {
     "read_fe_model": ["structure model"],
     "read_amplitude": ["load", "start"],
+    "read_ties": ["tie"],
     "read_hardness": ["law blade_contact", "law contact_table"],
 }
 
