@@ -13,6 +13,7 @@ module hb_integrated_motion
    use hb_error, only: error_t, fail
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_integration_config, only: integration_config_t, integration_method, step_of
+   use hb_integration_starts, only: scattered
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: int64, two_pi, wp
    use hb_line_fit, only: line_fit_t, new_line_fit
@@ -240,7 +241,6 @@ contains
       real(wp), allocatable :: remainder(:, :), z(:, :)
       real(wp) :: allowed, look, period, rate, spread, spread_before, step
       integer :: i, n_first, status_before, window
-      integer, allocatable :: dofs(:)
       logical :: finds_lines, has_forgotten
 
       finds_lines = model%integration%aim > 0.0_wp
@@ -262,9 +262,7 @@ contains
          config%largest = runaway*max(system%length, maxval(abs(state%q)), tiny(1.0_wp))
          look = work_of_look(system%n_dofs, system%laws%n_coordinates)
          allowed = allowed_of(model)
-         dofs = [(i, i=1, system%n_dofs)]
          rate = slowest_decay(system%structure%mass, system%structure%damping, system%structure%stiffness)
-         has_forgotten = .false.
          n_first = periods_of_first(model)
          if (present(start)) n_first = max(n_first, other_window)
          spread = huge(1.0_wp)
@@ -274,7 +272,7 @@ contains
             config%duration = n_first*2**(window - 1)*period
             if (config%duration/step*system%n_dofs > largest_record) exit
             if (.not. finds_lines .and. config%duration/step*coordinates%n*size(frequencies) > most_terms) exit
-            call integrate_from(system, config, step, dofs, state, next, error)
+            call integrate_from(system, config, step, [(i, i=1, system%n_dofs)], state, next, error)
             settled%is_out_of_work = next%is_out_of_work
             if (next%is_out_of_work .and. allocated(settled%message)) then
                deallocate (error)                                     ! what there is may be enough, unless it was reported but once
@@ -317,13 +315,7 @@ contains
             call tell(model, settled, z, remainder, record, allowed, has_forgotten, window == most_windows)
             if (work_is_over()) call fail(error, ended)
             if (allocated(error)) return
-            if (settled%status == outcome%time_domain .and. finds_lines) then
-               if (spread <= model%integration%aim .or. spread > gaining*spread_before) exit
-            else if (settled%status == outcome%time_domain) then
-               if (spread <= close*allowed) exit
-            end if
-            if (any(settled%status == [outcome%subharmonic, outcome%broadband]) .and. settled%status == status_before .and. &
-                (spread > falling*spread_before .or. spread <= aim*allowed)) exit
+            if (is_final(settled, status_before, spread_before, allowed, model%integration%aim)) exit
          end do
          if (.not. allocated(settled%message)) settled%message = "time integration: a window of "//to_text(n_first)// &
             " periods has too many samples"
@@ -332,6 +324,27 @@ contains
          call fit%destroy()
       end associate
    end subroutine follow
+
+   !> Whether a longer window would say nothing else: the motion is accurate enough or gains no more, or another kind of motion is
+   !> found twice and stays as far from what is allowed, or within it.
+   pure logical function is_final(settled, status_before, spread_before, allowed, aim_of_lines)
+      type(steady_motion_t), intent(in) :: settled
+      integer, intent(in) :: status_before
+      real(wp), intent(in) :: spread_before
+      real(wp), intent(in) :: allowed                                 !! spread
+      real(wp), intent(in) :: aim_of_lines                            !! error at which to end where lines are found, else 0
+
+      associate (spread => settled%spread)
+         if (settled%status /= outcome%time_domain) then
+            is_final = any(settled%status == [outcome%subharmonic, outcome%broadband]) .and. settled%status == status_before .and. &
+               (spread > falling*spread_before .or. spread <= aim*allowed)
+         else if (aim_of_lines > 0.0_wp) then
+            is_final = spread <= aim_of_lines .or. spread > gaining*spread_before
+         else
+            is_final = spread <= close*allowed
+         end if
+      end associate
+   end function is_final
 
    subroutine begin(model, frequencies, system, state)
       type(model_t), intent(in) :: model
@@ -345,7 +358,7 @@ contains
          state%q = sum(real(model%start%values), 2)
          state%v = matmul(-aimag(model%start%values), frequencies(model%start%harmonics))
       end if
-      state%q = state%q + kick*system%length*[(2.0_wp*modulo(i*0.6180339887498949_wp, 1.0_wp) - 1.0_wp, i=1, system%n_dofs)]
+      state%q = state%q + kick*system%length*[(scattered(i), i=1, system%n_dofs)]
    end subroutine begin
 
    !> Describes what a steady record is. What a fit to candidates leaves of a motion that repeats is lines beyond them, and so may

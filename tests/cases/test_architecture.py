@@ -189,6 +189,22 @@ def test_use_statements_name_what_they_use(path):
             )
 
 
+@SOURCES
+def test_lists_of_names_stand_in_the_order_of_the_alphabet(path):
+    """Modules that follow each other in `use`, intrinsic ones first, and the names that each statement brings in."""
+    before = None
+    for number, statement in statements(path):
+        match = USE.match(statement)
+        if not match:
+            before = None
+            continue
+        here = (match.group(1) is None, match.group(2).lower())
+        assert before is None or before <= here, f"{path.relative_to(ROOT)}:{number}: {match.group(2)} stands too late"
+        before = here
+        names = [name.split("=>")[0].strip().lower() for name in statement.partition("only:")[2].split(",")]
+        assert names == sorted(names), f"{path.relative_to(ROOT)}:{number}: sort {', '.join(names)}"
+
+
 PROCEDURE = re.compile(r"(?:[\w()=*:]+\s+)*?(?:subroutine|function)\s+(\w+)\s*\(([^)]*)\)", re.IGNORECASE)
 MOST_ARGUMENTS = 8
 LONG_LISTS = {  # of arguments; none may be added, and what has become shorter goes
