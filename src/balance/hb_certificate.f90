@@ -104,8 +104,8 @@ contains
       if (allocated(error)) return
       allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
       call near_commensurate(tones, self%combination, self%combination_frequency)
-      call choose_wider(balance%harmonics, amplitudes(balance%harmonics, u), torus, has_multipliers(balance) .or. present(phase), &
-                        set, grid, error, self%combination)
+      call choose_wider(balance, amplitudes(balance%harmonics, u), self%combination, torus, &
+                        has_multipliers(balance) .or. present(phase), set, grid, error)
       if (allocated(error)) return
       call make_wide_balance()
       if (.not. allocated(error)) call check_contact(self, structure, balance, wide, u, error)
@@ -178,25 +178,34 @@ contains
    !> The wider set, which reaches twice as far as that of the motion in all directions, and a finer grid: of one tone with four
    !> times the samples or more, as a short touch lies between fewer; of several, whose samples lie at other phases in each
    !> period, twice. Half of a grid holds odd motions of odd equations, which do not answer in even tuples.
-   subroutine choose_wider(narrow, carried, torus, is_fine, set, grid, error, slow)
-      type(harmonics_t), intent(in) :: narrow
-      real(wp), intent(in) :: carried(:)                              !! amplitudes of the motion (narrow%n_harmonics)
+   subroutine choose_wider(balance, carried, slow, torus, is_fine, set, grid, error)
+      type(balance_t), intent(in) :: balance
+      real(wp), intent(in) :: carried(:)                              !! amplitudes of the motion (n_harmonics)
+      integer, intent(in) :: slow(:)                                  !! tuple k of which k.omega is next to 0
       type(torus_t), intent(in) :: torus
       logical, intent(in) :: is_fine                                  !! four times the samples of several tones, too: penetration
                                                                       !! of rigid walls and errors of frequencies need them
       type(harmonics_t), intent(out) :: set
       type(torus_t), intent(out) :: grid
       type(error_t), allocatable, intent(out) :: error
-      integer, intent(in) :: slow(:)
       type(harmonics_t) :: all_tuples
-      integer :: samples(narrow%n_tones)
+      integer, allocatable :: modulations(:, :)
+      integer :: i, samples(size(slow))
 
-      call new_doubled_set(set, narrow, error, carried, slow)
+      allocate (modulations(size(slow), 0))
+      do i = 1, size(balance%law_set%laws)
+         associate (law => balance%law_set%laws(i)%law)
+            if (allocated(law%modulation)) modulations = &
+               reshape([modulations, law%modulation, spread(0, 1, size(slow) - size(law%modulation))], &
+                       [size(slow), size(modulations, 2) + 1])
+         end associate
+      end do
+      call new_doubled_set(set, balance%harmonics, error, carried, slow, modulations)
       if (allocated(error)) return
-      if (set%n_harmonics > largest_wide_set) call choose_wider_set(narrow, set, error)
+      if (set%n_harmonics > largest_wide_set) call choose_wider_set(balance%harmonics, set, error)
       if (allocated(error)) return
       samples = max(2*torus%n_samples, fast_size(ceiling(least_density*(2*set%highest + 1))))
-      if (narrow%n_tones == 1 .or. is_fine .or. product(real(samples, wp)) > largest_fine_grid) &
+      if (size(slow) == 1 .or. is_fine .or. product(real(samples, wp)) > largest_fine_grid) &
          samples = wider_samples(torus%n_samples, set%highest)
       call new_torus(grid, samples, set, error)
       grid%corrects_kinks = torus%corrects_kinks

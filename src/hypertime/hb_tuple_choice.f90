@@ -96,19 +96,27 @@ contains
    !> of |k|: within one step of {0, 1} is no third harmonic, and an estimate without it is 0 for good. Of one tone five
    !> steps: of a stop that is touched for a short part of the period the error of order 3 is not seen by order 6. And
    !> what forces of second and third degree answer to the largest tuples: a load at tuple 7 has its next harmonics at
-   !> 14 and 21.
-   subroutine new_doubled_set(self, set, error, carried, slow)
+   !> 14 and 21. And what a stiffness that changes with tuple 9 makes of each.
+   subroutine new_doubled_set(self, set, error, carried, slow, modulations)
       type(harmonics_t), intent(out) :: self
       type(harmonics_t), intent(in) :: set
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: carried(:)                    !! amplitudes of a motion (set%n_harmonics)
       integer, intent(in), optional :: slow(:)                        !! with it: the tuple k of which k.omega is next to 0
+      integer, intent(in), optional :: modulations(:, :)              !! tuples by which laws shift those of a motion (n_tones, any)
       integer, parameter :: steps_of_one_tone = 5
       type(tuple_union_t) :: union
       integer :: h, j(set%n_tones), k, m, s
 
       call union%add(set%tuples)
       if (present(carried)) call add_answers(union, set, carried, slow)
+      if (present(modulations)) then
+         do m = 1, size(modulations, 2)
+            do h = 1, set%n_harmonics
+               call add_both(union, set%tuples(:, h), modulations(:, m))
+            end do
+         end do
+      end if
       if (set%n_tones == 1) then
          do k = 1, steps_of_one_tone
             call union%add(set%tuples + k)
@@ -160,11 +168,7 @@ contains
 
       call sort_descending(carried, order)
       do i = 1, min(most_large, count(carried > resonant*maxval(carried)))
-         if (sum(abs(set%tuples(:, order(i)))) < resonant_order) cycle
-         do s = -1, 1, 2
-            j = set%tuples(:, order(i)) + s*slow
-            call add_tuple(union, j)
-         end do
+         if (sum(abs(set%tuples(:, order(i)))) >= resonant_order) call add_both(union, set%tuples(:, order(i)), slow)
       end do
       n = min(most_large, count(carried > large*maxval(carried)))
       do i = 1, n
@@ -176,6 +180,18 @@ contains
          end do
       end do
    end subroutine add_answers
+
+   !> Adds a tuple shifted by another, in both directions.
+   pure subroutine add_both(union, tuple, shift)
+      type(tuple_union_t), intent(inout) :: union
+      integer, intent(in) :: tuple(:), shift(:)
+      integer :: j(size(tuple)), s
+
+      do s = -1, 1, 2
+         j = tuple + s*shift
+         call union%add(reshape(canonical_sign(j)*j, [size(j), 1]))
+      end do
+   end subroutine add_both
 
    !> Places, ascending, of the largest amplitudes: as few as leave at most `tail` out, but no more than `room`. Of equal ones the
    !> first is taken first.

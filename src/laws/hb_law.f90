@@ -51,6 +51,7 @@ module hb_law
       integer :: n_states = 0                                         !! internal states of one sample, of a law with memory
       logical :: is_users_own = .false.                               !! nobody knows it far from where a motion leads
       integer :: n_phases = 0                                         !! tones that must be there as their phases are needed
+      integer, allocatable :: modulation(:)                           !! tuple by which it shifts those of a motion, if known
       logical :: needs_frequencies = .false.                          !! its force depends on the base frequencies themselves
       real(wp) :: length_scale = 0.0_wp                               !! a length [m] typical of the law, as its gap; 0: none
       integer :: n_switches = 0       !! functions of the motion at whose zeros the force has a kink, as the distance to a stop

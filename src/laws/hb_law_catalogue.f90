@@ -12,6 +12,7 @@ module hb_law_catalogue
    use hb_law_iwan, only: iwan_t
    use hb_law_jenkins, only: jenkins_t
    use hb_law_jenkins_2d, only: jenkins_2d_t
+   use hb_law_parametric, only: parametric_t
    use hb_law_piecewise_linear, only: piecewise_linear_t
    use hb_law_polynomial, only: polynomial_t
    use hb_law_polynomial_coupled, only: polynomial_coupled_t
@@ -46,6 +47,7 @@ contains
       case ("iwan"); allocate (iwan_t :: box%law)
       case ("jenkins"); allocate (jenkins_t :: box%law)
       case ("jenkins_2d"); allocate (jenkins_2d_t :: box%law)
+      case ("parametric"); allocate (parametric_t :: box%law)
       case ("piecewise_linear"); allocate (piecewise_linear_t :: box%law)
       case ("polynomial"); allocate (polynomial_t :: box%law)
       case ("polynomial_coupled"); allocate (polynomial_coupled_t :: box%law)

@@ -7,7 +7,7 @@ module hb_model_laws
    use hb_model, only: model_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
-   use hb_text, only: to_text
+   use hb_text, only: number_of
    implicit none
    private
    public :: read_laws, update_laws
@@ -33,7 +33,8 @@ contains
          end if
          self%law_groups = [self%law_groups, spread(i, 1, n_places(boxes(i)))]
          if (boxes(i)%law%n_phases > self%tones%n_tones) then
-            call group%problem("tone", "there are only "//to_text(self%tones%n_tones)//" tones")
+            call group%problem(trim(merge("tuple", "tone ", allocated(boxes(i)%law%modulation))), "there "// &
+               trim(merge("is ", "are", self%tones%n_tones == 1))//" only "//number_of(self%tones%n_tones, "tone"))
          end if
       end do
       allocate (self%laws(size(self%law_groups)))

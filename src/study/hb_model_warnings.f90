@@ -17,11 +17,13 @@ module hb_model_warnings
 
 contains
 
-   !> Whether nothing drives the model: no load, and no unknown tone that it would keep up by itself.
+   !> Whether nothing drives the model: no load, no law that changes with tones, and no unknown tone that it would keep up by itself.
    pure logical function has_no_load(model)
       type(model_t), intent(in) :: model
+      integer :: i
 
-      has_no_load = .not. any(model%tones%is_unknown) .and. model%loads%is_zero()
+      has_no_load = .not. any(model%tones%is_unknown) .and. model%loads%is_zero() .and. &
+                    .not. any([(allocated(model%laws(i)%law%modulation), i=1, size(model%laws))])
    end function has_no_load
 
    !> Which speed of a structure stays where it is while the frequency of a tone moves, and what lets it follow; empty for none.

@@ -1,0 +1,67 @@
+!> Spring and damper that change with the phase of tones, f = k(tau) z + d(tau) v with k = k_c cos(j.tau) + k_s sin(j.tau), d alike.
+!> Several of them make any periodic or quasi-periodic stiffness: Mathieu's equation, gear meshes, cracks that breathe.
+!> Source: Nayfeh and Mook, Nonlinear Oscillations, Wiley 1979, chapter 5; docs/why/theory.md, section 5.1.
+!> Sign: f stands beside K q on the left-hand side.
+module hb_law_parametric
+   use hb_kinds, only: wp
+   use hb_law, only: law_t, read_place
+   use hb_properties, only: properties_t
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: parametric_t
+
+   type, extends(law_t) :: parametric_t
+      real(wp) :: stiffness(2) = 0.0_wp                               !! k_c, k_s [N/m]
+      real(wp) :: damping(2) = 0.0_wp                                 !! d_c, d_s [N s/m]
+      real(wp), allocatable, private :: k(:, :), d(:, :)              ! at the samples to come, (n_samples, 1)
+   contains
+      procedure :: read => parametric_read
+      procedure :: set_phases => parametric_set_phases
+      procedure :: evaluate => parametric_evaluate
+   end type parametric_t
+
+contains
+
+   !> Reads a `&law type = 'parametric'` group.
+   subroutine parametric_read(self, group, structure)
+      class(parametric_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+
+      call group%get("tuple", self%modulation)
+      call group%get("stiffness_cos", self%stiffness(1))
+      call group%get("stiffness_sin", self%stiffness(2))
+      call group%get("damping_cos", self%damping(1))
+      call group%get("damping_sin", self%damping(2))
+      self%needs_velocity = any(abs(self%damping) > 0.0_wp)
+      self%degree = 3                                                 ! samples for a tuple of twice the order, too
+      call read_place(self, group, structure)
+      if (.not. allocated(self%modulation)) return
+      self%n_phases = size(self%modulation)
+      if (all(self%modulation == 0)) call group%problem("tuple", "all zero: what does not change belongs to the structure")
+   end subroutine parametric_read
+
+   pure subroutine parametric_set_phases(self, phases)
+      class(parametric_t), intent(inout) :: self
+      real(wp), intent(in) :: phases(:, :)
+      real(wp) :: phase(size(phases, 2), 1)
+
+      phase(:, 1) = matmul(real(self%modulation, wp), phases(:self%n_phases, :))
+      self%k = self%stiffness(1)*cos(phase) + self%stiffness(2)*sin(phase)
+      self%d = self%damping(1)*cos(phase) + self%damping(2)*sin(phase)
+   end subroutine parametric_set_phases
+
+   subroutine parametric_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
+      class(parametric_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
+
+      f = self%k*z
+      if (present(df_dz)) df_dz(:, :, 1) = self%k
+      if (.not. self%needs_velocity) return
+      f = f + self%d*v
+      if (present(df_dv)) df_dv(:, :, 1) = self%d
+   end subroutine parametric_evaluate
+end module hb_law_parametric
