@@ -29,7 +29,7 @@ module hb_certificate
    use hb_thresholds, only: agreement
    use hb_tones, only: new_tones, tones_t
    use hb_torus, only: fast_size, new_torus, samples_for, torus_t
-   use hb_tuple_choice, only: new_doubled_set
+   use hb_tuple_choice, only: new_doubled_set, shifted
    use hb_two_level, only: clear_kept, improve
    use hb_wide_problem, only: nearer, new_wide_problem, wide_problem_t
    implicit none
@@ -189,18 +189,9 @@ contains
       type(torus_t), intent(out) :: grid
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: all_tuples
-      integer, allocatable :: modulations(:, :)
-      integer :: i, samples(size(slow))
+      integer :: samples(size(slow))
 
-      allocate (modulations(size(slow), 0))
-      do i = 1, size(balance%law_set%laws)
-         associate (law => balance%law_set%laws(i)%law)
-            if (allocated(law%modulation)) modulations = &
-               reshape([modulations, law%modulation, spread(0, 1, size(slow) - size(law%modulation))], &
-                       [size(slow), size(modulations, 2) + 1])
-         end associate
-      end do
-      call new_doubled_set(set, balance%harmonics, error, carried, slow, modulations)
+      call new_doubled_set(set, balance%harmonics, error, carried, answers_of_laws_and_resonances(balance, carried, slow))
       if (allocated(error)) return
       if (set%n_harmonics > largest_wide_set) call choose_wider_set(balance%harmonics, set, error)
       if (allocated(error)) return
@@ -214,6 +205,34 @@ contains
       call new_of_parity(set, all_tuples, 1, error)
       if (grid%can_be_halved()) grid = grid%half()
    end subroutine choose_wider
+
+   !> Tuples far from those of a motion that answer it: those to which a law that changes with tones shifts each, and the neighbours
+   !> along a slow tuple of large combinations near a resonance of the structure: they are nearly as resonant.
+   pure function answers_of_laws_and_resonances(balance, carried, slow) result(tuples)
+      type(balance_t), intent(in) :: balance
+      real(wp), intent(in) :: carried(:)                              !! amplitudes of the motion (n_harmonics)
+      integer, intent(in) :: slow(:)                                  !! tuple k of which k.omega is next to 0
+      integer, allocatable :: tuples(:, :)
+      integer, parameter :: least_order = 4                           ! sum of entries that loads and steep laws do not reach at once
+      real(wp), parameter :: large = 0.03_wp                          ! of the largest amplitude
+      real(wp), parameter :: resonant = 0.1_wp                        ! what is left of a stiffness where mass takes the rest
+      integer :: d, h, i
+
+      associate (set => balance%harmonics, stiffness => balance%stiffness, laws => balance%law_set%laws)
+         tuples = reshape([integer ::], [size(slow), 0])
+         do h = 1, set%n_harmonics
+            if (sum(abs(set%tuples(:, h))) < least_order .or. carried(h) < large*maxval(carried)) cycle
+            if (any([(abs(stiffness%entry(d, d, h)) < resonant*stiffness%magnitude(d, h), d=1, balance%n_dofs)])) &
+               tuples = reshape([tuples, shifted(set%tuples(:, h:h), slow)], [size(slow), size(tuples, 2) + 2])
+         end do
+         do i = 1, size(laws)
+            if (.not. allocated(laws(i)%law%modulation)) cycle
+            associate (shift => [laws(i)%law%modulation, spread(0, 1, size(slow) - size(laws(i)%law%modulation))])
+               tuples = reshape([tuples, shifted(set%tuples, shift)], [size(slow), size(tuples, 2) + 2*set%n_harmonics])
+            end associate
+         end do
+      end associate
+   end function answers_of_laws_and_resonances
 
    !> Orders of the wider box, for the orders of the solution.
    pure function wider_orders(highest) result(orders)

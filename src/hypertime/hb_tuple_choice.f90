@@ -9,7 +9,7 @@ module hb_tuple_choice
    use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: chosen_tuples, largest_places, lowest_order, new_doubled_set, new_lowest_set, tuple_union_t
+   public :: chosen_tuples, largest_places, lowest_order, new_doubled_set, new_lowest_set, shifted, tuple_union_t
 
    !> The union of many sets of tuples, in the order in which they were added: a hash table with open addressing, so that as many sets
    !> as a sweep has points take no more than linear time. Source of the hash: FNV-1a, 32 bit, entry by entry.
@@ -96,27 +96,20 @@ contains
    !> of |k|: within one step of {0, 1} is no third harmonic, and an estimate without it is 0 for good. Of one tone five
    !> steps: of a stop that is touched for a short part of the period the error of order 3 is not seen by order 6. And
    !> what forces of second and third degree answer to the largest tuples: a load at tuple 7 has its next harmonics at
-   !> 14 and 21. And what a stiffness that changes with tuple 9 makes of each.
-   subroutine new_doubled_set(self, set, error, carried, slow, modulations)
+   !> 14 and 21.
+   subroutine new_doubled_set(self, set, error, carried, others)
       type(harmonics_t), intent(out) :: self
       type(harmonics_t), intent(in) :: set
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: carried(:)                    !! amplitudes of a motion (set%n_harmonics)
-      integer, intent(in), optional :: slow(:)                        !! with it: the tuple k of which k.omega is next to 0
-      integer, intent(in), optional :: modulations(:, :)              !! tuples by which laws shift those of a motion (n_tones, any)
+      integer, intent(in), optional :: others(:, :)                   !! tuples to be there, too, (n_tones, any)
       integer, parameter :: steps_of_one_tone = 5
       type(tuple_union_t) :: union
       integer :: h, j(set%n_tones), k, m, s
 
       call union%add(set%tuples)
-      if (present(carried)) call add_answers(union, set, carried, slow)
-      if (present(modulations)) then
-         do m = 1, size(modulations, 2)
-            do h = 1, set%n_harmonics
-               call add_both(union, set%tuples(:, h), modulations(:, m))
-            end do
-         end do
-      end if
+      if (present(carried)) call add_answers(union, set, carried)
+      if (present(others)) call union%add(others)
       if (set%n_tones == 1) then
          do k = 1, steps_of_one_tone
             call union%add(set%tuples + k)
@@ -153,23 +146,16 @@ contains
       call union%add_one(j)
    end subroutine add_tuple
 
-   !> Adds i + k, i - k, 2 i + k and 2 i - k for the largest tuples i and k of a motion; i + slow and i - slow for a combination i
-   !> of high order that is as large as only a resonance makes it: they are nearly as resonant.
-   pure subroutine add_answers(union, set, carried, slow)
+   !> Adds i + k, i - k, 2 i + k and 2 i - k for the largest tuples i and k of a motion.
+   pure subroutine add_answers(union, set, carried)
       type(tuple_union_t), intent(inout) :: union
       type(harmonics_t), intent(in) :: set
       real(wp), intent(in) :: carried(:)                              !! amplitudes (set%n_harmonics)
-      integer, intent(in) :: slow(:)
-      real(wp), parameter :: resonant = 0.03_wp                       ! of the largest amplitude, for a combination of at least
-      integer, parameter :: resonant_order = 4                        ! this sum of entries
       real(wp), parameter :: large = 0.1_wp                           ! of the largest amplitude: the third power of less is nothing
       integer, parameter :: most_large = 8                            ! tuples
       integer :: i, j(set%n_tones), k, n, order(set%n_harmonics), s
 
       call sort_descending(carried, order)
-      do i = 1, min(most_large, count(carried > resonant*maxval(carried)))
-         if (sum(abs(set%tuples(:, order(i)))) >= resonant_order) call add_both(union, set%tuples(:, order(i)), slow)
-      end do
       n = min(most_large, count(carried > large*maxval(carried)))
       do i = 1, n
          do k = 1, n
@@ -181,17 +167,18 @@ contains
       end do
    end subroutine add_answers
 
-   !> Adds a tuple shifted by another, in both directions.
-   pure subroutine add_both(union, tuple, shift)
-      type(tuple_union_t), intent(inout) :: union
-      integer, intent(in) :: tuple(:), shift(:)
-      integer :: j(size(tuple)), s
+   !> Tuples shifted by another, in both directions; twice as many.
+   pure function shifted(tuples, shift)
+      integer, intent(in) :: tuples(:, :)                             !! (n_tones, any)
+      integer, intent(in) :: shift(:)                                 !! (n_tones)
+      integer :: shifted(size(tuples, 1), 2*size(tuples, 2))
+      integer :: i
 
-      do s = -1, 1, 2
-         j = tuple + s*shift
-         call union%add(reshape(canonical_sign(j)*j, [size(j), 1]))
+      do i = 1, size(tuples, 2)
+         shifted(:, 2*i - 1) = canonical_sign(tuples(:, i) + shift)*(tuples(:, i) + shift)
+         shifted(:, 2*i) = canonical_sign(tuples(:, i) - shift)*(tuples(:, i) - shift)
       end do
-   end subroutine add_both
+   end function shifted
 
    !> Places, ascending, of the largest amplitudes: as few as leave at most `tail` out, but no more than `room`. Of equal ones the
    !> first is taken first.
