@@ -4,10 +4,10 @@ module command_table
    use hb_text, only: join, split, string_t
    implicit none
    private
-   public :: long_name, option_names, options_of, takes_value, verb_names, write_help
+   public :: long_name, option_names, options_of, takes_value, verb_names, write_completion, write_help
 
    type :: verb_t
-      character(9) :: name
+      character(10) :: name
       character(6) :: argument
       character(240) :: text
    end type verb_t
@@ -16,11 +16,11 @@ module command_table
       character(12) :: name
       character(2) :: short
       character(11) :: value                            !! what stands behind; blank: nothing
-      character(64) :: verbs                            !! that have it, separated by blanks
+      character(80) :: verbs                            !! that have it, separated by blanks
       character(200) :: text
    end type option_t
 
-   type(verb_t), parameter :: verbs(10) = [ &
+   type(verb_t), parameter :: verbs(12) = [ &
       verb_t("solve", "INPUT", "solve all points of a namelist file, write an HDF5 file"), &
       verb_t("resume", "RESULT", "solve the points that an ended run has left in its result file"), &
       verb_t("info", "RESULT", "what a result file holds, whether it is complete"), &
@@ -31,6 +31,8 @@ module command_table
       verb_t("verify", "RESULT", "integrate in time from the points of a result file and report whether the motions agree"), &
       verb_t("keys", "", "the table of input keys, a row each: group | key | type | unit | default | range | meaning; "// &
          "nhbm keys WORD: rows that have the word, such as jenkins"), &
+      verb_t("new", "", "a commented input to begin with: nhbm new duffing > duffing.nml; nhbm new lists all"), &
+      verb_t("completion", "", "what completes verbs and options in bash: source <(nhbm completion bash); likewise zsh"), &
       verb_t("version", "", "version and commit; also --version"), &
       verb_t("help", "", "this text; nhbm help VERB or nhbm VERB --help: one verb")]
 
@@ -58,7 +60,7 @@ module command_table
       option_t("--points", "", "N", "plan", "points, in place of those of the input"), &
       option_t("--cost-from", "", "FILE", "plan", "seconds of a point as in a result file, say of a smaller run"), &
       option_t("--cost", "", "SECONDS", "plan", "seconds of a point"), &
-      option_t("--help", "-h", "", all_verbs//" keys version help", "this text"), &
+      option_t("--help", "-h", "", all_verbs//" keys new completion version help", "this text"), &
       option_t("--version", "", "", "version", "version and commit")]
 
    integer, parameter :: column_of_text = 31, width = 118
@@ -67,7 +69,7 @@ contains
 
    !> Names of the verbs.
    pure function verb_names() result(names)
-      character(9) :: names(size(verbs))
+      character(10) :: names(size(verbs))
 
       names = verbs%name
    end function verb_names
@@ -154,6 +156,22 @@ contains
          "BLAS works with one thread unless OPENBLAS_NUM_THREADS says otherwise. docs/user/input.md lists the keys of the", &
          "input, docs/user/schema.md the results."])
    end subroutine write_help
+
+   !> Writes the script by which bash, or zsh with the ways of bash, completes verbs, their options and names of files.
+   subroutine write_completion(shell)
+      character(*), intent(in) :: shell                 !! bash or zsh
+      integer :: i
+
+      if (shell == "zsh") call say("autoload -U +X bashcompinit && bashcompinit")
+      call say([character(80) :: "_nhbm() {", "   local word=${COMP_WORDS[COMP_CWORD]} words=", "   if [ $COMP_CWORD = 1 ]; then"])
+      call say("      words='"//join(verb_names(), " ")//"'")
+      call say([character(80) :: "   else", "      case ${COMP_WORDS[1]} in"])
+      do i = 1, size(verbs)
+         call say("      "//trim(verbs(i)%name)//") words='"//join(option_names(trim(verbs(i)%name)), " ")//"' ;;")
+      end do
+      call say([character(80) :: "      esac", "   fi", "   [[ $COMP_CWORD != 1 && $word != -* ]] && words=", &
+                "   COMPREPLY=($(compgen -W ""$words"" -- ""$word""))", "}", "complete -o default -F _nhbm nhbm"])
+   end subroutine write_completion
 
    !> The verbs of an option, where the help lists all verbs and not all have it.
    pure function verbs_before(option, is_one) result(text)

@@ -3,7 +3,7 @@ program nhbm
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
    use, intrinsic :: iso_fortran_env, only: error_unit
    use arguments, only: argument_list, arguments_t, read_arguments
-   use command_table, only: verb_names, write_help
+   use command_table, only: verb_names, write_completion, write_help
    use console, only: complain, finish_output, say
    use exit_status, only: bad_input, incomplete, not_all_right, success
    use hb_blas_threads, only: take_blas_memory, use_one_blas_thread
@@ -18,6 +18,7 @@ program nhbm
    use hb_signals, only: catch_signals, survive_failed_writes, wait_for_points
    use hb_text, only: join, lower
    use hb_version, only: git_commit, program_version
+   use starters, only: starter_names, starter_text
    use verb_check, only: run_check
    use verb_info, only: run_info
    use verb_integrate, only: run_integrate
@@ -106,6 +107,10 @@ contains
          if (rank_of(comm) == 0) call say("nhbm "//program_version//" ("//git_commit//")")
       else if (verb == "keys") then
          if (rank_of(comm) == 0) call tell_keys()
+      else if (verb == "new") then
+         if (rank_of(comm) == 0) call tell_starter()
+      else if (verb == "completion") then
+         if (rank_of(comm) == 0) call tell_completion()
       else if (verb == "") then
          call fail(error, "no verb is given, such as nhbm solve input.nml; nhbm --help lists all")
       else if (all(verb_names() /= verb)) then
@@ -138,6 +143,33 @@ contains
       end do
       if (.not. is_reported) call fail(error, "no row of the table of keys has '"//options%input//"'; nhbm keys prints all")
    end subroutine tell_keys
+
+   !> Prints an input to begin with, or the names of all.
+   subroutine tell_starter()
+      character(:), allocatable :: closest
+
+      if (.not. allocated(options%input)) then
+         call say(starter_names())
+      else if (any(starter_names() == options%input)) then
+         call say(starter_text(options%input))
+      else
+         closest = trim(closest_word(options%input, starter_names()))
+         if (len(closest) > 0) closest = " did you mean '"//closest//"'?"
+         call fail(error, "there is no input '"//options%input//"' to begin with;"//closest//" known: "// &
+                   join(starter_names(), ", "))
+      end if
+   end subroutine tell_starter
+
+   subroutine tell_completion()
+      character(*), parameter :: shells(2) = ["bash", "zsh "]
+
+      if (.not. allocated(options%input)) options%input = ""
+      if (any(shells == options%input)) then
+         call write_completion(options%input)
+      else
+         call fail(error, "completion needs the name of a shell, bash or zsh: source <(nhbm completion bash)")
+      end if
+   end subroutine tell_completion
 
    subroutine run_known_verb(verb)
       character(*), intent(in) :: verb

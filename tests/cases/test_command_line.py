@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 from program import ALL_CONVERGED, BAD_INPUT, command, environment, read, run
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "user" / "input.md"
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "user" / "input.md"
+STARTERS = ROOT / "drivers" / "starters"
 VERBS = ("solve", "resume", "info", "check", "plan", "integrate", "verify")
 
 OSCILLATOR = """&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = 0.1, stiffness = 1.0 /
@@ -124,3 +126,28 @@ def test_one_process_starts_no_helper_and_looks_for_no_network(tmp_path):
     )
     assert all(f"{name} (environment)" in alone for name in ("isolated=true", "create_session_dirs=false", "pml=ob1"))
     assert "show_mca_params" in launched and not any(word in launched for word in ("isolated=true", "pml=ob1"))
+
+
+def test_inputs_to_begin_with(tmp_path):
+    """All but that of a model file are solved as they stand; that one asks for its file."""
+    names = run("new", cwd=tmp_path).stdout.split()
+    assert names == sorted(path.stem for path in STARTERS.glob("*.nml"))
+    for name in names:
+        text = run("new", name, cwd=tmp_path).stdout
+        assert text == (STARTERS / f"{name}.nml").read_text(encoding="utf-8")
+        (tmp_path / f"{name}.nml").write_text(text)
+        done = run("solve", f"{name}.nml", cwd=tmp_path)
+        if name == "model":
+            assert done.status == BAD_INPUT and "part.h5" in done.stderr
+        else:
+            assert done.status == ALL_CONVERGED, done.stderr
+    assert "did you mean 'rotor'" in run("new", "roter", cwd=tmp_path).stderr
+
+
+def test_shells_complete_verbs_and_options(tmp_path):
+    script = run("completion", "bash", cwd=tmp_path).stdout
+    ask = '\nCOMP_WORDS=(nhbm {}); COMP_CWORD={}; _nhbm; echo "${{COMPREPLY[@]}}"'
+    script += ask.format("re", 1) + ask.format("solve --time", 2) + ask.format("solve inp", 2)
+    assert subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True).stdout == "resume\n--time-limit\n\n"
+    assert run("completion", "zsh", cwd=tmp_path).stdout.startswith("autoload")
+    assert "bash or zsh" in run("completion", "fish", cwd=tmp_path).stderr
