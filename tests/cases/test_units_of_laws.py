@@ -44,9 +44,11 @@ LAWS = {
     "cubic_damping": {"dofs": "'x1'", "coefficient": (0.3, 1, -3)},
     "cubic_spring": {"dof": "'x1'", "stiffness": (1.0, 1, -3)},
     "elastic_stop": {"dof": "'x1'", "stiffness": (5.0, *STIFFNESS), "gap": (0.3, *L)},
+    "hertz": {"dof": "'x1'", "stiffness": (5.0, 1, -1.5), "gap": (0.1, *L), "dissipation": (0.2, 0, -1)},
     "iwan": {"dof": "'x1'", "stiffness": ((0.5, 0.5), *STIFFNESS), "limit": ((0.1, 0.2), *F)},
     "jenkins": {"dof": "'x1'", "stiffness": (1.0, *STIFFNESS), "limit": (0.2, *F)},
     "jenkins_2d": {"dof": "'x1'", "second_dofs": "'x2'", "stiffness": (1.0, *STIFFNESS), "limit": (0.2, *F)},
+    "parametric": {"dof": "'x1'", "tuple": "1, 1", "stiffness_cos": (0.5, *STIFFNESS), "damping_sin": (0.1, *STIFFNESS)},
     "piecewise_linear": {
         "dof": "'x1'",
         "breakpoints": ((-0.2, 0.3), *L),
@@ -66,6 +68,7 @@ LAWS = {
 }
 # Laws of a power of each coefficient of their own.
 POWERS = {"k1": (0.5, 1, -1), "k2": (0.3, 1, -2), "d1": (0.1, 1, -1), "d2": (0.1, 1, -2)}
+ROUNDED = {"hertz"}  # a power of a length: the library of C rounds other lengths otherwise, powers of two apart as well
 WITHOUT_UNITS = {"user"}  # only its author knows the units of its parameters
 
 
@@ -119,6 +122,8 @@ def test_other_units_change_nothing(law, method, tmp_path):
         assert np.any(own)
         assert np.max(np.abs(other / unit - own)) <= SAME * np.max(np.abs(own))
     assert [int(value[0]) for value in scaled[2:]] == [int(value[0]) for value in plain[2:]]
+    if law in ROUNDED:
+        return
     exact = read(solve(model(law, method, EXACT_FORCE, EXACT_LENGTH), tmp_path, name="exact"), *NAMES)
     assert (exact[0] == EXACT_LENGTH * plain[0]).all() and (exact[1] == EXACT_FORCE * plain[1]).all()
     assert [int(value[0]) for value in exact[2:]] == [int(value[0]) for value in plain[2:]]

@@ -44,6 +44,7 @@ contains
       case ("elastic_stop"); keys = "stiffness=3 gap=0.2 two_sided=.true."
       case ("coulomb_rigid"); keys = "limit=0.3 augmentation=1.3"
       case ("coulomb_tanh"); keys = "limit=0.7 velocity=0.4"
+      case ("hertz"); keys = "stiffness=3 gap=0.2 dissipation=0.3"
       case ("iwan"); keys = "stiffness=1,2,0.5 limit=0.1,0.4,0.3"
       case ("jenkins_2d"); keys = "stiffness=2.5 limit=0.4 second_dofs='x2'"
       case ("jenkins"); keys = "stiffness=2.5 limit=0.4"

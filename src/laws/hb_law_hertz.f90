@@ -1,0 +1,92 @@
+!> Contact of curved bodies behind a gap, f = k d**n (1 + chi v) with the approach d = max(z - g, 0).
+!> Source: Hertz, J. reine angew. Math. 92 (1881) 156-171, n = 3/2 for points; Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445, for
+!> chi. Sign: f stands beside K q on the left-hand side.
+module hb_law_hertz
+   use hb_kinds, only: wp
+   use hb_law, only: law_t, read_place
+   use hb_properties, only: properties_t
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: hertz_t
+
+   type, extends(law_t) :: hertz_t
+      real(wp) :: stiffness = 0.0_wp                                  !! k [N/m**n]
+      real(wp) :: exponent = 1.5_wp                                   !! n
+      real(wp) :: gap = 0.0_wp                                        !! g [m]; negative: pressed on at rest
+      real(wp) :: dissipation = 0.0_wp                                !! chi [s/m]
+   contains
+      procedure :: read => hertz_read
+      procedure :: evaluate => hertz_evaluate
+      procedure :: potential => hertz_potential
+      procedure :: switches => hertz_switches
+      procedure :: evaluate_held => hertz_evaluate_held
+   end type hertz_t
+
+contains
+
+   !> Reads a `&law type = 'hertz'` group.
+   subroutine hertz_read(self, group, structure)
+      class(hertz_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+
+      call group%get("stiffness", self%stiffness)
+      call group%get("exponent", self%exponent)
+      call group%get("gap", self%gap)
+      call group%get("dissipation", self%dissipation)
+      self%needs_velocity = self%dissipation > 0.0_wp
+      self%has_potential = .true.
+      self%length_scale = abs(self%gap)
+      self%n_switches = 1
+      call read_place(self, group, structure)
+   end subroutine hertz_read
+
+   subroutine hertz_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
+      class(hertz_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
+      real(wp) :: approach(size(z, 1), size(z, 2))
+
+      approach = max(z - self%gap, 0.0_wp)
+      associate (k => self%stiffness, n => self%exponent, chi => self%dissipation)
+         f = k*approach**n
+         if (present(df_dz)) df_dz(:, :, 1) = n*k*approach**(n - 1.0_wp)
+         if (.not. self%needs_velocity) return
+         if (present(df_dz)) df_dz(:, :, 1) = df_dz(:, :, 1)*(1.0_wp + chi*v)
+         if (present(df_dv)) df_dv(:, :, 1) = chi*f
+         f = f*(1.0_wp + chi*v)
+      end associate
+   end subroutine hertz_evaluate
+
+   pure subroutine hertz_switches(self, z, v, values)
+      class(hertz_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      real(wp), intent(out) :: values(:)
+
+      values = z - self%gap
+   end subroutine hertz_switches
+
+   subroutine hertz_evaluate_held(self, z, v, is_positive, f)
+      class(hertz_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      logical, intent(in) :: is_positive(:)
+      real(wp), intent(out) :: f(:)
+
+      f = 0.0_wp
+      if (.not. is_positive(1)) return
+      f = self%stiffness*max(z - self%gap, 0.0_wp)**self%exponent
+      if (self%needs_velocity) f = f*(1.0_wp + self%dissipation*v)
+   end subroutine hertz_evaluate_held
+
+   !> k d**(n + 1)/(n + 1).
+   subroutine hertz_potential(self, z, energy, gradient)
+      class(hertz_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :)
+      real(wp), intent(out) :: energy(:), gradient(:, :)
+
+      gradient = self%stiffness*max(z - self%gap, 0.0_wp)**self%exponent
+      energy = gradient(:, 1)*max(z(:, 1) - self%gap, 0.0_wp)/(self%exponent + 1.0_wp)
+   end subroutine hertz_potential
+end module hb_law_hertz
