@@ -4,6 +4,7 @@
 usage: gallery.py FOLDER [NAME ...]      writes FOLDER/index.md and a picture for each input (default: all) that is older than it
 
 nhbm, nhbm-post and nhbm-model are looked for on the path. A picture that takes longer than five minutes is left out, with a word.
+Exit status: 0 all are drawn, 1 some are not.
 """
 
 from __future__ import annotations
@@ -84,13 +85,14 @@ def section(source: Path, folder: Path) -> str:
     )
 
 
-def main(folder: Path, names: list[str]) -> None:
+def main(folder: Path, names: list[str]) -> bool:
     folder.mkdir(parents=True, exist_ok=True)
     sources = sorted([*ROOT.glob("inputs/gallery/*.nml"), *ROOT.glob("inputs/models/*.nml")])
     parts = [section(source, folder) for source in sources if not names or source.stem in names]
     head = "# Gallery\n\nEvery example input with what it says of itself and its picture; `docs/site/gallery.py` made this page.\n\n"
     (folder / "index.md").write_text(head + "\n".join(parts), encoding="utf-8")
+    return not any("*not drawn" in part for part in parts)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]).resolve(), sys.argv[2:])
+    sys.exit(0 if main(Path(sys.argv[1]).resolve(), sys.argv[2:]) else 1)
