@@ -165,7 +165,7 @@ def _cancellation(place: mmap.mmap) -> None:
                 file, name = entry(self, *args)
                 text = os.fsencode(f"file '{file}'" + (f", at '{name}'" if name else ""))[: _ROOM - 1]
                 place[: len(text) + 1] = text + b"\0"
-                if os.path.isfile(file):
+                if isinstance(file, (str, bytes, os.PathLike)) and os.path.isfile(file):
                     signal.setitimer(signal.ITIMER_PROF, SECONDS + SECONDS_A_BYTE * os.path.getsize(file))
                 return end(call(self, *args, **kwargs))
             finally:

@@ -11,6 +11,7 @@ those of forces where the rest of it acts; what it is in these is Galerkin's.
 
 from __future__ import annotations
 
+import inspect
 import time
 from dataclasses import dataclass, replace
 
@@ -39,6 +40,7 @@ N_RESIDUALS, FIRST_CHANGE = 4, 1.0e-2  # frequencies of a block of residuals, an
 SHIFT = 0.1  # s of K + s^2 M beside the highest frequency
 DEPENDENT = 1.0e-11  # what is left of a shape of unit energy beside those before, to leave it out
 ROUNDING = 1.0e-12  # of coupling between shapes, beside their own entries
+_TOLERANCE = "rtol" if "rtol" in inspect.signature(spla.gmres).parameters else "tol"  # SciPy before 1.12
 
 
 @dataclass
@@ -523,7 +525,7 @@ def _solve(a: Any, b: Any, guess: Any, factors: Any) -> Any:
         return np.finfo(float).eps * np.linalg.norm(abs(a) @ np.abs(x))
 
     m = spla.LinearOperator(a.shape, matvec=precondition, dtype=complex)
-    x, info = spla.gmres(a, b, x0=guess, M=m, tol=1.0e-10, atol=rounding(guess), restart=200, maxiter=5)
+    x, info = spla.gmres(a, b, x0=guess, M=m, atol=rounding(guess), restart=200, maxiter=5, **{_TOLERANCE: 1.0e-10})
     if info != 0 and not np.linalg.norm(a @ x - b) <= max(1.0e-8 * np.linalg.norm(b), 10 * rounding(x)):
         raise ModelError("the full model could not be solved at a frequency: no error can be reported there")
     return x
