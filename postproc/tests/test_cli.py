@@ -244,6 +244,18 @@ def test_runs_as_a_module_without_display(sweep):
     assert "sweep of the gap" in done.stdout
 
 
+def test_open_files_are_opened_again_in_the_guarded_process(tmp_path):
+    """The newest h5py does so for each dataset that is met in a loop."""
+    with h5py.File(tmp_path / "some.h5", "w") as file:
+        file["x"] = 1.0
+
+    def again() -> int:
+        with h5py.File(tmp_path / "some.h5", "r") as file:
+            return 0 if h5py.File(file.id).filename == file.filename else 7
+
+    assert guarded(again, "program") == 0
+
+
 def test_what_goes_wrong_in_the_guarded_process_is_told(capfd):
     assert guarded(lambda: 1 // 0, "program") == 1
     assert "ZeroDivisionError" in capfd.readouterr().err
