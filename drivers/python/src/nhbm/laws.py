@@ -169,6 +169,7 @@ class Law:
         if (states > 0) != (advance is not None):
             raise ModelError(f"law '{self.__name__}': states, their number, and the function advance belong together")
         address = _address(function)
+        self.steps_slowly = states > 0 and None in (address, _address(advance))  # through time: a look takes a millisecond
         if address is None:
             caller = _Force(function, velocity, states)
             needs_velocity, phases, frequencies = caller.needs_velocity, "phases" in caller.named, "frequencies" in caller.named

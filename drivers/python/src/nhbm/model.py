@@ -279,7 +279,7 @@ class Model:
         """
         session = self._live(tolerance, order).session
         self._solved = self._used
-        session.solve(warm)
+        session.solve(warm, points=self._sharing(1))
         motion = dataset.motion_of(session)
         if int(motion["status"]) != dataset.CONVERGED:
             warnings.warn(session.message or f"the motion is {motion.nhbm.status.item()}", NotConverged, stacklevel=2)
@@ -534,6 +534,10 @@ class Model:
 
     # How it is kept
 
+    def _sharing(self, n: int) -> int:
+        """Points that share the time for stability: none where its work, counted as that of compiled laws, would take minutes."""
+        return 0 if any(law.steps_slowly for law in self._laws) else n
+
     def _add(self, name: str, keys: dict[str, Any]) -> None:
         self._lists.append((name, keys))
         self._sessions = {}
@@ -638,7 +642,7 @@ class _Line:
         if self.of is not None:
             return model.response(self.of, warm=self.warm and k > 0, **wanted)
         session = model._live(**wanted).session
-        session.solve(self.warm and k > 0, points=self.n)
+        session.solve(self.warm and k > 0, points=model._sharing(self.n))
         return dataset.motion_of(session)
 
 
