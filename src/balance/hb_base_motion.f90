@@ -18,7 +18,6 @@ module hb_base_motion
    private
    public :: base_motion_t, find_base_motion
 
-
    type :: base_motion_t
       real(wp), allocatable :: u(:, :)                                !! [m], (n_coefficients, n_dofs) in the whole set
       logical :: is_forced = .false.                                  !! it moves, other than by its mean

@@ -17,7 +17,6 @@ module hb_sweep_harmonics
 
    character(*), parameter :: group = "harmonics"
 
-
 contains
 
    !> Collects the tuples of all points: those of the first point come first, those that others add follow.

@@ -1,0 +1,243 @@
+"""Models in Python: made of values, of text and of matrices, set by path, sent to other processes; errors that help."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+import types
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from in_process import DUFFING, ROOT, cubic, duffing, same, session_of
+from program import _ENVIRONMENT
+
+import nhbm
+from nhbm import Model, ModelError
+
+
+def test_values_are_set_by_path_and_by_handle():
+    other = Model.from_namelist(DUFFING.replace("stiffness = 0.5", "stiffness = 0.7").replace("= 0.9 /", "= 1.1 /"))
+    for spring, tone in (
+        ("spring.stiffness", "tones[0]"),
+        ("law[0].stiffness", "tones.frequency"),
+        ("law(1)%stiffness", "tones%frequency(1)"),
+    ):
+        model = Model.from_namelist(DUFFING)
+        model[spring] = 0.7
+        model[tone] = 1.1
+        np.testing.assert_array_equal(model.solve()["coefficients"], other.solve()["coefficients"])
+        assert "stiffness = 0.7" in " ".join(model.to_namelist().split())
+
+
+def test_inputs_go_both_ways():
+    """The complete input of a model gives the same model, with values set since and laws of Python; &sweep of a file is left out."""
+    model = duffing(spring=cubic)
+    model.law(cubic, "x1")
+    model["tones[0]"] = 0.95
+    text = model.to_namelist()
+    again = Model.from_namelist(text)
+    assert "frequency = 0.95" in text and again.to_namelist() == text
+    same(again.solve(order=5)["coefficients"].values, model.solve(order=5)["coefficients"].values, "coefficients")
+    for path in ("gallery/duffing_response.nml", "paper/wall.nml", "autonomous/van_der_pol.nml", "rotor_stator/rotating.nml"):
+        text = Model.from_file(ROOT / "inputs" / path).to_namelist()
+        again = Model.from_namelist(text, (ROOT / "inputs" / path).parent).to_namelist()
+        assert sorted(again.splitlines()) == sorted(text.splitlines())
+
+
+def test_warm_starts_stay_on_the_branch():
+    """Downwards the response of a hardening spring stays small at .9 of the way up, upwards large."""
+    model, found = Model.from_namelist(DUFFING.replace("damping_mass = 0.1", "damping_mass = 0.05")), []
+    for values in (np.linspace(0.6, 1.6, 41), np.linspace(2.4, 1.6, 41)):
+        line = model.sweep({"tones[0]": values}, order=7, warm=True)
+        found.append(float(line.nhbm.amplitude("x1")[-1]))
+    assert found[0] > 2 * found[1]
+
+
+def test_what_is_wrong_is_said():
+    with pytest.raises(ModelError, match="type = 'chian' is not known; did you mean 'chain'"):
+        Model.from_namelist(DUFFING.replace("chain", "chian"))
+    model = Model.from_namelist(DUFFING)
+    with pytest.raises(ModelError, match="'law.stop.%gap'.*spring"):
+        model["stop.gap"] = 0.1
+    with pytest.raises(ModelError, match="unknown group 'harmonic'; known: structure, tones"):
+        model.set("harmonic", order=3)
+    with pytest.raises(ModelError, match="'wall gap!' is no path"):
+        model["wall gap!"] = 1.0
+    with pytest.raises(KeyError, match="no column 'amplitude'; known: status message"):
+        session_of(DUFFING).column("amplitude")
+    model["tones%frequency"] = -1.0
+    with pytest.raises(ModelError, match="frequency"):
+        model.solve()
+    model["tones%frequency"] = 0.9
+    motion = model.solve()
+    assert motion.nhbm.is_converged and motion.nhbm.message == ""
+    with pytest.raises(KeyError, match="no dof 'x2'; known: x1"):
+        motion.nhbm.amplitude("x2")
+    with pytest.raises(ModelError, match="curve"):
+        session_of(DUFFING).begin_curve()
+    with pytest.warns(nhbm.NotConverged, match="budget|iterations|residual"):
+        Model.from_namelist(DUFFING + "&solver max_iterations = 1, fallback = .false. /\n").solve(order=7)
+
+
+def test_models_are_made_of_values():
+    same(duffing().solve()["coefficients"].values, Model.from_namelist(DUFFING).solve()["coefficients"].values, "coefficients")
+    wall = Model(
+        nhbm.Beam(length=1.0, bending_stiffness=1750.0, mass_per_length=7.8, n_elements=4, damping_diagonal=1.0),
+        tones=[np.e, np.pi],
+    )
+    wall.load("v3", (1, 0), cos=100)
+    wall.load("v3", (0, 1), cos=100)
+    wall.law("rigid_wall", "v3", gap=1.5e-3, label="wall")
+    wall.set("certificate", penetration=0.1)
+    motion = wall.solve(order=8)
+    assert motion.nhbm.is_converged and motion["coefficients"].dims == ("dof", "harmonic", "component")
+    first = motion.nhbm.harmonic("v3", (1, 0))
+    assert complex(motion.nhbm.harmonic("v3", (-1, 0))) == complex(first).conjugate()
+    times = np.linspace(0.0, 40.0, 500)
+    direct = sum(c * np.cos(j @ [np.e, np.pi] * times) + s * np.sin(j @ [np.e, np.pi] * times)
+                 for j, (c, s) in zip(motion["tuple"].values, motion["coefficients"].sel(dof="v3").values))  # fmt: skip
+    np.testing.assert_allclose(motion.nhbm.time("v3", times), direct, atol=1e-12)
+
+
+def test_structures_come_from_memory_and_from_files(tmp_path):
+    """Matrices of SciPy, a model file and a chain of the solver's own give the same motion; sets and load vectors go along."""
+    n = 3
+    k = np.diag([2.0, 2.0, 2.0]) - np.diag([1.0, 1.0], 1) - np.diag([1.0, 1.0], -1)
+    structure = nhbm.Structure(
+        mass=np.eye(n), stiffness=k, damping=0.1 * np.eye(n), labels=["x1", "x2", "x3"], node_numbers=np.arange(1, 4),
+        coordinates=np.zeros((3, 3)), dof_node=np.arange(3), dof_direction=["x"] * 3, sets={"tip": np.array([2])},
+        loads={"push": (np.array([0]), np.array([2.0]))},
+    )  # fmt: skip
+    structure.write(tmp_path / "chain.h5")
+    found = []
+    for source in (structure, tmp_path / "chain.h5", nhbm.Matrices(np.eye(n), k, 0.1 * np.eye(n))):
+        is_builder = isinstance(source, nhbm.Matrices)
+        model = Model(source, tones=[0.7])
+        if is_builder:
+            model.load("x1", 1, cos=0.6)
+        else:
+            model.load(vector="push", cos=0.3)
+        model.law("cubic_spring", "x3" if is_builder else "tip.x", stiffness=0.5)
+        found.append(model.solve(order=7)["coefficients"].values)
+    same(found[0], found[1], "coefficients")
+    np.testing.assert_allclose(found[0], found[2], rtol=1e-12)
+    with pytest.raises(ModelError, match="nowhere.h5.*does not exist"):
+        Model(tmp_path / "nowhere.h5", tones=[1.0]).solve()
+
+
+def dual_rotor():
+    """Two shafts with speeds of their own, a bearing with clearance between them and a casing that the first disk may rub."""
+    rotor = nhbm.Rotor()
+    rotor.shaft(np.linspace(0, 1.6, 11), 0.06, name="low")
+    rotor.shaft(np.linspace(0.5, 1.2, 8), 0.12, 0.09, name="high", speed=2)
+    rotor.disk(0.16, 8.0, 0.1, 0.2, shaft="low")
+    rotor.disk(0.7, 7.0, 0.08, 0.15, shaft="high")
+    rotor.bearing(0.0, 2e7, 800.0, shaft="low")
+    rotor.bearing(1.6, 2e7, 800.0, shaft="low")
+    rotor.bearing(0.5, 3e7, 800.0, shaft="high")
+    rotor.between(1.2, "low", "high", 1e5, 200.0)
+    rotor.unbalance(0.16, 1e-4, shaft="low")
+    rotor.unbalance(0.7, 8e-5, shaft="high")
+    model = Model(rotor.structure(), tones=[60.0, 71.5], harmonics={"order": 3})
+    model.set("structure", speed=[60.0, 71.5], damping_stiffness=1e-5)
+    for i, shaft in enumerate(("low", "high")):
+        model.tie(f"structure%speed({i + 1})", f"tones%frequency({i + 1})")
+        model.load(vector=f"unbalance_{shaft}_cos", tuple_=np.eye(2)[i], cos=1.0, frequency_power=2)
+        model.load(vector=f"unbalance_{shaft}_sin", tuple_=np.eye(2)[i], sin=1.0, frequency_power=2)
+    model.law("annular_clearance", ["inner1.x", "inner1.y", "outer1.x", "outer1.y"], label="bearing", stiffness=2e7, clearance=1e-5)
+    return model
+
+
+def test_rotors_turn_with_their_tones():
+    """A curve over the speed of the first shaft, the second one in its ratio: its points are those of models at these speeds."""
+    model = dual_rotor()
+    curve = model.curve("tones%frequency(1)", 60.0, 60.2, tie="ratio")
+    assert (curve["status"] == 1).all() and curve.sizes["point"] >= 3
+    at = curve.isel(point=-1)
+    speeds = at["frequency"].values
+    assert speeds[1] / speeds[0] == pytest.approx(71.5 / 60.0, rel=1e-12)
+    for i in range(2):
+        model[f"tones%frequency({i + 1})"] = speeds[i]
+    point = model.solve()
+    assert np.allclose(point["coefficients"], at["coefficients"], rtol=1e-7, atol=1e-7 * float(abs(at["coefficients"]).max()))
+    with pytest.raises(ModelError, match="follows 'tones%frequency'"):
+        model.curve("structure%speed(1)", 60.0, 66.0)
+
+
+def test_models_are_sent_with_their_values():
+    """Pickled, with laws of Python and values set since; executors with `map`, that of Dask where it is there."""
+    model = duffing(spring=True)
+    model.law(nhbm.Law(cubic, odd=True), "x1")
+    model["tones[0]"] = 0.8
+    again = pickle.loads(pickle.dumps(model))
+    same(again.solve(order=5)["coefficients"].values, model.solve(order=5)["coefficients"].values, "coefficients")
+    values = {"tones[0]": np.linspace(0.6, 0.9, 4)}
+    alone = model.sweep(values, order=5)["coefficients"].values
+    with ThreadPoolExecutor(2) as executor:
+        same(model.sweep(values, order=5, executor=executor)["coefficients"].values, alone, "coefficients")
+    distributed = pytest.importorskip("distributed")
+    with distributed.Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None) as client:
+        found = again.sweep(values, order=5, executor=client.get_executor())
+    same(found["coefficients"].values, alone, "coefficients")
+
+
+def test_progress_is_reported(monkeypatch):
+    """To a function, or by a bar of tqdm, which need not be there."""
+    counts, shown = [], []
+
+    class Bar:
+        def __init__(self, **keys):
+            self.total = keys["total"]
+
+        def update(self, n):
+            shown.append(n)
+
+        def close(self):
+            shown.append(self.total)
+
+    monkeypatch.setitem(sys.modules, "tqdm.auto", types.SimpleNamespace(tqdm=Bar))
+    monkeypatch.setitem(sys.modules, "tqdm", types.SimpleNamespace(auto=sys.modules["tqdm.auto"]))
+    for progress in (counts.append, True):
+        duffing().sweep({"tones[0]": [0.6, 0.7, 0.8]}, order=3, progress=progress)
+    assert counts == [1, 2, 3] and shown == [1, 1, 1, 3]
+    monkeypatch.setitem(sys.modules, "tqdm.auto", None)
+    assert duffing().curve("tones[0]", 0.6, 0.7, order=3, progress=True).sizes["point"] > 1
+
+
+def test_sweeps_are_spread_over_processes():
+    model = duffing(spring=cubic)
+    model.law(nhbm.Law(cubic, odd=True), "x1", label="spring")
+    values = {"load[0].cos": [0.1, 0.3], "tones[0]": np.linspace(0.6, 0.9, 4)}
+    alone = model.sweep(values, order=5)
+    assert alone.sizes["point"] == 8 and alone["load_1_cos"].values.tolist() == [0.1] * 4 + [0.3] * 4
+    assert bool(alone.nhbm.is_converged.all())
+    together = model.sweep(values, order=5, workers=2)
+    same(together["coefficients"].values, alone["coefficients"].values, "coefficients")
+
+
+def test_sweeps_are_spread_over_ranks(tmp_path):
+    """Each rank has the whole dataset, with the bits of one process."""
+    pytest.importorskip("mpi4py")
+    (tmp_path / "ranks.py").write_text(
+        "import numpy as np\nfrom mpi4py import MPI\nfrom in_process import duffing\n"
+        "found = duffing().sweep({'tones[0]': np.linspace(0.6, 0.9, 5)}, order=5, comm=MPI.COMM_WORLD)\n"
+        "np.save(f'rank_{MPI.COMM_WORLD.Get_rank()}.npy', found['coefficients'].values)\n"
+    )
+    path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    command = [os.environ.get("MPIEXEC", "mpirun"), "-n", "2", sys.executable, "ranks.py"]
+    subprocess.run(command, cwd=tmp_path, env={**os.environ, **_ENVIRONMENT, "PYTHONPATH": path}, check=True, timeout=120)
+    alone = duffing().sweep({"tones[0]": np.linspace(0.6, 0.9, 5)}, order=5)["coefficients"].values
+    for rank in range(2):
+        assert np.array_equal(np.load(tmp_path / f"rank_{rank}.npy"), alone)
+
+
+def test_the_table_of_keys():
+    rows = [line for line in (ROOT / "src" / "input_keys.txt").read_text().splitlines() if line and not line.startswith("#")]
+    assert [" | ".join(key) for key in nhbm.input_keys()] == rows
+    gap = next(key for key in nhbm.input_keys() if (key.section, key.name) == ("law rigid_wall", "gap"))
+    assert (gap.type, gap.unit, gap.default) == ("real", "m", "required")
