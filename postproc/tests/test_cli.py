@@ -180,7 +180,7 @@ def test_unconverged_points_are_drawn_only_when_told(sweep, capsys):
         (["spectrum", "FILE", "--form", "bars", "--over", "frequency"], "needs 2 tones and tuples as axes"),
         (["spectrum", "FILE", "--output", "a.gif"], "must end in .png"),
         (["spectrum", "FILE", "--output", "none/a.png"], "cannot write 'none/a.png'"),
-        (["spectrum", "FILE", "--decades", "-3"], "-3 is not between 0 and 300"),
+        (["spectrum", "FILE", "--decades", "-3"], "-3 is not between 0 and 1000"),
         (["value", "FILE"], "--tuple"),
         (["value", "FILE", "--tuple", "1,x"], "'1,x' is no tuple of integers"),
         (["value", "FILE", "--tuple", "1,0,0"], "the file has 2 tones"),

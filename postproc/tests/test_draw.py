@@ -95,7 +95,7 @@ def test_time_draws_the_motion(tmp_path):
     fig = draw_time([("two tones", series)], t_from=1.0, t_to=3.0, level=1e-3)
     t, x = fig.axes[0].lines[0].get_data()
     assert (t[0], t[-1]) == (1.0, 3.0)
-    assert fig.axes[0].get_ylabel() in ("v3 [mm]", "v3 [µm]")
+    assert fig.axes[0].get_ylabel() in ("Displacement v3 [mm]", "Displacement v3 [µm]")
     factor = 1e3 if "mm" in fig.axes[0].get_ylabel() else 1e6
     np.testing.assert_allclose(x, factor * series.evaluate(t), rtol=1e-12)
     assert_picture(fig, tmp_path / "a.png")
@@ -109,7 +109,7 @@ def test_time_difference_to_a_record_is_drawn(tmp_path):
         [("balance", series)], [Record("time_domain", t, series.evaluate(t) - 2e-6)], has_difference=True
     )
     np.testing.assert_allclose(fig.axes[1].lines[0].get_ydata(), 2.0, rtol=1e-9)
-    assert fig.axes[1].get_ylabel() == "difference [µm]"
+    assert fig.axes[1].get_ylabel() == "Difference [µm]"
     assert fig.axes[0].get_xlim()[1] == 50.0
     assert_picture(fig, tmp_path / "a.png")
 

@@ -62,7 +62,7 @@ def test_curves_show_the_measure_and_break_at_points_without_motion(sweep, tmp_p
     broyden, newton = curves_of(fig)
     np.testing.assert_allclose(newton.get_ydata(), factor * np.array(expected))
     assert np.isnan(broyden.get_ydata()).all()
-    assert [ax.get_xlabel() for ax in fig.axes if ax.get_xlabel()] == ["law(1)%gap [mm]"]
+    assert [ax.get_xlabel() for ax in fig.axes if ax.get_xlabel()] == ["Gap of law 1 $g$ [mm]"]
     assert save(fig, tmp_path / "a.png", 50).stat().st_size > 5000
 
 
@@ -240,11 +240,11 @@ def test_backbone_draws_frequency_over_energy_with_units(tmp_path, monkeypatch):
     np.testing.assert_allclose(first.get_ydata(), [1.001, 1.01, 1.1, 2.0])
     np.testing.assert_allclose(second.get_xdata(), [0.01, 0.1, 1.0, 10.0])
     ax = first.axes
-    assert (ax.get_xscale(), ax.get_xlabel()) == ("log", "normal_mode%energy [J]")
-    assert ax.get_ylabel() == "frequency of the tone [rad/s]" and ax.get_ylim()[0] > 0.5
+    assert (ax.get_xscale(), ax.get_xlabel()) == ("log", "Energy of the normal mode $E$ [J]")
+    assert ax.get_ylabel() == r"Frequency of the tone $\omega$ [rad/s]" and ax.get_ylim()[0] > 0.5
     assert main(["backbone", str(path), "--over", "amplitude"]) == 0
     np.testing.assert_allclose(curves_of(drawn[1])[0].get_xdata(), np.sqrt([0.01, 0.1, 1.0, 10.0]))
-    assert curves_of(drawn[1])[0].axes.get_xlabel() == "peak of v3 [m]"
+    assert curves_of(drawn[1])[0].axes.get_xlabel() == "Largest displacement of v3 [m]"
 
 
 def test_backbone_needs_one(sweep, capsys):
@@ -268,7 +268,7 @@ def test_map_holds_a_cell_a_point(tmp_path):
     expected = 1.0 + np.arange(3)[:, None] + 0.1 * np.arange(5)
     expected[1, 2] = np.nan
     np.testing.assert_allclose(cells.reshape(3, 5), expected)
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("tones%frequency [rad/s]", "law(1)%gap [mm]")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == (r"Excitation frequency $\omega$ [rad/s]", "Gap of law 1 $g$ [mm]")
     np.testing.assert_allclose(ax.get_ylim(), [0.5, 3.5])
     np.testing.assert_allclose([line.get_data() for line in ax.lines if line.get_gid() == "truncated"], [[[5.0], [1.0]]])
     np.testing.assert_allclose([line.get_data() for line in ax.lines if line.get_gid() == "stalled"], [[[3.0], [2.0]]])

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from . import __version__, options, verbs
+from .appearance import appearance
 from .errors import NhbmPostError
 from .reader import DAMAGES
 
@@ -37,7 +38,9 @@ def main(argv: list[str] | None = None) -> int:
     if "files" in arguments:
         arguments.file = arguments.files[0][1]
     try:
-        arguments.run(arguments)
+        looks = vars(arguments)
+        with appearance(looks.get("title"), looks.get("width"), looks.get("style") == "paper"):
+            arguments.run(arguments)
         sys.stdout.flush()
     except NhbmPostError as error:
         print(f"nhbm-post {arguments.command}: {' '.join(str(error).split())}", file=sys.stderr)
@@ -381,8 +384,8 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument(
                 "--reference",
                 metavar="FILE[@POINT]",
-                help="what errors are measured against: a point of a result file, a record of integration, or a table (.csv) with the "
-                "columns dof, tuple ..., cos, sin (default: the solved point with the most harmonics)",
+                help="what errors are measured against: a point of a result file, a record of integration, or a table (.csv) with "
+                "the columns dof, tuple ..., cos, sin (default: the solved point with the most harmonics)",
             )
             sub.add_argument(
                 "--known",
@@ -405,9 +408,6 @@ def _parser() -> argparse.ArgumentParser:
     )
     options.add_output(sub)
     return parser
-
-
-# Options that several commands share
 
 
 if __name__ == "__main__":

@@ -26,9 +26,10 @@ class Measure:
         values = np.full(results.n_points, np.nan)
         if self.name == "frequency":
             for point in results.solved:
-                values[point] = results.frequency(int(point))[self.tone]
+                values[point] = results.frequency_scale()[0] * results.frequency(int(point))[self.tone]
             return values
         for point, series in results.all_series(dof, self.quantity):
+            series = series.without_noise(results.noise(point, self.quantity, series.units))
             if self.name == "harmonic":
                 try:
                     values[point] = np.hypot(*series.harmonic(self.j))
@@ -39,16 +40,20 @@ class Measure:
         return values
 
     def units(self, results: Results, dof: str) -> str:
-        return "rad/s" if self.name == "frequency" else results.units(self.quantity, dof)
+        return results.frequency_scale()[1] if self.name == "frequency" else results.units(self.quantity, dof)
 
     def words(self, results: Results, dof: str) -> tuple[str, str]:
         """(what is shown, axis label)."""
-        symbol = QUANTITIES[self.quantity].symbol.format(dof)
+        of_what = QUANTITIES[self.quantity]
+        symbol = of_what.symbol.format(dof)
         if self.name == "frequency":
-            tone = "the tone" if results.n_tones == 1 else f"tone {self.tone + 1}"
-            return f"Frequency of {tone}", f"frequency of {tone}"
+            letter = "f" if results.in_hertz else r"\omega"
+            if results.n_tones == 1:
+                return "Frequency of the tone", f"Frequency of the tone ${letter}$"
+            return f"Frequency of tone {self.tone + 1}", f"Frequency of tone {self.tone + 1} ${letter}_{{{self.tone + 1}}}$"
         if self.name == "harmonic":
-            return f"Amplitude of harmonic {tuple_text(self.j)} of {symbol}", rf"$|c_{{{tuple_text(self.j)}}}|$ of {symbol}"
+            j = tuple_text(self.j)
+            return f"Amplitude of harmonic {j} of {symbol}", rf"Amplitude $|c_{{{j}}}|$ of {symbol}"
         if self.name == "rms":
-            return f"Root mean square of {symbol}", f"rms of {symbol}"
-        return f"Peak of {symbol}", rf"$\max\,|\,${symbol}$\,|$ over hypertime"
+            return f"Root mean square of {symbol}", f"Rms {of_what.words} of {dof}"
+        return f"Peak of {symbol}", rf"Largest {of_what.words} $\max\,|\,${dof}$\,|$"

@@ -97,6 +97,13 @@ def add_log(sub, letters, more=""):
     )
 
 
+def axis_label(text):
+    letter, mark, words = text.partition("=")
+    if letter not in ("x", "y", "z") or not mark:
+        raise argparse.ArgumentTypeError(f"'{text}' names no axis; write for example 'x=Excitation frequency f [Hz]'")
+    return letter, words
+
+
 def choice_of_axes(known):
     def convert(text):
         if text != "none" and (not text or set(text) - set(known)):
@@ -137,6 +144,16 @@ def add_output(sub):
     sub.add_argument(
         "--dpi", type=count(20), default=200, metavar="N", help="dots per inch of a .png (default 200)"
     )
+    sub.add_argument("--title", metavar="TEXT", help="heading, in place of the picture's own; '' for none")
+    sub.add_argument(
+        "--label", dest="labels", type=axis_label, action="append", default=[], metavar="AXIS=TEXT",
+        help="words at an axis, such as 'x=Excitation frequency f [Hz]': of x, y, z (or the colours); may be repeated",
+    )  # fmt: skip
+    sub.add_argument("--width", type=positive, metavar="MM", help="width in millimetres; type keeps its size")
+    sub.add_argument(
+        "--style", choices=("screen", "paper"), default="screen",
+        help="paper: a .pdf of 90 mm unless told otherwise, without heading, which is printed for the caption",
+    )  # fmt: skip
 
 
 def count(least):
@@ -162,8 +179,8 @@ finite.__name__ = "number"
 
 def positive(text):
     number = float(text)
-    if not 0.0 < number < 300.0:
-        raise argparse.ArgumentTypeError(f"{text} is not between 0 and 300")
+    if not 0.0 < number < 1000.0:
+        raise argparse.ArgumentTypeError(f"{text} is not between 0 and 1000")
     return number
 
 

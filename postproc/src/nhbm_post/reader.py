@@ -25,8 +25,12 @@ DAMAGES = (
     AttributeError, IndexError, KeyError, MemoryError, OSError, OverflowError, RuntimeError, TypeError, ValueError,
 )  # fmt: skip
 
+_WORDS_OF_UNITS = {"rad": "rotation", "1": "motion", "": "motion"}
+
 # A parameter value given by hand fits a stored one within this relative difference.
 _PARAMETER_TOLERANCE = 1e-6
+# Coefficients this much smaller than the largest of a point are rounding errors.
+_ROUNDING = 1e-14
 
 
 @dataclass(frozen=True)
@@ -201,6 +205,31 @@ class Results:
     @property
     def input_complete(self) -> str:
         return self._text_dataset("input_complete")
+
+    @property
+    def in_hertz(self) -> bool:
+        """Whether the input gives frequencies in hertz, which pictures then do as well."""
+        told = self.input_text + "\n" + (self._text_dataset("input_overrides") if "input_overrides" in self._file else "")
+        told = re.sub(r"!.*", "", told)
+        return re.search(r"&tones\b[^/&]*?\bhertz\b|\btones%hertz\b", told, re.IGNORECASE) is not None
+
+    def frequency_scale(self) -> tuple[float, str]:
+        """(factor on rad/s, unit) of the frequencies in pictures."""
+        return (0.5 / np.pi, "Hz") if self.in_hertz else (1.0, "rad/s")
+
+    def shown(self, parameter: Parameter) -> Parameter:
+        """A parameter as pictures show it: a frequency in hertz where the input has hertz."""
+        if parameter.path.startswith("tones%frequency") and parameter.units == "rad/s" and self.in_hertz:
+            path = parameter.path.replace("%frequency", "%hertz")
+            return Parameter(parameter.name, path, "Hz", parameter.values / (2.0 * np.pi))
+        return parameter
+
+    def noise(self, point: int, quantity: str = "motion", units: str = "") -> float:
+        """What is nothing but rounding in a coefficient of a point: 1e-14 of the largest of that unit."""
+        labels = self.labels(quantity)
+        alike = [i for i, label in enumerate(labels) if self.units(quantity, label) == units]
+        values = np.abs(self._coefficients_dataset(quantity)[point][alike])
+        return _ROUNDING * float(np.nanmax(values, initial=0.0))
 
     @property
     def has_rigid_law(self) -> bool:
@@ -531,6 +560,7 @@ class Results:
             values[:, 1],
             QUANTITIES[quantity].symbol.format(dof),
             self.units(quantity, dof),
+            _WORDS_OF_UNITS.get(self.units(quantity, dof), "displacement") if quantity == "motion" else "",
         )
 
     def _require_outcome(self, point: int, allow_unconverged: bool) -> None:

@@ -4,8 +4,10 @@ x(t) = sum_h [ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], tau_m = om
 Only one of j and -j is stored. Amplitudes are one-sided peaks, sqrt(cos_h**2 + sin_h**2).
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +26,12 @@ class Series:
     sin: np.ndarray
     label: str = "x"
     units: str = ""
+    words: str = ""
+
+    @property
+    def axis_label(self) -> str:
+        """What it is, in words, and its name: `Displacement v3`."""
+        return f"{self.words[:1].upper()}{self.words[1:]} {self.label}" if self.words else self.label
 
     @property
     def n_tones(self) -> int:
@@ -42,6 +50,11 @@ class Series:
     def amplitudes(self) -> np.ndarray:
         """One-sided peak amplitude of each harmonic."""
         return np.hypot(self.cos, self.sin)
+
+    def without_noise(self, noise: float) -> Series:
+        """The same with coefficients of the size of rounding errors as zeros, and all of them where none is larger."""
+        is_noise = self.amplitudes <= noise
+        return replace(self, cos=np.where(is_noise, 0.0, self.cos), sin=np.where(is_noise, 0.0, self.sin))
 
     @property
     def mean(self) -> float:

@@ -55,7 +55,7 @@ def spectrum(arguments):
 
     with Results(arguments.file) as results:
         point = results.point(arguments.point, dict(arguments.at))
-        series = results.series(point, arguments.dof, arguments.quantity, arguments.unconverged)
+        series = _series(results, point, arguments.dof, arguments)
         fig = draw.draw_spectrum(
             series,
             title=_origin(results, point, arguments.quantity),
@@ -63,6 +63,7 @@ def spectrum(arguments):
             over=arguments.over,
             decades=arguments.decades,
             is_normalised=not arguments.absolute,
+            in_hertz=results.in_hertz,
         )
     _save(fig, arguments)
 
@@ -277,7 +278,7 @@ def time(arguments):
         curves = [
             (
                 _legend(results, point, points),
-                results.series(point, dof, arguments.quantity, arguments.unconverged),
+                _series(results, point, dof, arguments),
             )
             for point in points
         ]
@@ -362,6 +363,12 @@ def bench(arguments):
     _save(fig, arguments)
 
 
+def _series(results: Results, point: int, dof: str | None, arguments):
+    """Harmonics for a picture, in which rounding errors are zero."""
+    series = results.series(point, dof, arguments.quantity, arguments.unconverged)
+    return series.without_noise(results.noise(point, arguments.quantity, series.units))
+
+
 def _legend(results: Results, point: int, points: list[int]) -> str:
     """What tells a point from the others drawn with it, or the method where it is alone."""
     series_text = f"{results.n_tones}-HBM"
@@ -400,5 +407,9 @@ def _save(fig, arguments, *parts: str) -> None:
     from . import draw
 
     name = "_".join([arguments.file.stem, arguments.command, *parts])
-    output = arguments.output or arguments.file.with_name(f"{name}.png")
+    is_paper = arguments.style == "paper"
+    output = arguments.output or arguments.file.with_name(f"{name}.{'pdf' if is_paper else 'png'}")
+    draw.relabel(fig, dict(arguments.labels))
+    if is_paper:
+        print(f"caption: {fig.nhbm_caption}")
     print(f"wrote {draw.save(fig, output, arguments.dpi)}")

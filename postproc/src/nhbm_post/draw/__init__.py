@@ -9,7 +9,7 @@ from .multipliers import draw_multipliers
 from .response import draw_response
 from .rotor import draw_rotor
 from .spectrum import draw_spectrum
-from .style import save
+from .style import relabel, save
 from .time_history import draw_time
 from .work_precision import Errors, draw_convergence, draw_cost, draw_work_precision
 
@@ -29,5 +29,6 @@ __all__ = [
     "draw_spectrum",
     "draw_time",
     "draw_work_precision",
+    "relabel",
     "save",
 ]

@@ -45,11 +45,12 @@ def draw_bench(times: Bench, over: str | None = None) -> tuple[Figure, list[tupl
         for kernel, label in (("residual", "pair of transforms"), ("tangent", "LU of a full matrix")):
             yardstick = times.column(f"kernel_{kernel}_yardstick")
             if np.isfinite(yardstick).any():
-                ax.plot(x[order], yardstick[order], linestyle="--", color="0.4" if kernel == "residual" else "0.7", label=label)
+                grey = "0.4" if kernel == "residual" else "0.7"
+                ax.plot(x[order], yardstick[order], linestyle=style.REFERENCE, color=grey, label=label)
         ax.set_xscale("log")
         ax.set_yscale("log")
         ax.set_xlabel(times.axis(over))
-        ax.set_ylabel("time [s]")
+        ax.set_ylabel("Time [s]")
         ax.grid(True)
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=3, borderaxespad=0.3, columnspacing=1.4)
         style.head(fig, f"Cost of the kernels: {times.title}" if times.title else "Cost of the kernels", "; ".join(notes))

@@ -27,7 +27,9 @@ def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarr
     with style.look():
         n_columns = min(len(values), 3)
         n_rows = -(-len(values) // n_columns)
-        ratio = 0.8 if is_line else float(np.clip(extent[second] / max(extent[first], 1e-300), 0.25, 1.2))
+        ratio = extent[second] / max(extent[first], 1e-300)
+        is_to_scale = 0.2 <= ratio <= 2.0
+        ratio = float(np.clip(ratio, 0.25, 1.2)) if is_to_scale and not is_line else 0.8
         fig = style.figure(0.4 + 1.3 * _PANEL * n_columns, 0.6 + n_rows * (0.75 + _PANEL * ratio))
         axes = fig.subplots(n_rows, n_columns, squeeze=False).ravel()
         for ax in axes[len(values) :]:
@@ -49,9 +51,10 @@ def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarr
             )  # fmt: skip
             fig.colorbar(drawn, ax=ax, shrink=0.85)
             ax.set_title(style.with_unit(name, units))
-            ax.set(xlabel=f"{'xyz'[first]} [m]", ylabel=f"{'xyz'[second]} [m]", aspect="equal")
+            ax.set(xlabel=f"{'xyz'[first]} [m]", ylabel=f"{'xyz'[second]} [m]", aspect="equal" if is_to_scale else "auto")
             for k, set_limits in ((first, ax.set_xlim), (second, ax.set_ylim)):
-                set_limits(points[:, k].min() - 0.12 * extent[along], points[:, k].max() + 0.12 * extent[along])
+                margin = 0.12 * extent[along if is_to_scale else k]
+                set_limits(points[:, k].min() - margin, points[:, k].max() + margin)
             ax.locator_params(nbins=4)
         style.head(fig, f"Contact '{contact.label}', {contact.kind}, {contact.counted}", about)
     return fig
@@ -100,7 +103,7 @@ def draw_contact_time(
         by, force_units = style.unit_scale(max((float(f.max()) for f in forces.values()), default=0.0), "N")
         for (name, force), colour in zip(forces.items(), style.COLOURS):
             lower.plot(t, by * force, color=colour, label=name)
-        lower.set(xlabel=f"time [{units}]", ylabel=style.with_unit("sum of forces", force_units), xlim=(t[0], t[-1]))
+        lower.set(xlabel=f"Time $t$ [{units}]", ylabel=style.with_unit("Sum of forces", force_units), xlim=(t[0], t[-1]))
         lower.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncol=2, borderaxespad=0.2)
         lower.grid(True)
         style.head(fig, f"Contact '{contact.label}', {contact.kind}, over time", about)

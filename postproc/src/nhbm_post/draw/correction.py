@@ -267,13 +267,13 @@ def _draw_level(ax, taus, values, levels, label, touch) -> None:
 def _draw_curves(axes, tau, motion, corrected, touch, label) -> None:
     """One tone: the motion over tau_1, and the corrected one over the motion."""
     axes[0].plot(tau, motion, color=style.COLOURS[0])
-    axes[1].plot(tau, motion, color=style.WALL, linestyle="--", linewidth=1.0, label="before")
+    axes[1].plot(tau, motion, color=style.WALL, linestyle=style.REFERENCE, linewidth=1.0, label="before")
     axes[1].plot(tau, corrected, color=style.COLOURS[0], label="corrected")
     if touch.any():
         axes[1].plot(
             tau[touch], corrected[touch], ".", color=style.CORRECTED, markersize=4, label="at the wall"
         )
-    axes[1].legend(loc="best")
+    axes[1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncol=2, borderaxespad=0.2)
     for ax in axes:
         ax.set(xlabel=r"$\tau_1$ [rad]", ylabel=label, xlim=(0.0, 2.0 * np.pi))
         style.phase_ticks(ax.xaxis)

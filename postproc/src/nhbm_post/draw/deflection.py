@@ -19,6 +19,7 @@ _WEDGE = ((0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5))
 _FACES = {3: ((0, 1),), 5: ((0, 1, 2),), 9: ((0, 1, 2, 3),), 10: _TETRA, 12: _HEXA, 13: _WEDGE,
           21: ((0, 1),), 22: ((0, 1, 2),), 23: ((0, 1, 2, 3),), 24: _TETRA, 25: _HEXA, 26: _WEDGE}  # fmt: skip
 _LARGEST = 0.12  # deflection that is drawn, relative to the largest extent
+_THIN = 0.3  # of the longest side of the box round a body, that the others have at least
 _FLAT = 0.1  # extent and deflection across a plane, relative to those along it, of bodies that are seen from above
 _ABOVE = {0: (0, 0), 1: (0, -90), 2: (90, -90)}  # elevation and azimuth of a view along x, y and z
 
@@ -43,13 +44,14 @@ def draw_deflection(structure: Structure, displacement: np.ndarray, colours_by: 
         if kind is Poly3DCollection:
             drawn.set_edgecolor(INK)
         axes.add_collection3d(drawn)
-        middle, half = (points.max(axis=0) + points.min(axis=0)) / 2, 0.5 * float(np.ptp(points, axis=0).max())
+        middle, half = (points.max(axis=0) + points.min(axis=0)) / 2, 0.5 * np.ptp(points, axis=0)
+        half = np.maximum(half, _THIN * half.max())
         for k, (set_limits, label) in enumerate(((axes.set_xlim, "x"), (axes.set_ylim, "y"), (axes.set_zlim, "z"))):
-            set_limits(middle[k] - half, middle[k] + half)
+            set_limits(middle[k] - half[k], middle[k] + half[k])
             getattr(axes, f"set_{label}label")(f"{label} [m]")
-            getattr(axes, f"{label}axis").set_major_locator(MaxNLocator(4))
+            getattr(axes, f"{label}axis").set_major_locator(MaxNLocator(4 if half[k] > 0.5 * half.max() else 2))
         across = flat_across(structure.points, displacement)
-        axes.set_box_aspect((1, 1, 1), zoom=1.0 if across is None else 1.4)
+        axes.set_box_aspect(half, zoom=1.0 if across is None else 1.4)
         if across is not None:
             axes.view_init(*_ABOVE[across])
             axes.set_proj_type("ortho")

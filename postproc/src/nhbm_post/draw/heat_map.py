@@ -7,6 +7,7 @@ from matplotlib import colormaps
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.patches import Patch
 
+from ..axis_words import axis_words, with_symbol
 from ..errors import UsageError
 from ..measure import Measure
 from ..outcome import SOLVED
@@ -37,14 +38,14 @@ def draw_map(
     measure = measure or Measure()
     dof = results.default_dof(measure.quantity) if dof is None else dof
     points = np.array(results.select(where) if where else range(results.n_points), dtype=int)
-    axes = _axes(results, over, points)
+    axes = tuple(results.shown(axis) for axis in _axes(results, over, points))
     values = measure.values(results, dof)
     grids = [np.unique(axis.values[points]) if axis.is_number else np.array(_words(axis, points)) for axis in axes]
     places = [_places(axis, grid, points) for axis, grid in zip(axes, grids)]
     number = np.full((grids[1].size, grids[0].size), -1)
     number[places[1], places[0]] = points
     if (number >= 0).sum() < points.size:
-        others = [p.label for p in results.parameters.values() if p not in axes and _varies(p, points)]
+        others = [p.label for p in results.parameters.values() if p.name not in {a.name for a in axes} and _varies(p, points)]
         raise UsageError(
             f"{results.path}: {points.size} points share {int((number >= 0).sum())} cells of {axes[0].label} and "
             f"{axes[1].label}; fix {list_text(others) if others else 'more'} by --where"
@@ -91,10 +92,9 @@ def draw_map(
             middles = by * grid.astype(float) if axis.is_number else np.arange(grid.size, dtype=float)
             if scale == "log" and middles[0] <= 0.0:
                 raise UsageError(f"{results.path}: '{axis.label}' has values of 0 or less: no logarithmic axis")
-            labels.append(style.with_unit(axis.label, unit))
+            labels.append(style.with_unit(with_symbol(*axis_words(results, axis)), unit))
             edges.append(_edges(middles, scale))
-        colours = colormaps[style.COLOUR_MAP].copy()
-        colours.set_bad(_UNSOLVED)
+        colours = colormaps[style.COLOUR_MAP].with_extremes(bad=_UNSOLVED)
         shown = ax.pcolormesh(*edges, np.ma.masked_invalid(cells), norm=norm, cmap=colours, rasterized=cells.size > 4000)
         bar = fig.colorbar(shown, ax=ax, label=style.with_unit(symbol, units))
         bar.outline.set_linewidth(0.5)
@@ -117,7 +117,7 @@ def draw_map(
         outcome = results.outcome_text(points).split(",")[0]
         style.head(
             fig,
-            f"{what} over {axes[0].label} and {axes[1].label}",
+            f"{what} over {' and '.join(axis_words(results, axis)[0] for axis in axes)}",
             ", ".join(t for t in (results.title, chosen) if t),
             "; ".join([outcome, *notes]),
         )

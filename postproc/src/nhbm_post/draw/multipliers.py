@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..axis_words import axis_words, with_symbol
 from ..errors import UsageError
 from ..reader import Results
 from . import style
@@ -23,7 +24,7 @@ def draw_multipliers(results: Results, *, where=None):
         raise UsageError(f"{results.path}: none of the chosen points has multipliers")
     points, values = points[known], values[known]
     swept = [p for p in results.parameters.values() if p.is_number and len(set(p.values[points].tolist())) > 1]
-    along = max(swept, key=lambda p: len(set(p.values[points].tolist()))) if swept else None
+    along = results.shown(max(swept, key=lambda p: len(set(p.values[points].tolist())))) if swept else None
     colour = np.repeat((along.values[points] if along else np.zeros(points.size))[:, None], values.shape[1], axis=1)
     seen = np.isfinite(values.real)
     values, colour = values[seen], colour[seen]
@@ -47,9 +48,10 @@ def draw_multipliers(results: Results, *, where=None):
                     gid="outside" if is_outside else "inside",
                 )  # fmt: skip
         if along:
-            fig.colorbar(drawn, ax=ax, label=style.with_unit(along.label, along.units if along.has_unit else ""), shrink=0.8)
+            fig.colorbar(drawn, ax=ax, label=style.with_unit(with_symbol(*axis_words(results, along)), along.units), shrink=0.8)
         reach = 1.08 * max(1.0, float(np.abs(values).max()))
-        ax.set(xlim=(-reach, reach), ylim=(-reach, reach), xlabel="real part", ylabel="imaginary part", aspect="equal")
+        ax.set(xlim=(-reach, reach), ylim=(-reach, reach))
+        ax.set(xlabel=r"Real part of $\mu$", ylabel=r"Imaginary part of $\mu$", aspect="equal")
         ax.grid(True)
         notes = f"{int(is_far.sum())} of magnitude above {_LARGEST:g} stand at {_LARGEST:g}" if is_far.any() else ""
         told = f"{points.size} point{'s' * (points.size > 1)}, {n_unstable} unstable"

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from matplotlib.lines import Line2D
 
+from ..axis_words import axis_words, with_symbol
 from ..errors import UsageError
 from ..measure import Measure
 from ..outcome import CONVERGED, SOLVED
@@ -19,6 +20,7 @@ from .jumps import jumps_at_folds
 N_CURVES = len(style.COLOURS)
 # Points of a curve from which its converged points are not marked one by one.
 _MANY_POINTS = 45
+_TONES = ("tones%frequency", "tones%hertz")
 _ROW = 0.17  # [inch] height of a row of points without a motion
 
 
@@ -33,6 +35,7 @@ class Curve:
     y: np.ndarray
     branch: np.ndarray
     kind: np.ndarray = field(default_factory=lambda: np.array([], dtype=str))  # of the points of a curve that was followed
+    is_backbone: bool = False
 
     @property
     def is_solved(self) -> np.ndarray:
@@ -54,21 +57,28 @@ class Curve:
         return (np.diff(self.branch) != 0) & (self.branch[1:] > 0) & (self.branch[:-1] > 0) | (self.branch[1:] < 0)
 
     @property
-    def dashes_tell_stability(self) -> bool:
-        return bool((self.kind != "").any() or self.stability.any())
-
-    @property
     def stability(self) -> np.ndarray:
         """1 stable, -1 unstable, 0 not known, of each point."""
         return self.results.stability()[self.points]
 
     @property
-    def jumps(self) -> list[tuple[float, float, float]]:
-        """(x, y, y of the motion jumped to) at folds, over the value along which the curve was followed."""
+    def jumps(self) -> list[tuple[float, float, float, float]]:
+        """(x, y, x and y of the motion jumped to): of a sweep between its branches, of a curve that was followed at folds, over the
+        value along which it was."""
         moving = self.results.curve
-        if not (self.kind.size and moving) or not np.array_equal(self.x, moving.values[self.points], equal_nan=True):
+        if moving is None:
+            before = np.flatnonzero(self.is_jump & np.isfinite(self.y[1:]) & np.isfinite(self.y[:-1]))
+            forth = self.points[before] < self.points[before + 1]
+            start, end = np.where(forth, before, before + 1), np.where(forth, before + 1, before)
+            return list(zip(self.x[start], self.y[start], self.x[end], self.y[end]))
+        if not self.is_over(moving):
             return []
-        return jumps_at_folds(self.x, self.y, self.kind, self.stability)
+        return [(x, y, x, end) for x, y, end in jumps_at_folds(self.x, self.y, self.kind, self.stability)]
+
+    def is_over(self, moving: Parameter) -> bool:
+        """Whether the x axis is that value, in whatever unit."""
+        values = self.results.shown(moving).values[self.points]
+        return bool(self.kind.size) and np.array_equal(self.x, values, equal_nan=True)
 
     def is_special(self, kind: str) -> np.ndarray:
         """Which points are folds, peaks, or another kind."""
@@ -114,13 +124,14 @@ def draw_response(
         _refuse(files, curves, measure)
     x = np.concatenate([curve.x for curve in curves])
     what, symbol = measure.words(results, dof)
+    words, letter = axis_words(results, axis)
     x_factor, x_units = style.unit_scale(np.nanmax(np.abs(x)), axis.units) if axis.is_number else (1.0, "")
     factor, units = style.unit_scale(np.nanmax(np.abs(y)), measure.units(results, dof))
     scales = _scales(logarithmic, axis, x)
-    for scale, numbers, letter in zip(scales, (x, y), "xy"):
+    for scale, numbers, name in zip(scales, (x, y), "xy"):
         n_lost = int((numbers[np.isfinite(numbers)] <= 0.0).sum()) if scale == "log" else 0
         if n_lost:
-            notes.append(f"{n_lost} points with {letter} = 0 or less have no place on a logarithmic axis")
+            notes.append(f"{n_lost} points with {name} = 0 or less have no place on a logarithmic axis")
     rows = [i for i, curve in enumerate(curves) if (~curve.is_solved).any()]
     with style.look():
         heights = [3.2] + ([_ROW * len(rows)] if rows else [])
@@ -135,7 +146,7 @@ def draw_response(
         if strips:
             _draw_rows(strips[0], [(i, curves[i]) for i in rows], x_factor, len(curves) > 1)
         below = strips[0] if strips else ax
-        below.set_xlabel(style.with_unit(axis.label, x_units))
+        below.set_xlabel(style.with_unit(with_symbol(words, letter), x_units))
         ax.set_ylabel(style.with_unit(symbol, units))
         if scales[1] == "linear" and measure.name != "frequency":
             ax.set_ylim(0.0, 1.06 * factor * np.nanmax(y) or 1.0)
@@ -145,8 +156,8 @@ def draw_response(
                 style.decade_axis(which, which.get_view_interval())
         ax.grid(True)
         if not axis.is_number:
-            words = list(dict.fromkeys(axis.values))
-            below.set_xticks(range(len(words)), words)
+            values = list(dict.fromkeys(axis.values))
+            below.set_xticks(range(len(values)), values)
         without = sum(int((curve.is_solved & np.isnan(curve.y)).sum()) for curve in curves)
         if without:
             notes.append(f"{without} solved points lack this harmonic")
@@ -156,7 +167,7 @@ def draw_response(
         outcome = f"all {sum(c.points.size for c in curves)} points converged" if all_right else ""
         style.head(
             fig,
-            f"{what} over {axis.label}",
+            f"{what} over {words}",
             ", ".join(t for t in (title, chosen, outcome) if t),
             "; ".join(dict.fromkeys(notes)),
         )
@@ -168,15 +179,16 @@ def _curves(results, name, dof, measure, over, where, n_curves, axis=None) -> tu
     dof = results.default_dof(measure.quantity) if dof is None else dof
     points = np.array(results.select(where) if where else results.used, dtype=int)
     points = points[np.isin(points, results.used)]
-    over_tone = axis is not None and axis.path.startswith("tones%frequency")
-    if over_tone and not any(path.startswith("tones%frequency") for path in results.swept):
+    over_tone = axis is not None and axis.path.startswith(_TONES)
+    if over_tone and not any(path.startswith(_TONES) for path in results.swept):
         return _backbone(results, name, dof, measure, points, axis)
     names_of_curve = [results.curve.path, results.curve.name] if results.curve else []
     moving = results.curve if over in (None, "amplitude", *names_of_curve) else None
     along = swept = moving or _swept_parameter(results, None if over == "amplitude" else over, points)
     if over == "amplitude":
         peaks = Measure("peak").values(results, dof)
-        along = Parameter("amplitude", f"peak of {dof}", results.units("motion", dof), peaks)
+        along = Parameter("amplitude", f"largest displacement of {dof}", results.units("motion", dof), peaks)
+    along = results.shown(along)
     x = _positions(along)
     values = measure.values(results, dof)
     others = [
@@ -228,10 +240,12 @@ def _backbone(results, name, dof, measure, points, axis) -> tuple[list[Curve], P
     tones = results.unknown_tones()
     if tones.size == 0:
         return [], Parameter("", "", "", np.full(results.n_points, np.nan)), []
-    x = np.array([results.frequency(point)[tones[0]] for point in range(results.n_points)])
+    factor = 0.5 / np.pi if axis.units == "Hz" else 1.0
+    x = np.array([factor * results.frequency(point)[tones[0]] for point in range(results.n_points)])
     swept = _swept_parameter(results, None, points)
     members = points[np.argsort(_positions(swept)[points], kind="stable")]
-    curve = Curve(name, results, members, x[members], measure.values(results, dof)[members], results.branch()[members])
+    y = measure.values(results, dof)[members]
+    curve = Curve(name, results, members, x[members], y, results.branch()[members], is_backbone=True)
     return [curve], Parameter(axis.name, axis.path, axis.units, x), []
 
 
@@ -243,16 +257,16 @@ def _refuse(files, curves, measure) -> None:
     raise UsageError(f"{path}: none of the chosen points is solved; in the file: {told}")
 
 
-def _curve_look(i: int, curve: Curve, is_joined: bool) -> dict:
-    """Colour and dashes of a curve; dots alone along words, which have no order to join them in."""
-    dashes = "-" if curve.dashes_tell_stability else style.DASHES[i % len(style.DASHES)]
-    dashes = dashes if is_joined else "none"
-    return {"color": style.COLOURS[i % len(style.COLOURS)], "linestyle": dashes, "linewidth": 1.4}
+def _curve_look(i: int, is_joined: bool, curve: Curve) -> dict:
+    """Colour and line of a curve; dots alone along words, which have no order to join them in."""
+    line = style.REFERENCE if curve.is_backbone else style.STABLE
+    line = line if is_joined else "none"
+    return {"color": style.COLOURS[i % len(style.COLOURS)], "linestyle": line, "linewidth": 1.4}
 
 
 def _draw_curve(ax, i, curve: Curve, x_factor, factor, scales, is_joined, by_stability) -> None:
     """The line, its converged points (where there are few, or alone between gaps), and marks of the others."""
-    look = _curve_look(i, curve, is_joined)
+    look = _curve_look(i, is_joined, curve)
     has_place = np.isfinite if scales[1] == "linear" else lambda values: values > 0.0
     x, y, is_converged = curve.line(has_place)
     if by_stability:
@@ -262,9 +276,9 @@ def _draw_curve(ax, i, curve: Curve, x_factor, factor, scales, is_joined, by_sta
     for kind, shape in _SPECIAL.items():
         at = curve.is_special(kind)
         ax.plot(x_factor * curve.x[at], factor * curve.y[at], **shape, color=look["color"], gid=kind, zorder=5)
-    for at, start, end in curve.jumps:
-        arrow = {"arrowstyle": "->", "color": look["color"], "linewidth": 1.0, "shrinkA": 3.0, "shrinkB": 0.0}
-        ax.annotate("", (x_factor * at, factor * end), (x_factor * at, factor * start), arrowprops=arrow, gid="jump")
+    for at, start, to, end in curve.jumps:
+        arrow = {"arrowstyle": "->", "color": look["color"], "linewidth": 0.7, "shrinkA": 3.0, "shrinkB": 0.0}
+        ax.annotate("", (x_factor * to, factor * end), (x_factor * at, factor * start), arrowprops=arrow, gid="jump")
     known = np.isfinite(y) & np.isfinite(x)
     alone = known & ~np.append(known[1:], False) & ~np.insert(known[:-1], 0, False)
     dots = is_converged & (known if curve.points.size <= _MANY_POINTS or not is_joined else alone)
@@ -305,7 +319,7 @@ def _draw_by_stability(ax, curve: Curve, has_place, x_factor, factor, look) -> N
         end = i
         while end < between.size and between[end] == between[i]:
             end += 1
-        dashes = {1: "-", -1: (0, (4, 2)), 0: ":", no_line: "none"}[int(between[i])]
+        dashes = {1: style.STABLE, -1: style.UNSTABLE, 0: style.UNKNOWN, no_line: "none"}[int(between[i])]
         if dashes != "none":
             ax.plot(x_factor * curve.x[i : end + 1], y[i : end + 1], **(look | {"linestyle": dashes}), gid="curve")
         i = end
@@ -324,11 +338,11 @@ def _draw_rows(strip, curves, x_factor, has_several) -> None:
     """Points that are not solved, a row for each curve that has some."""
     strip.set_ylim(len(curves) - 0.5, -0.5)
     for row, (i, curve) in enumerate(curves):
-        colour, dash = style.COLOURS[i % len(style.COLOURS)], style.DASHES[i % len(style.DASHES)]
+        colour = style.COLOURS[i % len(style.COLOURS)]
         strip.axhspan(row - 0.46, row + 0.46, color="#eef0f3", linewidth=0.0, zorder=0)
         if has_several:
             strip.plot(
-                [-0.055, -0.012], [row, row], color=colour, linestyle=dash, linewidth=2.0, clip_on=False,
+                [-0.055, -0.012], [row, row], color=colour, linewidth=2.0, clip_on=False,
                 transform=strip.get_yaxis_transform(),
             )
         _mark(strip, curve, x_factor * curve.x, np.full(curve.points.size, row), are_solved=False, clip_on=False)
@@ -351,7 +365,7 @@ def _curve_keys(curves: list[Curve], is_joined: bool) -> list[Line2D]:
     for i, curve in enumerate(curves):
         label = curve.label.removeprefix(first) if is_common else curve.label
         dot = {} if is_joined else {"marker": "o"}
-        entries.append(Line2D([], [], **_curve_look(i, curve, is_joined), **dot, label=label))
+        entries.append(Line2D([], [], **_curve_look(i, is_joined, curve), **dot, label=label))
     return entries
 
 
@@ -370,10 +384,14 @@ def _special_keys(curves: list[Curve]) -> list[Line2D]:
         if n:
             one, several = _WORDS.get(kind, (kind, f"{kind}s"))
             entries.append(Line2D([], [], **shape, color=style.INK, label=f"{n} {one if n == 1 else several}"))
+    n_jumps = sum(len(curve.jumps) for curve in curves)
+    if n_jumps:
+        words = "1 jump" if n_jumps == 1 else f"{n_jumps} jumps"
+        entries.append(Line2D([], [], linestyle="none", marker=r"$\downarrow$", markersize=9, color=style.INK, label=words))
     stability = np.concatenate([curve.stability for curve in curves])
     if _of_unknown_stability(curves):
-        entries.append(Line2D([], [], color=style.INK, linestyle=":", linewidth=1.4, label="stability not known"))
-    for verdict, dashes, word in ((1, "-", "stable"), (-1, (0, (4, 2)), "unstable")):
+        entries.append(Line2D([], [], color=style.INK, linestyle=style.UNKNOWN, linewidth=1.4, label="stability not known"))
+    for verdict, dashes, word in ((1, style.STABLE, "stable"), (-1, style.UNSTABLE, "unstable")):
         if (stability == verdict).any():
             entries.append(Line2D([], [], color=style.INK, linestyle=dashes, linewidth=1.4, label=word))
     return entries

@@ -127,23 +127,24 @@ def _draw_speeds(results: Results):
                 above.plot(omega[points], np.full(points.size, 0.03), clip_on=False, transform=place, label=label, **look)
         below.plot(omega[solved], tone, "o", color=style.INK, markersize=4.2, label="tone of the motion")
         span = np.array([np.min(omega), np.max(omega)])
-        below.plot(span, np.full(2, rotor.frequencies[0]), "-", color=style.COLOURS[0], label="wave of the disk alone")
+        below.plot(span, np.full(2, rotor.frequencies[0]), style.REFERENCE, color=style.COLOURS[0], label="wave of the disk alone")
         below.plot(
-            span, rotor.n_diameters * span - rotor.frequencies[1], "--", color=style.COLOURS[1],
+            span, rotor.n_diameters * span - rotor.frequencies[1], style.REFERENCE, color=style.COLOURS[1],
             label="of the casing alone, seen from the disk",
         )
         for ax in (above, below):
-            ax.axvline(rotor.critical_speed, color=style.MUTED, linewidth=1.0, linestyle=":")
+            ax.axvline(rotor.critical_speed, color=style.MUTED, linewidth=1.0, linestyle=style.REFERENCE)
             ax.grid(True)
         above.annotate(
             f" critical speed {rotor.critical_speed:.4g} rad/s", (rotor.critical_speed, 1.0), color=style.MUTED,
             xycoords=("data", "axes fraction"), va="top", size=8.5,
         )
-        above.set_ylabel(style.with_unit("amplitude", units))
-        above.legend(loc="center right")
-        below.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=3, borderaxespad=0.3, columnspacing=1.4)
-        below.set_xlabel(style.with_unit("speed", "rad/s"))
-        below.set_ylabel(style.with_unit("frequency", "rad/s"))
+        above.set_ylabel(style.with_unit("Amplitude", units))
+        for ax in (above, below):
+            columns = style.legend_columns(ax.get_legend_handles_labels()[1], fig.get_figwidth())
+            ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=columns, borderaxespad=0.3, columnspacing=1.4)
+        below.set_xlabel(r"Speed $\Omega$ [rad/s]")
+        below.set_ylabel(r"Frequency $\omega$ [rad/s]")
         style.head(fig, "Limit cycles over the speed of the rotor", results.title)
     return fig
 
@@ -212,17 +213,17 @@ def _draw_wave(results: Results, rotor: RotorStator, point: int):
         shown = ax.pcolormesh(
             np.degrees(theta), t, wave, cmap="RdBu_r", vmin=-limit, vmax=limit, shading="auto", rasterized=True
         )
-        fig.colorbar(shown, ax=ax, label=style.with_unit("casing, outwards", units))
+        fig.colorbar(shown, ax=ax, label=style.with_unit("Displacement of the casing, outwards", units))
         for start, speed, look, label in (
             (rotor.crest(0.0), rotor.wave_speed(), "-", f"crest of the wave, {rotor.wave_speed():.4g} rad/s"),
-            (rotor.blade_angles(0.0)[0], rotor.speed, "--", f"a blade, {rotor.speed:.4g} rad/s"),
+            (rotor.blade_angles(0.0)[0], rotor.speed, style.REFERENCE, f"a blade, {rotor.speed:.4g} rad/s"),
         ):
             place = np.degrees(np.mod(start + speed * t, 2.0 * np.pi))
             place[np.append(np.abs(np.diff(place)) > 180.0, False)] = np.nan
             ax.plot(place, t, look, color=style.INK, linewidth=1.4, label=label)
         ax.set_xticks(np.arange(0, 361, 60))
-        ax.set_xlabel("angle in the stationary frame [degrees]")
-        ax.set_ylabel("time [s]")
+        ax.set_xlabel("Angle in the stationary frame [degrees]")
+        ax.set_ylabel("Time $t$ [s]")
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=2, borderaxespad=0.3)
         style.head(
             fig,

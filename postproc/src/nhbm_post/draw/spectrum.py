@@ -29,6 +29,7 @@ def draw_spectrum(
     over: str = "tuple",
     decades: float = DECADES,
     is_normalised: bool = True,
+    in_hertz: bool = False,
 ):
     """Amplitudes |c_j|, relative to the largest if `is_normalised`.
 
@@ -46,10 +47,10 @@ def draw_spectrum(
     if largest == 0.0:
         raise UsageError(f"all harmonics of {series.label} are zero: there is no spectrum to draw")
     if is_normalised:
-        amplitudes, label = amplitudes / largest, rf"$|c_j|\,/\,\max|c_j|$ of {series.label}"
+        amplitudes, label = amplitudes / largest, rf"Amplitude $|c_j|\,/\,\max|c_j|$ of {series.label}"
     else:
         factor, units = style.unit_scale(largest, series.units)
-        amplitudes, label = amplitudes * factor, style.with_unit(rf"$|c_j|$ of {series.label}", units)
+        amplitudes, label = amplitudes * factor, style.with_unit(rf"Amplitude $|c_j|$ of {series.label}", units)
     norm = amplitude_norm(amplitudes, decades)
     what = "Normalised amplitudes" if is_normalised else "Amplitudes"
     with style.look():
@@ -63,7 +64,7 @@ def draw_spectrum(
             _draw_bars(fig, series.tuples, amplitudes, norm, label)
         else:
             fig = style.figure(7.0, 4.0)
-            draw_stem(fig.add_subplot(), series, amplitudes, norm, label, over)
+            draw_stem(fig.add_subplot(), series, amplitudes, norm, label, over, in_hertz)
         head = f"{what} of the {series.n_harmonics} harmonics of {series.label}"
         scale = "" if not is_normalised else f"largest |c_j| = {number_text(largest)} {series.units}".rstrip()
         style.head(fig, head, title, scale)
@@ -149,11 +150,11 @@ def colour_bar(fig, norm: LogNorm, amplitudes: np.ndarray, label: str, **place):
 
 
 def draw_stem(
-    ax, series: Series, amplitudes: np.ndarray, norm: LogNorm, label: str, over: str = "tuple"
+    ax, series: Series, amplitudes: np.ndarray, norm: LogNorm, label: str, over: str = "tuple", in_hertz: bool = False
 ) -> None:
     """Stems over j (one tone) or over |j . omega|, logarithmic; the largest carry their tuples."""
     is_over_tuple = over == "tuple" and series.n_tones == 1
-    x = series.tuples[:, 0] if is_over_tuple else np.abs(series.frequencies)
+    x = series.tuples[:, 0] if is_over_tuple else np.abs(series.frequencies) / (2.0 * np.pi if in_hertz else 1.0)
     is_shown = amplitudes >= norm.vmin
     bottom, top = norm.vmin / 1.6, norm.vmax * (2.0 if is_over_tuple else 6.0)
     is_dense = is_shown.sum() > 60
@@ -169,7 +170,7 @@ def draw_stem(
     ax.yaxis.set_major_locator(LogLocator(10.0, numticks=14))
     ax.grid(axis="y")
     ax.set_ylabel(label)
-    ax.set_xlabel(r"harmonic $j$" if is_over_tuple else r"frequency $|j\cdot\omega|$ [rad/s]")
+    ax.set_xlabel("Harmonic $j$" if is_over_tuple else "Frequency $f$ [Hz]" if in_hertz else r"Frequency $|j\cdot\omega|$ [rad/s]")
     if is_over_tuple:
         ax.xaxis.set_major_locator(MaxNLocator(16, integer=True))
         ax.set_xlim(min(x.min(), 0) - 0.6, x.max() + 0.6)
@@ -179,8 +180,9 @@ def draw_stem(
         _label_stems(ax, x, series.tuples, amplitudes, span)
     n_hidden = int((~is_shown).sum())
     if n_hidden:
+        why = f"below {norm.vmin:.1e} and not shown" if amplitudes[~is_shown].any() else "zero"
         ax.set_title(
-            f"{n_hidden} of {series.n_harmonics} harmonics are below {norm.vmin:.1e} and not shown",
+            f"{n_hidden} of {series.n_harmonics} harmonics are {why}",
             color=style.MUTED,
             size=8.0,
             loc="right",

@@ -7,15 +7,18 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from nhbm.guard import written
 
+from ..appearance import chosen
 from ..errors import UsageError
 
 # Okabe and Ito, "Color universal design" (2008), in an order that also differs in grey.
 COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000"]
-DASHES = ["-", "--", "-.", (0, (1, 1.2)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (3, 1.5))]
+# One meaning each, in all pictures.
+STABLE, UNSTABLE, UNKNOWN, REFERENCE = "-", (0, (4, 2)), ":", "-."
 MARKERS = ["o", "s", "^", "D", "v", "P", "X"]
 COLOUR_MAP = "viridis"
 INK = "#222222"
@@ -60,6 +63,16 @@ _RC = {
     "svg.hashsalt": "nhbm",  # names of parts; else drawn at random, so that no picture would be made twice
 }
 
+_RC_PAPER = {
+    "font.size": 8.0,
+    "axes.titlesize": 8.0,
+    "axes.labelsize": 8.0,
+    "xtick.labelsize": 7.0,
+    "ytick.labelsize": 7.0,
+    "legend.fontsize": 7.0,
+    "lines.linewidth": 1.0,
+}
+
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 _WITH_PREFIX = ("m", "N", "rad", "s", "Pa", "m/s", "N m", "N*m", "N/m", "rad/s", "Hz")
 
@@ -70,12 +83,29 @@ def look():
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_RC)
+        if chosen().is_paper:
+            matplotlib.rcParams.update(_RC_PAPER)
         yield
 
 
 def figure(width: float, height: float, is_arranged: bool = True) -> Figure:
-    """Empty figure of a size in inches, without display; its axes are arranged unless told otherwise."""
-    return Figure(figsize=(width, height), layout="constrained" if is_arranged else None)
+    """Empty figure of a size in inches, without display; its axes are arranged unless told otherwise.
+
+    A width that was chosen scales it: the height less than the width, because type does not shrink, or where the parts stand fixed
+    the whole when it is saved, type included.
+    """
+    scale = chosen().scale(width, 1 if is_arranged else 2)
+    if not is_arranged:
+        fig = Figure(figsize=(width, height))
+        fig.nhbm_scale, fig.nhbm_later = 1.0, scale
+        return fig
+    fig = Figure(figsize=(scale * width, _of_height(scale) * height), layout="constrained")
+    fig.nhbm_scale, fig.nhbm_later = scale, 1.0
+    return fig
+
+
+def _of_height(scale: float) -> float:
+    return scale**0.5 if scale < 1.0 else scale**0.3
 
 
 def axes_at(fig: Figure, left: float, bottom: float, width: float, height: float, **kwargs):
@@ -87,7 +117,12 @@ def axes_at(fig: Figure, left: float, bottom: float, width: float, height: float
 
 
 def head(fig: Figure, title: str, *lines: str) -> None:
-    """Writes what is shown in bold and details below, and keeps the axes of an arranged figure below both."""
+    """Writes what is shown in bold and details below, and keeps the axes of an arranged figure below both; on paper the caption has
+    both, as `caption` of the figure."""
+    title = title if chosen().title is None else chosen().title
+    fig.nhbm_caption = ". ".join(text for text in (title, *lines) if text)
+    if chosen().is_paper:
+        return
     width, height = fig.get_size_inches()
     titles = textwrap.wrap(title, int(width * 12.0))
     details = [piece for line in lines if line for piece in textwrap.wrap(line, int(width * 15.5))]
@@ -130,10 +165,12 @@ def below_legends(fig: Figure, groups: list[list], *heights: float, **kwargs) ->
     The figure grows by what the legends take, so that the axes keep their size.
     """
     width, height = fig.get_size_inches()
+    height -= 0.45 if chosen().is_paper else 0.0
     groups = [handles for handles in groups if handles]
     columns = [_dense_columns([h.get_label() for h in handles], width - 0.8) for handles in groups]
     rows = [-(-len(handles) // n) for handles, n in zip(groups, columns)]
     legend_height = _LEGEND_ROW * sum(rows)
+    heights = tuple(_of_height(fig.nhbm_scale) * one for one in heights)
     fig.set_size_inches(width, height + legend_height)
     ratios = ([legend_height] if groups else []) + list(heights)
     cells = fig.add_gridspec(len(ratios), 1, height_ratios=ratios, **kwargs)
@@ -176,6 +213,23 @@ def with_unit(name: str, units: str) -> str:
     return name if units in ("", "1") else f"{name} [{units}]"
 
 
+def relabel(fig: Figure, texts: dict[str, str]) -> None:
+    """Other words at the axes: of x, of y (that of the first axes that has one), and of z, or of the colours."""
+    bars = [ax for ax in fig.axes if ax.get_label() == "<colorbar>"]
+    others = [ax for ax in fig.axes if ax not in bars]
+    named = {
+        "x": [ax.xaxis for ax in others if ax.get_xlabel()],
+        "y": [ax.yaxis for ax in others if ax.get_ylabel()][:1],
+        "z": [ax.zaxis for ax in others if getattr(ax, "get_zlabel", str)()]
+        + [axis for ax in bars for axis in (ax.xaxis, ax.yaxis) if axis.get_label_text()],
+    }
+    for letter, text in texts.items():
+        if not named[letter]:
+            raise UsageError(f"the picture has no {letter} axis with a name, so --label has nothing to rename")
+        for axis in named[letter]:
+            axis.set_label_text(text)
+
+
 def phase_ticks(axis) -> None:
     """Ticks of a hypertime axis of length 2 pi, in multiples of pi."""
     axis.set_ticks([0.0, 0.5 * np.pi, np.pi, 1.5 * np.pi, 2.0 * np.pi])
@@ -207,6 +261,11 @@ def save(fig: Figure, path, dpi: int = 200) -> Path:
     path = Path(path)
     if path.suffix.lower() not in ENDINGS:
         raise UsageError(f"cannot draw to '{path}': the name must end in {', '.join(ENDINGS)}")
+    if fig.nhbm_later != 1.0:
+        for text in fig.findobj(Text):
+            text.set_fontsize(fig.nhbm_later * text.get_fontsize())
+        fig.set_size_inches(fig.nhbm_later * fig.get_size_inches())
+        fig.nhbm_later = 1.0
     # No date inside: the same data give the same file.
     metadata = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
     try:

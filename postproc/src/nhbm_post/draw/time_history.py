@@ -123,8 +123,7 @@ def draw_time(
                 solid_capstyle="round",
             )
         for i, (label, x) in enumerate(curve_data):
-            dashes = style.DASHES[(i + (1 if references else 0)) % len(style.DASHES)]
-            ax.plot(t, factor * x, color=style.COLOURS[i % len(style.COLOURS)], linestyle=dashes, label=label)
+            ax.plot(t, factor * x, color=style.COLOURS[i % len(style.COLOURS)], label=label)
         low, high = factor * everything.min(), factor * everything.max()
         if level is not None:
             low, high = _draw_wall(ax, factor * level, units, low, high)
@@ -132,7 +131,7 @@ def draw_time(
         ax.set(
             xlim=(t_from, t_to),
             ylim=(low - margin, high + margin),
-            ylabel=style.with_unit(first.label, units),
+            ylabel=style.with_unit(first.axis_label, units),
         )
         ax.grid(True)
         ax.legend(
@@ -145,7 +144,7 @@ def draw_time(
         )
         if has_difference:
             _draw_difference(axes[1], curves, reference_data[0], first)
-        axes[-1].set_xlabel(r"time $t$ [s]")
+        axes[-1].set_xlabel(r"Time $t$ [s]")
         style.head(fig, f"Time history of {first.label}, {t_from:.4g} s to {t_to:.4g} s", title)
     return fig
 
@@ -179,10 +178,9 @@ def _draw_difference(ax, curves, reference, first: Series) -> None:
             t,
             factor * difference,
             color=style.COLOURS[i % len(style.COLOURS)],
-            linestyle=style.DASHES[(i + 1) % len(style.DASHES)],
             linewidth=1.0,
         )
-    ax.set_ylabel(style.with_unit("difference", units))
+    ax.set_ylabel(style.with_unit("Difference", units))
     ax.set_title(
         f"difference to {reference[0]}: largest {factor * largest:.3g} {units}".rstrip(),
         color=style.MUTED,

@@ -157,14 +157,13 @@ def _picture(n_curves: int):
 
 
 def _curve_look(i: int) -> dict:
-    """Later curves have smaller marks and gaps in their lines, so that one shows through another that lies upon it."""
+    """Later curves have smaller marks and thinner lines, so that one shows through another that lies upon it."""
     n = len(style.COLOURS)
     return {
         "color": style.COLOURS[i % n],
         "marker": style.MARKERS[i % n],
-        "linestyle": style.DASHES[i % n],
         "markersize": max(3.0, 6.4 - 1.1 * i),
-        "linewidth": 1.3,
+        "linewidth": max(0.8, 2.6 - 0.5 * i),
     }
 
 

@@ -1,0 +1,43 @@
+"""How pictures are to look, as the options say: for a screen with headings, or for a paper, whose caption has them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+
+PAPER_WIDTH = {1: 90.0, 2: 180.0}  # [mm] of a column, and of a page of two
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """`title` in place of that of the picture; `width` [mm]; `is_paper`: no heading, small type."""
+
+    title: str | None = None
+    width: float | None = None
+    is_paper: bool = False
+
+    def scale(self, width: float, n_columns: int = 1) -> float:
+        """Factor on a picture of a width in inches."""
+        wanted = self.width or (PAPER_WIDTH[n_columns] if self.is_paper else None)
+        return wanted / 25.4 / width if wanted else 1.0
+
+
+_PLAIN = Appearance()
+_chosen: ContextVar[Appearance] = ContextVar("appearance", default=_PLAIN)
+
+
+def chosen() -> Appearance:
+    """The appearance of the pictures that are drawn now."""
+    return _chosen.get()
+
+
+@contextmanager
+def appearance(title: str | None = None, width: float | None = None, is_paper: bool = False) -> Iterator[None]:
+    """Pictures drawn and saved inside look so."""
+    token = _chosen.set(Appearance(title, width, is_paper))
+    try:
+        yield
+    finally:
+        _chosen.reset(token)
