@@ -197,6 +197,74 @@ def _parser() -> argparse.ArgumentParser:
     options.add_output(sub)
 
     sub = command(
+        "orbit",
+        verbs.orbit,
+        "phase plane or orbit, with the section of a torus",
+        "Draws the velocity of a degree of freedom over its displacement, or another degree of freedom over it (--with): over a "
+        "period of one tone; of several over many periods, with the Poincare section where the phase of one tone is zero.",
+    )
+    options.add_dof(sub)
+    sub.add_argument("--with", dest="other", metavar="LABEL", help="degree of freedom of the other axis (default: the velocity)")
+    sub.add_argument("--section", type=options.count(1), default=1, metavar="N", help="tone of the section, from 1 (default 1)")
+    options.add_quantity(sub)
+    options.add_point(sub)
+    options.add_output(sub)
+
+    sub = command(
+        "surface",
+        verbs.surface,
+        "motion over the phases of two tones",
+        "Draws a degree of freedom over hypertime, as a 3-D surface or as a map; the phases of further tones are zero.",
+    )
+    options.add_dof(sub)
+    options.add_quantity(sub)
+    options.add_point(sub)
+    sub.add_argument("--view", choices=("surface", "map"), default="surface", help="default: surface")
+    options.add_output(sub)
+
+    for name, help_text, description in (
+        (
+            "waterfall",
+            "spectra along a sweep or curve",
+            "Draws the spectra of 24 points at most, one above the other, stems of logarithmic height.",
+        ),
+        (
+            "campbell",
+            "frequencies of all harmonics along a sweep or curve",
+            "Draws each harmonic as a dot at its frequency over the swept value, coloured by its amplitude.",
+        ),
+    ):
+        sub = command(name, verbs.waterfall, help_text, description)
+        options.add_dof(sub)
+        options.add_quantity(sub)
+        sub.add_argument("--over", metavar="PARAMETER", help="swept parameter (default: the number with most values)")
+        options.add_where(sub)
+        options.add_decades(sub, 4.0)
+        options.add_output(sub)
+
+    sub = command(
+        "animate",
+        verbs.animate,
+        "a motion that moves, as GIF or MP4",
+        "structure: a finite element model in motion; hypertime: the state on the torus of two tones, or in the phase plane of "
+        "one, beside the motion in time. MP4 needs ffmpeg.",
+    )
+    sub.add_argument(
+        "--view",
+        choices=("structure", "hypertime"),
+        help="default: structure where the run has a finite element model, else hypertime",
+    )
+    options.add_dof(sub)
+    options.add_model(sub)
+    options.add_quantity(sub)
+    options.add_point(sub)
+    options.add_window(sub, "motion")
+    sub.add_argument("--frames", type=options.count(2), default=60, metavar="N", help="pictures (default 60)")
+    sub.add_argument("--fps", type=options.count(1), default=20, metavar="N", help="pictures a second (default 20)")
+    options.add_output(sub)
+    sub.set_defaults(dpi=100)
+
+    sub = command(
         "response",
         verbs.response,
         "response curve of a sweep",

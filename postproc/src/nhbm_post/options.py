@@ -125,13 +125,13 @@ def add_window(sub, what):
     sub.add_argument("--to", dest="t_to", type=finite, metavar="T", help="its end [s] (default: a slowest period later)")
 
 
-def add_decades(sub):
+def add_decades(sub, default=8.0):
     sub.add_argument(
         "--decades",
         type=positive,
-        default=8.0,
+        default=default,
         metavar="N",
-        help="range of the amplitude scale below the largest (default 8)",
+        help=f"range of the amplitude scale below the largest (default {default:g})",
     )
 
 

@@ -56,6 +56,12 @@ class Series:
         is_noise = self.amplitudes <= noise
         return replace(self, cos=np.where(is_noise, 0.0, self.cos), sin=np.where(is_noise, 0.0, self.sin))
 
+    def velocity(self) -> Series:
+        """Its derivative by time."""
+        units = f"{self.units if self.units not in ('', '1') else '1'}/s"
+        frequencies = self.frequencies
+        return replace(self, cos=frequencies * self.sin, sin=-frequencies * self.cos, units=units, words="velocity of")
+
     @property
     def mean(self) -> float:
         """Mean value: the coefficient of j = 0, zero where that is not in the set."""

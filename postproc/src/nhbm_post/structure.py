@@ -129,6 +129,11 @@ class Structure:
         return meshio.Mesh(self.points, cells, point_data=fields)
 
 
+def has_model(results: Results) -> bool:
+    """Whether the structure of a run is a model in a file."""
+    return any(group.get("type") == ["model"] for group in groups(results.input_complete, "structure"))
+
+
 def structure_of(results: Results, point: int, model: Path | None) -> Structure:
     """The structure of a model file, or of that which the input of a point names: in the present folder, or beside the result."""
     if model is not None:

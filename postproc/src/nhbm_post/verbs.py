@@ -68,6 +68,69 @@ def spectrum(arguments):
     _save(fig, arguments)
 
 
+def orbit(arguments):
+    from . import draw
+
+    with Results(arguments.file) as results:
+        point = results.point(arguments.point, dict(arguments.at))
+        if arguments.section > results.n_tones:
+            raise UsageError(f"{results.path}: no tone {arguments.section}; tones: 1 to {results.n_tones}")
+        x = _series(results, point, arguments.dof, arguments)
+        y = _series(results, point, arguments.other, arguments) if arguments.other else x.velocity()
+        about = _origin(results, point, arguments.quantity)
+    _save(draw.draw_orbit(x, y, tone=arguments.section - 1, about=about), arguments)
+
+
+def surface(arguments):
+    from . import draw
+
+    with Results(arguments.file) as results:
+        point = results.point(arguments.point, dict(arguments.at))
+        series = _series(results, point, arguments.dof, arguments)
+        fig = draw.draw_surface(series, view=arguments.view, about=_origin(results, point, arguments.quantity))
+    _save(fig, arguments)
+
+
+def waterfall(arguments):
+    from . import draw
+
+    with Results(arguments.file) as results:
+        fig = draw.draw_waterfall(
+            results,
+            arguments.dof,
+            view=arguments.command,
+            quantity=arguments.quantity,
+            over=arguments.over,
+            where=dict(arguments.where),
+            decades=arguments.decades,
+        )
+    _save(fig, arguments)
+
+
+def animate(arguments):
+    from . import draw
+    from .structure import has_model, motions, structure_of
+
+    with Results(arguments.file) as results:
+        point = results.point(arguments.point, dict(arguments.at))
+        about = _origin(results, point, arguments.quantity)
+        view = arguments.view or ("structure" if has_model(results) else "hypertime")
+        periods = _PERIODS_OF_A_TORUS if view == "hypertime" and results.n_tones > 1 else 1
+        slowest = float(np.abs(results.frequency(point)).min())
+        end = arguments.t_from + 2.0 * np.pi * periods / slowest if arguments.t_to is None else arguments.t_to
+        times = np.linspace(arguments.t_from, _after(arguments.t_from, end), arguments.frames, endpoint=False)
+        if view == "structure":
+            structure = structure_of(results, point, arguments.model)
+            _, frequencies, coefficients = motions(results, structure, point, arguments.unconverged)
+            moments = [(coefficients * np.exp(1j * frequencies * t)).real.sum(axis=1) for t in times]
+            fig, update = draw.structure_in_motion(structure, [structure.displacement(x) for x in moments], times, about)
+        else:
+            fig, update = draw.hypertime_in_motion(_series(results, point, arguments.dof, arguments), times, about)
+    draw.relabel(fig, dict(arguments.labels))
+    output = arguments.output or arguments.file.with_name(f"{arguments.file.stem}_animate.gif")
+    print(f"wrote {draw.save_animation(fig, update, len(times), output, arguments.fps, arguments.dpi)}")
+
+
 def response(arguments):
     _draw_response(arguments, lambda results: _measure(arguments, results), arguments.over)
 
@@ -94,6 +157,7 @@ def backbone(arguments):
     _draw_response(arguments, measure, over)
 
 
+_PERIODS_OF_A_TORUS = 6  # of the slowest tone, in an animation
 _BACKBONES = ("normal_mode%amplitude", "normal_mode%energy")
 
 

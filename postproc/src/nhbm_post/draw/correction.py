@@ -76,7 +76,7 @@ def draw_correction(
             _draw_curves((axes["b"], axes["c"]), taus[0], motion, corrected, touch, label)
         else:
             levels = Normalize(min(motion.min(), corrected.min()), max(motion.max(), corrected.max()))
-            draw = _draw_solid if view == "surface" else _draw_level
+            draw = draw_solid if view == "surface" else draw_level
             draw(axes["b"], taus, motion, levels, label, np.zeros_like(touch))
             draw(axes["c"], taus, corrected, levels, label, touch)
             bar = fig.colorbar(
@@ -211,7 +211,7 @@ def _surfaces(results, point, dof, before, after, n_samples, allow_unconverged):
     return taus, *closed, is_stored
 
 
-def _draw_solid(ax, taus, values, levels, label, touch) -> None:
+def draw_solid(ax, taus, values, levels, label, touch) -> None:
     """3-D surface over (tau_1, tau_2); corrected places in the colour of the legend."""
     taus, values, touch = _resample(taus, values, touch)
     mean = 0.25 * (values[:-1, :-1] + values[1:, :-1] + values[:-1, 1:] + values[1:, 1:])
@@ -250,7 +250,7 @@ def _resample(taus, values, touch):
     return [fine, fine], values, held > 0.5
 
 
-def _draw_level(ax, taus, values, levels, label, touch) -> None:
+def draw_level(ax, taus, values, levels, label, touch) -> None:
     """Heat map over (tau_1, tau_2) with level lines; the edge of corrected places is drawn."""
     ax.pcolormesh(*taus, values.T, norm=levels, cmap="cividis", shading="gouraud", rasterized=True)
     ax.contour(

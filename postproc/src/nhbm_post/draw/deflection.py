@@ -30,9 +30,7 @@ def draw_deflection(structure: Structure, displacement: np.ndarray, colours_by: 
     with look():
         fig = figure(5.6, 4.3, is_arranged=False)
         axes = fig.add_axes((0.0, 0.09, 0.8, 0.77), projection="3d")
-        largest = float(np.abs(displacement).max())
-        extent = np.ptp(structure.points, axis=0)
-        scale = _LARGEST * float(extent.max()) / largest if largest > 0 else 0.0
+        scale = scale_of(structure, displacement)
         points = structure.points + scale * displacement
         faces = surface(structure.cells)
         factor, units = unit_scale(float(amplitude.max()), "m")
@@ -60,6 +58,12 @@ def draw_deflection(structure: Structure, displacement: np.ndarray, colours_by: 
         fig.colorbar(drawn, cax=fig.add_axes((0.84, 0.2, 0.025, 0.5)), label=f"{name} [{units}]")
         head(fig, heading, about, f"drawn {float(f'{scale:.3g}'):g} times as large" if scale else "")
     return fig
+
+
+def scale_of(structure: Structure, displacement: np.ndarray) -> float:
+    """How many times as large a displacement is drawn."""
+    largest = float(np.abs(displacement).max())
+    return _LARGEST * float(np.ptp(structure.points, axis=0).max()) / largest if largest > 0 else 0.0
 
 
 def flat_across(points: np.ndarray, displacement: np.ndarray) -> int | None:

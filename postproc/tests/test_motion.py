@@ -1,0 +1,129 @@
+"""Orbits, sections, surfaces, waterfalls, Campbell diagrams and animations against closed forms."""
+
+import shutil
+
+import numpy as np
+import pytest
+from conftest import single
+from PIL import Image
+from synthetic import box, write_results
+
+from nhbm_post import Results, UsageError
+from nhbm_post.cli import main
+from nhbm_post.draw import draw_orbit, draw_surface, draw_waterfall, hypertime_in_motion
+from nhbm_post.draw.motion import section
+from nhbm_post.series import Series
+
+
+def circle(n_tones=1, radius=2.0, small=0.5):
+    """x = 2 cos(w1 t) (+ 0.5 cos(w2 t))."""
+    tuples = np.eye(n_tones, dtype=int)
+    size = np.array([radius, small][:n_tones])
+    return Series(tuples, np.array([3.0, 3.0 * np.sqrt(2.0)])[:n_tones], size, 0.0 * size, "x1", "m", "displacement")
+
+
+def drawn(fig, gid):
+    return next(line for ax in fig.axes for line in ax.lines if line.get_gid() == gid)
+
+
+def test_velocity_is_the_derivative():
+    series = circle(2)
+    times = np.linspace(0.0, 5.0, 41)
+    exact = -6.0 * np.sin(3.0 * times) - 1.5 * np.sqrt(2.0) * np.sin(3.0 * np.sqrt(2.0) * times)
+    assert series.velocity().evaluate(times) == pytest.approx(exact)
+    assert (series.velocity().units, series.velocity().axis_label) == ("m/s", "Velocity of x1")
+
+
+def test_phase_plane_is_an_ellipse():
+    fig = draw_orbit(circle(), circle().velocity())
+    x, v = drawn(fig, "orbit").get_data()
+    assert np.hypot(x / 2.0, v / 6.0) == pytest.approx(1.0, rel=1e-9)
+    assert np.array(drawn(fig, "section").get_data()).ravel() == pytest.approx([2.0, 0.0], abs=1e-12)
+    ax = next(ax for ax in fig.axes if ax.get_xlabel())
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("Displacement x1 [m]", "Velocity of x1 [m/s]")
+
+
+def test_section_of_a_torus():
+    """At tau_1 = 0: x = 2 + 0.5 cos, v = -1.5 sqrt(2) sin; at tau_2 = 0 the large circle."""
+    x = circle(2)
+    at, of = section((x, x.velocity()), 0)
+    assert np.hypot((at - 2.0) / 0.5, of / (1.5 * np.sqrt(2.0))) == pytest.approx(1.0)
+    at, of = section((x, x.velocity()), 1)
+    assert np.hypot((at - 0.5) / 2.0, of / 6.0) == pytest.approx(1.0)
+    assert np.ptp(drawn(draw_orbit(x, x.velocity(), tone=1), "section").get_xdata()) == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize("view", ["surface", "map"])
+def test_surface_over_two_tones(view):
+    fig = draw_surface(circle(2), view=view, n_samples=32)
+    assert any("Displacement x1 over hypertime" in text.get_text() for text in fig.texts)
+    if view == "map":
+        assert fig.axes[0].collections[0].get_array().max() == pytest.approx(2.5)
+    with pytest.raises(UsageError, match="one tone has a line"):
+        draw_surface(circle(1), view=view)
+
+
+def swept(path):
+    """Ten frequencies; harmonic 1 of 1 m, harmonic 3 of 0.1 m, harmonic 2 below the scale."""
+    tuples = box(1, 3)
+    order = tuples[:, 0]
+    coefficients = np.zeros((10, 1, len(tuples), 2))
+    for k, size in ((1, 1.0), (2, 1e-9), (3, 0.1)):
+        coefficients[:, 0, order == k, 0] = size
+    frequency = np.linspace(1.0, 2.0, 10)
+    parameters = {"tones_frequency": ("tones%frequency", "rad/s", frequency)}
+    return write_results(path, tuples, frequency[:, None], coefficients, parameters=parameters)
+
+
+def test_campbell_has_a_dot_a_harmonic(tmp_path):
+    with Results(swept(tmp_path / "a.h5")) as results:
+        fig = draw_waterfall(results, view="campbell")
+    dots = next(c for ax in fig.axes for c in ax.collections if c.get_gid() == "harmonics")
+    x, y = np.array(dots.get_offsets()).T
+    assert x.size == 20 and sorted(set((y / x).round(9))) == [1.0, 3.0]
+    assert sorted(set(np.array(dots.get_array()).round(9))) == [0.1, 1.0]
+    orders = [line for line in fig.axes[0].lines if line.get_gid() == "order"]
+    assert [float((line.get_ydata() / line.get_xdata())[0].round(9)) for line in orders] == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    assert {line.get_linestyle() for line in orders} == {"-."}
+
+
+def test_waterfall_has_stems(tmp_path):
+    path = swept(tmp_path / "a.h5")
+    with Results(path) as results:
+        fig = draw_waterfall(results)
+        stems = next(c for ax in fig.axes for c in ax.collections if c.get_gid() == "stems").get_segments()
+        with pytest.raises(UsageError, match="no number changes over the 1 solved point"):
+            draw_waterfall(results, where={"tones%frequency": "1"})
+    heights = np.array([stem[1][1] - stem[0][1] for stem in stems])
+    assert len(stems) == 20 and sorted(set(heights.round(9))) == pytest.approx([0.15, 0.2])  # 3 and 4 of 4 decades of 1.8/9
+    assert main(["waterfall", str(path), "--dpi", "40"]) == 0 and main(["campbell", str(path), "--dpi", "40"]) == 0
+
+
+@pytest.mark.parametrize("n_tones", [1, 2])
+def test_state_moves_along_the_motion(n_tones):
+    series, times = circle(n_tones), np.linspace(0.0, 2.0, 21)
+    fig, update = hypertime_in_motion(series, times, "")
+    update(10)
+    t, x = (float(values[0]) for values in drawn(fig, "now").get_data())
+    assert (t, x) == (pytest.approx(1.0, abs=0.01), pytest.approx(series.evaluate(t)))
+    state = np.ravel(drawn(fig, "state").get_data())
+    assert state == pytest.approx([x, float(series.velocity().evaluate(t))] if n_tones == 1 else np.mod(series.omega * t, 2.0 * np.pi))
+
+
+def test_animations_are_written(tmp_path, capsys):
+    path = single(tmp_path / "a.h5", 2)
+    assert main(["animate", str(path), "--frames", "5", "--dpi", "40"]) == 0
+    with Image.open(tmp_path / "a_animate.gif") as image:
+        assert image.n_frames == 5 and image.size == (320, 156)
+    assert main(["animate", str(path), "--frames", "5", "-o", str(tmp_path / "a.png")]) == 2
+    assert "must end in .gif, .mp4" in capsys.readouterr().err
+    assert main(["surface", str(path), "--dpi", "40"]) == 0 and main(["orbit", str(path), "--dpi", "40", "--section", "2"]) == 0
+    assert main(["orbit", str(path), "--section", "3"]) == 2 and "no tone 3; tones: 1 to 2" in capsys.readouterr().err
+
+
+def test_mp4(tmp_path):
+    if not shutil.which("ffmpeg"):
+        pytest.importorskip("imageio_ffmpeg")
+    path = single(tmp_path / "a.h5", 1)
+    assert main(["animate", str(path), "--frames", "4", "--dpi", "40", "-o", str(tmp_path / "a.mp4")]) == 0
+    assert (tmp_path / "a.mp4").read_bytes()[4:8] == b"ftyp"
