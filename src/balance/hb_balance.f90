@@ -52,7 +52,7 @@ module hb_balance
       type(block_factors_t), private :: mean_factors                  ! of the tangent of each harmonic by itself
       logical, allocatable, private :: has_mean_factors(:)            ! (n_harmonics)
       logical, private :: has_moved = .false.                         ! to other frequencies than it was made for
-      integer, private :: effort = 0                                  ! one of hb_fftw%planning
+      integer :: effort = 0                                           !! one of hb_fftw%planning
       integer, private :: n_rounds = 1                                ! of sliders, which `tangent_work` counts
       real(wp), private :: work_of_round = 0.0_wp                     ! of all columns of a tangent
    contains

@@ -34,7 +34,8 @@ module hb_certificate
    use hb_wide_problem, only: nearer, new_wide_problem, wide_problem_t
    implicit none
    private
-   public :: certificate_t, certify, certify_linear, choose_wider_set, near_commensurate, wider_orders, wider_samples
+   public :: certificate_t, certify, certify_linear, choose_wider_set, near_commensurate, wanted_motions_t, wider_orders, &
+      wider_samples
 
    real(wp), parameter :: linear = 0.1_wp                             ! largest error that one linear step tells
    real(wp), parameter :: unknown = 1.0_wp                            ! an estimate: as large as the motion, perhaps larger
@@ -44,6 +45,12 @@ module hb_certificate
    real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set
    real(wp), parameter :: least_density = 1.25_wp                      ! samples of the finer grid, relative to 2 N + 1
    real(wp), parameter :: largest_fine_grid = 4.0e6_wp                 ! samples
+
+   !> Motions that are wanted beside the estimates.
+   type :: wanted_motions_t
+      integer :: improvement_steps = 0                                !! towards the motion in the wider set; 0: not wanted
+      logical :: refined = .false.                                    !! `refined` of a certificate, of several tones too
+   end type wanted_motions_t
 
    type :: certificate_t
       real(wp) :: truncation = 0.0_wp                                 !! estimated error by the harmonics left out, relative
@@ -68,52 +75,46 @@ module hb_certificate
       real(wp), allocatable :: improved(:, :)                         !! motion in the wider set [m], (n_coefficients, n_law_dofs);
                                                                       !! not allocated where it was not requested
       integer :: n_products = 0                                       !! with the tangent of the wider set; 0: steps in blocks do
-      logical, private :: keeps_refined = .false.                     ! of several tones, too
-      real(wp), private :: accuracy = accuracy_of_estimates           ! of solutions from products
+      type(wanted_motions_t), private :: wanted
       complex(wp), allocatable :: refined(:, :)                       !! motion with its first-order errors taken out [m], (all
                                                                       !! dofs, tuples of `around`); of several tones if requested
    end type certificate_t
 
 contains
 
-   !> Certificate of the motion `u` (n_coefficients, n_dofs) of a balance, and with it the motion improved by some steps.
-   subroutine certify(self, structure, loads, torus, balance, u, effort, n_steps, error, phase, curve, keeps_refined)
+   !> Certificate of the motion `u` (n_coefficients, n_dofs) of a balance, and with it the motions that are wanted.
+   subroutine certify(self, structure, loads, balance, u, wanted, error, bordered)
       type(certificate_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       type(amplitudes_t), intent(in) :: loads                         !! [N]
-      type(torus_t), intent(in) :: torus                              !! grid of the solution
       type(balance_t), intent(inout), target :: balance
       real(wp), intent(in) :: u(:, :)                                 !! [m]
-      integer, intent(in) :: effort                                   !! one of hb_fftw%planning
-      integer, intent(in) :: n_steps                                  !! of the improvement; 0: none
+      type(wanted_motions_t), intent(in) :: wanted
       type(error_t), allocatable, intent(out) :: error
-      type(phase_problem_t), intent(inout), optional :: phase         !! on this balance, where it has unknown tones
-      class(bordered_problem_t), intent(inout), optional :: curve     !! on this balance, of which the motion is a point: errors
-                                                                      !! along its last form, and along a null vector where
-                                                                      !! another one crosses, count for nothing
-      logical, intent(in), optional :: keeps_refined                  !! `refined` is requested of several tones, too
+      class(bordered_problem_t), intent(inout), optional :: bordered  !! on this balance: with its unknown tones, or a curve of which
+                                                                      !! the motion is a point: errors along its last form, and along
+                                                                      !! a null vector where another one crosses, do not count
       complex(wp), allocatable :: c(:, :)
       type(balance_t) :: wide
       type(harmonics_t) :: set
       type(tones_t) :: tones
       type(torus_t) :: grid
 
-      if (present(keeps_refined)) self%keeps_refined = keeps_refined
-      if (n_steps > 0) self%accuracy = accuracy_of_improvement
+      self%wanted = wanted
       call new_tones(tones, balance%omega, error)
       if (allocated(error)) return
       allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
       call near_commensurate(tones, self%combination, self%combination_frequency)
-      call choose_wider(balance, amplitudes(balance%harmonics, u), self%combination, torus, &
-                        has_multipliers(balance) .or. present(phase), set, grid, error)
+      call choose_wider(balance, amplitudes(balance%harmonics, u), self%combination, &
+                        has_multipliers(balance) .or. has_unknown_tones(bordered), set, grid, error)
       if (allocated(error)) return
       call make_wide_balance()
       if (.not. allocated(error)) call check_contact(self, structure, balance, wide, u, error)
-      if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, n_steps, error, phase, curve)
+      if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, error, bordered)
       if (.not. allocated(error)) then
-         if (.not. (present(phase) .or. present(curve)) .and. (any(is_unknown([self%truncation, self%aliasing])) .or. &
-             has_multipliers(balance) .and. balance%harmonics%n_tones == 1)) &
-            call solve_on_finer_grid(self, balance, wide, grid, u, effort, n_steps, error)
+         if (.not. present(bordered) .and. (any(is_unknown([self%truncation, self%aliasing])) .or. &
+                                            has_multipliers(balance) .and. balance%harmonics%n_tones == 1)) &
+            call solve_on_finer_grid(self, balance, wide, u, error)
          if (is_unknown(self%truncation)) self%truncation = unknown
          if (is_unknown(self%aliasing)) self%aliasing = unknown
       end if
@@ -131,21 +132,23 @@ contains
          type(dynamic_stiffness_t) :: stiffness
          type(linear_part_t), allocatable :: linear
          type(amplitudes_t) :: wide_loads
+         logical :: of_interior
 
+         of_interior = wanted%improvement_steps > 0 .or. keeps_all(self, balance)
          wide_loads = loads%in_set(balance%harmonics, set)
          if (associated(balance%cached_wide)) then
             call balance%cached_wide%take(structure, balance%stiffness%coordinates, set%frequencies(balance%omega), wide_loads, &
-                                        linear, error, of_interior=n_steps > 0 .or. keeps_all(self, balance))
+                                        linear, error, of_interior)
          else
             call new_dynamic_stiffness(stiffness, structure, balance%stiffness%coordinates, set%frequencies(balance%omega), &
-                                       wide_loads, error, wanted_slopes_t(of_interior=n_steps > 0 .or. keeps_all(self, balance), &
-                                       drives=set%frequencies(balance%xi*balance%omega)))
+                                       wide_loads, error, wanted_slopes_t(of_interior=of_interior, &
+                                                                          drives=set%frequencies(balance%xi*balance%omega)))
             if (allocated(error)) return
             allocate (linear)
             call new_linear_part(linear, stiffness)
          end if
          if (allocated(error)) return
-         call new_balance(wide, set, grid, balance%omega, linear, balance%law_set%laws, effort, error)
+         call new_balance(wide, set, grid, balance%omega, linear, balance%law_set%laws, balance%effort, error)
       end subroutine make_wide_balance
    end subroutine certify
 
@@ -178,11 +181,10 @@ contains
    !> The wider set, which reaches twice as far as that of the motion in all directions, and a finer grid: of one tone with four
    !> times the samples or more, as a short touch lies between fewer; of several, whose samples lie at other phases in each
    !> period, twice. Half of a grid holds odd motions of odd equations, which do not answer in even tuples.
-   subroutine choose_wider(balance, carried, slow, torus, is_fine, set, grid, error)
+   subroutine choose_wider(balance, carried, slow, is_fine, set, grid, error)
       type(balance_t), intent(in) :: balance
       real(wp), intent(in) :: carried(:)                              !! amplitudes of the motion (n_harmonics)
       integer, intent(in) :: slow(:)                                  !! tuple k of which k.omega is next to 0
-      type(torus_t), intent(in) :: torus
       logical, intent(in) :: is_fine                                  !! four times the samples of several tones, too: penetration
                                                                       !! of rigid walls and errors of frequencies need them
       type(harmonics_t), intent(out) :: set
@@ -195,12 +197,14 @@ contains
       if (allocated(error)) return
       if (set%n_harmonics > largest_wide_set) call choose_wider_set(balance%harmonics, set, error)
       if (allocated(error)) return
-      samples = max(2*torus%n_samples, fast_size(ceiling(least_density*(2*set%highest + 1))))
-      if (size(slow) == 1 .or. is_fine .or. product(real(samples, wp)) > largest_fine_grid) &
-         samples = wider_samples(torus%n_samples, set%highest)
-      call new_torus(grid, samples, set, error)
-      grid%corrects_kinks = torus%corrects_kinks
-      if (allocated(error) .or. .not. torus%is_half) return
+      associate (torus => balance%law_set%transform%torus)
+         samples = max(2*torus%n_samples, fast_size(ceiling(least_density*(2*set%highest + 1))))
+         if (size(slow) == 1 .or. is_fine .or. product(real(samples, wp)) > largest_fine_grid) &
+            samples = wider_samples(torus%n_samples, set%highest)
+         call new_torus(grid, samples, set, error)
+         grid%corrects_kinks = torus%corrects_kinks
+         if (allocated(error) .or. .not. torus%is_half) return
+      end associate
       all_tuples = set
       call new_of_parity(set, all_tuples, 1, error)
       if (grid%can_be_halved()) grid = grid%half()
@@ -275,14 +279,11 @@ contains
    !> Estimates anew from the solution on the finer grid, where there is one near: aliasing is the difference. The few samples at
    !> which rigid laws hold the motion, such as stops under friction, may leave its tangent almost singular, or another one where
    !> rounding decides whether a sample is held.
-   subroutine solve_on_finer_grid(self, balance, wide, grid, u, effort, n_steps, error)
+   subroutine solve_on_finer_grid(self, balance, wide, u, error)
       type(certificate_t), intent(inout) :: self
       type(balance_t), intent(in) :: balance
       type(balance_t), intent(inout) :: wide
-      type(torus_t), intent(in) :: grid                               !! of `wide`
       real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
-      integer, intent(in) :: effort                                   !! one of hb_fftw%planning
-      integer, intent(in) :: n_steps                                  !! of the improvement
       type(error_t), allocatable, intent(out) :: error
       type(balance_t) :: fine
       type(report_t) :: report
@@ -292,7 +293,8 @@ contains
       real(wp) :: difference
 
       allocate (linear, source=balance%stiffness)
-      call new_balance(fine, balance%harmonics, grid, balance%omega, linear, balance%law_set%laws, effort, error)
+      call new_balance(fine, balance%harmonics, wide%law_set%transform%torus, balance%omega, linear, balance%law_set%laws, &
+                       balance%effort, error)
       if (.not. allocated(error)) then
          config%max_iterations = most_iterations
          config%fallback = .false.
@@ -301,7 +303,7 @@ contains
          if (report%status == outcome%converged) then
             difference = norm2(x - reshape(u, [size(u)]))/reference_size(balance, u)
             if (allocated(self%improved)) deallocate (self%improved)
-            call estimate_errors(self, fine, wide, reshape(x, shape(u)), n_steps, error)
+            call estimate_errors(self, fine, wide, reshape(x, shape(u)), error)
             self%aliasing = difference
          end if
       end if
@@ -320,32 +322,40 @@ contains
    !> Aliasing: what the exact projection of the forces onto the kept harmonics changes in them. Truncation: what two steps of
    !> Newton's method in the wider set, with its exact tangent, change beside that, in kept harmonics, others and unknown
    !> frequencies. The second step is taken where the first leads: contacts that only the harmonics outside touch answer there.
-   subroutine estimate_errors(self, balance, wide, u, n_steps, error, phase, curve)
+   subroutine estimate_errors(self, balance, wide, u, error, bordered)
       type(certificate_t), intent(inout) :: self
       type(balance_t), intent(inout), target :: balance
       type(balance_t), intent(inout), target :: wide
       real(wp), intent(in) :: u(:, :)
-      integer, intent(in) :: n_steps
       type(error_t), allocatable, intent(out) :: error
-      type(phase_problem_t), intent(inout), optional, target :: phase
-      class(bordered_problem_t), intent(inout), optional, target :: curve
+      class(bordered_problem_t), intent(inout), optional, target :: bordered
       type(tangent_solver_t), target :: tangent
       type(wide_problem_t) :: whole
       class(problem_t), pointer :: problem
       real(wp), allocatable :: alias(:), big(:, :), change(:), first(:), r(:), second(:), x(:)
       real(wp) :: size_of_motion
-      logical :: is_lost
+      logical :: is_free, is_lost
 
       if (all(u == 0.0_wp)) return
       self%truncation = huge(1.0_wp)
       self%aliasing = huge(1.0_wp)
-      if (present(phase)) self%frequency_error(phase%tones) = balance%omega(phase%tones)
       size_of_motion = reference_size(balance, u)
-      call choose_problem()
-      call new_tangent_solver(tangent, problem, x, is_lost, self%accuracy)
+      is_free = has_unknown_tones(bordered)
+      problem => balance
+      x = [u]
+      if (present(bordered)) then
+         problem => bordered
+         x = bordered%unknowns(x)
+      end if
+      select type (problem)
+      class is (phase_problem_t)
+         self%frequency_error(problem%tones) = balance%omega(problem%tones)
+      end select
+      call new_tangent_solver(tangent, problem, x, is_lost, merge(accuracy_of_improvement, accuracy_of_estimates, &
+                                                                  self%wanted%improvement_steps > 0))
       if (is_lost) return
-      if (present(curve)) then
-         if (allocated(curve%units_across)) call tangent%leave_out_null_vector(problem, curve%units_across)
+      if (present(bordered)) then
+         if (allocated(bordered%units_across)) call tangent%leave_out_null_vector(problem, bordered%units_across)
       end if
       allocate (big(wide%harmonics%n_coefficients, wide%n_dofs))
       call transfer_coefficients(balance%harmonics, wide%harmonics, u, big)
@@ -370,28 +380,15 @@ contains
       end if
       call keep_step()
       self%n_products = whole%n_products
-      if (acts_rigidly(balance, wide, present(phase)) .or. (present(phase) .and. self%truncation > linear)) &
+      if (acts_rigidly(balance, wide, is_free) .or. (is_free .and. self%truncation > linear)) &
          call compare_with_half(self, balance%harmonics, problem, x, size(u), size_of_motion)
-      if (n_steps == 0 .or. present(phase) .or. present(curve)) return ! the improvement holds the frequencies
+      if (self%wanted%improvement_steps == 0 .or. present(bordered)) return ! the improvement holds the frequencies
       self%wider = wide%harmonics
       allocate (self%improved, mold=big)
-      call improve(balance, wide, tangent, u, n_steps, self%improved)
+      call improve(balance, wide, tangent, u, self%wanted%improvement_steps, self%improved)
       self%improved = wide%at_law_dofs(self%improved)
 
    contains
-
-      subroutine choose_problem()
-         if (present(phase)) then
-            problem => phase
-            x = phase%unknowns([u])
-         else if (present(curve)) then
-            problem => curve
-            x = curve%unknowns([u])
-         else
-            problem => balance
-            x = [u]
-         end if
-      end subroutine choose_problem
 
       !> The coefficients in a vector of all unknowns.
       function on_wide(vector) result(coefficients)
@@ -414,7 +411,7 @@ contains
          do i = 1, size(whole%which)
             if (whole%which(i) <= size(balance%omega)) self%frequency_error(whole%which(i)) = abs(first(size(big) + i))
          end do
-         if (present(curve)) self%parameter_error = abs(first(size(first)))
+         if (present(bordered) .and. .not. is_free) self%parameter_error = abs(first(size(first)))
          if (.not. keeps_all(self, balance)) return
          if (allocated(self%refined)) deallocate (self%refined)
          allocate (self%refined(wide%stiffness%n_dofs, wide%harmonics%n_harmonics))
@@ -427,8 +424,20 @@ contains
       type(certificate_t), intent(in) :: self
       type(balance_t), intent(in) :: balance
 
-      keeps_all = size(balance%omega) == 1 .or. self%keeps_refined
+      keeps_all = size(balance%omega) == 1 .or. self%wanted%refined
    end function keeps_all
+
+   !> Whether the unknowns beside the motion are frequencies, not a value along a curve.
+   pure logical function has_unknown_tones(bordered)
+      class(bordered_problem_t), intent(in), optional :: bordered
+
+      has_unknown_tones = .false.
+      if (.not. present(bordered)) return
+      select type (bordered)
+      class is (phase_problem_t)
+         has_unknown_tones = .true.
+      end select
+   end function has_unknown_tones
 
    !> Norm of the coefficients of each harmonic over all coordinates.
    pure function amplitudes(set, u) result(sizes)

@@ -5,7 +5,7 @@ module hb_motion_description
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, transfer_coefficients
    use hb_bordered, only: bordered_problem_t
-   use hb_certificate, only: certificate_t, certify, choose_wider_set
+   use hb_certificate, only: certificate_t, certify, choose_wider_set, wanted_motions_t
    use hb_clock, only: wall_clock
    use hb_error, only: error_t, fail
    use hb_fftw, only: new_real_block, real_block_t
@@ -260,18 +260,17 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(search_t), intent(inout), optional :: search               !! of a model with unknown tones
       class(bordered_problem_t), intent(inout), optional :: curve     !! on the balance, of a point of a curve
-      logical :: keeps_refined
+      type(wanted_motions_t) :: wanted
       integer :: i
 
-      keeps_refined = model%structure%n_dofs <= most_dense .and. &    ! for stability
+      wanted%refined = model%structure%n_dofs <= most_dense .and. &   ! for stability
          any([(model%laws(i)%law%n_switches + model%laws(i)%law%n_states > 0, i=1, size(model%laws))])
-      if (allocated(model%accuracy%outputs)) keeps_refined = keeps_refined .or. size(model%accuracy%outputs) > 0
+      if (allocated(model%accuracy%outputs)) wanted%refined = wanted%refined .or. size(model%accuracy%outputs) > 0
       if (any(model%tones%is_unknown) .and. present(search)) then
-         call certify(result%certificate, model%structure, model%loads%at(basis%places), basis%torus, balance, u, &
-                      model%planning, 0, error, search%phase, keeps_refined=keeps_refined)
+         call certify(result%certificate, model%structure, model%loads%at(basis%places), balance, u, wanted, error, search%phase)
       else
-         call certify(result%certificate, model%structure, model%loads%at(basis%places), basis%torus, balance, u, &
-                      model%planning, model%certificate%improvement_steps, error, curve=curve, keeps_refined=keeps_refined)
+         wanted%improvement_steps = model%certificate%improvement_steps
+         call certify(result%certificate, model%structure, model%loads%at(basis%places), balance, u, wanted, error, curve)
       end if
       if (allocated(error)) return
       if (allocated(result%certificate%improved)) call keep_improved(basis, result, error)
