@@ -136,7 +136,7 @@ contains
       call prepare_slopes(self, u, m, derivative, error)
       if (allocated(error)) return
       call self%stiffness%find_reaction_slope(self%harmonics, u, self%load_factor, 0.0_wp*self%frequencies, &
-                                              self%omega(m)*self%harmonics%tuples(m, :), reaction)
+                                              reaction, self%omega(m)*self%harmonics%tuples(m, :))
       associate (along => self%law_set%along)
          if (self%law_set%needs_reaction) then
             along%q%values = 0.0_wp
@@ -185,7 +185,7 @@ contains
       if (allocated(error)) return
       turns = real(self%harmonics%tuples(m, :), wp)
       allocate (weight_slope(0))
-      call self%stiffness%find_reaction_slope(self%harmonics, u, self%load_factor, turns, self%xi(m)*turns, reaction)
+      call self%stiffness%find_reaction_slope(self%harmonics, u, self%load_factor, turns, reaction, self%xi(m)*turns)
       associate (along => self%law_set%along)
          along%q%values = 0.0_wp
          if (self%law_set%needs_velocity) call self%law_set%transform%to_rate_samples(u, turns, along%v%values)

@@ -5,8 +5,8 @@
 !> requested, then the coordinates of other laws as far as they are independent, where that is fewer than degrees of freedom.
 !> Source: docs/why/theory.md, section 4.
 module hb_law_coordinates
+   use hb_condensation, only: condensed_half_bandwidth
    use hb_coordinates, only: coordinates_t, dofs_as_coordinates, new_coordinates, softness
-   use hb_dynamic_stiffness, only: condensed_half_bandwidth
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_structure, only: structure_t

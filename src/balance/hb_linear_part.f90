@@ -216,24 +216,28 @@ contains
 
    !> Finds the derivative of the reaction where the frequency of each harmonic changes by `turns` and its drive by `drive_turns`:
    !> (dP/dw - dS/dw u) turns + (dP/ddrive - dS/ddrive u) drive_turns. The stiffness must have slopes.
-   subroutine linear_part_find_reaction_slope(self, set, u, load_factor, turns, drive_turns, slope)
+   subroutine linear_part_find_reaction_slope(self, set, u, load_factor, turns, slope, drive_turns)
       class(linear_part_t), intent(in) :: self
       type(harmonics_t), intent(in) :: set
       real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_law)
       real(wp), intent(in) :: load_factor
-      real(wp), intent(in) :: turns(:), drive_turns(:)                !! (n_harmonics)
+      real(wp), intent(in) :: turns(:)                                !! (n_harmonics)
       real(wp), intent(out) :: slope(:, :)                            !! [N s], as u
-      complex(wp) :: s
+      real(wp), intent(in), optional :: drive_turns(:)                !! (n_harmonics), else zero
+      complex(wp) :: condensed(self%pattern%n_rows, self%n_law), load(self%n_law), s
       integer :: h, i, k
 
       do h = 1, set%n_harmonics
+         condensed = turns(h)*self%condensed_slope(:, :, h)
+         load = turns(h)*self%load_slope(:, h)
+         if (present(drive_turns)) then
+            condensed = condensed + drive_turns(h)*self%condensed_drive_slope(:, :, h)
+            load = load + drive_turns(h)*self%load_drive_slope(:, h)
+         end if
          do i = 1, size(u, 2)
-            s = load_factor*(turns(h)*self%load_slope(i, h) + drive_turns(h)*self%load_drive_slope(i, h))
+            s = load_factor*load(i)
             do k = self%pattern%first(i), self%pattern%last(i)
-               associate (row => self%pattern%shift(k) + i)
-                  s = s - (turns(h)*self%condensed_slope(row, k, h) + &
-                           drive_turns(h)*self%condensed_drive_slope(row, k, h))*set%amplitude(u(:, k), h)
-               end associate
+               s = s - condensed(self%pattern%shift(k) + i, k)*set%amplitude(u(:, k), h)
             end do
             call set%set_amplitude(slope(:, i), h, s)
          end do

@@ -9,8 +9,8 @@ module hb_memory_estimate
    use hb_block_pattern, only: block_pattern_t, new_block_pattern
    use hb_certificate, only: wider_orders, wider_samples
    use hb_coarse_tangent, only: most_memory
+   use hb_condensation, only: condensed_half_bandwidth
    use hb_coordinates, only: coordinates_t
-   use hb_dynamic_stiffness, only: condensed_half_bandwidth
    use hb_error, only: error_t, fail
    use hb_hysteresis_tangent, only: width
    use hb_hysteretic_law, only: n_path_parts

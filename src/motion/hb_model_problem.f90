@@ -399,7 +399,7 @@ contains
                                     self%model%loads, error, wanted)
          if (allocated(error)) return
          call new_linear_part(linear, stiffness)
-         call linear%find_reaction_slope(self%harmonics, reshape(x, shape(along)), 1.0_wp, once, 0.0_wp*once, along)
+         call linear%find_reaction_slope(self%harmonics, reshape(x, shape(along)), 1.0_wp, once, along)
          slope = [along]
       end function reaction_slope
    end subroutine model_problem_parameter_derivative

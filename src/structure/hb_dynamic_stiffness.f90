@@ -11,23 +11,18 @@
 !> docs/why/theory.md, eq. (17). The drive is zero but for the artificial damping of docs/why/theory.md, section 6.5.
 module hb_dynamic_stiffness
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_amplitudes, only: amplitudes_t, as_amplitudes, new_amplitudes
-   use hb_block_pattern, only: block_pattern_t, new_block_pattern
-   use hb_block_solver, only: block_solver_t, new_block_solver
+   use hb_amplitudes, only: amplitudes_t, as_amplitudes
+   use hb_block_pattern, only: block_pattern_t
+   use hb_condensation, only: condensation_t, new_condensation
    use hb_coordinates, only: coordinates_t, dofs_as_coordinates
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_lapack, only: zgbcon, zgbtrf, zgbtrs, zgecon, zgemm, zgetrf, zgetrs
+   use hb_lapack, only: zgbcon, zgbtrf, zgbtrs, zgecon, zgetrf, zgetrs
    use hb_structure, only: structure_t
-   use hb_structure_block, only: new_structure_block, structure_block_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: condensed_half_bandwidth, dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
-
-   !> Below this reciprocal condition, or n_interior*epsilon if that is more, the interior counts as singular:
-   !> what rounding leaves of a singular matrix is of that size.
-   real(wp), parameter :: lowest_condition = 1.0e-14_wp
+   public :: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
 
    !> What is wanted beside stiffness and loads at the frequencies.
    type :: wanted_slopes_t
@@ -40,22 +35,6 @@ module hb_dynamic_stiffness
       type(structure_t), allocatable :: change               !! derivative of the structure by a value; slopes are by it
       real(wp), allocatable :: rates(:)                      !! of the frequencies by that value, (n_harmonics)
    end type wanted_slopes_t
-
-   !> Entries of a structure between coordinates and interior.
-   type :: blocks_t
-      type(structure_block_t) :: ll, lr, rl, rr
-   end type blocks_t
-
-   !> What does not change with the frequencies.
-   type, extends(blocks_t) :: parts_t
-      type(blocks_t), allocatable :: change                  ! of the structure by a value
-      real(wp), allocatable :: rates(:)
-      type(block_solver_t) :: solver                         ! of rr
-      type(amplitudes_t) :: loads                            ! [N]
-      type(amplitudes_t) :: load_slopes                      ! dP/dw [N s]
-      ! of the harmonic that is condensed: y, T, entries of S_lr, room for slopes of loads
-      complex(wp), allocatable :: held_motion(:), transfer(:, :), s_lr(:), load_slope(:)
-   end type parts_t
 
    type :: dynamic_stiffness_t
       integer :: n_dofs = 0, n_law = 0, n_harmonics = 0
@@ -74,7 +53,7 @@ module hb_dynamic_stiffness
       type(amplitudes_t), private :: held_motion             ! y, motion of the interior with the coordinates held still
       complex(wp), allocatable, private :: motion_slope(:, :, :, :)   ! dT, dy by frequency and by drive,
                                                              ! (n_interior, n_law + 1, 2, n_harmonics), or not allocated
-      type(parts_t), allocatable, private :: parts           !! kept with slopes
+      type(condensation_t), allocatable, private :: condensation  ! kept with slopes
    contains
       procedure :: move => dynamic_stiffness_move
       procedure :: hand_over => dynamic_stiffness_hand_over
@@ -121,8 +100,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(wanted_slopes_t), intent(in), optional :: slopes
       type(wanted_slopes_t) :: wanted
-      type(parts_t), allocatable :: parts
-      integer :: half_bandwidth, n_interior, n_law
+      type(condensation_t), allocatable :: condensation
+      integer :: n_interior, n_law
 
       call check_input(structure, coordinates%dofs, frequencies, loads, error)
       if (allocated(error)) return
@@ -133,67 +112,31 @@ contains
       self%n_law = n_law
       self%n_harmonics = size(frequencies)
       self%coordinates = coordinates
-      self%interior = all_but(coordinates%places, structure%n_dofs)
-      allocate (parts)
-      parts%loads = loads
-      parts%loads%values = coordinates%forces_in(loads%values)
-      call new_amplitudes(parts%load_slopes, structure%n_dofs, self%n_harmonics)
-      if (wanted%loads%n_dofs > 0) then
-         parts%load_slopes = wanted%loads
-         parts%load_slopes%values = coordinates%forces_in(wanted%loads%values)
-      end if
-      call find_blocks(parts, structure, coordinates, self%interior)
-      half_bandwidth = half_bandwidth_of(parts, n_interior)
-      if (allocated(wanted%change)) then
-         allocate (parts%change)
-         parts%rates = wanted%rates
-         call find_blocks(parts%change, wanted%change, coordinates, self%interior)
-         half_bandwidth = max(half_bandwidth, half_bandwidth_of(parts%change, n_interior))
-      end if
-      call new_block_pattern(self%pattern, n_law, half_bandwidth)
+      allocate (condensation)
+      call new_condensation(condensation, structure, coordinates, loads, maxval([0.0_wp, abs(frequencies)]), wanted%loads, &
+                            wanted%change)
+      if (allocated(wanted%rates)) condensation%rates = wanted%rates
+      self%interior = condensation%interior
+      self%pattern = condensation%pattern
       allocate (self%condensed(self%pattern%n_rows, n_law, self%n_harmonics), self%load(n_law, self%n_harmonics))
       allocate (self%magnitude(n_law, self%n_harmonics))
       if (wanted%of_interior) allocate (self%transfer(n_interior, n_law, self%n_harmonics))
       self%held_motion = loads
       self%held_motion%n_dofs = n_interior
       self%held_motion%values = loads%values(:n_interior, :)
-      call new_block_solver(parts%solver, parts%rr, n_interior, n_law + 1, maxval([0.0_wp, abs(frequencies)]))
       if (wanted%is_on) then
-         allocate (self%condensed_slope, self%condensed_drive_slope, mold=self%condensed)
-         allocate (self%load_slope, self%load_drive_slope, mold=self%load)
+         allocate (self%condensed_slope, mold=self%condensed)
+         allocate (self%load_slope, mold=self%load)
+         if (.not. allocated(wanted%change)) then
+            allocate (self%condensed_drive_slope, mold=self%condensed)
+            allocate (self%load_drive_slope, mold=self%load)
+         end if
          if (wanted%of_motion) allocate (self%motion_slope(n_interior, n_law + 1, 2, self%n_harmonics))
       end if
       if (.not. allocated(wanted%drives)) wanted%drives = 0.0_wp*frequencies
-      call condense(self, parts, frequencies, wanted%drives, error)
-      if (allocated(self%condensed_slope)) call move_alloc(parts, self%parts)
+      call condense(self, condensation, frequencies, wanted%drives, error)
+      if (allocated(self%condensed_slope)) call move_alloc(condensation, self%condensation)
    end subroutine condensed_to_coordinates
-
-   !> Entries of the structure between coordinates and interior.
-   subroutine find_blocks(parts, structure, coordinates, interior)
-      class(blocks_t), intent(inout) :: parts
-      type(structure_t), intent(in) :: structure
-      type(coordinates_t), intent(in) :: coordinates
-      integer, intent(in) :: interior(:)
-
-      if (coordinates%are_dofs) then
-         call find_in(structure)
-      else
-         call find_in(coordinates%structure_in(structure))
-      end if
-
-   contains
-
-      subroutine find_in(turned)
-         type(structure_t), intent(in) :: turned
-
-         associate (places => coordinates%places)
-            call new_structure_block(parts%ll, turned, places, places)
-            call new_structure_block(parts%lr, turned, places, interior)
-            call new_structure_block(parts%rl, turned, interior, places)
-            call new_structure_block(parts%rr, turned, interior, interior)
-         end associate
-      end subroutine find_in
-   end subroutine find_blocks
 
    !> Condenses anew at other frequencies, with what was found once for all; only for a stiffness with slopes. Fails as
    !> `new_dynamic_stiffness` does.
@@ -202,15 +145,15 @@ contains
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics), of any sign
       real(wp), intent(in) :: drives(:)                               !! [rad**2/s**2], (n_harmonics)
       type(error_t), allocatable, intent(out) :: error
-      type(parts_t), allocatable :: parts
+      type(condensation_t), allocatable :: condensation
 
-      if (.not. allocated(self%parts)) then
+      if (.not. allocated(self%condensation)) then
          call fail(error, "dynamic stiffness: made without slopes, it cannot move to other frequencies")
          return
       end if
-      call move_alloc(self%parts, parts)
-      call condense(self, parts, frequencies, drives, error)
-      call move_alloc(parts, self%parts)
+      call move_alloc(self%condensation, condensation)
+      call condense(self, condensation, frequencies, drives, error)
+      call move_alloc(condensation, self%condensation)
    end subroutine dynamic_stiffness_move
 
    !> Moves all that is here to another object; nothing is left.
@@ -234,7 +177,7 @@ contains
       call move_alloc(self%transfer, to%transfer)
       to%held_motion = self%held_motion
       call move_alloc(self%motion_slope, to%motion_slope)
-      call move_alloc(self%parts, to%parts)
+      call move_alloc(self%condensation, to%condensation)
    end subroutine dynamic_stiffness_hand_over
 
    !> Takes the loads of some harmonics from a stiffness of these alone, of the same structure, coordinates and frequencies; both
@@ -265,239 +208,37 @@ contains
    end function dynamic_stiffness_restricted_to
 
    !> Condenses each harmonic, with slopes if there is room for them.
-   subroutine condense(self, parts, frequencies, drives, error)
+   subroutine condense(self, condensation, frequencies, drives, error)
       class(dynamic_stiffness_t), intent(inout) :: self
-      type(parts_t), intent(inout) :: parts
+      type(condensation_t), intent(inout) :: condensation
       real(wp), intent(in) :: frequencies(:), drives(:)
       type(error_t), allocatable, intent(out) :: error
+      integer :: h, k
+      logical :: is_singular
 
-      call parts%solver%begin()
-      call condense_all(self, parts, frequencies, drives, error)
-      call parts%solver%end()
-   end subroutine condense
-
-   !> Condenses each harmonic with a solver that has begun.
-   subroutine condense_all(self, parts, frequencies, drives, error)
-      class(dynamic_stiffness_t), intent(inout) :: self
-      type(parts_t), intent(inout) :: parts
-      real(wp), intent(in) :: frequencies(:), drives(:)
-      type(error_t), allocatable, intent(out) :: error
-      complex(wp), parameter :: one = (1.0_wp, 0.0_wp)
-      real(wp), parameter :: mostly = 0.5_wp                          ! of the places of a matrix that hold an entry
-      complex(wp), allocatable :: of_lr(:, :), s_ll(:), s_rl(:)
-      real(wp), allocatable :: magnitude(:)
-      real(wp) :: reciprocal_condition
-      integer :: e, h, k, n_interior, n_law
-      logical :: is_full
-
-      n_law = self%n_law
-      n_interior = size(self%interior)
-      associate (ll => parts%ll, lr => parts%lr, rl => parts%rl, solver => parts%solver)
-         is_full = n_law > 1 .and. .not. self%pattern%is_banded .and. lr%n_entries > mostly*n_law*n_interior
-         if (is_full) allocate (of_lr(n_law, n_interior), source=(0.0_wp, 0.0_wp))
-         allocate (s_ll(ll%n_entries), s_rl(rl%n_entries), magnitude(ll%n_entries))
-         if (.not. allocated(parts%s_lr)) allocate (parts%s_lr(lr%n_entries))
-         if (allocated(self%condensed_slope) .and. .not. allocated(parts%load_slope)) allocate (parts%load_slope(self%n_dofs))
-         do h = 1, self%n_harmonics
-            call rl%evaluate(frequencies(h), drives(h), s_rl)
-            solver%rhs(:, :n_law) = (0.0_wp, 0.0_wp)
-            do e = 1, rl%n_entries
-               solver%rhs(rl%row(e), rl%column(e)) = s_rl(e)
-            end do
-            k = findloc(parts%loads%harmonics, h, dim=1)
-            solver%rhs(:, n_law + 1) = (0.0_wp, 0.0_wp)
-            if (k > 0) solver%rhs(:, n_law + 1) = parts%loads%values(self%interior, k)
-            call solver%solve(frequencies(h), drives(h), reciprocal_condition)
-            if (reciprocal_condition < max(lowest_condition, real(n_interior, wp)*epsilon(1.0_wp))) then
-               call fail(error, trim(singular_text(h, frequencies(h), n_law > 0)))
-               return
-            end if
-
-            parts%transfer = solver%rhs(:, :n_law)
-            parts%held_motion = solver%rhs(:, n_law + 1)
-            if (allocated(self%transfer)) self%transfer(:, :, h) = parts%transfer
-            if (k > 0) self%held_motion%values(:, k) = parts%held_motion
-            associate (condensed => self%condensed(:, :, h), load => self%load(:, h), held_motion => parts%held_motion, &
-                       transfer => parts%transfer, s_lr => parts%s_lr)
-               call ll%evaluate(frequencies(h), drives(h), s_ll)
-               call ll%magnitude(frequencies(h), magnitude)
-               condensed = (0.0_wp, 0.0_wp)
-               self%magnitude(:, h) = 0.0_wp
-               do e = 1, ll%n_entries
-                  condensed(self%pattern%shift(ll%column(e)) + ll%row(e), ll%column(e)) = s_ll(e)
-                  if (ll%row(e) == ll%column(e)) self%magnitude(ll%row(e), h) = magnitude(e)
-               end do
-               load = (0.0_wp, 0.0_wp)
-               if (k > 0) load = parts%loads%values(self%coordinates%places, k)
-               call lr%evaluate(frequencies(h), drives(h), s_lr)
-               if (is_full) then
-                  do e = 1, lr%n_entries
-                     of_lr(lr%row(e), lr%column(e)) = s_lr(e)
-                  end do
-                  call zgemm("N", "N", n_law, n_law, n_interior, -one, of_lr, n_law, transfer, n_interior, one, condensed, n_law)
-               end if
-               do e = 1, lr%n_entries
-                  if (.not. is_full) call subtract_row(self%pattern, condensed, lr%row(e), s_lr(e), transfer(lr%column(e), :))
-                  load(lr%row(e)) = load(lr%row(e)) - s_lr(e)*held_motion(lr%column(e))
-               end do
-            end associate
-            if (allocated(self%condensed_slope)) then
-               call find_slopes(self, h, frequencies(h), parts, .false., self%condensed_slope(:, :, h), self%load_slope(:, h))
-               if (allocated(self%motion_slope)) self%motion_slope(:, :, 1, h) = solver%rhs(:, :n_law + 1)
-               call find_slopes(self, h, frequencies(h), parts, .true., self%condensed_drive_slope(:, :, h), &
-                                self%load_drive_slope(:, h))
-               if (allocated(self%motion_slope)) self%motion_slope(:, :, 2, h) = solver%rhs(:, :n_law + 1)
-            end if
-         end do
-      end associate
-   end subroutine condense_all
-
-   !> Derivatives of S_c and P_c of harmonic h by the frequency, or by a value that the structure depends on too, or by the drive,
-   !> from its T and y and with the factors that gave these.
-   subroutine find_slopes(self, h, frequency, parts, by_drive, condensed, load)
-      class(dynamic_stiffness_t), intent(in) :: self
-      integer, intent(in) :: h
-      real(wp), intent(in) :: frequency                               !! [rad/s]
-      type(parts_t), intent(inout) :: parts                           !! after `solve` of harmonic h
-      logical, intent(in) :: by_drive
-      complex(wp), intent(out) :: condensed(:, :), load(:)
-      integer :: e, k, n
-
-      n = self%n_law
-      k = 0
-      if (.not. by_drive) k = findloc(parts%load_slopes%harmonics, h, dim=1)
-      parts%load_slope = (0.0_wp, 0.0_wp)
-      if (k > 0) parts%load_slope = parts%load_slopes%values(:, k)
-      associate (solver => parts%solver, s_lr => parts%s_lr, lr => parts%lr)
-         ! dT = S_rr^-1 (dS_rl - dS_rr T), dy = S_rr^-1 (dP_r - dS_rr y)
-         ! dS_c = dS_ll - dS_lr T - S_lr dT, dP_c = dP_l - dS_lr y - S_lr dy
-         solver%rhs = (0.0_wp, 0.0_wp)
-         solver%rhs(:, n + 1) = parts%load_slope(self%interior)
-         condensed = (0.0_wp, 0.0_wp)
-         load = parts%load_slope(self%coordinates%places)
-         call add(parts, .false.)
-         if (allocated(parts%change) .and. .not. by_drive) call add(parts%change, .true.)
-         call solver%solve_again()
-         do e = 1, lr%n_entries
-            call subtract_row(self%pattern, condensed, lr%row(e), s_lr(e), solver%rhs(lr%column(e), :n))
-            load(lr%row(e)) = load(lr%row(e)) - s_lr(e)*solver%rhs(lr%column(e), n + 1)
-         end do
-      end associate
-
-   contains
-
-      !> What some blocks add but for S_lr dT and S_lr dy.
-      subroutine add(blocks, are_of_change)
-         class(blocks_t), intent(in) :: blocks
-         logical, intent(in) :: are_of_change
-         complex(wp), allocatable :: slope(:)
-
-         associate (rhs => parts%solver%rhs, transfer => parts%transfer, held_motion => parts%held_motion, &
-                    rl => blocks%rl, rr => blocks%rr, ll => blocks%ll, lr => blocks%lr, shift => self%pattern%shift)
-            slope = slopes_of(rl, are_of_change)
-            do e = 1, rl%n_entries
-               rhs(rl%row(e), rl%column(e)) = rhs(rl%row(e), rl%column(e)) + slope(e)
-            end do
-            slope = slopes_of(rr, are_of_change)
-            do e = 1, rr%n_entries
-               rhs(rr%row(e), :n) = rhs(rr%row(e), :n) - slope(e)*transfer(rr%column(e), :)
-               rhs(rr%row(e), n + 1) = rhs(rr%row(e), n + 1) - slope(e)*held_motion(rr%column(e))
-            end do
-            slope = slopes_of(ll, are_of_change)
-            do e = 1, ll%n_entries
-               k = shift(ll%column(e)) + ll%row(e)
-               condensed(k, ll%column(e)) = condensed(k, ll%column(e)) + slope(e)
-            end do
-            slope = slopes_of(lr, are_of_change)
-            do e = 1, lr%n_entries
-               call subtract_row(self%pattern, condensed, lr%row(e), slope(e), transfer(lr%column(e), :))
-               load(lr%row(e)) = load(lr%row(e)) - slope(e)*held_motion(lr%column(e))
-            end do
-         end associate
-      end subroutine add
-
-      function slopes_of(block, is_of_change) result(slope)
-         type(structure_block_t), intent(in) :: block
-         logical, intent(in) :: is_of_change
-         complex(wp) :: slope(block%n_entries)
-
-         if (is_of_change) then
-            call block%evaluate(frequency, 0.0_wp, slope)
-         else if (by_drive) then
-            call block%drive_slope(slope)
-         else
-            call block%slope(frequency, slope)
-            if (allocated(parts%rates)) slope = parts%rates(h)*slope
+      call condensation%solver%begin()
+      do h = 1, self%n_harmonics
+         call condensation%condense(h, frequencies(h), drives(h), self%condensed(:, :, h), self%load(:, h), &
+                                    self%magnitude(:, h), is_singular)
+         if (is_singular) then
+            call fail(error, trim(singular_text(h, frequencies(h), self%n_law > 0)))
+            exit
          end if
-      end function slopes_of
-   end subroutine find_slopes
-
-   !> Subtracts factor*values from row i of a block; outside of its pattern the values are zero.
-   pure subroutine subtract_row(pattern, block, i, factor, values)
-      type(block_pattern_t), intent(in) :: pattern
-      complex(wp), intent(inout) :: block(:, :)                       !! (n_rows, n)
-      integer, intent(in) :: i
-      complex(wp), intent(in) :: factor, values(:)                    !! (n)
-      integer :: k
-
-      do k = pattern%first(i), pattern%last(i)
-         block(pattern%shift(k) + i, k) = block(pattern%shift(k) + i, k) - factor*values(k)
+         if (allocated(self%transfer)) self%transfer(:, :, h) = condensation%transfer
+         k = findloc(self%held_motion%harmonics, h, dim=1)
+         if (k > 0) self%held_motion%values(:, k) = condensation%held_motion
+         if (allocated(self%condensed_slope)) then
+            call condensation%find_slopes(h, frequencies(h), .false., self%condensed_slope(:, :, h), self%load_slope(:, h))
+            if (allocated(self%motion_slope)) self%motion_slope(:, :, 1, h) = condensation%solver%rhs(:, :self%n_law + 1)
+         end if
+         if (allocated(self%condensed_drive_slope)) then
+            call condensation%find_slopes(h, frequencies(h), .true., self%condensed_drive_slope(:, :, h), &
+                                          self%load_drive_slope(:, h))
+            if (allocated(self%motion_slope)) self%motion_slope(:, :, 2, h) = condensation%solver%rhs(:, :self%n_law + 1)
+         end if
       end do
-   end subroutine subtract_row
-
-   !> Largest distance between two coordinates, by their numbers, that the condensed stiffness couples.
-   integer function condensed_half_bandwidth(structure, coordinates) result(half_bandwidth)
-      type(structure_t), intent(in) :: structure
-      type(coordinates_t), intent(in) :: coordinates
-      type(blocks_t) :: blocks
-      integer, allocatable :: interior(:)
-
-      interior = all_but(coordinates%places, structure%n_dofs)
-      call find_blocks(blocks, structure, coordinates, interior)
-      half_bandwidth = half_bandwidth_of(blocks, size(interior))
-   end function condensed_half_bandwidth
-
-   !> Largest distance between two law dofs that S_c couples: directly, or through interior dofs that hang together.
-   pure integer function half_bandwidth_of(blocks, n_interior) result(half_bandwidth)
-      class(blocks_t), intent(in) :: blocks
-      integer, intent(in) :: n_interior
-      integer, allocatable :: lowest(:), highest(:), part(:)
-      integer :: a, b, e, i
-
-      associate (ll => blocks%ll, lr => blocks%lr, rl => blocks%rl, rr => blocks%rr)
-         half_bandwidth = max(0, maxval(abs(ll%row - ll%column)))
-         part = [(i, i=1, n_interior)]                          ! each dof points to one of its part, the first to itself
-         do e = 1, rr%n_entries
-            a = first_of(part, rr%row(e))
-            b = first_of(part, rr%column(e))
-            part(max(a, b)) = min(a, b)
-         end do
-         allocate (lowest(n_interior), source=huge(1))
-         allocate (highest(n_interior), source=0)
-         do e = 1, lr%n_entries
-            a = first_of(part, lr%column(e))
-            lowest(a) = min(lowest(a), lr%row(e))
-            highest(a) = max(highest(a), lr%row(e))
-         end do
-         do e = 1, rl%n_entries
-            a = first_of(part, rl%row(e))
-            lowest(a) = min(lowest(a), rl%column(e))
-            highest(a) = max(highest(a), rl%column(e))
-         end do
-         do i = 1, n_interior
-            if (highest(i) > 0) half_bandwidth = max(half_bandwidth, highest(i) - lowest(i))
-         end do
-      end associate
-   end function half_bandwidth_of
-
-   pure integer function first_of(part, member)
-      integer, intent(in) :: part(:), member
-
-      first_of = member
-      do while (part(first_of) /= first_of)
-         first_of = part(first_of)
-      end do
-   end function first_of
+      call condensation%solver%end()
+   end subroutine condense
 
    !> Gives all degrees of freedom from the coordinates, x_r = y - T x_l.
    pure subroutine dynamic_stiffness_recover(self, law_coefficients, coefficients)
@@ -688,16 +429,4 @@ contains
          text = trim(text)//" the structure"//held//" is free to move as a rigid body; add a support or stiffness"
       end if
    end function singular_text
-
-   !> Numbers 1 to n that do not occur in `chosen`, ascending.
-   pure function all_but(chosen, n) result(others)
-      integer, intent(in) :: chosen(:), n
-      integer, allocatable :: others(:)
-      logical :: is_other(n)
-      integer :: i
-
-      is_other = .true.
-      is_other(chosen) = .false.
-      others = pack([(i, i=1, n)], is_other)
-   end function all_but
 end module hb_dynamic_stiffness

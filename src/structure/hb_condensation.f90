@@ -1,0 +1,325 @@
+!> Block elimination of the interior from the dynamic stiffness of one harmonic, and what it changes by.
+!>
+!> Symbols and equations: hb_dynamic_stiffness. A condensation holds what does not change with the frequency, and the results for
+!> the harmonic that it was called for last.
+module hb_condensation
+   use hb_amplitudes, only: amplitudes_t, new_amplitudes
+   use hb_block_pattern, only: block_pattern_t, new_block_pattern
+   use hb_block_solver, only: block_solver_t, new_block_solver
+   use hb_coordinates, only: coordinates_t
+   use hb_kinds, only: wp
+   use hb_lapack, only: zgemm
+   use hb_structure, only: structure_t
+   use hb_structure_block, only: new_structure_block, structure_block_t
+   implicit none
+   private
+   public :: condensation_t, condensed_half_bandwidth, new_condensation
+
+   !> Below this reciprocal condition, or n_interior*epsilon if that is more, the interior counts as singular:
+   !> what rounding leaves of a singular matrix is of that size.
+   real(wp), parameter :: lowest_condition = 1.0e-14_wp
+
+   !> Entries of a structure between coordinates and interior.
+   type :: blocks_t
+      type(structure_block_t) :: ll, lr, rl, rr
+   end type blocks_t
+
+   type, extends(blocks_t) :: condensation_t
+      integer, allocatable :: places(:), interior(:)         !! degrees of freedom of coordinates and of the interior
+      type(block_pattern_t) :: pattern                       !! of S_c
+      type(amplitudes_t) :: loads                            !! [N]
+      type(amplitudes_t) :: load_slopes                      !! dP/dw [N s]
+      type(blocks_t), allocatable :: change                  !! of the structure by a value; slopes are by it
+      real(wp), allocatable :: rates(:)                      !! of the frequencies by that value
+      type(block_solver_t) :: solver                         !! of rr
+      complex(wp), allocatable :: held_motion(:)             !! y of the last harmonic
+      complex(wp), allocatable :: transfer(:, :)             !! T of the last harmonic
+      ! entries of the last harmonic, the full S_lr where products of matrices are faster, room for slopes of loads
+      complex(wp), allocatable, private :: s_ll(:), s_rl(:), s_lr(:), full_lr(:, :), load_slope(:)
+      real(wp), allocatable, private :: magnitude(:)
+   contains
+      procedure :: condense => condensation_condense
+      procedure :: find_slopes => condensation_find_slopes
+   end type condensation_t
+
+contains
+
+   !> Condensation of `structure` to coordinates; loads may be slopes.
+   subroutine new_condensation(self, structure, coordinates, loads, highest_frequency, load_slopes, change)
+      type(condensation_t), intent(out) :: self
+      type(structure_t), intent(in) :: structure
+      type(coordinates_t), intent(in) :: coordinates
+      type(amplitudes_t), intent(in) :: loads                         !! [N]
+      real(wp), intent(in) :: highest_frequency                       !! [rad/s], only sets the scaling
+      type(amplitudes_t), intent(in) :: load_slopes                   !! dP/dw [N s]; of no degree of freedom: zero
+      type(structure_t), allocatable, intent(in) :: change            !! derivative of the structure by a value
+      real(wp), parameter :: mostly = 0.5_wp                          ! of the places of a matrix that hold an entry
+      integer :: half_bandwidth, n_interior
+
+      self%places = coordinates%places
+      self%interior = all_but(coordinates%places, structure%n_dofs)
+      n_interior = size(self%interior)
+      self%loads = loads
+      self%loads%values = coordinates%forces_in(loads%values)
+      call new_amplitudes(self%load_slopes, structure%n_dofs, loads%n_harmonics)
+      if (load_slopes%n_dofs > 0) then
+         self%load_slopes = load_slopes
+         self%load_slopes%values = coordinates%forces_in(load_slopes%values)
+      end if
+      call find_blocks(self, structure, coordinates, self%interior)
+      half_bandwidth = half_bandwidth_of(self, n_interior)
+      if (allocated(change)) then
+         allocate (self%change)
+         call find_blocks(self%change, change, coordinates, self%interior)
+         half_bandwidth = max(half_bandwidth, half_bandwidth_of(self%change, n_interior))
+      end if
+      call new_block_pattern(self%pattern, coordinates%n, half_bandwidth)
+      call new_block_solver(self%solver, self%rr, n_interior, coordinates%n + 1, highest_frequency)
+      allocate (self%s_ll(self%ll%n_entries), self%s_rl(self%rl%n_entries), self%s_lr(self%lr%n_entries))
+      allocate (self%magnitude(self%ll%n_entries))
+      if (coordinates%n > 1 .and. .not. self%pattern%is_banded .and. self%lr%n_entries > mostly*coordinates%n*n_interior) &
+         allocate (self%full_lr(coordinates%n, n_interior), source=(0.0_wp, 0.0_wp))
+   end subroutine new_condensation
+
+   !> Finds S_c and P_c of harmonic h, and keeps its T and y; `solver` has begun.
+   subroutine condensation_condense(self, h, frequency, drive, condensed, load, magnitude, is_singular)
+      class(condensation_t), intent(inout) :: self
+      integer, intent(in) :: h
+      real(wp), intent(in) :: frequency                               !! [rad/s]
+      real(wp), intent(in) :: drive                                   !! [rad**2/s**2]
+      complex(wp), intent(out), contiguous :: condensed(:, :), load(:)
+      real(wp), intent(out) :: magnitude(:)                           !! diagonal of S_ll [N/m] before anything cancels
+      logical, intent(out) :: is_singular
+      complex(wp), parameter :: one = (1.0_wp, 0.0_wp)
+      real(wp) :: reciprocal_condition
+      integer :: e, k, n_interior, n_law
+
+      n_law = size(self%places)
+      n_interior = size(self%interior)
+      associate (ll => self%ll, lr => self%lr, rl => self%rl, solver => self%solver, s_lr => self%s_lr)
+         call rl%evaluate(frequency, drive, self%s_rl)
+         solver%rhs(:, :n_law) = (0.0_wp, 0.0_wp)
+         do e = 1, rl%n_entries
+            solver%rhs(rl%row(e), rl%column(e)) = self%s_rl(e)
+         end do
+         k = findloc(self%loads%harmonics, h, dim=1)
+         solver%rhs(:, n_law + 1) = (0.0_wp, 0.0_wp)
+         if (k > 0) solver%rhs(:, n_law + 1) = self%loads%values(self%interior, k)
+         call solver%solve(frequency, drive, reciprocal_condition)
+         is_singular = reciprocal_condition < max(lowest_condition, real(n_interior, wp)*epsilon(1.0_wp))
+         if (is_singular) return
+
+         self%transfer = solver%rhs(:, :n_law)
+         self%held_motion = solver%rhs(:, n_law + 1)
+         call ll%evaluate(frequency, drive, self%s_ll)
+         call ll%magnitude(frequency, self%magnitude)
+         condensed = (0.0_wp, 0.0_wp)
+         magnitude = 0.0_wp
+         do e = 1, ll%n_entries
+            condensed(self%pattern%shift(ll%column(e)) + ll%row(e), ll%column(e)) = self%s_ll(e)
+            if (ll%row(e) == ll%column(e)) magnitude(ll%row(e)) = self%magnitude(e)
+         end do
+         load = (0.0_wp, 0.0_wp)
+         if (k > 0) load = self%loads%values(self%places, k)
+         call lr%evaluate(frequency, drive, s_lr)
+         if (allocated(self%full_lr)) then
+            do e = 1, lr%n_entries
+               self%full_lr(lr%row(e), lr%column(e)) = s_lr(e)
+            end do
+            call zgemm("N", "N", n_law, n_law, n_interior, -one, self%full_lr, n_law, self%transfer, n_interior, one, &
+                       condensed, n_law)
+         end if
+         do e = 1, lr%n_entries
+            if (.not. allocated(self%full_lr)) &
+               call subtract_row(self%pattern, condensed, lr%row(e), s_lr(e), self%transfer(lr%column(e), :))
+            load(lr%row(e)) = load(lr%row(e)) - s_lr(e)*self%held_motion(lr%column(e))
+         end do
+      end associate
+   end subroutine condensation_condense
+
+   !> Entries of the structure between coordinates and interior.
+   subroutine find_blocks(blocks, structure, coordinates, interior)
+      class(blocks_t), intent(inout) :: blocks
+      type(structure_t), intent(in) :: structure
+      type(coordinates_t), intent(in) :: coordinates
+      integer, intent(in) :: interior(:)
+
+      if (coordinates%are_dofs) then
+         call find_in(structure)
+      else
+         call find_in(coordinates%structure_in(structure))
+      end if
+
+   contains
+
+      subroutine find_in(turned)
+         type(structure_t), intent(in) :: turned
+
+         associate (places => coordinates%places)
+            call new_structure_block(blocks%ll, turned, places, places)
+            call new_structure_block(blocks%lr, turned, places, interior)
+            call new_structure_block(blocks%rl, turned, interior, places)
+            call new_structure_block(blocks%rr, turned, interior, interior)
+         end associate
+      end subroutine find_in
+   end subroutine find_blocks
+
+   !> Derivatives of S_c and P_c of harmonic h by the frequency, or by a value that the structure depends on too, or by the drive,
+   !> from its T and y and with the factors that gave these; those of T and y, (n_interior, n_law + 1), stay in `solver%rhs`.
+   subroutine condensation_find_slopes(self, h, frequency, by_drive, condensed, load)
+      class(condensation_t), intent(inout) :: self                    !! after `condense` of harmonic h
+      integer, intent(in) :: h
+      real(wp), intent(in) :: frequency                               !! [rad/s]
+      logical, intent(in) :: by_drive
+      complex(wp), intent(out) :: condensed(:, :), load(:)
+      integer :: e, k, n
+
+      n = size(self%places)
+      k = 0
+      if (.not. by_drive) k = findloc(self%load_slopes%harmonics, h, dim=1)
+      if (.not. allocated(self%load_slope)) allocate (self%load_slope(self%load_slopes%n_dofs))
+      self%load_slope = (0.0_wp, 0.0_wp)
+      if (k > 0) self%load_slope = self%load_slopes%values(:, k)
+      associate (solver => self%solver, s_lr => self%s_lr, lr => self%lr)
+         ! dT = S_rr^-1 (dS_rl - dS_rr T), dy = S_rr^-1 (dP_r - dS_rr y)
+         ! dS_c = dS_ll - dS_lr T - S_lr dT, dP_c = dP_l - dS_lr y - S_lr dy
+         solver%rhs = (0.0_wp, 0.0_wp)
+         solver%rhs(:, n + 1) = self%load_slope(self%interior)
+         condensed = (0.0_wp, 0.0_wp)
+         load = self%load_slope(self%places)
+         call add(self, .false.)
+         if (allocated(self%change) .and. .not. by_drive) call add(self%change, .true.)
+         call solver%solve_again()
+         do e = 1, lr%n_entries
+            call subtract_row(self%pattern, condensed, lr%row(e), s_lr(e), solver%rhs(lr%column(e), :n))
+            load(lr%row(e)) = load(lr%row(e)) - s_lr(e)*solver%rhs(lr%column(e), n + 1)
+         end do
+      end associate
+
+   contains
+
+      !> What some blocks add but for S_lr dT and S_lr dy.
+      subroutine add(blocks, are_of_change)
+         class(blocks_t), intent(in) :: blocks
+         logical, intent(in) :: are_of_change
+         complex(wp), allocatable :: slope(:)
+
+         associate (rhs => self%solver%rhs, transfer => self%transfer, held_motion => self%held_motion, &
+                    rl => blocks%rl, rr => blocks%rr, ll => blocks%ll, lr => blocks%lr, shift => self%pattern%shift)
+            slope = slopes_of(rl, are_of_change)
+            do e = 1, rl%n_entries
+               rhs(rl%row(e), rl%column(e)) = rhs(rl%row(e), rl%column(e)) + slope(e)
+            end do
+            slope = slopes_of(rr, are_of_change)
+            do e = 1, rr%n_entries
+               rhs(rr%row(e), :n) = rhs(rr%row(e), :n) - slope(e)*transfer(rr%column(e), :)
+               rhs(rr%row(e), n + 1) = rhs(rr%row(e), n + 1) - slope(e)*held_motion(rr%column(e))
+            end do
+            slope = slopes_of(ll, are_of_change)
+            do e = 1, ll%n_entries
+               k = shift(ll%column(e)) + ll%row(e)
+               condensed(k, ll%column(e)) = condensed(k, ll%column(e)) + slope(e)
+            end do
+            slope = slopes_of(lr, are_of_change)
+            do e = 1, lr%n_entries
+               call subtract_row(self%pattern, condensed, lr%row(e), slope(e), transfer(lr%column(e), :))
+               load(lr%row(e)) = load(lr%row(e)) - slope(e)*held_motion(lr%column(e))
+            end do
+         end associate
+      end subroutine add
+
+      function slopes_of(block, is_of_change) result(slope)
+         type(structure_block_t), intent(in) :: block
+         logical, intent(in) :: is_of_change
+         complex(wp) :: slope(block%n_entries)
+
+         if (is_of_change) then
+            call block%evaluate(frequency, 0.0_wp, slope)
+         else if (by_drive) then
+            call block%drive_slope(slope)
+         else
+            call block%slope(frequency, slope)
+            if (allocated(self%rates)) slope = self%rates(h)*slope
+         end if
+      end function slopes_of
+   end subroutine condensation_find_slopes
+
+   !> Subtracts factor*values from row i of a block; outside of its pattern the values are zero.
+   pure subroutine subtract_row(pattern, block, i, factor, values)
+      type(block_pattern_t), intent(in) :: pattern
+      complex(wp), intent(inout) :: block(:, :)                       !! (n_rows, n)
+      integer, intent(in) :: i
+      complex(wp), intent(in) :: factor, values(:)                    !! (n)
+      integer :: k
+
+      do k = pattern%first(i), pattern%last(i)
+         block(pattern%shift(k) + i, k) = block(pattern%shift(k) + i, k) - factor*values(k)
+      end do
+   end subroutine subtract_row
+
+   !> Largest distance between two coordinates, by their numbers, that the condensed stiffness couples.
+   integer function condensed_half_bandwidth(structure, coordinates) result(half_bandwidth)
+      type(structure_t), intent(in) :: structure
+      type(coordinates_t), intent(in) :: coordinates
+      type(blocks_t) :: blocks
+      integer, allocatable :: interior(:)
+
+      interior = all_but(coordinates%places, structure%n_dofs)
+      call find_blocks(blocks, structure, coordinates, interior)
+      half_bandwidth = half_bandwidth_of(blocks, size(interior))
+   end function condensed_half_bandwidth
+
+   !> Largest distance between two law dofs that S_c couples: directly, or through interior dofs that hang together.
+   pure integer function half_bandwidth_of(blocks, n_interior) result(half_bandwidth)
+      class(blocks_t), intent(in) :: blocks
+      integer, intent(in) :: n_interior
+      integer, allocatable :: lowest(:), highest(:), part(:)
+      integer :: a, b, e, i
+
+      associate (ll => blocks%ll, lr => blocks%lr, rl => blocks%rl, rr => blocks%rr)
+         half_bandwidth = max(0, maxval(abs(ll%row - ll%column)))
+         part = [(i, i=1, n_interior)]                          ! each dof points to one of its part, the first to itself
+         do e = 1, rr%n_entries
+            a = first_of(part, rr%row(e))
+            b = first_of(part, rr%column(e))
+            part(max(a, b)) = min(a, b)
+         end do
+         allocate (lowest(n_interior), source=huge(1))
+         allocate (highest(n_interior), source=0)
+         do e = 1, lr%n_entries
+            a = first_of(part, lr%column(e))
+            lowest(a) = min(lowest(a), lr%row(e))
+            highest(a) = max(highest(a), lr%row(e))
+         end do
+         do e = 1, rl%n_entries
+            a = first_of(part, rl%row(e))
+            lowest(a) = min(lowest(a), rl%column(e))
+            highest(a) = max(highest(a), rl%column(e))
+         end do
+         do i = 1, n_interior
+            if (highest(i) > 0) half_bandwidth = max(half_bandwidth, highest(i) - lowest(i))
+         end do
+      end associate
+   end function half_bandwidth_of
+
+   pure integer function first_of(part, member)
+      integer, intent(in) :: part(:), member
+
+      first_of = member
+      do while (part(first_of) /= first_of)
+         first_of = part(first_of)
+      end do
+   end function first_of
+
+   !> Numbers 1 to n that do not occur in `chosen`, ascending.
+   pure function all_but(chosen, n) result(others)
+      integer, intent(in) :: chosen(:), n
+      integer, allocatable :: others(:)
+      logical :: is_other(n)
+      integer :: i
+
+      is_other = .true.
+      is_other(chosen) = .false.
+      others = pack([(i, i=1, n)], is_other)
+   end function all_but
+end module hb_condensation
