@@ -12,7 +12,7 @@ module hb_law_jenkins
    use hb_text, only: string_t
    implicit none
    private
-   public :: jenkins_t
+   public :: jenkins_t, read_limit, read_normal
 
    type, extends(hysteretic_law_t) :: jenkins_t
       real(wp) :: stiffness = 0.0_wp                                  !! k [N/m]
@@ -37,19 +37,26 @@ contains
       class(jenkins_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      type(string_t), allocatable :: names(:)
-      real(wp), allocatable :: weights(:)
 
-      call group%get("stiffness", self%stiffness)
       self%n_states = 1
       self%has_bounds = .true.
-      self%normal_load_varies = group%given("friction_coefficient")
+      call read_limit(self, group)
       self%is_piecewise_linear = .not. self%normal_load_varies
+      call read_place(self, group, structure)
+      call read_normal(self, group, structure)
+   end subroutine jenkins_read
+
+   !> Reads the stiffness and the limit, or what it follows from where the normal load varies.
+   subroutine read_limit(self, group)
+      class(jenkins_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+
+      call group%get("stiffness", self%stiffness)
+      self%normal_load_varies = group%given("friction_coefficient")
       self%is_odd = .not. self%normal_load_varies                     ! a load pushes to one side
       if (.not. self%normal_load_varies) then
          call group%get("limit", self%limit)
          if (self%stiffness > 0.0_wp) self%length_scale = self%limit/self%stiffness    ! not so after a problem
-         call read_place(self, group, structure)
          return
       end if
       self%n_switches = 1
@@ -60,12 +67,22 @@ contains
       call group%get("friction_coefficient", self%friction_coefficient)
       call group%get("normal_stiffness", self%normal_stiffness)
       call group%get("preload", self%preload)
-      call read_place(self, group, structure)
+   end subroutine read_limit
+
+   !> Reads the normal coordinate, the last of the law, where the normal load varies.
+   subroutine read_normal(self, group, structure)
+      class(jenkins_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      type(string_t), allocatable :: names(:)
+      real(wp), allocatable :: weights(:)
+
+      if (.not. self%normal_load_varies) return
       call group%get("normal_dofs", names)
       if (.not. allocated(names)) return
       call group%get("normal_weights", weights, n=size(names))
       call place_coordinate(self, group, structure, "normal_dofs", names, weights)
-   end subroutine jenkins_read
+   end subroutine read_normal
 
    subroutine jenkins_advance(self, s_old, path, s_new, ds_ds_old, ds_dpath)
       class(jenkins_t), intent(in) :: self
@@ -105,7 +122,7 @@ contains
       real(wp) :: half_width, w, w_old
       integer :: i
 
-      if (self%normal_load_varies) then
+      if (self%normal_load_varies .or. self%n_states > 1) then
          call advance_step_by_step(self, n_coordinates, n_steps, closing, path, states, largest_move)
          return
       end if
@@ -146,17 +163,22 @@ contains
       real(wp), intent(in), contiguous :: z(:, :), s(:, :)
       real(wp), intent(out), contiguous :: f(:, :)
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_ds(:, :, :)
+      integer :: c
 
-      f(:, 1) = self%stiffness*(z(:, 1) - s(:, 1))
-      if (self%normal_load_varies) f(:, 2) = max(self%preload + self%normal_stiffness*z(:, 2), 0.0_wp)
-      if (.not. (present(df_dz) .and. present(df_ds))) return
-      df_dz = 0.0_wp
-      df_ds = 0.0_wp
-      df_dz(:, 1, 1) = self%stiffness
-      df_ds(:, 1, 1) = -self%stiffness
-      if (self%normal_load_varies) then
-         df_dz(:, 2, 2) = merge(self%normal_stiffness, 0.0_wp, self%preload + self%normal_stiffness*z(:, 2) > 0.0_wp)
-      end if
+      associate (n => self%n_states)                                  ! tangential coordinates; a normal one stands behind them
+         f(:, :n) = self%stiffness*(z(:, :n) - s)
+         if (self%normal_load_varies) f(:, n + 1) = max(self%preload + self%normal_stiffness*z(:, n + 1), 0.0_wp)
+         if (.not. (present(df_dz) .and. present(df_ds))) return
+         df_dz = 0.0_wp
+         df_ds = 0.0_wp
+         do c = 1, n
+            df_dz(:, c, c) = self%stiffness
+            df_ds(:, c, c) = -self%stiffness
+         end do
+         if (self%normal_load_varies) then
+            df_dz(:, n + 1, n + 1) = merge(self%normal_stiffness, 0.0_wp, self%preload + self%normal_stiffness*z(:, n + 1) > 0.0_wp)
+         end if
+      end associate
    end subroutine jenkins_force
 
    pure subroutine jenkins_bounds(self, z, v, lower, upper, lower_rate, upper_rate)
@@ -182,6 +204,6 @@ contains
       real(wp), intent(in) :: z(:), v(:)
       real(wp), intent(out) :: values(:)
 
-      if (self%normal_load_varies) values = self%preload + self%normal_stiffness*z(2)
+      if (self%normal_load_varies) values = self%preload + self%normal_stiffness*z(size(z))
    end subroutine jenkins_switches
 end module hb_law_jenkins

@@ -37,6 +37,8 @@ SECTIONS_BY_PROCEDURE = {
     "read_amplitude": ["load", "start"],
     "read_ties": ["tie"],
     "read_hardness": ["law blade_contact", "law contact_table"],
+    "read_limit": ["law jenkins", "law jenkins_2d"],
+    "read_normal": ["law jenkins", "law jenkins_2d"],
 }
 
 CALL = re.compile(r"\bcall\s+(?!file%)\w+%(?:get|choose)\s*\(\s*([\"'])(\w+)\1", re.IGNORECASE)

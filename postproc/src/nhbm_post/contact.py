@@ -299,7 +299,7 @@ def _sliding(contact: Contact, motion: Motion, t: np.ndarray, place: np.ndarray 
     gap = normal = np.full(z[0].shape, np.nan)
     reach = np.full(z[0].shape, contact.keys.get("limit", 0.0) / k)
     if "friction_coefficient" in contact.keys:
-        normal = contact.keys["preload"] + contact.keys["normal_stiffness"] * motion.coordinate(contact, 1, t)
+        normal = contact.keys["preload"] + contact.keys["normal_stiffness"] * motion.coordinate(contact, len(z), t)
         if contact.keys["normal_stiffness"] > 0:
             gap = -normal / contact.keys["normal_stiffness"]
         normal = np.maximum(normal, 0.0)
