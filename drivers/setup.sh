@@ -13,6 +13,8 @@ hb_packages=(
    python3-numpy python3-h5py python3-matplotlib python3-xarray python3-h5netcdf python3-netcdf4 python3-pytest
    python3-scipy python3-cvxopt python3-meshio calculix-ccx
 )
+# Beside these for long tests: a browser, for pages of results.
+hb_long_packages=(chromium)
 
 hb_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 hb_venv=$hb_root/build/venv

@@ -107,7 +107,8 @@ def test_state_moves_along_the_motion(n_tones):
     t, x = (float(values[0]) for values in drawn(fig, "now").get_data())
     assert (t, x) == (pytest.approx(1.0, abs=0.01), pytest.approx(series.evaluate(t)))
     state = np.ravel(drawn(fig, "state").get_data())
-    assert state == pytest.approx([x, float(series.velocity().evaluate(t))] if n_tones == 1 else np.mod(series.omega * t, 2.0 * np.pi))
+    phases = np.mod(series.omega * t, 2.0 * np.pi)
+    assert state == pytest.approx([x, float(series.velocity().evaluate(t))] if n_tones == 1 else phases)
 
 
 def test_animations_are_written(tmp_path, capsys):

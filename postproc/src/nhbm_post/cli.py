@@ -197,6 +197,16 @@ def _parser() -> argparse.ArgumentParser:
     options.add_output(sub)
 
     sub = command(
+        "report",
+        verbs.report_page,
+        "a page of HTML that holds the whole file",
+        "Writes one page of HTML of 5 MB at most, for which a browser needs no network: curves with stability and events; a click "
+        "on a point shows its spectrum, motion, orbit, moving shape and certificate; input and origin.",
+    )
+    options.add_model(sub)
+    sub.add_argument("--output", "-o", type=Path, metavar="PATH", help="page to write (default: FILE.html)")
+
+    sub = command(
         "orbit",
         verbs.orbit,
         "phase plane or orbit, with the section of a torus",

@@ -31,6 +31,8 @@ _WORDS_OF_UNITS = {"rad": "rotation", "1": "motion", "": "motion"}
 _PARAMETER_TOLERANCE = 1e-6
 # Coefficients this much smaller than the largest of a point are rounding errors.
 _ROUNDING = 1e-14
+# Numbers read at once while the largest is looked for.
+_BLOCK = 2**23
 
 
 @dataclass(frozen=True)
@@ -148,6 +150,7 @@ class Results:
     def __init__(self, path: str | os.PathLike):
         self.path = Path(path)
         self._file = open_file(self.path)
+        self._noise: dict[tuple[str, str], np.ndarray] = {}
         try:
             self._check_schema()
             self.dofs = self._labels("dof")
@@ -203,14 +206,18 @@ class Results:
         return self._text_dataset("input_text")
 
     @property
+    def overrides(self) -> str:
+        """What --set changed, `path=value`, parted by commas."""
+        return ", ".join(self._text_dataset("input_overrides").split("\n")) if "input_overrides" in self._file else ""
+
+    @property
     def input_complete(self) -> str:
         return self._text_dataset("input_complete")
 
     @property
     def in_hertz(self) -> bool:
         """Whether the input gives frequencies in hertz, which pictures then do as well."""
-        told = self.input_text + "\n" + (self._text_dataset("input_overrides") if "input_overrides" in self._file else "")
-        told = re.sub(r"!.*", "", told)
+        told = re.sub(r"!.*", "", f"{self.input_text}\n{self.overrides}")
         return re.search(r"&tones\b[^/&]*?\bhertz\b|\btones%hertz\b", told, re.IGNORECASE) is not None
 
     def frequency_scale(self) -> tuple[float, str]:
@@ -226,10 +233,14 @@ class Results:
 
     def noise(self, point: int, quantity: str = "motion", units: str = "") -> float:
         """What is nothing but rounding in a coefficient of a point: 1e-14 of the largest of that unit."""
-        labels = self.labels(quantity)
-        alike = [i for i, label in enumerate(labels) if self.units(quantity, label) == units]
-        values = np.abs(self._coefficients_dataset(quantity)[point][alike])
-        return _ROUNDING * float(np.nanmax(values, initial=0.0))
+        if (quantity, units) not in self._noise:
+            alike = [i for i, label in enumerate(self.labels(quantity)) if self.units(quantity, label) == units]
+            dataset = self._coefficients_dataset(quantity)
+            step = max(1, _BLOCK // max(1, int(np.prod(dataset.shape[1:]))))
+            blocks = (dataset[first : first + step][:, alike] for first in range(0, self.n_points, step))
+            largest = [np.nanmax(np.abs(block), axis=(1, 2, 3), initial=0.0) for block in blocks]
+            self._noise[quantity, units] = _ROUNDING * np.concatenate(largest)
+        return float(self._noise[quantity, units][point])
 
     @property
     def has_rigid_law(self) -> bool:
@@ -482,8 +493,9 @@ class Results:
         """(point, series) of every solved point; reads the file once."""
         dof = self.default_dof(quantity) if dof is None else dof
         values = self._coefficients_dataset(quantity)[:, self._dof_index(dof, quantity)]
+        frequency, units = np.asarray(self._file["frequency"][()], dtype=float), self.units(quantity, dof)
         for point in self.solved:
-            yield int(point), self._series(int(point), dof, quantity, values[point])
+            yield int(point), self._series(int(point), dof, quantity, values[point], frequency[point], units)
 
     def coefficients(
         self,
@@ -538,7 +550,10 @@ class Results:
 
     # Inside
 
-    def _series(self, point: int, dof: str, quantity: str, values: np.ndarray) -> Series:
+    def _series(
+        self, point: int, dof: str, quantity: str, values: np.ndarray, frequency: np.ndarray | None = None, units: str | None = None
+    ) -> Series:
+        units = self.units(quantity, dof) if units is None else units
         tuples = self.tuples_of(point)
         values = values[: len(tuples)]
         is_in_set = ~np.isnan(values).all(axis=-1)
@@ -555,12 +570,12 @@ class Results:
             )
         return Series(
             tuples[is_in_set],
-            self.frequency(point),
+            self.frequency(point) if frequency is None else frequency,
             values[:, 0],
             values[:, 1],
             QUANTITIES[quantity].symbol.format(dof),
-            self.units(quantity, dof),
-            _WORDS_OF_UNITS.get(self.units(quantity, dof), "displacement") if quantity == "motion" else "",
+            units,
+            _WORDS_OF_UNITS.get(units, "displacement") if quantity == "motion" else "",
         )
 
     def _require_outcome(self, point: int, allow_unconverged: bool) -> None:

@@ -172,10 +172,15 @@ def motions(results: Results, structure: Structure, point: int, allow_unconverge
     return series.tuples, series.frequencies, np.array([zero if row is None else row for row in rows])
 
 
+def harmonic_sizes(coefficients: np.ndarray) -> np.ndarray:
+    """Largest amplitude of each harmonic."""
+    return np.abs(coefficients).max(axis=0)
+
+
 def harmonic_of(tuples, coefficients, j: Sequence[int] | None) -> int:
     """Number of the harmonic of a tuple or its negative, of the largest for none."""
     if j is None:
-        return int(np.argmax(np.abs(coefficients).max(axis=0)))
+        return int(np.argmax(harmonic_sizes(coefficients)))
     j = np.array(j)
     if j.shape == (tuples.shape[1],):
         found = np.flatnonzero((tuples == j).all(axis=1) | (tuples == -j).all(axis=1))
@@ -191,7 +196,7 @@ def write_harmonics(
     """Operating deflection shapes: for each harmonic the displacement with the cosine and with the sine, and their size; the
     harmonics that are wanted, else the largest; and more fields. Returns their tuples."""
     if wanted is None:
-        size = np.abs(coefficients).max(axis=0)
+        size = harmonic_sizes(coefficients)
         chosen = [int(h) for h in np.argsort(-size, kind="stable")[:most] if size[h] > 0]
     else:
         chosen = [harmonic_of(tuples, coefficients, j) for j in wanted]

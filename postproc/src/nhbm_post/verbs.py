@@ -68,6 +68,16 @@ def spectrum(arguments):
     _save(fig, arguments)
 
 
+def report_page(arguments):
+    from .page import write_page
+
+    output = arguments.output or arguments.file.with_suffix(".html")
+    with Results(arguments.file) as results:
+        for note in write_page(results, output, arguments.model):
+            print(note)
+    print(f"wrote {output}")
+
+
 def orbit(arguments):
     from . import draw
 

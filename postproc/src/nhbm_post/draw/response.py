@@ -112,7 +112,7 @@ def draw_response(
     curves, notes, axis = [], [], None
     for name, file in files:
         wanted = max(1, n_curves // len(files))
-        found, its_axis, note = _curves(file, name if len(files) > 1 else "", dof, measure, over, where, wanted, axis)
+        found, its_axis, note = curves_of(file, name if len(files) > 1 else "", dof, measure, over, where, wanted, axis)
         axis = axis or its_axis
         if _axis_key(its_axis) != _axis_key(axis):
             raise UsageError(f"{file.path}: over {its_axis.heading}, but {results.path} over {axis.heading}: say --over")
@@ -174,7 +174,7 @@ def draw_response(
     return fig
 
 
-def _curves(results, name, dof, measure, over, where, n_curves, axis=None) -> tuple[list[Curve], Parameter, list[str]]:
+def curves_of(results, name, dof, measure, over, where, n_curves, axis=None) -> tuple[list[Curve], Parameter, list[str]]:
     """Curves of one file, what their x axis is, and what the picture leaves out."""
     dof = results.default_dof(measure.quantity) if dof is None else dof
     points = np.array(results.select(where) if where else results.used, dtype=int)

@@ -1,0 +1,284 @@
+"""One page of HTML that holds a result file: curves, and for each point its spectrum, motion, orbit, shape and certificate.
+
+The page needs no network and no other file: data as JSON, coefficients as 32-bit floats, drawn by the script in page.html.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from nhbm.guard import written
+
+from .axis_words import axis_words, with_symbol
+from .errors import ReaderError, UsageError
+from .measure import Measure
+from .outcome import SOLVED, sentence
+from .reader import Parameter, Results
+from .structure import harmonic_sizes, has_model, motions, structure_of
+from .text import number_text
+
+LARGEST = 5_000_000  # [bytes] of a page
+_COEFFICIENTS = 300_000  # pairs at most, 3.2 MB in the page
+_LEAST = 1e-6  # harmonics that are smaller everywhere, relative to the largest, are left out
+_N_DOFS = 60
+_N_CURVES = 14
+_N_SHAPES, _N_SHAPE_HARMONICS, _SHAPE_NUMBERS = 12, 5, 120_000
+
+# Row of the certificate: dataset, words, unit.
+_CERTIFICATE = (
+    ("truncation_estimate", "Estimated error by truncation", ""),
+    ("aliasing_estimate", "Estimated error by aliasing", ""),
+    ("residual", "Residual", ""),
+    ("penetration", "Penetration of a rigid wall", "m"),
+    ("impact_estimate", "Energy of the hardest impact", ""),
+    ("combination_frequency", "Smallest combination frequency", "rad/s"),
+    ("n_harmonics", "Harmonics", ""),
+    ("n_unknowns", "Unknowns", ""),
+    ("iterations", "Iterations", ""),
+    ("solve_seconds", "Time", "s"),
+    ("power_in", "Mean power of the loads", "W"),
+    ("power_damping", "Mean loss in the damping", "W"),
+)
+
+_GREEK = {"omega": "ω", "Omega": "Ω", "mu": "µ", "alpha": "α", "beta": "β"}
+_ONLY_IF_ANY = ("penetration", "impact_estimate", "power_damping")
+
+
+def write_page(results: Results, path: Path, model: Path | None = None) -> list[str]:
+    """Writes the page; returns what was left out of it, in words."""
+    data, notes = page_data(results, model)
+    template = files(__package__).joinpath("page.html").read_text(encoding="utf-8")
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    page = template.replace("__TITLE__", _escaped(data["title"])).replace("__DATA__", text)
+    size = len(page.encode())
+    if size > LARGEST:
+        raise UsageError(f"{results.path}: the page would have {size / 1e6:.1f} MB, more than {LARGEST / 1e6:.0f}")
+    try:
+        with written(path) as name:
+            Path(name).write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"cannot write '{path}': {error.strerror or error}") from None
+    return notes
+
+
+def page_data(results: Results, model: Path | None = None) -> tuple[dict, list[str]]:
+    """What the page shows, and what was left out."""
+    points = [int(point) for point in results.used]
+    dofs, tuples, kept, coefficients, notes = _coefficients(results, points)
+    curves, axis, curve_notes = _curves(results, dofs[0], points)
+    factor, hertz = results.frequency_scale()
+    sizes = {dof: Measure().values(results, dof) for dof in dofs}
+    tones = {
+        f"Frequency of tone {m + 1}": Measure("frequency", tone=int(m)).values(results, dofs[0])
+        for m in results.unknown_tones()
+        if axis is None or not axis.path.startswith("tones%")
+    }
+    kinds = results.curve_kind() if results.curve else np.full(results.n_points, "")
+    shapes, shape_notes = _shapes(results, points, model)
+    data = {
+        "title": results.title or results.path.stem,
+        "file": results.path.name,
+        "provenance": _provenance(results),
+        "input": results.input_text,
+        "complete": results.input_complete,
+        "outcome": results.outcome_text(),
+        "notes": [*notes, *curve_notes, *shape_notes],
+        "frequency": {"factor": factor, "units": hertz},
+        "axis": None if axis is None else _axis(results, axis),
+        "curves": curves,
+        "dofs": [
+            {
+                "name": dof,
+                "units": results.units("motion", dof),
+                "what": results.series(_first(results), dof).words,
+                "size": _numbers(sizes[dof][points]),
+            }
+            for dof in dofs
+        ],
+        "tones": [{"name": name, "values": _numbers(values[points])} for name, values in tones.items()],
+        "tuples": tuples.tolist(),
+        "points": [_point(results, point, kinds[point]) for point in points],
+        "kept": kept,
+        "coefficients": base64.b64encode(coefficients.astype("<f4").tobytes()).decode(),
+        "shapes": shapes,
+    }
+    return data, data["notes"]
+
+
+def _axis(results: Results, axis: Parameter) -> dict:
+    label = re.sub(r"[$\\{}]", "", with_symbol(*axis_words(results, axis)))
+    for name, letter in _GREEK.items():
+        label = label.replace(f" {name}", f" {letter}")
+    return {"label": label, "units": axis.units, "words": [] if axis.is_number else list(dict.fromkeys(axis.values))}
+
+
+def _first(results: Results) -> int:
+    if results.solved.size == 0:
+        raise ReaderError(f"{results.path}: no point is solved: {results.outcome_text()}")
+    return int(results.solved[0])
+
+
+def _coefficients(results: Results, points: list[int]):
+    """Degrees of freedom, tuples, row of each point (-1: none) and coefficients (rows, dofs, tuples, 2), NaN where there are
+    none."""
+    _first(results)
+    labels = results.labels()
+    first = [label for label in results.law_dofs if label in labels]
+    dofs = [*first, *(label for label in labels if label not in first)]
+    solved = [point for point in points if results.status[point] in SOLVED]
+    by_tuple = {tuple(int(k) for k in j): i for i, j in enumerate(results.tuples)}
+    largest = np.zeros(len(by_tuple))
+    for dof in dofs[:3]:
+        for _, series in results.all_series(dof):
+            at = [by_tuple[tuple(int(k) for k in j)] for j in series.tuples]
+            whole = series.amplitudes.max(initial=0.0)
+            if whole > results.noise(solved[0], units=series.units):
+                largest[at] = np.maximum(largest[at], series.amplitudes / (whole or 1.0))
+    shown = np.flatnonzero(largest > _LEAST)
+    shown = shown if shown.size else np.arange(1)
+    row_of = np.full(len(by_tuple), -1)
+    row_of[shown] = np.arange(shown.size)
+    notes = []
+    n_dofs = int(np.clip(_COEFFICIENTS // (len(solved) * shown.size), 1, min(_N_DOFS, len(dofs))))
+    if n_dofs < len(dofs):
+        notes.append(f"{n_dofs} of {len(dofs)} degrees of freedom are in this page")
+    most = max(1, _COEFFICIENTS // (n_dofs * shown.size))
+    if most < len(solved):
+        notes.append(f"{most} of {len(solved)} solved points have their motion in this page")
+        solved = [solved[k] for k in np.unique(np.linspace(0, len(solved) - 1, most).round().astype(int))]
+    row = {point: i for i, point in enumerate(solved)}
+    values = np.full((len(solved), n_dofs, shown.size, 2), np.nan, dtype=np.float32)
+    for d, dof in enumerate(dofs[:n_dofs]):
+        for point, series in results.all_series(dof):
+            if point not in row:
+                continue
+            series = series.without_noise(results.noise(point, units=series.units))
+            at = row_of[[by_tuple[tuple(int(k) for k in j)] for j in series.tuples]]
+            values[row[point], d, at[at >= 0], 0] = series.cos[at >= 0]
+            values[row[point], d, at[at >= 0], 1] = series.sin[at >= 0]
+    return dofs[:n_dofs], results.tuples[shown], [row.get(point, -1) for point in points], values, notes
+
+
+def _curves(results: Results, dof: str, points: list[int]) -> tuple[list[dict], Parameter | None, list[str]]:
+    """Points in the order of their curves with places on the x axis, jumps excepted; nothing where nothing is swept."""
+    from .draw.response import curves_of
+
+    try:
+        found, axis, notes = curves_of(results, "", dof, Measure(), None, None, _N_CURVES)
+    except UsageError:
+        return [], None, []
+    row = {point: i for i, point in enumerate(points)}
+    curves = [
+        {
+            "label": curve.label,
+            "points": [row[int(point)] for point in curve.points],
+            "x": _numbers(curve.x),
+            "stable": _known(curve.stability, curve.kind),
+            "breaks": np.flatnonzero(curve.is_jump).tolist(),
+        }
+        for curve in found
+    ]
+    return curves, axis, notes
+
+
+def _known(stability: np.ndarray, kind: np.ndarray) -> list[int]:
+    """Verdicts; where one is not known at what was located, such as a fold, that before it."""
+    verdicts = stability.tolist()
+    for i in range(1, len(verdicts)):
+        if verdicts[i] == 0 and kind.size and kind[i] not in ("regular", "none"):
+            verdicts[i] = verdicts[i - 1]
+    return verdicts
+
+
+def _point(results: Results, point: int, kind: str) -> dict:
+    """What is known of a point beside its motion."""
+    name = results.status_name(point)
+    rows = [[parameter.label, parameter.value_text(parameter.values[point])] for parameter in results.parameters.values()]
+    factor, hertz = results.frequency_scale()
+    if results.status[point] in SOLVED:
+        rows += [[f"Tone {m + 1}", f"{factor * w:.7g} {hertz}"] for m, w in enumerate(results.frequency(point))]
+        for column, text, unit in _CERTIFICATE:
+            value = float(results.per_point(column)[point]) if results.has(column) else np.nan
+            if unit == "rad/s":
+                value, unit = factor * value, hertz
+            if np.isfinite(value) and (value != 0.0 or column not in _ONLY_IF_ANY):
+                rows.append([text, f"{number_text(float(f'{value:.3g}'))} {unit}".rstrip()])
+        if results.has("multiplier_real"):
+            largest = np.abs(results.multipliers()[point])
+            if np.isfinite(largest).any():
+                rows.append(["Largest Floquet multiplier", number_text(float(f"{np.nanmax(largest):.4g}"))])
+    return {
+        "number": point,
+        "status": name,
+        "solved": bool(results.status[point] in SOLVED),
+        "means": sentence(name),
+        "message": results.message(point),
+        "kind": "" if kind in ("regular", "none", "start", "end", "value") else str(kind),
+        "stable": int(results.stability()[point]),
+        "omega": _numbers(results.frequency(point)),
+        "rows": rows,
+    }
+
+
+def _shapes(results: Results, points: list[int], model: Path | None) -> tuple[dict | None, list[str]]:
+    """Edges of a finite element model, and harmonics of its nodes at some points; none where there is no such model at hand."""
+    if model is None and not has_model(results):
+        return None, []
+    from .draw.deflection import surface
+
+    try:
+        structure = structure_of(results, _first(results), model)
+        faces = surface(structure.cells)
+        edges = {tuple(sorted((face[k - 1], face[k]))) for face in faces for k in range(len(face)) if face[k - 1] != face[k]}
+        nodes = sorted({node for edge in edges for node in edge})
+        n = max(1, min(_N_SHAPES, _SHAPE_NUMBERS // (6 * _N_SHAPE_HARMONICS * max(1, len(nodes)))))
+        solved = [point for point in points if results.status[point] in SOLVED]
+        chosen = [solved[k] for k in np.unique(np.linspace(0, len(solved) - 1, min(n, len(solved))).round().astype(int))]
+        shapes = {str(points.index(point)): _shape(results, structure, point, nodes) for point in chosen}
+    except (ReaderError, UsageError) as error:
+        return None, [f"without the finite element model: {error}"]
+    if 6 * _N_SHAPE_HARMONICS * len(nodes) > _SHAPE_NUMBERS:
+        return None, [f"without the finite element model: {len(nodes)} nodes are too many for this page"]
+    place = {node: i for i, node in enumerate(nodes)}
+    return {
+        "nodes": _numbers(structure.points[nodes].ravel()),
+        "edges": [place[node] for edge in sorted(edges) for node in edge],
+        "at": shapes,
+    }, [f"{len(chosen)} of {len(solved)} points have the shape of the model in this page"] * (len(chosen) < len(solved))
+
+
+def _shape(results: Results, structure, point: int, nodes: list[int]) -> dict:
+    """The largest harmonics of a motion as displacements of nodes, cos and sin."""
+    tuples, _, coefficients = motions(results, structure, point)
+    size = harmonic_sizes(coefficients)
+    shown = [int(h) for h in np.argsort(-size, kind="stable")[:_N_SHAPE_HARMONICS] if size[h] > 1e-3 * size.max()]
+    fields = [structure.displacement(part)[nodes] for h in shown for part in (coefficients[:, h].real, -coefficients[:, h].imag)]
+    return {"tuples": tuples[shown].tolist(), "fields": base64.b64encode(np.array(fields).astype("<f4").tobytes()).decode()}
+
+
+def _provenance(results: Results) -> list[list[str]]:
+    facts = [
+        ["File", results.path.name],
+        ["Written by", f"nhbm {results.program_version}, commit {results.git_commit}"],
+        ["Created", results.created_utc],
+        ["MPI ranks", str(results.n_ranks)],
+        ["Changed by --set", results.overrides],
+        ["Swept", "; ".join(parameter.range_text() for parameter in results.parameters.values())],
+        ["Amplitudes", results.amplitude_convention],
+    ]
+    return [fact for fact in facts if fact[1]]
+
+
+def _numbers(values: np.ndarray) -> list[float | None]:
+    """To seven digits, what is not finite as null."""
+    return [float(f"{value:.7g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float)]
+
+
+def _escaped(text: str) -> str:
+    return text.replace("&", "&amp;").replace("<", "&lt;")

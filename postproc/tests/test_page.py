@@ -1,0 +1,192 @@
+"""The page of a result file: what it holds, how large it is, and in a browser what its controls do."""
+
+import base64
+import json
+import re
+
+import browser
+import numpy as np
+import pytest
+from conftest import random_coefficients, single, write_sweep
+from synthetic import box, write_results
+from test_curve import curve_file
+
+from nhbm_post import Results
+from nhbm_post.cli import main
+from nhbm_post.page import page_data, write_page
+
+in_browser = pytest.mark.skipif(browser.PROGRAM is None, reason="there is no chromium on the path")
+
+
+def data_of(page):
+    text = re.search(r'<script type="application/json" id="data">(.*?)</script>', page.read_text(encoding="utf-8"), re.DOTALL)[1]
+    return json.loads(text)
+
+
+def coefficients_of(data):
+    raw = np.frombuffer(base64.b64decode(data["coefficients"]), "<f4")
+    return raw.reshape(-1, len(data["dofs"]), len(data["tuples"]), 2)
+
+
+def test_page_holds_the_motions(tmp_path, sweep, capsys):
+    assert main(["report", str(sweep)]) == 0
+    page = tmp_path / "sweep.html"
+    assert capsys.readouterr().out.splitlines()[-1] == f"wrote {page}"
+    data = data_of(page)
+    assert [point["status"] for point in data["points"]] == ["converged"] * 3 + ["stalled", "failed", "pending"]
+    assert data["kept"] == [0, 1, 2, -1, -1, -1] and data["points"][4]["message"] == "dgetrf: singular matrix"
+    assert (data["axis"]["label"], data["axis"]["units"]) == ("Gap of law 1 g", "m")
+    values = coefficients_of(data)
+    with Results(sweep) as results:
+        for d, dof in enumerate(dof["name"] for dof in data["dofs"]):
+            series = results.series(1, dof)
+            for h, j in enumerate(data["tuples"]):
+                assert values[1, d, h] == pytest.approx(series.harmonic(j), rel=1e-6)
+            assert data["dofs"][d]["size"][1] == pytest.approx(series.peak(), rel=1e-6)
+            assert data["dofs"][d]["size"][3] is None
+        assert ["law(1)%gap", "1.5e-3 m"] in data["points"][1]["rows"]
+    assert "http" not in re.sub(r"http://www.w3.org/2000/svg", "", page.read_text(encoding="utf-8"))
+
+
+def test_harmonics_that_are_nothing_are_left_out(tmp_path):
+    tuples = box(1, 5)
+    coefficients = np.zeros((1, 1, len(tuples), 2))
+    coefficients[0, 0, tuples[:, 0] == 1, 0] = 1.0
+    coefficients[0, 0, tuples[:, 0] == 3, 1] = 1e-3
+    coefficients[0, 0, tuples[:, 0] == 5, 1] = 1e-9
+    with Results(write_results(tmp_path / "a.h5", tuples, [[2.0]], coefficients)) as results:
+        data, _ = page_data(results)
+    assert sorted(map(tuple, data["tuples"])) == [(1,), (3,)]
+    assert data["curves"] == [] and data["axis"] is None
+
+
+def test_page_stays_below_its_limit(tmp_path, monkeypatch):
+    """20 degrees of freedom of 80 points of 25 harmonics are more than a page takes: it holds a part and says so."""
+    monkeypatch.setattr("nhbm_post.page._COEFFICIENTS", 30_000)
+    monkeypatch.setattr("nhbm_post.page.LARGEST", 500_000)
+    tuples = box(2, 3)
+    coefficients = random_coefficients(5, 80, 20, tuples) * 10.0 ** np.abs(tuples).sum(axis=1)[:, None]
+    dofs = tuple(f"x{k}" for k in range(1, 21))
+    frequency = np.column_stack([np.linspace(1.0, 2.0, 80), np.full(80, np.pi)])
+    parameters = {"tones_frequency_1": ("tones%frequency(1)", "rad/s", frequency[:, 0])}
+    path = write_results(
+        tmp_path / "a.h5", tuples, frequency, coefficients, dofs=dofs, law_dofs=("x3",), parameters=parameters
+    )
+    with Results(path) as results:
+        notes = write_page(results, tmp_path / "a.html")
+    assert 300_000 < (tmp_path / "a.html").stat().st_size < 500_000
+    assert "15 of 20 degrees of freedom are in this page" in notes
+    assert data_of(tmp_path / "a.html")["dofs"][0]["name"] == "x3"
+
+
+def test_text_of_the_input_ends_no_script(tmp_path):
+    path = single(tmp_path / "a.h5", 1, input_groups="! </script><b>\n", title="1 < 2 & </title>")
+    with Results(path) as results:
+        write_page(results, tmp_path / "a.html")
+    text = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert text.count("</script>") == 2 and data_of(tmp_path / "a.html")["input"].startswith("! </script><b>")
+    assert "<title>1 &lt; 2 &amp; &lt;/title></title>" in text
+
+
+def test_a_page_needs_a_solved_point(tmp_path, capsys):
+    path = write_sweep(tmp_path / "a.h5")
+    import h5py
+
+    with h5py.File(path, "a") as file:
+        file["status"][...] = 2
+    assert main(["report", str(path)]) == 2 and "no point is solved" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def chromium(tmp_path_factory):
+    with browser.Browser(tmp_path_factory.mktemp("profile")) as page:
+        yield page
+
+
+def opened(chromium, path, width=1200):
+    with Results(path) as results:
+        write_page(results, path.with_suffix(".html"))
+    chromium.errors.clear()
+    chromium.open(path.with_suffix(".html"), width)
+    return data_of(path.with_suffix(".html"))
+
+
+@in_browser
+def test_a_click_shows_the_point(tmp_path, chromium):
+    data = opened(chromium, curve_file(tmp_path / "a.h5"))
+    marks = "[...document.querySelectorAll('#response .event')]"
+    kinds = [point["kind"] for point in data["points"] if point["kind"]]
+    assert sorted(chromium.run(f"{marks}.map(e => e.dataset.kind)")) == sorted(kinds)
+    for n, kind in enumerate(chromium.run(f"{marks}.map(e => e.dataset.kind)")):
+        box = chromium.run(f"(b => [b.x + b.width / 2, b.y + b.height / 2])({marks}[{n}].getBoundingClientRect())")
+        chromium.click(*box)
+        number = chromium.run("state.point")
+        assert data["points"][number]["kind"] == kind
+        assert chromium.run("document.getElementById('chosen').textContent").startswith(f"Point {number} (")
+        assert chromium.run("document.getElementById('certificate').rows.length") >= 3
+    dashes = set(chromium.run("[...document.querySelectorAll('#response .curve')].map(e => e.getAttribute('stroke-dasharray'))"))
+    assert "7 4" in dashes and "" in dashes
+    assert not chromium.errors
+
+
+@in_browser
+def test_controls_do_what_they_say(tmp_path, chromium):
+    data = opened(chromium, write_sweep(tmp_path / "a.h5"))
+    text = "document.getElementById('{}').textContent".format
+    change = "(e => {{ e.value = '{}'; e.dispatchEvent(new Event('change')); }})(document.getElementById('{}'))".format
+    chromium.run("document.getElementById('next').click()")
+    assert chromium.run("state.point") == 1
+    chromium.run("document.querySelector('#response svg').focus()")
+    chromium.press("ArrowRight")
+    assert chromium.run("[state.point, document.getElementById('number').value]") == [2, "2"]
+    chromium.press("ArrowLeft")
+    chromium.run(change("1", "dof"))
+    assert data["dofs"][1]["name"] in chromium.run(text("spectrum")) and data["dofs"][1]["name"] in chromium.run(text("time"))
+    chromium.run(change("0", "other"))
+    assert chromium.run(text("orbit-title")) == f"Orbit: {data['dofs'][0]['name']} over {data['dofs'][1]['name']}"
+    # the motion is that of the file
+    with Results(tmp_path / "a.h5") as results:
+        expected = results.evaluate(1, data["dofs"][1]["name"], 0.7)
+    assert chromium.run("value(harmonics(1, 1), 0.7)") == pytest.approx(expected, rel=1e-5)
+    assert chromium.run("document.querySelectorAll('#orbit .section').length") == 240
+    chromium.run("document.getElementById('logarithmic').click()")
+    assert chromium.run("state.logarithmic") is True
+    chromium.run(change("4", "number"))
+    assert "no motion" in chromium.run(text("time")) and "singular matrix" in chromium.run(text("certificate"))
+    chromium.run(change("99", "number"))
+    assert chromium.run("document.getElementById('number').value") == "4"
+    # the shape moves, and stops
+    chromium.run(change("0", "number"))
+    before = chromium.run("state.phase")
+    chromium.wait(f"state.phase !== {before}")
+    chromium.run("document.getElementById('play').click()")
+    assert chromium.run("new Promise(done => { const p = state.phase; setTimeout(() => done(state.phase === p), 150); })")
+    drawn = "[...document.getElementById('shape').getContext('2d').getImageData(0, 0, 300, 200).data].some(v => v > 0)"
+    assert chromium.run(drawn)
+    assert not chromium.errors
+
+
+@in_browser
+@pytest.mark.parametrize("width", [390, 1200])
+def test_page_fits_its_window_and_paper(tmp_path, chromium, width):
+    opened(chromium, curve_file(tmp_path / "a.h5"), width)
+    chromium.screenshot(tmp_path / "page.png")
+    assert chromium.run("document.documentElement.scrollWidth") <= width
+    small = chromium.run("Math.min(...[...document.querySelectorAll('text')].map(t => parseFloat(getComputedStyle(t).fontSize)))")
+    assert small >= 11
+    assert chromium.run("[...document.querySelectorAll('button, select')].every(b => b.getBoundingClientRect().height >= 32)")
+    chromium.size(800 - width // 4, 700)
+    chromium.wait("document.querySelector('#response svg').viewBox.baseVal.width <= document.documentElement.clientWidth")
+    assert chromium.pdf().startswith(b"%PDF")
+    assert chromium.run("document.querySelector('details').open") is True
+    assert not chromium.errors
+
+
+@in_browser
+def test_errors_of_a_page_are_seen(tmp_path, chromium):
+    """The test of the tests: an error in the script does not pass unseen."""
+    opened(chromium, single(tmp_path / "a.h5", 1))
+    chromium.run("setTimeout(() => missing(), 0)")
+    chromium.wait("true")
+    chromium.run("new Promise(done => setTimeout(done, 100))")
+    assert any("missing is not defined" in error for error in chromium.errors)
