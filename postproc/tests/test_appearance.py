@@ -1,5 +1,7 @@
 """What axes are called, units, line styles, and the options that all pictures share."""
 
+import os
+
 import numpy as np
 import pytest
 from conftest import single
@@ -134,3 +136,13 @@ def test_motion_over_time_is_in_words(tmp_path, n_tones):
     with Results(path) as results:
         assert results.series(0, "v3").axis_label == "Displacement v3"
         assert results.series(0, "v3", "force").axis_label == "law force on v3"
+
+
+def test_pictures_in_a_plane_need_no_mplot3d():
+    """A newer matplotlib beside the system's finds the mpl_toolkits of that, which fail."""
+    import subprocess
+    import sys
+
+    script = "import sys; sys.modules['mpl_toolkits'] = None; import nhbm_post.draw"
+    here = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run([sys.executable, "-W", "ignore", "-c", script], check=True, env=here)

@@ -12,6 +12,7 @@ from times import best_balance, order_of
 from tones import SHOWN_ORDERS
 
 INTEGRATED, BALANCED = "#D55E00", "#0072B2"
+SHOWN_TIMES = ("cubic_1e10", "wall", "stop_c2a", "jenkins")  # a smooth law, a rigid wall, an elastic stop, friction
 LOOKS = {
     "runge_kutta_4": ("#D55E00", "o"),
     "central_differences": ("#E69F00", "s"),
@@ -85,7 +86,7 @@ def draw_coefficients(order, error):
         ax.loglog(order[known], error[known], "o-", color=BALANCED, label="balance")
         if rate:
             x = order[rate.points]
-            ax.loglog(x, rate(x), color=style.MUTED, lw=0.9, ls="--", label=rate.text("N"))
+            ax.loglog(x, rate(x), color=style.MUTED, lw=0.9, ls=style.REFERENCE, label=rate.text("N"))
         ax.set_xticks(order[known], [f"{n:.0f}" for n in order[known]])
         ax.minorticks_off()
         ax.set(xlabel="order $N$ of the series", ylabel="relative rms error of eight tuples")
@@ -96,12 +97,12 @@ def draw_coefficients(order, error):
 
 
 def draw_times(findings):
-    """Error over processor time, one panel a case."""
-    columns = 3
-    rows = -(-len(findings) // columns)
+    """Error over processor time, one panel a kind of law; the table beside it has all cases."""
+    findings = [finding for finding in findings if finding.case.name in SHOWN_TIMES]
+    columns = 2
     with style.look():
-        fig = style.figure(10.2, 0.9 + 2.75 * rows)
-        axes = fig.subplots(rows, columns, squeeze=False).ravel()
+        fig = style.figure(8.4, 6.6)
+        axes = fig.subplots(-(-len(findings) // columns), columns, squeeze=False).ravel()
         seen = []
         for ax, finding in zip(axes, findings):
             for name, points in finding.curves.items():
@@ -112,20 +113,18 @@ def draw_times(findings):
             ax.set_title(finding.case.title, size=9.0)
             ax.grid(True)
             ax.set_ylim(*_range(finding))
-        for ax in axes[len(findings) :]:
-            ax.set_visible(False)
-        for ax in axes[: len(findings)][-columns:]:
-            ax.set_xlabel("processor time [s]")
+        for ax in axes[-columns:]:
+            ax.set_xlabel("Processor time [s]")
         for ax in axes[::columns]:
-            ax.set_ylabel("relative rms error")
+            ax.set_ylabel("Relative rms error")
         order = sorted(seen, key=list(NAMES).index)
         handles = [Line2D([], [], ms=4.5, label=NAMES[name], **_look(name)) for name in order]
-        fig.legend(handles=handles, loc="lower center", ncols=5)
+        fig.legend(handles=handles, loc="lower center", ncols=4)
         details = "of the displacement at the law over ten periods of the slower tone; "
         details += "time integration from rest through the transient, balance with set-up"
-        style.head(fig, "Error over processor time: time integration (dashed) and balance", details)
+        style.head(fig, "Error over processor time: time integration (hollow) and balance", details)
         left, _, width, height = fig.get_layout_engine().get()["rect"]
-        foot = 0.5 / fig.get_size_inches()[1]  # of the legend
+        foot = 0.7 / fig.get_size_inches()[1]  # of the legend
         fig.get_layout_engine().set(rect=(left, foot, width, height - foot))
     return fig
 
@@ -133,7 +132,7 @@ def draw_times(findings):
 def _look(name: str) -> dict:
     colour, marker = LOOKS.get(name, ("#000000", "x"))
     is_integration = name in INTEGRATIONS
-    return {"color": colour, "marker": marker, "ls": "--" if is_integration else "-", "mfc": "white" if is_integration else colour}
+    return {"color": colour, "marker": marker, "mfc": "white" if is_integration else colour}
 
 
 def _range(finding) -> tuple[float, float]:
@@ -178,7 +177,7 @@ def draw_tones(found):
             tops = [one.apart[i * n : (i + 1) * n].max() for i in range(200)]
             left.semilogy(one.t[: 200 * n : n], tops, color=colour, lw=1.1, label=one.name)
             label = f"{one.name}: best series of this order"
-            right.loglog(SHOWN_ORDERS, one.best, color=colour, lw=1.0, ls="--", label=label)
+            right.loglog(SHOWN_ORDERS, one.best, color=colour, lw=1.0, ls=style.REFERENCE, label=label)
             right.loglog(one.orders, one.errors, color=colour, marker="o", ms=4.5, label=f"{one.name}: balance")
         left.set(xlabel="time [s]", ylabel="relative difference", title="two time integrations from different starts")
         right.set(xlabel="order $N$ of the series", ylabel="relative rms error", title="what a series of order N can do, and does")

@@ -102,6 +102,7 @@ def page_data(results: Results, model: Path | None = None) -> tuple[dict, list[s
             for dof in dofs
         ],
         "tones": [{"name": name, "values": _numbers(values[points])} for name, values in tones.items()],
+        "measure": len(dofs) if tones and axis and axis.path.startswith("normal_mode%") else 0,
         "tuples": tuples.tolist(),
         "points": [_point(results, point, kinds[point]) for point in points],
         "kept": kept,
@@ -179,21 +180,12 @@ def _curves(results: Results, dof: str, points: list[int]) -> tuple[list[dict], 
             "label": curve.label,
             "points": [row[int(point)] for point in curve.points],
             "x": _numbers(curve.x),
-            "stable": _known(curve.stability, curve.kind),
+            "between": curve.stability_between.tolist(),
             "breaks": np.flatnonzero(curve.is_jump).tolist(),
         }
         for curve in found
     ]
     return curves, axis, notes
-
-
-def _known(stability: np.ndarray, kind: np.ndarray) -> list[int]:
-    """Verdicts; where one is not known at what was located, such as a fold, that before it."""
-    verdicts = stability.tolist()
-    for i in range(1, len(verdicts)):
-        if verdicts[i] == 0 and kind.size and kind[i] not in ("regular", "none"):
-            verdicts[i] = verdicts[i - 1]
-    return verdicts
 
 
 def _point(results: Results, point: int, kind: str) -> dict:

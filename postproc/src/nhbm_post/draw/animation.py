@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Normalize
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from nhbm.guard import written
 
@@ -28,6 +27,8 @@ Update = Callable[[int], None]
 
 def structure_in_motion(structure: Structure, fields: list[np.ndarray], times: np.ndarray, about: str):
     """(figure, what draws frame k) of displacements (n_nodes, 3) at times."""
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
     sizes = [np.linalg.norm(field, axis=1) for field in fields]
     k = int(np.argmax([size.max() for size in sizes]))
     fig = draw_deflection(structure, fields[k], ("displacement", sizes[k]), "Motion", about)

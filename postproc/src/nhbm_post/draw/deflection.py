@@ -7,7 +7,6 @@ from collections import Counter
 import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.ticker import MaxNLocator
-from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from ..structure import Structure
 from .style import COLOUR_MAP, INK, figure, head, look, unit_scale
@@ -26,6 +25,9 @@ _ABOVE = {0: (0, 0), 1: (0, -90), 2: (90, -90)}  # elevation and azimuth of a vi
 
 def draw_deflection(structure: Structure, displacement: np.ndarray, colours_by: tuple[str, np.ndarray], heading: str, about: str):
     """The structure deflected by `displacement` (n_nodes, 3), coloured by sizes (n_nodes) that have a name, in metres."""
+    # Here, because pictures in a plane are drawn where a newer matplotlib than the system's has not its own mpl_toolkits.
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
     name, amplitude = colours_by
     with look():
         fig = figure(5.6, 4.3, is_arranged=False)

@@ -62,6 +62,19 @@ class Curve:
         return self.results.stability()[self.points]
 
     @property
+    def stability_between(self) -> np.ndarray:
+        """The same between each point and the next. At what was located, such as a fold, a multiplier is 1 but for rounding: there
+        the other end tells."""
+        first, second = self.stability[:-1], self.stability[1:]
+        is_located = ~np.isin(self.kind, ("none", "regular", "start", "end", "value"))
+        if self.kind.size:
+            first, second = (
+                np.where(is_located[:-1] & (first == 0), second, first),
+                np.where(is_located[1:] & (second == 0), first, second),
+            )
+        return np.where((first < 0) | (second < 0), -1, np.minimum(first, second))
+
+    @property
     def jumps(self) -> list[tuple[float, float, float, float]]:
         """(x, y, x and y of the motion jumped to): of a sweep between its branches, of a curve that was followed at folds, over the
         value along which it was."""
@@ -311,10 +324,9 @@ _WORDS = {
 
 def _draw_by_stability(ax, curve: Curve, has_place, x_factor, factor, look) -> None:
     """The line, solid between stable points, dashed where one end is unstable, dotted where it is not known; none over a jump."""
-    stable, i, no_line = curve.stability, 0, 2
+    i, no_line = 0, 2
     y = np.where(has_place(curve.y), factor * curve.y, np.nan)
-    between = np.where((stable[1:] < 0) | (stable[:-1] < 0), -1, np.minimum(stable[1:], stable[:-1]))
-    between = np.where(curve.is_jump, no_line, between)
+    between = np.where(curve.is_jump, no_line, curve.stability_between)
     while i < between.size:  # runs of one kind, each a line of its own
         end = i
         while end < between.size and between[end] == between[i]:
@@ -389,7 +401,7 @@ def _special_keys(curves: list[Curve]) -> list[Line2D]:
         words = "1 jump" if n_jumps == 1 else f"{n_jumps} jumps"
         entries.append(Line2D([], [], linestyle="none", marker=r"$\downarrow$", markersize=9, color=style.INK, label=words))
     stability = np.concatenate([curve.stability for curve in curves])
-    if _of_unknown_stability(curves):
+    if _of_unknown_stability(curves) or any(c.stability.any() and (c.stability_between == 0).any() for c in curves):
         entries.append(Line2D([], [], color=style.INK, linestyle=style.UNKNOWN, linewidth=1.4, label="stability not known"))
     for verdict, dashes, word in ((1, style.STABLE, "stable"), (-1, style.UNSTABLE, "unstable")):
         if (stability == verdict).any():
