@@ -80,10 +80,20 @@ contains
          if (is_found) self%message = "driven beyond this limit cycle and damped below: it repels motions nearby"
          if (is_found) return
       end if
-      if (i <= most_steps .and. curve%status == outcome%pending) then
+      call report_end(self, point, damping(1), i <= most_steps .and. curve%status == outcome%pending)
+   end subroutine follow_curve
+
+   !> Says where a curve without a motion has ended.
+   subroutine report_end(self, point, damping, is_whole)
+      type(search_t), intent(inout) :: self
+      type(path_point_t), intent(in) :: point                          !! the last one
+      real(wp), intent(in) :: damping                                  !! there
+      logical, intent(in) :: is_whole                                  !! it was followed as far as it is of interest
+
+      if (is_whole) then
          if (.not. self%is_driven) return
          self%message = "driven up to an amplitude of "//to_text(self%reached)
-         self%runs_away = damping(1) < -rounding .and. point%amplitude(1) > last_amplitude*self%length
+         self%runs_away = damping < -rounding .and. point%amplitude(1) > last_amplitude*self%length
          if (self%runs_away) then
             self%message = self%message//": the motion grows without bound"
          else
@@ -94,7 +104,7 @@ contains
       self%report%status = outcome%stalled
       self%message = "continuation to the motion failed at amplitude "//to_text(point%amplitude(1))//" and damping xi/omega "// &
                      to_text(point%xi(1)/point%omega(1))
-   end subroutine follow_curve
+   end subroutine report_end
 
    !> Goes one step along the curve. Steps on which the frequency changes so much that they hardly end on the same piece of the
    !> curve, or to the same motion counted as a higher harmonic, are taken back and shortened.

@@ -108,7 +108,7 @@ contains
       call choose_wider(balance, amplitudes(balance%harmonics, u), self%combination, &
                         has_multipliers(balance) .or. has_unknown_tones(bordered), set, grid, error)
       if (allocated(error)) return
-      call make_wide_balance()
+      call make_wide_balance(self, structure, loads, balance, set, grid, wide, error)
       if (.not. allocated(error)) call check_contact(self, structure, balance, wide, u, error)
       if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, error, bordered)
       if (.not. allocated(error)) then
@@ -125,32 +125,39 @@ contains
       end if
       if (associated(balance%cached_wide)) call balance%cached_wide%give_back(wide%stiffness)
       call wide%destroy()
-
-   contains
-
-      subroutine make_wide_balance()
-         type(dynamic_stiffness_t) :: stiffness
-         type(linear_part_t), allocatable :: linear
-         type(amplitudes_t) :: wide_loads
-         logical :: of_interior
-
-         of_interior = wanted%improvement_steps > 0 .or. keeps_all(self, balance)
-         wide_loads = loads%in_set(balance%harmonics, set)
-         if (associated(balance%cached_wide)) then
-            call balance%cached_wide%take(structure, balance%stiffness%coordinates, set%frequencies(balance%omega), wide_loads, &
-                                        linear, error, of_interior)
-         else
-            call new_dynamic_stiffness(stiffness, structure, balance%stiffness%coordinates, set%frequencies(balance%omega), &
-                                       wide_loads, error, wanted_slopes_t(of_interior=of_interior, &
-                                                                          drives=set%frequencies(balance%xi*balance%omega)))
-            if (allocated(error)) return
-            allocate (linear)
-            call new_linear_part(linear, stiffness)
-         end if
-         if (allocated(error)) return
-         call new_balance(wide, set, grid, balance%omega, linear, balance%law_set%laws, balance%effort, error)
-      end subroutine make_wide_balance
    end subroutine certify
+
+   !> The balance of the same motion in the wider set and on the finer grid.
+   subroutine make_wide_balance(self, structure, loads, balance, set, grid, wide, error)
+      type(certificate_t), intent(in) :: self
+      type(structure_t), intent(in) :: structure
+      type(amplitudes_t), intent(in) :: loads                         !! [N]
+      type(balance_t), intent(in) :: balance
+      type(harmonics_t), intent(in) :: set
+      type(torus_t), intent(in) :: grid
+      type(balance_t), intent(out) :: wide
+      type(error_t), allocatable, intent(out) :: error
+      type(dynamic_stiffness_t) :: stiffness
+      type(linear_part_t), allocatable :: linear
+      type(amplitudes_t) :: wide_loads
+      logical :: of_interior
+
+      of_interior = self%wanted%improvement_steps > 0 .or. keeps_all(self, balance)
+      wide_loads = loads%in_set(balance%harmonics, set)
+      if (associated(balance%cached_wide)) then
+         call balance%cached_wide%take(structure, balance%stiffness%coordinates, set%frequencies(balance%omega), wide_loads, &
+                                     linear, error, of_interior)
+      else
+         call new_dynamic_stiffness(stiffness, structure, balance%stiffness%coordinates, set%frequencies(balance%omega), &
+                                    wide_loads, error, wanted_slopes_t(of_interior=of_interior, &
+                                                                       drives=set%frequencies(balance%xi*balance%omega)))
+         if (allocated(error)) return
+         allocate (linear)
+         call new_linear_part(linear, stiffness)
+      end if
+      if (allocated(error)) return
+      call new_balance(wide, set, grid, balance%omega, linear, balance%law_set%laws, balance%effort, error)
+   end subroutine make_wide_balance
 
    !> Certificate of a motion without laws: nothing is left out, powers and energies are all there is to it.
    subroutine certify_linear(self, structure, tones, frequencies, loads, c)
@@ -378,7 +385,8 @@ contains
          change(whole%places) = change(whole%places) - alias(:size(u))
          self%truncation = norm2(on_wide(change))/size_of_motion
       end if
-      call keep_step()
+      call keep_step(self, balance, wide, whole, big, first, size_of_motion)
+      if (present(bordered) .and. .not. is_free) self%parameter_error = abs(first(size(first)))
       self%n_products = whole%n_products
       if (acts_rigidly(balance, wide, is_free) .or. (is_free .and. self%truncation > linear)) &
          call compare_with_half(self, balance%harmonics, problem, x, size(u), size_of_motion)
@@ -397,27 +405,32 @@ contains
 
          coefficients = reshape(vector(:size(big)), shape(big))
       end function on_wide
-
-      !> Keeps what the step says of the tuples outside, the motion after it, and the errors of frequencies.
-      subroutine keep_step()
-         real(wp) :: outside(size(big, 1), size(big, 2))
-         integer :: i
-
-         outside = on_wide(first)
-         self%first_order = big - outside
-         call clear_kept(balance%harmonics, wide%harmonics, outside)
-         self%around = wide%harmonics
-         self%neglected = amplitudes(wide%harmonics, outside)/size_of_motion
-         do i = 1, size(whole%which)
-            if (whole%which(i) <= size(balance%omega)) self%frequency_error(whole%which(i)) = abs(first(size(big) + i))
-         end do
-         if (present(bordered) .and. .not. is_free) self%parameter_error = abs(first(size(first)))
-         if (.not. keeps_all(self, balance)) return
-         if (allocated(self%refined)) deallocate (self%refined)
-         allocate (self%refined(wide%stiffness%n_dofs, wide%harmonics%n_harmonics))
-         call wide%all_dofs(self%first_order, self%refined)
-      end subroutine keep_step
    end subroutine estimate_errors
+
+   !> Keeps what the step says of the tuples outside, the motion after it, and the errors of frequencies.
+   subroutine keep_step(self, balance, wide, whole, big, first, size_of_motion)
+      type(certificate_t), intent(inout) :: self
+      type(balance_t), intent(in) :: balance, wide
+      type(wide_problem_t), intent(in) :: whole
+      real(wp), intent(in) :: big(:, :)                               !! the motion in the wider set [m]
+      real(wp), intent(in) :: first(:)                                !! the step of all unknowns
+      real(wp), intent(in) :: size_of_motion                          !! [m]
+      real(wp) :: outside(size(big, 1), size(big, 2))
+      integer :: i
+
+      outside = reshape(first(:size(big)), shape(big))
+      self%first_order = big - outside
+      call clear_kept(balance%harmonics, wide%harmonics, outside)
+      self%around = wide%harmonics
+      self%neglected = amplitudes(wide%harmonics, outside)/size_of_motion
+      do i = 1, size(whole%which)
+         if (whole%which(i) <= size(balance%omega)) self%frequency_error(whole%which(i)) = abs(first(size(big) + i))
+      end do
+      if (.not. keeps_all(self, balance)) return
+      if (allocated(self%refined)) deallocate (self%refined)
+      allocate (self%refined(wide%stiffness%n_dofs, wide%harmonics%n_harmonics))
+      call wide%all_dofs(self%first_order, self%refined)
+   end subroutine keep_step
 
    !> Whether the motion of all degrees of freedom is found in the wider set, too.
    pure logical function keeps_all(self, balance)

@@ -74,21 +74,10 @@ contains
       real(wp), allocatable, intent(out) :: by_u(:, :), by_omega(:), by_xi(:)
       complex(wp), dimension(size(self%load), balance%harmonics%n_harmonics) :: c, inertia, gradient
       real(wp) :: of_laws
-      integer :: e, h
+      integer :: h
 
       call balance%all_dofs(u, c)
-      inertia = (0.0_wp, 0.0_wp)
-      gradient = (0.0_wp, 0.0_wp)
-      associate (matrices => self%matrices)
-         do h = 1, size(c, 2)
-            do e = 1, matrices%n_entries
-               associate (row => matrices%row(e), column => matrices%column(e))
-                  inertia(row, h) = inertia(row, h) + matrices%mass(e)*c(column, h)
-                  gradient(row, h) = gradient(row, h) + matrices%stiffness(e)*c(column, h)
-               end associate
-            end do
-         end do
-      end associate
+      call multiply(self%matrices, c, inertia, gradient)
       energy = -self%at_rest
       do h = 1, size(c, 2)
          if (balance%harmonics%sin_at(h) == 0) then
@@ -135,4 +124,23 @@ contains
          end associate
       end subroutine find_derivatives
    end subroutine find
+
+   !> Products of mass and stiffness with the motion.
+   pure subroutine multiply(matrices, c, inertia, elastic)
+      type(structure_block_t), intent(in) :: matrices
+      complex(wp), intent(in) :: c(:, :)                              !! [m], (n_dofs, n_harmonics)
+      complex(wp), intent(out) :: inertia(:, :), elastic(:, :)
+      integer :: e, h
+
+      inertia = (0.0_wp, 0.0_wp)
+      elastic = (0.0_wp, 0.0_wp)
+      do h = 1, size(c, 2)
+         do e = 1, matrices%n_entries
+            associate (row => matrices%row(e), column => matrices%column(e))
+               inertia(row, h) = inertia(row, h) + matrices%mass(e)*c(column, h)
+               elastic(row, h) = elastic(row, h) + matrices%stiffness(e)*c(column, h)
+            end associate
+         end do
+      end do
+   end subroutine multiply
 end module hb_energy

@@ -66,48 +66,46 @@ contains
                   factor(:, path_part%start_rate) = angle*[sin(angle), cos(angle)]
                end associate
                do i = 1, n_steps
-                  self%lead(h, :, i, block) = wave(harmonics%tuples(:, k), i, tone, tone)
+                  self%lead(h, :, i, block) = wave(torus, harmonics%tuples(:, k), i, tone, tone)
                end do
                do i = 1, n_slice
-                  self%across(h, :, i, block) = wave_across(harmonics%tuples(:, k), i)
+                  self%across(h, :, i, block) = wave_across(torus, tone, harmonics%tuples(:, k), i)
                end do
             end do
          end do
       end associate
-
-   contains
-
-      !> exp(i j.tau) of tones first to last, at sample i of the grid of these tones alone.
-      pure function wave(j, i, first, last)
-         integer, intent(in) :: j(:), i, first, last
-         real(wp) :: wave(2), angle
-         integer :: m, quotient
-
-         quotient = i - 1
-         angle = 0.0_wp
-         do m = first, last
-            associate (n => torus%n_samples(m))
-               angle = angle + two_pi*modulo(j(m)*modulo(quotient, n), n)/n
-               quotient = quotient/n
-            end associate
-         end do
-         wave = [cos(angle), sin(angle)]
-      end function wave
-
-      !> Cosine and sine of the phase of tuple j at sample p of a slice: of all tones but the one that leads.
-      pure function wave_across(j, p)
-         integer, intent(in) :: j(:), p
-         real(wp) :: wave_across(2), below(2), above(2)
-         integer :: inner
-
-         associate (tone => characteristic%tone)
-            inner = product(torus%n_samples(:tone - 1))
-            below = wave(j, 1 + modulo(p - 1, inner), 1, tone - 1)
-            above = wave(j, 1 + (p - 1)/inner, tone + 1, size(j))
-         end associate
-         wave_across = [below(1)*above(1) - below(2)*above(2), below(1)*above(2) + below(2)*above(1)]
-      end function wave_across
    end subroutine new_memory_tangent
+
+   !> exp(i j.tau) of tones first to last, at sample i of the grid of these tones alone.
+   pure function wave(torus, j, i, first, last)
+      type(torus_t), intent(in) :: torus
+      integer, intent(in) :: j(:), i, first, last
+      real(wp) :: wave(2), angle
+      integer :: m, quotient
+
+      quotient = i - 1
+      angle = 0.0_wp
+      do m = first, last
+         associate (n => torus%n_samples(m))
+            angle = angle + two_pi*modulo(j(m)*modulo(quotient, n), n)/n
+            quotient = quotient/n
+         end associate
+      end do
+      wave = [cos(angle), sin(angle)]
+   end function wave
+
+   !> Cosine and sine of the phase of tuple j at sample p of a slice: of all tones but the one that leads.
+   pure function wave_across(torus, tone, j, p)
+      type(torus_t), intent(in) :: torus
+      integer, intent(in) :: tone, j(:), p
+      real(wp) :: wave_across(2), below(2), above(2)
+      integer :: inner
+
+      inner = product(torus%n_samples(:tone - 1))
+      below = wave(torus, j, 1 + modulo(p - 1, inner), 1, tone - 1)
+      above = wave(torus, j, 1 + (p - 1)/inner, tone + 1, size(j))
+      wave_across = [below(1)*above(1) - below(2)*above(2), below(1)*above(2) + below(2)*above(1)]
+   end function wave_across
 
    !> Takes the states, and where it takes that all columns, through the rounds that the states needed; the columns not through
    !> the last one. The memory must have its path.

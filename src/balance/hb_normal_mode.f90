@@ -126,29 +126,12 @@ contains
       type(error_t), allocatable :: error
       type(goal_event_t) :: event
       type(path_point_t) :: point
-      complex(wp) :: form(size(u, 2))
-      real(wp) :: omega(size(search%balance%omega)), reached, xi(size(search%balance%omega))
-      integer :: h, i
+      real(wp) :: reached
+      integer :: i
       logical :: is_found, is_possible
 
-      h = fundamental(search%balance%harmonics, search%tones(1))
-      associate (modes => search%base%modes, mode => search%modes(1), set => search%balance%harmonics, tone => search%tones(1))
-         omega = search%balance%omega
-         xi = 0.0_wp
-         omega(tone) = modes%frequency(mode)
-         xi(tone) = -modes%growth(mode)/modes%response(mode)
-         call search%balance%move(omega, xi, error)
-         if (allocated(error)) then
-            search%report%status = outcome%singular
-            search%message = error%message
-            return
-         end if
-         call scale_mode(search, goal, h, form)
-         if (search%report%status == outcome%no_motion) return
-         u = search%base%u
-         u(set%cos_at(h), :) = u(set%cos_at(h), :) + first_share*real(form)
-         u(set%sin_at(h), :) = u(set%sin_at(h), :) - first_share*aimag(form)
-      end associate
+      call start_on_mode(search, goal, u)
+      if (search%report%status /= outcome%pending) return
       event%tolerance = near
       event%goal = goal
       event%balance => search%balance
@@ -190,6 +173,36 @@ contains
       end if
       if (allocated(point%u)) u = point%u
    end subroutine continue_from_mode
+
+   !> A small motion in the linear mode, with its frequency and damping; a status other than pending: there is none.
+   subroutine start_on_mode(search, goal, u)
+      type(search_t), intent(inout) :: search
+      type(goal_t), intent(in) :: goal
+      real(wp), intent(inout) :: u(:, :)
+      type(error_t), allocatable :: error
+      complex(wp) :: form(size(u, 2))
+      real(wp) :: omega(size(search%balance%omega)), xi(size(search%balance%omega))
+      integer :: h
+
+      h = fundamental(search%balance%harmonics, search%tones(1))
+      associate (modes => search%base%modes, mode => search%modes(1), set => search%balance%harmonics, tone => search%tones(1))
+         omega = search%balance%omega
+         xi = 0.0_wp
+         omega(tone) = modes%frequency(mode)
+         xi(tone) = -modes%growth(mode)/modes%response(mode)
+         call search%balance%move(omega, xi, error)
+         if (allocated(error)) then
+            search%report%status = outcome%singular
+            search%message = error%message
+            return
+         end if
+         call scale_mode(search, goal, h, form)
+         if (search%report%status == outcome%no_motion) return
+         u = search%base%u
+         u(set%cos_at(h), :) = u(set%cos_at(h), :) + first_share*real(form)
+         u(set%sin_at(h), :) = u(set%sin_at(h), :) - first_share*aimag(form)
+      end associate
+   end subroutine start_on_mode
 
    !> How far a motion is beyond what is requested, as a share of the amplitude; 0 at the goal.
    real(wp) function goal_event_value(self, curve, x) result(value)

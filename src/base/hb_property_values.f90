@@ -147,26 +147,7 @@ contains
       if (size(values) > 0) self%keys(i_key)%line = values(1)%line
       is_element = .false.
       if (size(values) == 1) is_element = values(1)%i > 0
-      associate (key => self%keys(i_key))
-         if (is_element) then
-            i_value = key%element_head
-            do while (i_value > 0)
-               associate (old => self%values(i_value))
-                  if (old%i == values(1)%i .and. old%j == values(1)%j) exit
-                  i_value = old%next
-               end associate
-            end do
-            n = merge(1, 0, i_value > 0)
-         else
-            n = 0
-            i_value = key%head
-            do while (i_value > 0 .and. key%n_elements == 0 .and. n <= size(values))
-               n = n + 1
-               i_value = self%values(i_value)%next
-            end do
-            i_value = key%head
-         end if
-      end associate
+      call find_present(self, i_key, values, is_element, i_value, n)
       if (n /= size(values)) then
          has_changed = .true.
          if (.not. is_element) then
@@ -193,6 +174,36 @@ contains
          end associate
       end do
    end subroutine content_put
+
+   !> The present values of a key in the place of given ones: the first of them, and how many there are, or more than are given.
+   pure subroutine find_present(self, i_key, values, is_element, i_value, n)
+      class(content_t), intent(in) :: self
+      integer, intent(in) :: i_key
+      type(value_t), intent(in) :: values(:)
+      logical, intent(in) :: is_element                     !! the one value has an index
+      integer, intent(out) :: i_value, n
+
+      associate (key => self%keys(i_key))
+         if (is_element) then
+            i_value = key%element_head
+            do while (i_value > 0)
+               associate (old => self%values(i_value))
+                  if (old%i == values(1)%i .and. old%j == values(1)%j) exit
+                  i_value = old%next
+               end associate
+            end do
+            n = merge(1, 0, i_value > 0)
+         else
+            n = 0
+            i_value = key%head
+            do while (i_value > 0 .and. key%n_elements == 0 .and. n <= size(values))
+               n = n + 1
+               i_value = self%values(i_value)%next
+            end do
+            i_value = key%head
+         end if
+      end associate
+   end subroutine find_present
 
    !> Gives a key words from outside, in place of all values that it had.
    pure subroutine content_put_words(self, name, words, has_changed, element, line)

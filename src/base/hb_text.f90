@@ -12,6 +12,7 @@ module hb_text
       split, string_t, text_builder_t, to_text
 
    character(*), parameter :: digits = "0123456789"
+   integer, parameter :: max_kept = 800                     ! digits of a number; no double needs more to be rounded correctly
    character(*), parameter :: letters = "abcdefghijklmnopqrstuvwxyz"
    character(*), parameter :: ellipsis = " ..."
    integer, parameter :: max_name = 63                      !! length of the longest name of a group or key
@@ -272,35 +273,78 @@ contains
       character(*), intent(in) :: token
       real(wp), intent(out) :: value
       logical, intent(out) :: ok
-      integer, parameter :: max_kept = 800                  !! no double needs more to be rounded correctly
       character(*), parameter :: largest = "179769313486231570814527423731704356798"
       character(max_kept + 1) :: kept
       character(max_kept + 40) :: normalised
       integer(int64) :: exponent_10, scale_10
       integer :: i, iostat, n, n_digits
-      logical :: after_point, is_negative, is_negative_exponent, is_sticky
+      logical :: is_exponent, is_negative, is_sticky
 
       ok = .false.
       value = 0.0_wp
-      n = len(token)
-      if (n == 0) return
+      if (len(token) == 0) return
       is_negative = token(1:1) == "-"
       i = 1
       if (scan(token(1:1), "+-") == 1) i = 2
-      if (n - i + 1 == 3 .or. n - i + 1 == 8) then
-         select case (lower(token(i:)))
-         case ("nan")
-            value = ieee_value(1.0_wp, ieee_quiet_nan)
-            ok = .true.
-         case ("inf", "infinity")
-            value = ieee_value(1.0_wp, ieee_positive_inf)
-            if (is_negative) value = ieee_value(1.0_wp, ieee_negative_inf)
-            ok = .true.
-         end select
-         if (ok) return
-      end if
+      call parse_special(token(i:), is_negative, value, ok)
+      if (ok) return
 
       ! The number is +-0.kept * 10**scale_10 with a first kept digit other than zero.
+      call read_digits(token, i, kept, n, n_digits, scale_10, is_sticky)
+      if (n_digits == 0) return
+
+      call parse_exponent(token(i:), exponent_10, is_exponent)
+      if (.not. is_exponent) return
+      scale_10 = scale_10 + exponent_10
+      if (n > 0 .and. scale_10 > 309) return
+      if (n > 0 .and. scale_10 == 309 .and. llt(largest, kept(1:max_kept))) return
+      if (n > 0 .and. scale_10 > -330) then
+         if (is_sticky) then
+            n = n + 1
+            kept(n:n) = "1"
+         end if
+         write (normalised, "(a,a,a,i0)") "0.", kept(1:n), "e", scale_10
+         read (normalised, *, iostat=iostat) value
+         if (iostat /= 0) then
+            value = 0.0_wp
+            return
+         end if
+      end if
+      if (is_negative) value = -value
+      ok = .true.
+   end subroutine parse_real
+
+   !> Numbers that are not finite: nan, inf, infinity in any case, without their sign.
+   pure subroutine parse_special(word, is_negative, value, ok)
+      character(*), intent(in) :: word
+      logical, intent(in) :: is_negative
+      real(wp), intent(inout) :: value                      !! stays where it is none of them
+      logical, intent(out) :: ok
+
+      ok = .false.
+      if (len(word) /= 3 .and. len(word) /= 8) return
+      ok = .true.
+      select case (lower(word))
+      case ("nan")
+         value = ieee_value(1.0_wp, ieee_quiet_nan)
+      case ("inf", "infinity")
+         value = ieee_value(1.0_wp, ieee_positive_inf)
+         if (is_negative) value = ieee_value(1.0_wp, ieee_negative_inf)
+      case default
+         ok = .false.
+      end select
+   end subroutine parse_special
+
+   !> Digits with at most one point, from place i on: 0.kept * 10**scale_10 with a first kept digit other than zero.
+   pure subroutine read_digits(token, i, kept, n, n_digits, scale_10, is_sticky)
+      character(*), intent(in) :: token
+      integer, intent(inout) :: i                           !! then the place behind them
+      character(*), intent(out) :: kept
+      integer, intent(out) :: n, n_digits                   !! kept ones, all of them
+      integer(int64), intent(out) :: scale_10
+      logical, intent(out) :: is_sticky                     !! one of those that are not kept is not zero
+      logical :: after_point
+
       kept = ""
       n = 0
       n_digits = 0
@@ -327,43 +371,29 @@ contains
             exit
          end if
       end do
-      if (n_digits == 0) return
+   end subroutine read_digits
+
+   !> An exponent with its letter, or nothing at all.
+   pure subroutine parse_exponent(token, exponent_10, ok)
+      character(*), intent(in) :: token
+      integer(int64), intent(out) :: exponent_10            !! not above 10**13
+      logical, intent(out) :: ok
+      integer :: first, i
 
       exponent_10 = 0
-      if (i <= len(token)) then
-         if (scan(token(i:i), "eEdD") == 0) return
-         i = i + 1
-         is_negative_exponent = .false.
-         if (i <= len(token)) then
-            is_negative_exponent = token(i:i) == "-"
-            if (scan(token(i:i), "+-") == 1) i = i + 1
-         end if
-         if (i > len(token)) return
-         do i = i, len(token)
-            if (index(digits, token(i:i)) == 0) return
-            exponent_10 = min(10*exponent_10 + index(digits, token(i:i), kind=int64) - 1, 10_int64**12)
-         end do
-         if (is_negative_exponent) exponent_10 = -exponent_10
-      end if
-
-      scale_10 = scale_10 + exponent_10
-      if (n > 0 .and. scale_10 > 309) return
-      if (n > 0 .and. scale_10 == 309 .and. llt(largest, kept(1:max_kept))) return
-      if (n > 0 .and. scale_10 > -330) then
-         if (is_sticky) then
-            n = n + 1
-            kept(n:n) = "1"
-         end if
-         write (normalised, "(a,a,a,i0)") "0.", kept(1:n), "e", scale_10
-         read (normalised, *, iostat=iostat) value
-         if (iostat /= 0) then
-            value = 0.0_wp
-            return
-         end if
-      end if
-      if (is_negative) value = -value
+      ok = len(token) == 0
+      if (ok) return
+      if (scan(token(1:1), "eEdD") == 0) return
+      first = 2
+      if (len(token) > 1) first = merge(3, 2, scan(token(2:2), "+-") == 1)
+      if (first > len(token)) return
+      do i = first, len(token)
+         if (index(digits, token(i:i)) == 0) return
+         exponent_10 = min(10*exponent_10 + index(digits, token(i:i), kind=int64) - 1, 10_int64**12)
+      end do
+      if (token(2:2) == "-") exponent_10 = -exponent_10
       ok = .true.
-   end subroutine parse_real
+   end subroutine parse_exponent
 
    !> Reads a whole token as an integer: sign and digits; `ok` is false and `value` zero otherwise and when
    !> the number does not fit.

@@ -111,13 +111,16 @@ contains
       real(wp), intent(in) :: jumps(:)                                !! by how much, as z rises [N/m], as places
       real(wp), intent(inout), contiguous :: f(:)                     !! [N], (n_samples)
       type(kink_slopes_t), intent(inout), optional :: slopes          !! are added to
+      type(neighbour_t) :: there
       integer :: first, j, k, m, slab
 
       associate (n => self%n)
          do first = 1, size(z), n(1)                                  ! along the first tone a line is one piece
             self%line(0:n(1) - 1) = z(first:first + n(1) - 1)
             do j = -1, n(1) + 1
-               if (j < 0 .or. j >= n(1)) self%line(j) = value_at(self%neighbour(first, 0, 1, j))
+               if (j >= 0 .and. j < n(1)) cycle
+                  there = self%neighbour(first, 0, 1, j)
+                  self%line(j) = there%sign*z(there%sample)
             end do
             call scan(1, first, self%line(-1:n(1) - 2), self%line(0:n(1) - 1), self%line(1:n(1)), self%line(2:n(1) + 1))
          end do
@@ -131,7 +134,7 @@ contains
                                        z(at + 2*slab:at + 3*slab - 1))
                      else
                         do k = before, beyond
-                           call fetch_slab(first, m, j + k - left, self%beside(:slab, k))
+                           call fetch_slab(self, z, first, m, j + k - left, self%beside(:slab, k))
                         end do
                         call scan(m, at, self%beside(:slab, before), self%beside(:slab, left), self%beside(:slab, right), &
                                        self%beside(:slab, beyond))
@@ -168,27 +171,23 @@ contains
             end do
          end do
       end subroutine scan
-
-      pure real(wp) function value_at(neighbour)
-         type(neighbour_t), intent(in) :: neighbour
-
-         value_at = neighbour%sign*z(neighbour%sample)
-      end function value_at
-
-      !> Slab number j of tone m, counted on beyond both ends.
-      pure subroutine fetch_slab(first, m, j, values)
-         integer, intent(in) :: first, m, j
-         real(wp), intent(out) :: values(:)
-
-         associate (at => first + modulo(j, self%n(m))*self%stride(m))
-            if (self%is_half .and. m == size(self%n) .and. modulo(turns(j, self%n(m)), 2) == 1) then
-               values = -z(at - 1 + self%mirror)
-            else
-               values = z(at:at + self%stride(m) - 1)
-            end if
-         end associate
-      end subroutine fetch_slab
    end subroutine kink_grid_correct
+
+   !> Slab number j of tone m, counted on beyond both ends.
+   pure subroutine fetch_slab(self, z, first, m, j, values)
+      class(kink_grid_t), intent(in) :: self
+      real(wp), intent(in) :: z(:)                                    !! [m], (n_samples)
+      integer, intent(in) :: first, m, j
+      real(wp), intent(out) :: values(:)
+
+      associate (at => first + modulo(j, self%n(m))*self%stride(m))
+         if (self%is_half .and. m == size(self%n) .and. modulo(turns(j, self%n(m)), 2) == 1) then
+            values = -z(at - 1 + self%mirror)
+         else
+            values = z(at:at + self%stride(m) - 1)
+         end if
+      end associate
+   end subroutine fetch_slab
 
    !> How often j goes round n places.
    elemental integer function turns(j, n)

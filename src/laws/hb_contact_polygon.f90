@@ -93,7 +93,7 @@ contains
       character(:), allocatable, intent(out) :: failure
       real(wp), parameter :: sides(4, 2) = reshape([1.0_wp, 0.0_wp, -1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, -1.0_wp], [4, 2])
       real(wp), allocatable :: h(:), length(:), n(:, :)
-      real(wp) :: center(2), scale
+      real(wp) :: scale
       integer, allocatable :: order(:), queue(:)
       integer :: first, i, last
 
@@ -130,17 +130,7 @@ contains
          first = first + 1
       end do
       kept = queue(first:last)
-      center = 0.0_wp
-      do i = 1, size(kept)
-         associate (a => kept(i), b => kept(1 + modulo(i, size(kept))))
-            if (cross(n(a, :), n(b, :)) <= 0.0_wp) exit
-            center = center + crossing(n(a, :), h(a), n(b, :), h(b))/real(size(kept), wp)
-         end associate
-      end do
-      if (i > size(kept) .and. size(kept) > 2) then
-         if (all(matmul(n, center) < h - rounding*scale)) return
-      end if
-      failure = "the gaps leave no room to move"
+      if (.not. has_room(n, h, kept, rounding*scale)) failure = "the gaps leave no room to move"
 
    contains
 
@@ -153,6 +143,25 @@ contains
          is_cut_off = dot_product(n(c, :), crossing(n(a, :), h(a), n(b, :), h(b))) >= h(c) - rounding*scale
       end function is_cut_off
    end subroutine intersect
+
+   !> Whether the center of the corners lies within all half planes.
+   pure logical function has_room(n, h, kept, rounding)
+      real(wp), intent(in) :: n(:, :), h(:)                           !! normals of length 1, distances
+      integer, intent(in) :: kept(:)                                  !! those with a side, in order
+      real(wp), intent(in) :: rounding
+      real(wp) :: center(2)
+      integer :: i
+
+      has_room = .false.
+      center = 0.0_wp
+      do i = 1, size(kept)
+         associate (a => kept(i), b => kept(1 + modulo(i, size(kept))))
+            if (cross(n(a, :), n(b, :)) <= 0.0_wp) exit
+            center = center + crossing(n(a, :), h(a), n(b, :), h(b))/real(size(kept), wp)
+         end associate
+      end do
+      if (i > size(kept) .and. size(kept) > 2) has_room = all(matmul(n, center) < h - rounding)
+   end function has_room
 
    !> Half planes by the angle of their normals; of those with one direction only the narrowest, the first of equal ones.
    pure function by_angle(n, h) result(order)

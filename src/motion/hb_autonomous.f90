@@ -186,7 +186,7 @@ contains
       if (start%has_motion) call search%from_start(u, is_found)
       if (is_found) return
       if (size(start%tones) == 1 .and. size(start%modes) == 1) then
-         call search_all_modes()
+         call search_all_modes(start, model%tones%omega(start%tones(1)), balance, search, u, is_found)
       else if (size(start%modes) == size(start%tones)) then
          call search_from_modes(search, u, is_found)
       else
@@ -194,70 +194,81 @@ contains
          search%report%status = outcome%stalled
          search%message = "not found from the &start, and the linear structure has fewer oscillatory modes than unknown tones"
       end if
-
-   contains
-
-      !> One unknown tone: from the mode chosen, then from others, nearest to the first guess or most driven first. A motion
-      !> that others leave is the answer only if there is no other.
-      subroutine search_all_modes()
-         real(wp) :: merit(start%base%modes%n_modes), reached
-         real(wp), allocatable :: spare_u(:, :), spare_omega(:)
-         integer :: best, k
-         logical :: is_neutral, runs_away
-         character(:), allocatable :: driven, spare_message, failure
-         type(error_t), allocatable :: error
-
-         associate (modes => start%base%modes, guess => model%tones%omega(start%tones(1)))
-            merit = modes%growth
-            if (guess > 0.0_wp) merit = -abs(modes%frequency - guess)
-         end associate
-         reached = huge(1.0_wp)
-         is_neutral = .true.
-         runs_away = .false.
-         best = 1
-         where (.not. start%base%is_at_laws) merit = -huge(1.0_wp)
-         do k = 1, min(most_modes, count(start%base%is_at_laws))
-            best = maxloc(merit, dim=1)
-            merit(best) = -huge(1.0_wp)
-            if (work_is_over()) return
-            search%modes = [best]
-            call search_from_modes(search, u, is_found)
-            if (is_found .and. .not. search%is_left) return
-            if (is_found .and. .not. allocated(spare_u)) then
-               spare_u = u
-               spare_omega = balance%omega
-               spare_message = search%message
-            end if
-            if (search%report%status == outcome%stalled) then
-               failure = search%message
-            else if (search%is_driven) then
-               driven = search%message
-               runs_away = search%runs_away
-            end if
-            reached = min(reached, search%reached)
-            is_neutral = is_neutral .and. search%is_neutral
-            if (is_neutral) return
-         end do
-         if (allocated(spare_u)) then
-            u = spare_u
-            call balance%move(spare_omega, 0.0_wp*spare_omega, error)
-            call search%from_start(u, is_found)
-            search%message = spare_message
-            if (is_found) return
-         end if
-         if (allocated(failure)) then
-            search%report%status = outcome%stalled
-            search%message = failure
-            return
-         end if
-         if (allocated(driven)) then
-            if (runs_away) search%report%status = outcome%no_motion
-            search%message = driven
-            return
-         end if
-         search%message = "damped from each of "//to_text(k - 1)//" modes, up to an amplitude of "//to_text(reached)//" or more"
-      end subroutine search_all_modes
    end subroutine find_motion
+
+   !> One unknown tone: from the mode chosen, then from others, nearest to the first guess or most driven first. A motion
+   !> that others leave is the answer only if there is no other.
+   subroutine search_all_modes(start, guess, balance, search, u, is_found)
+      type(autonomous_start_t), intent(in) :: start
+      real(wp), intent(in) :: guess                                   !! of its frequency [rad/s]; 0: none
+      type(balance_t), intent(inout), target :: balance
+      type(search_t), intent(inout) :: search
+      real(wp), intent(inout) :: u(:, :)                              !! [m], (n_coefficients, n_dofs)
+      logical, intent(inout) :: is_found
+      real(wp) :: merit(start%base%modes%n_modes), reached
+      real(wp), allocatable :: spare_u(:, :), spare_omega(:)
+      integer :: best, k
+      logical :: is_neutral, runs_away
+      character(:), allocatable :: driven, spare_message, failure
+      type(error_t), allocatable :: error
+
+      merit = merit_of_modes(start, guess)
+      reached = huge(1.0_wp)
+      is_neutral = .true.
+      runs_away = .false.
+      best = 1
+      do k = 1, min(most_modes, count(start%base%is_at_laws))
+         best = maxloc(merit, dim=1)
+         merit(best) = -huge(1.0_wp)
+         if (work_is_over()) return
+         search%modes = [best]
+         call search_from_modes(search, u, is_found)
+         if (is_found .and. .not. search%is_left) return
+         if (is_found .and. .not. allocated(spare_u)) then
+            spare_u = u
+            spare_omega = balance%omega
+            spare_message = search%message
+         end if
+         if (search%report%status == outcome%stalled) then
+            failure = search%message
+         else if (search%is_driven) then
+            driven = search%message
+            runs_away = search%runs_away
+         end if
+         reached = min(reached, search%reached)
+         is_neutral = is_neutral .and. search%is_neutral
+         if (is_neutral) return
+      end do
+      if (allocated(spare_u)) then
+         u = spare_u
+         call balance%move(spare_omega, 0.0_wp*spare_omega, error)
+         call search%from_start(u, is_found)
+         search%message = spare_message
+         if (is_found) return
+      end if
+      if (allocated(failure)) then
+         search%report%status = outcome%stalled
+         search%message = failure
+         return
+      end if
+      if (allocated(driven)) then
+         if (runs_away) search%report%status = outcome%no_motion
+         search%message = driven
+         return
+      end if
+      search%message = "damped from each of "//to_text(k - 1)//" modes, up to an amplitude of "//to_text(reached)//" or more"
+   end subroutine search_all_modes
+
+   !> Which mode to begin with: nearest to the first guess, or most driven; none that the laws do not feel.
+   function merit_of_modes(start, guess) result(merit)
+      type(autonomous_start_t), intent(in) :: start
+      real(wp), intent(in) :: guess                                   !! [rad/s]; 0: none
+      real(wp) :: merit(start%base%modes%n_modes)
+
+      merit = start%base%modes%growth
+      if (guess > 0.0_wp) merit = -abs(start%base%modes%frequency - guess)
+      where (.not. start%base%is_at_laws) merit = -huge(1.0_wp)
+   end function merit_of_modes
 
    !> Constant forces on all degrees of freedom [N], the loads in the zero tuple.
    pure function constant_load(model) result(load)

@@ -356,7 +356,7 @@ contains
          if (.not. is_possible(i)) call find_side(i, value, is_possible(i))
       end do
       derivative = (r(:, 1) - r(:, 2))/(at(1) - at(2))
-      if (is_condensed) derivative = derivative - reaction_slope(1.0_wp/(at(1) - at(2)))
+      if (is_condensed) derivative = derivative - reaction_slope(self, sides, x, 1.0_wp/(at(1) - at(2)))
 
    contains
 
@@ -376,33 +376,36 @@ contains
          r(:, i) = r(:, i) + [reaction]
          sides(i) = side_t(self%model%structure, self%frequencies, self%model%loads)
       end subroutine find_side
-
-      !> Derivative of the reaction by the value; zero where the structure is singular.
-      function reaction_slope(weight) result(slope)
-         real(wp), intent(in) :: weight                               !! of differences of both sides
-         real(wp) :: slope(size(x))
-         type(dynamic_stiffness_t) :: stiffness
-         type(error_t), allocatable :: error
-         type(linear_part_t) :: linear
-         type(wanted_slopes_t) :: wanted
-         real(wp) :: along(self%harmonics%n_coefficients, self%n_dofs), once(self%harmonics%n_harmonics)
-
-         slope = 0.0_wp
-         once = 1.0_wp
-         wanted%is_on = .true.
-         wanted%change = sides(1)%structure%change_from(sides(2)%structure, weight)
-         wanted%rates = weight*(sides(1)%frequencies - sides(2)%frequencies)
-         call new_amplitudes(wanted%loads, sides(1)%loads%n_dofs, sides(1)%loads%n_harmonics)
-         call wanted%loads%add_scaled(sides(1)%loads, weight*once)
-         call wanted%loads%add_scaled(sides(2)%loads, -weight*once)
-         call new_dynamic_stiffness(stiffness, self%model%structure, coordinates_of(self%model), self%frequencies, &
-                                    self%model%loads, error, wanted)
-         if (allocated(error)) return
-         call new_linear_part(linear, stiffness)
-         call linear%find_reaction_slope(self%harmonics, reshape(x, shape(along)), 1.0_wp, once, along)
-         slope = [along]
-      end function reaction_slope
    end subroutine model_problem_parameter_derivative
+
+   !> Derivative of the reaction by the value; zero where the structure is singular.
+   function reaction_slope(self, sides, x, weight) result(slope)
+      class(model_problem_t), intent(in) :: self
+      type(side_t), intent(in) :: sides(2)                            !! a little beside the value
+      real(wp), intent(in) :: x(:)
+      real(wp), intent(in) :: weight                               !! of differences of both sides
+      real(wp) :: slope(size(x))
+      type(dynamic_stiffness_t) :: stiffness
+      type(error_t), allocatable :: error
+      type(linear_part_t) :: linear
+      type(wanted_slopes_t) :: wanted
+      real(wp) :: along(self%harmonics%n_coefficients, self%n_dofs), once(self%harmonics%n_harmonics)
+
+      slope = 0.0_wp
+      once = 1.0_wp
+      wanted%is_on = .true.
+      wanted%change = sides(1)%structure%change_from(sides(2)%structure, weight)
+      wanted%rates = weight*(sides(1)%frequencies - sides(2)%frequencies)
+      call new_amplitudes(wanted%loads, sides(1)%loads%n_dofs, sides(1)%loads%n_harmonics)
+      call wanted%loads%add_scaled(sides(1)%loads, weight*once)
+      call wanted%loads%add_scaled(sides(2)%loads, -weight*once)
+      call new_dynamic_stiffness(stiffness, self%model%structure, coordinates_of(self%model), self%frequencies, &
+                                 self%model%loads, error, wanted)
+      if (allocated(error)) return
+      call new_linear_part(linear, stiffness)
+      call linear%find_reaction_slope(self%harmonics, reshape(x, shape(along)), 1.0_wp, once, along)
+      slope = [along]
+   end function reaction_slope
 
    subroutine model_problem_update_regular_preconditioner(self, which, level, is_strongest)
       class(model_problem_t), intent(inout) :: self

@@ -149,16 +149,8 @@ contains
          call annotate(error, document%file_name)
          return
       end if
-      if (self%accuracy%is_on .and. self%certificate%improvement_steps > 0) then
-         group => document%optional_group("certificate")
-         call group%problem("improvement_steps", &
-                            "needs a given set: give &harmonics order and leave out &accuracy, or leave it out")
-      end if
+      call check_improvement(self, document%optional_group("certificate"))
       if (any(self%tones%is_unknown)) then
-         if (self%certificate%improvement_steps > 0) then
-            group => document%optional_group("certificate")
-            call group%problem("improvement_steps", "only tones that are given allow it; leave it out")
-         end if
          call check_fundamentals(self, document%optional_group("harmonics"))
          call read_phase(self, document%optional_group("phase"))
       end if
@@ -168,6 +160,17 @@ contains
       if (.not. self%solver%has_fallback_work) self%integration%work_limit = &
          self%callbacks%share_of_integration*self%integration%work_limit
    end subroutine read_parts
+
+   !> Improvement steps need sets and tones that are given.
+   subroutine check_improvement(self, group)
+      type(model_t), intent(in) :: self
+      type(properties_t), intent(inout) :: group                      !! &certificate
+
+      if (self%certificate%improvement_steps <= 0) return
+      if (self%accuracy%is_on) call group%problem("improvement_steps", &
+         "needs a given set: give &harmonics order and leave out &accuracy, or leave it out")
+      if (any(self%tones%is_unknown)) call group%problem("improvement_steps", "only tones that are given allow it; leave it out")
+   end subroutine check_improvement
 
    !> Reads those groups anew that have changed; `is_read` is false, and the model of no use, where something is wrong with them,
    !> or where they differ in more than numbers.

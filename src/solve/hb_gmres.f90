@@ -129,7 +129,7 @@ contains
       real(wp), intent(inout) :: s(:)
       integer, parameter :: stretch = 6                               ! products that a pace is taken from, after as many others
       integer :: i, j, k, n
-      real(wp) :: a, length, pace
+      real(wp) :: a, length
 
       n = size(self%basis, 1)
       k = self%n_kept
@@ -154,16 +154,7 @@ contains
          if (.not. ieee_is_finite(length)) exit
          j = j + 1
          associate (h => self%h(:, k + j))
-            call dgemv("T", n, j, 1.0_wp, self%basis(1, k + 1), n, self%work, 1, 0.0_wp, h, 1)
-            call dgemv("N", n, j, -1.0_wp, self%basis(1, k + 1), n, h, 1, 1.0_wp, self%work, 1)
-            h(j + 1) = dnrm2(n, self%work, 1)
-            if (h(j + 1) < cancelled*length) then
-               call dgemv("T", n, j, 1.0_wp, self%basis(1, k + 1), n, self%work, 1, 0.0_wp, self%again, 1)
-               call dgemv("N", n, j, -1.0_wp, self%basis(1, k + 1), n, self%again, 1, 1.0_wp, self%work, 1)
-               h(1:j) = h(1:j) + self%again(1:j)
-               h(j + 1) = dnrm2(n, self%work, 1)
-            end if
-            if (h(j + 1) <= exhausted*length) h(j + 1) = 0.0_wp
+            call orthogonalise(self, k, j, length, h)
             self%basis(:, k + j + 1) = self%work/merge(h(j + 1), 1.0_wp, h(j + 1) > 0.0_wp)
             do i = 1, j - 1
                call rotate(self%cosine(k + i), self%sine(k + i), h(i), h(i + 1))
@@ -183,13 +174,41 @@ contains
          norm = abs(self%g(j + 1))
          if (length <= 0.0_wp) exit                                   ! the space holds the solution
          if (j < max(2*stretch, slow_from/3) .or. norm <= target) cycle
-         pace = -sum(log(max(tiny(1.0_wp), abs(self%sine(k + j - stretch + 1:k + j)))))/stretch   ! sines: how the residual fell
-         self%is_slow = log(norm/target) > pace*(slow_from - self%n_products)
+         self%is_slow = log(norm/target) > pace_of(self%sine(k + j - stretch + 1:k + j))*(slow_from - self%n_products)
          if (self%is_slow) exit
       end do
       if (k + j > 0) call self%add_solution(problem, j, s)
       if (k == 0) self%n_kept = min(j, size(self%y)/2)                ! there has to be room for others
    end subroutine gmres_cycle
+
+   !> By how much the logarithm of the residual fell with each of the last products.
+   pure real(wp) function pace_of(sines)
+      real(wp), intent(in) :: sines(:)                                !! of the rotations: how the residual fell
+
+      pace_of = -sum(log(max(tiny(1.0_wp), abs(sines))))/size(sines)
+   end function pace_of
+
+   !> Takes the first j vectors of the present cycle out of the product, twice where most of it cancels.
+   subroutine orthogonalise(self, k, j, length, h)
+      class(gmres_t), intent(inout) :: self
+      integer, intent(in) :: k                                        !! vectors that are kept from cycles before
+      integer, intent(in) :: j
+      real(wp), intent(in) :: length                                  !! of the product
+      real(wp), intent(inout), contiguous :: h(:)                     !! column of the Hessenberg matrix
+      integer :: n
+
+      n = size(self%basis, 1)
+      call dgemv("T", n, j, 1.0_wp, self%basis(1, k + 1), n, self%work, 1, 0.0_wp, h, 1)
+      call dgemv("N", n, j, -1.0_wp, self%basis(1, k + 1), n, h, 1, 1.0_wp, self%work, 1)
+      h(j + 1) = dnrm2(n, self%work, 1)
+      if (h(j + 1) < cancelled*length) then
+         call dgemv("T", n, j, 1.0_wp, self%basis(1, k + 1), n, self%work, 1, 0.0_wp, self%again, 1)
+         call dgemv("N", n, j, -1.0_wp, self%basis(1, k + 1), n, self%again, 1, 1.0_wp, self%work, 1)
+         h(1:j) = h(1:j) + self%again(1:j)
+         h(j + 1) = dnrm2(n, self%work, 1)
+      end if
+      if (h(j + 1) <= exhausted*length) h(j + 1) = 0.0_wp
+   end subroutine orthogonalise
 
    !> Takes out of `work` what the kept products reach: those of the space that the first columns of `basis` span, turned by the
    !> rotations, but for the last.

@@ -58,17 +58,9 @@ contains
          call curve%advance()
          if (curve%status /= outcome%pending) exit
          n_steps = n_steps + 1
-         associate (place => curve%x(n + 1), place_before => curve%last_x(n + 1))
+         associate (place => curve%x(n + 1))
             if (place >= 1.0_wp) then                                 ! from the point of the chord where it is 1
-               trial = curve%last_x(:n) + (1.0_wp - place_before)/(place - place_before)*(curve%x(:n) - curve%last_x(:n))
-               call problem%set_parameters([-kind], [1.0_wp], is_possible)
-               call solve_newton(problem, config, trial, last)
-               call curve%report%add(last)
-               if (last%status == outcome%converged) then
-                  curve%status = outcome%converged
-               else
-                  call curve%retreat()                                ! too long a step to land well
-               end if
+               call land(problem, config, kind, curve, trial, last)
             else if (place < 0.0_wp) then
                curve%status = outcome%stalled                         ! back at the easy problem
             else
@@ -91,4 +83,29 @@ contains
          report%residual = problem%norm(residual)
       end if
    end subroutine solve_by_homotopy
+
+   !> Solves the problem itself from the chord of the last step, which has passed it; where that fails, the step was too long.
+   subroutine land(problem, config, kind, curve, x, report)
+      class(problem_t), intent(inout) :: problem
+      type(solver_config_t), intent(in) :: config
+      integer, intent(in) :: kind                                     !! one of hb_problem%deformation
+      type(curve_t), intent(inout) :: curve
+      real(wp), intent(inout), contiguous :: x(:)                     !! the solution
+      type(report_t), intent(out) :: report
+      integer :: n
+      logical :: is_possible
+
+      n = size(x)
+      associate (place => curve%x(n + 1), place_before => curve%last_x(n + 1))
+         x = curve%last_x(:n) + (1.0_wp - place_before)/(place - place_before)*(curve%x(:n) - curve%last_x(:n))
+         call problem%set_parameters([-kind], [1.0_wp], is_possible)
+         call solve_newton(problem, config, x, report)
+         call curve%report%add(report)
+         if (report%status == outcome%converged) then
+            curve%status = outcome%converged
+         else
+            call curve%retreat()                                ! too long a step to land well
+         end if
+      end associate
+   end subroutine land
 end module hb_homotopy

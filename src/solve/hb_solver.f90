@@ -44,9 +44,9 @@ contains
       type(report_t), intent(out) :: report
       type(report_t) :: attempt
       type(solver_config_t) :: limited
-      real(wp), allocatable :: first_guess(:), other_guess(:), trial(:)
+      real(wp), allocatable :: first_guess(:), trial(:)
       real(wp) :: all_work
-      integer :: chosen, i, other_method, kind
+      integer :: chosen, i, kind
       logical :: has_continued_in_order
 
       if (.not. problem%has_sound_scales()) then
@@ -56,12 +56,7 @@ contains
          return
       end if
       allocate (first_guess, source=x)
-      allocate (other_guess, source=linear_solution)
-      if (all(x == linear_solution)) other_guess = 0.0_wp
-      chosen = config%method
-      if (chosen == method%auto) chosen = merge(method%krylov, method%newton, &
-                                                problem%has_products .and. problem%n_unknowns > problem%largest_dense)
-      other_method = merge(method%broyden, method%newton, chosen == method%newton)
+      chosen = method_for(problem, config)
       limited = config
       if (config%fallback) limited%patience = patience
       has_continued_in_order = config%fallback .and. config%continues_in_order .and. problem%continues_in_order_first .and. &
@@ -87,40 +82,11 @@ contains
          kind = kinds(i)
          limited%work_limit = 0.5_wp*(all_work - report%work)
          if (limited%work_limit < problem%residual_work) exit
-         limited%patience = 0
-         if (any(kind == [fallback%other_guess, fallback%several_guesses])) limited%patience = patience
-         select case (kind)
-         case (fallback%fewer_harmonics)
-            if (has_continued_in_order .or. .not. config%continues_in_order) cycle
-            trial = first_guess
-            call refine(problem, limited, chosen, trial, attempt)
-            if (attempt%status == outcome%pending) cycle
-         case (fallback%damping)
-            if (.not. problem%can_be_damped) cycle
-            limited%patience = patience
-            trial = 0.0_wp*linear_solution
-            call solve_by_damping(problem, limited, chosen, trial, attempt)
-         case (fallback%none)
-            trial = first_guess
-            call solve_directly(problem, limited, chosen, trial, attempt)
-         case (fallback%other_guess)
-            trial = other_guess
-            call solve_directly(problem, limited, chosen, trial, attempt)
-         case (fallback%other_method)
-            trial = first_guess
-            call solve_directly(problem, limited, other_method, trial, attempt)
-         case (fallback%both_other)
-            trial = other_guess
-            call solve_directly(problem, limited, other_method, trial, attempt)
-         case (fallback%nonlinearity)
-            trial = linear_solution
-            call solve_by_homotopy(problem, limited, deformation%nonlinearity, trial, attempt)
-         case (fallback%load)
-            trial = 0.0_wp*linear_solution
-            call solve_by_homotopy(problem, limited, deformation%load, trial, attempt)
-         case default
-            call solve_from_shares(problem, limited, chosen, linear_solution, trial, attempt)
-         end select
+         if (kind == fallback%fewer_harmonics .and. (has_continued_in_order .or. .not. config%continues_in_order)) cycle
+         if (kind == fallback%damping .and. .not. problem%can_be_damped) cycle
+         trial = first_guess
+         call attempt_fallback(problem, limited, chosen, kind, linear_solution, trial, attempt)
+         if (kind == fallback%fewer_harmonics .and. attempt%status == outcome%pending) cycle
          call report%add(attempt)
          report%attempts = [report%attempts, attempt%as_attempt(kind)]
          if (.not. has_ended(attempt)) cycle
@@ -133,6 +99,55 @@ contains
          return
       end do
    end subroutine solve
+
+   !> The method of the first attempt.
+   integer function method_for(problem, config) result(chosen)
+      class(problem_t), intent(in) :: problem
+      type(solver_config_t), intent(in) :: config
+
+      chosen = config%method
+      if (chosen == method%auto) chosen = merge(method%krylov, method%newton, &
+                                                problem%has_products .and. problem%n_unknowns > problem%largest_dense)
+   end function method_for
+
+   !> Solves in another way than at first, once.
+   recursive subroutine attempt_fallback(problem, config, chosen, kind, linear_solution, x, report)
+      class(problem_t), intent(inout) :: problem
+      type(solver_config_t), intent(in) :: config                     !! of the attempt
+      integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
+      integer, intent(in) :: kind                                     !! one of hb_outcome%fallback
+      real(wp), intent(in) :: linear_solution(:)
+      real(wp), allocatable, intent(inout) :: x(:)                    !! the first guess of the first attempt, then the solution
+      type(report_t), intent(out) :: report
+      type(solver_config_t) :: limited
+      integer :: other_method
+
+      limited = config
+      limited%patience = 0
+      if (any(kind == [fallback%other_guess, fallback%several_guesses, fallback%damping])) limited%patience = patience
+      other_method = merge(method%broyden, method%newton, chosen == method%newton)
+      if (any(kind == [fallback%other_guess, fallback%both_other])) &
+         x = merge(0.0_wp*linear_solution, linear_solution, all(x == linear_solution))
+      select case (kind)
+      case (fallback%fewer_harmonics)
+         call refine(problem, limited, chosen, x, report)
+      case (fallback%damping)
+         x = 0.0_wp*linear_solution
+         call solve_by_damping(problem, limited, chosen, x, report)
+      case (fallback%none, fallback%other_guess)
+         call solve_directly(problem, limited, chosen, x, report)
+      case (fallback%other_method, fallback%both_other)
+         call solve_directly(problem, limited, other_method, x, report)
+      case (fallback%nonlinearity)
+         x = linear_solution
+         call solve_by_homotopy(problem, limited, deformation%nonlinearity, x, report)
+      case (fallback%load)
+         x = 0.0_wp*linear_solution
+         call solve_by_homotopy(problem, limited, deformation%load, x, report)
+      case default
+         call solve_from_shares(problem, limited, chosen, linear_solution, x, report)
+      end select
+   end subroutine attempt_fallback
 
    !> Solves the smallest problem that resembles this one by all ways, larger ones from its solution, and the problem at last. The
    !> status stays `pending` where there is no smaller problem or no solution of one; `fallback` says what led to the first

@@ -19,6 +19,11 @@ module hb_condensation
    !> what rounding leaves of a singular matrix is of that size.
    real(wp), parameter :: lowest_condition = 1.0e-14_wp
 
+   type :: slope_by_t
+      integer :: frequency = 1, drive = 2, value = 3         !! the value changes the structure
+   end type slope_by_t
+   type(slope_by_t), parameter :: slope_by = slope_by_t()
+
    !> Entries of a structure between coordinates and interior.
    type :: blocks_t
       type(structure_block_t) :: ll, lr, rl, rr
@@ -187,62 +192,73 @@ contains
          solver%rhs(:, n + 1) = self%load_slope(self%interior)
          condensed = (0.0_wp, 0.0_wp)
          load = self%load_slope(self%places)
-         call add(self, .false.)
-         if (allocated(self%change) .and. .not. by_drive) call add(self%change, .true.)
+         if (by_drive) then
+            call add_slopes(self, self, slope_by%drive, frequency, 1.0_wp, condensed, load)
+         else if (allocated(self%change)) then
+            call add_slopes(self, self, slope_by%frequency, frequency, self%rates(h), condensed, load)
+            call add_slopes(self, self%change, slope_by%value, frequency, 1.0_wp, condensed, load)
+         else
+            call add_slopes(self, self, slope_by%frequency, frequency, 1.0_wp, condensed, load)
+         end if
          call solver%solve_again()
          do e = 1, lr%n_entries
             call subtract_row(self%pattern, condensed, lr%row(e), s_lr(e), solver%rhs(lr%column(e), :n))
             load(lr%row(e)) = load(lr%row(e)) - s_lr(e)*solver%rhs(lr%column(e), n + 1)
          end do
       end associate
+   end subroutine condensation_find_slopes
+
+   !> Adds what some blocks change in S_c and P_c, but for S_lr dT and S_lr dy, and the right-hand sides of these.
+   subroutine add_slopes(self, blocks, by, frequency, rate, condensed, load)
+      class(condensation_t), intent(inout), target :: self
+      class(blocks_t), intent(in) :: blocks
+      integer, intent(in) :: by                                       !! one of `slope_by`
+      real(wp), intent(in) :: frequency                               !! [rad/s]
+      real(wp), intent(in) :: rate                                    !! of the frequency
+      complex(wp), intent(inout) :: condensed(:, :), load(:)
+      complex(wp), allocatable :: slope(:)
+      integer :: e, k, n
+
+      n = size(self%places)
+      associate (rhs => self%solver%rhs, transfer => self%transfer, held_motion => self%held_motion, &
+                 rl => blocks%rl, rr => blocks%rr, ll => blocks%ll, lr => blocks%lr, shift => self%pattern%shift)
+         slope = slopes_of(rl)
+         do e = 1, rl%n_entries
+            rhs(rl%row(e), rl%column(e)) = rhs(rl%row(e), rl%column(e)) + slope(e)
+         end do
+         slope = slopes_of(rr)
+         do e = 1, rr%n_entries
+            rhs(rr%row(e), :n) = rhs(rr%row(e), :n) - slope(e)*transfer(rr%column(e), :)
+            rhs(rr%row(e), n + 1) = rhs(rr%row(e), n + 1) - slope(e)*held_motion(rr%column(e))
+         end do
+         slope = slopes_of(ll)
+         do e = 1, ll%n_entries
+            k = shift(ll%column(e)) + ll%row(e)
+            condensed(k, ll%column(e)) = condensed(k, ll%column(e)) + slope(e)
+         end do
+         slope = slopes_of(lr)
+         do e = 1, lr%n_entries
+            call subtract_row(self%pattern, condensed, lr%row(e), slope(e), transfer(lr%column(e), :))
+            load(lr%row(e)) = load(lr%row(e)) - slope(e)*held_motion(lr%column(e))
+         end do
+      end associate
 
    contains
 
-      !> What some blocks add but for S_lr dT and S_lr dy.
-      subroutine add(blocks, are_of_change)
-         class(blocks_t), intent(in) :: blocks
-         logical, intent(in) :: are_of_change
-         complex(wp), allocatable :: slope(:)
-
-         associate (rhs => self%solver%rhs, transfer => self%transfer, held_motion => self%held_motion, &
-                    rl => blocks%rl, rr => blocks%rr, ll => blocks%ll, lr => blocks%lr, shift => self%pattern%shift)
-            slope = slopes_of(rl, are_of_change)
-            do e = 1, rl%n_entries
-               rhs(rl%row(e), rl%column(e)) = rhs(rl%row(e), rl%column(e)) + slope(e)
-            end do
-            slope = slopes_of(rr, are_of_change)
-            do e = 1, rr%n_entries
-               rhs(rr%row(e), :n) = rhs(rr%row(e), :n) - slope(e)*transfer(rr%column(e), :)
-               rhs(rr%row(e), n + 1) = rhs(rr%row(e), n + 1) - slope(e)*held_motion(rr%column(e))
-            end do
-            slope = slopes_of(ll, are_of_change)
-            do e = 1, ll%n_entries
-               k = shift(ll%column(e)) + ll%row(e)
-               condensed(k, ll%column(e)) = condensed(k, ll%column(e)) + slope(e)
-            end do
-            slope = slopes_of(lr, are_of_change)
-            do e = 1, lr%n_entries
-               call subtract_row(self%pattern, condensed, lr%row(e), slope(e), transfer(lr%column(e), :))
-               load(lr%row(e)) = load(lr%row(e)) - slope(e)*held_motion(lr%column(e))
-            end do
-         end associate
-      end subroutine add
-
-      function slopes_of(block, is_of_change) result(slope)
+      function slopes_of(block) result(slope)
          type(structure_block_t), intent(in) :: block
-         logical, intent(in) :: is_of_change
          complex(wp) :: slope(block%n_entries)
 
-         if (is_of_change) then
+         if (by == slope_by%value) then
             call block%evaluate(frequency, 0.0_wp, slope)
-         else if (by_drive) then
+         else if (by == slope_by%drive) then
             call block%drive_slope(slope)
          else
             call block%slope(frequency, slope)
-            if (allocated(self%rates)) slope = self%rates(h)*slope
+            slope = rate*slope
          end if
       end function slopes_of
-   end subroutine condensation_find_slopes
+   end subroutine add_slopes
 
    !> Subtracts factor*values from row i of a block; outside of its pattern the values are zero.
    pure subroutine subtract_row(pattern, block, i, factor, values)

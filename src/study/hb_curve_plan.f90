@@ -62,26 +62,7 @@ contains
       self%moving%is_tied = tie == "ratio"
       call group%get("switch", self%switches)
       call group%get("follow", follow)
-      if (follow /= "motion") then
-         allocate (self%over)
-         self%over%kind = merge(curve_kind%peak, curve_kind%fold, follow == "peak")
-         call group%get("over", self%over_path)
-         call group%get("over_from", self%over%from)
-         call group%get("over_to", self%over%to)
-         self%over%moving%typical = abs(self%over%to - self%over%from)
-         if (follow == "peak" .and. size(self%peak_of) /= 1) &
-            call group%problem("peak_of", "name the one response whose maximum is followed")
-         if (abs(self%start - self%from) > 0.0_wp) call group%problem("start", "a peak or fold is followed from 'from'")
-         if (size(self%others) > 0) call group%problem("others", "is for the motion itself, not for a peak or fold")
-         if (self%switches) call group%problem("switch", "is for the motion itself, not for a peak or fold")
-         if (group%given("over") .and. group%given("parameter")) then
-            if (self%over_path == self%path) call group%problem("over", "moves along 'parameter' already; name another value")
-         end if
-         if (group%given("over_from") .and. group%given("over_to")) then
-            if (.not. self%over%moving%typical > 0.0_wp) &
-               call group%problem("over_to", "is the same as 'over_from': the range is empty")
-         end if
-      end if
+      if (follow /= "motion") call read_over(self, group, follow)
       self%origin_path = ""
       call group%get("origin", self%origin_path)
       if (len(self%origin_path) > 0) call group%get("origin_point", self%origin_point)
@@ -115,6 +96,32 @@ contains
          end do
       end subroutine check_values
    end subroutine read_curve_plan
+
+   !> The value over which a peak or a fold is found that the curve follows.
+   subroutine read_over(self, group, follow)
+      type(curve_plan_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+      character(*), intent(in) :: follow                              !! peak or fold
+
+      allocate (self%over)
+      self%over%kind = merge(curve_kind%peak, curve_kind%fold, follow == "peak")
+      call group%get("over", self%over_path)
+      call group%get("over_from", self%over%from)
+      call group%get("over_to", self%over%to)
+      self%over%moving%typical = abs(self%over%to - self%over%from)
+      if (follow == "peak" .and. size(self%peak_of) /= 1) &
+         call group%problem("peak_of", "name the one response whose maximum is followed")
+      if (abs(self%start - self%from) > 0.0_wp) call group%problem("start", "a peak or fold is followed from 'from'")
+      if (size(self%others) > 0) call group%problem("others", "is for the motion itself, not for a peak or fold")
+      if (self%switches) call group%problem("switch", "is for the motion itself, not for a peak or fold")
+      if (group%given("over") .and. group%given("parameter")) then
+         if (self%over_path == self%path) call group%problem("over", "moves along 'parameter' already; name another value")
+      end if
+      if (group%given("over_from") .and. group%given("over_to")) then
+         if (.not. self%over%moving%typical > 0.0_wp) &
+            call group%problem("over_to", "is the same as 'over_from': the range is empty")
+      end if
+   end subroutine read_over
 
    !> Finds what the paths name; fails for what is no single number that can move.
    subroutine find_values(self, document, error)

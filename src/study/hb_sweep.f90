@@ -80,7 +80,6 @@ contains
       type(comm_t), intent(in) :: comm
       type(run_summary_t), intent(out) :: summary
       type(error_t), allocatable, intent(out) :: error
-      type(resumed_input_t) :: input
       type(run_t), target :: run
       type(crash_location_t) :: place
       real(wp) :: started
@@ -91,31 +90,9 @@ contains
             "; give the sweep fewer values, or split it into several inputs")
          return
       end if
-      run%source%rank = rank_of(comm)
-      run%source%document = self%document
-      run%source%plan = self%plan
-      run%source%available_memory = self%available_memory
-      run%source%callbacks = self%callbacks
       call prepare_wisdom(self, comm, error)
       if (allocated(error)) return
-      call describe_layout(self, size_of(comm), run%source%layout)
-      call new_schedule(run%schedule, self%plan%n_points, self%plan%n_fastest(), &
-         length_of_units(self), size_of(comm), block_seconds=0.0_wp)
-      run%is_checked = self%model%chain%is_on .and. .not. any(self%model%tones%is_unknown)
-      if (run%is_checked) run%is_checked = self%plan%is_way()
-      allocate (run%before%crashed(0))
-      if (options%resumes) then
-         input%complete = self%input_complete
-         input%tuples = self%tuples
-         input%libraries = run%source%layout%input_libraries
-         call choose_units(options%path, input, options%retries, comm, run%schedule, run%before, summary, error)
-         if (allocated(error)) return
-      end if
-      if (run%before%is_there) then
-         call open_results(run%results, options%path, run%source%layout, comm, error)
-      else
-         call create_results(run%results, options%path, run%source%layout, options%overwrite, comm, error)
-      end if
+      call prepare(self, options, comm, run, summary, error)
       if (allocated(error)) return
       call run%source%layout%forget_values()
       run%schedule%block_seconds = run%results%hold_seconds()
@@ -147,6 +124,41 @@ contains
       call run%ending%destroy()
       summary%seconds = wall_clock() - started
    end subroutine run_study
+
+   !> What a run begins with: where points come from, which of them are to be solved, and the result file.
+   subroutine prepare(self, options, comm, run, summary, error)
+      type(study_t), intent(in) :: self
+      type(run_options_t), intent(in) :: options
+      type(comm_t), intent(in) :: comm
+      type(run_t), intent(inout) :: run
+      type(run_summary_t), intent(inout) :: summary
+      type(error_t), allocatable, intent(out) :: error
+      type(resumed_input_t) :: input
+
+      run%source%rank = rank_of(comm)
+      run%source%document = self%document
+      run%source%plan = self%plan
+      run%source%available_memory = self%available_memory
+      run%source%callbacks = self%callbacks
+      call describe_layout(self, size_of(comm), run%source%layout)
+      call new_schedule(run%schedule, self%plan%n_points, self%plan%n_fastest(), &
+         length_of_units(self), size_of(comm), block_seconds=0.0_wp)
+      run%is_checked = self%model%chain%is_on .and. .not. any(self%model%tones%is_unknown)
+      if (run%is_checked) run%is_checked = self%plan%is_way()
+      allocate (run%before%crashed(0))
+      if (options%resumes) then
+         input%complete = self%input_complete
+         input%tuples = self%tuples
+         input%libraries = run%source%layout%input_libraries
+         call choose_units(options%path, input, options%retries, comm, run%schedule, run%before, summary, error)
+         if (allocated(error)) return
+      end if
+      if (run%before%is_there) then
+         call open_results(run%results, options%path, run%source%layout, comm, error)
+      else
+         call create_results(run%results, options%path, run%source%layout, options%overwrite, comm, error)
+      end if
+   end subroutine prepare
 
    !> Counts all points of the file: a curve that was continued has points of both runs.
    subroutine recount(path, summary, error)

@@ -119,6 +119,17 @@ contains
       do i = 1, size(self%parameters)
          self%parameters(i)%varies = has_several_values(self%parameters(i))
       end do
+      call resolve_parameters(self, document, error)
+   end subroutine read_sweep_plan
+
+   !> Finds the keys that the parameters change; none is the one along which the curve runs.
+   subroutine resolve_parameters(self, document, error)
+      type(sweep_plan_t), intent(inout) :: self
+      type(document_t), intent(inout), target :: document
+      type(error_t), allocatable, intent(out) :: error
+      type(properties_t), pointer :: group
+      integer :: i
+
       do i = 1, size(self%parameters)
          associate (swept => self%parameters(i))
             call document%resolve(swept%path, swept%parameter, error)
@@ -134,7 +145,7 @@ contains
             return
          end associate
       end do
-   end subroutine read_sweep_plan
+   end subroutine resolve_parameters
 
    !> Fails where a value that is swept, or that moves along a curve, follows another one.
    subroutine sweep_plan_refuse_tied(self, document, error)

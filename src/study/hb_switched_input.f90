@@ -41,10 +41,8 @@ contains
       type(properties_t), pointer :: group
       type(model_t) :: model
       character(:), allocatable :: key
-      integer, allocatable :: samples(:)
-      integer :: i, k
+      integer :: i
       logical :: is_torus                                             ! else the period doubles
-      character(5), parameter :: with_tuples(2) = [character(5) :: "load", "start"]
 
       is_torus = from%kind /= curve_kind%flip
       document = study%document
@@ -60,81 +58,100 @@ contains
       else if (.not. is_torus .and. any([(model%laws(i)%law%n_phases > 0, i=1, size(model%laws))])) then
          call fail(error, "a law turns with a tone")
       end if
-      if (.not. (allocated(error) .or. model%accuracy%grows_set)) call add_set()   ! else the origin has it
+      if (.not. (allocated(error) .or. model%accuracy%grows_set)) &   ! else the origin has it
+         call add_set(document, model%tones%n_tones, plan%curve%torus_order, is_torus, overrides, error)
       if (allocated(error)) return
       if (is_torus) then
          group => document%group("tones", 1)
          key = trim(merge("hertz    ", "frequency", group%given("hertz")))
-         call add("tones%"//key, input_frequency(model, key)//", 0.0")
-         call add("tones%unknown", to_text(model%tones%is_unknown(1))//", .true.")
-         call add("certificate%improvement_steps", "0")
+         call add(overrides, "tones%"//key, input_frequency(model, key)//", 0.0")
+         call add(overrides, "tones%unknown", to_text(model%tones%is_unknown(1))//", .true.")
+         call add(overrides, "certificate%improvement_steps", "0")
       else
-         call add("tones%subharmonic", to_text(2*model%tones%subharmonic))
+         call add(overrides, "tones%subharmonic", to_text(2*model%tones%subharmonic))
       end if
-      call add("harmonics%symmetry", "'none'")
-      group => document%optional_group("sampling")
-      samples = [0]
-      call group%get("samples", samples)
-      if (is_torus) then
-         call add("sampling%samples", list_of([samples(1), 0]))
-      else
-         call add("sampling%samples", list_of(2*samples))
-      end if
-      do k = 1, size(with_tuples)
-         do i = 1, document%count(trim(with_tuples(k)))
-            group => document%group(trim(with_tuples(k)), i)
-            if (allocated(samples)) deallocate (samples)
-            call group%get("tuple", samples)
-            call add(trim(with_tuples(k))//"("//to_text(i)//")%tuple", list_of(taken_over(samples, is_torus)))
-         end do
-      end do
+      call add(overrides, "harmonics%symmetry", "'none'")
+      call add_samples_and_tuples(document, is_torus, overrides)
       if (is_torus .and. index(plan%curve%path, "(") == 0 .and. index(plan%curve%path, "tones%") == 1) &
-         call add("curve%parameter", quote(plan%curve%path//"(1)"))
+         call add(overrides, "curve%parameter", quote(plan%curve%path//"(1)"))
       if (size(plan%curve%peak_of) > 0) then
          key = ""
          do i = 1, size(plan%curve%peak_of)
             if (i > 1) key = key//", "
             key = key//quote(response_text(plan%curve%peak_of(i)%value, is_torus))
          end do
-         call add("curve%peak_of", key)
+         call add(overrides, "curve%peak_of", key)
       end if
       if (from%kind == curve_kind%graze) then
-         call add("solver%first_guess", "'integration'")
-         call add("curve%start", to_text(a_little_beyond(plan, from)))
+         call add(overrides, "solver%first_guess", "'integration'")
+         call add(overrides, "curve%start", to_text(a_little_beyond(plan, from)))
       else
-         call add("curve%origin", quote(path))
-         call add("curve%origin_point", to_text(from%point - 1))
+         call add(overrides, "curve%origin", quote(path))
+         call add(overrides, "curve%origin_point", to_text(from%point - 1))
       end if
-      call add("curve%switch", ".false.")
-
-   contains
-
-      subroutine add(where, what)
-         character(*), intent(in) :: where, what
-
-         overrides = [overrides, string_t(where//"="//what)]
-      end subroutine add
-
-      subroutine add_set()
-         type(truncation_t) :: truncation
-
-         call read_truncation(truncation, document, model%tones%n_tones, error)
-         if (allocated(error)) return
-         if (.not. allocated(truncation%order)) then
-            call fail(error, "&harmonics set = 'list' does not define the other motions; use a box or a diamond")
-         else if (is_torus .and. size(plan%curve%torus_order) == 2) then
-            call add("harmonics%order", list_of(plan%curve%torus_order))
-            call add("harmonics%set", "'box'")
-         else if (is_torus .and. truncation%set == "box") then
-            call add("harmonics%order", list_of(min([truncation%order, truncation%order], torus_orders)))
-         else if (.not. is_torus .and. truncation%set == "box") then
-            call add("harmonics%order", list_of(2*truncation%order))
-         else if (.not. is_torus) then
-            call add("harmonics%order", to_text(2*truncation%order(1)))
-         end if
-         call add("harmonics%odd_only", ".false.")
-      end subroutine add_set
+      call add(overrides, "curve%switch", ".false.")
    end subroutine switched_input
+
+   !> The set of the other motions.
+   subroutine add_set(document, n_tones, torus_order, is_torus, overrides, error)
+      type(document_t), intent(inout), target :: document
+      integer, intent(in) :: n_tones, torus_order(:)
+      logical, intent(in) :: is_torus
+      type(string_t), allocatable, intent(inout) :: overrides(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(truncation_t) :: truncation
+
+      call read_truncation(truncation, document, n_tones, error)
+      if (allocated(error)) return
+      if (.not. allocated(truncation%order)) then
+         call fail(error, "&harmonics set = 'list' does not define the other motions; use a box or a diamond")
+      else if (is_torus .and. size(torus_order) == 2) then
+         call add(overrides, "harmonics%order", list_of(torus_order))
+         call add(overrides, "harmonics%set", "'box'")
+      else if (is_torus .and. truncation%set == "box") then
+         call add(overrides, "harmonics%order", list_of(min([truncation%order, truncation%order], torus_orders)))
+      else if (.not. is_torus .and. truncation%set == "box") then
+         call add(overrides, "harmonics%order", list_of(2*truncation%order))
+      else if (.not. is_torus) then
+         call add(overrides, "harmonics%order", to_text(2*truncation%order(1)))
+      end if
+      call add(overrides, "harmonics%odd_only", ".false.")
+   end subroutine add_set
+
+   !> Samples of the grid and the tuples of loads and starts, which count another tone or half of it.
+   subroutine add_samples_and_tuples(document, is_torus, overrides)
+      type(document_t), intent(inout), target :: document
+      logical, intent(in) :: is_torus
+      type(string_t), allocatable, intent(inout) :: overrides(:)
+      character(5), parameter :: with_tuples(2) = [character(5) :: "load", "start"]
+      type(properties_t), pointer :: group
+      integer, allocatable :: samples(:)
+      integer :: i, k
+
+      group => document%optional_group("sampling")
+      samples = [0]
+      call group%get("samples", samples)
+      if (is_torus) then
+         call add(overrides, "sampling%samples", list_of([samples(1), 0]))
+      else
+         call add(overrides, "sampling%samples", list_of(2*samples))
+      end if
+      do k = 1, size(with_tuples)
+         do i = 1, document%count(trim(with_tuples(k)))
+            group => document%group(trim(with_tuples(k)), i)
+            if (allocated(samples)) deallocate (samples)
+            call group%get("tuple", samples)
+            call add(overrides, trim(with_tuples(k))//"("//to_text(i)//")%tuple", list_of(taken_over(samples, is_torus)))
+         end do
+      end do
+   end subroutine add_samples_and_tuples
+
+   subroutine add(overrides, where, what)
+      type(string_t), allocatable, intent(inout) :: overrides(:)
+      character(*), intent(in) :: where, what
+
+      overrides = [overrides, string_t(where//"="//what)]
+   end subroutine add
 
    !> A value on the side of contact, inside of the range of the curve.
    pure real(wp) function a_little_beyond(plan, from) result(value)
