@@ -385,7 +385,7 @@ contains
          change(whole%places) = change(whole%places) - alias(:size(u))
          self%truncation = norm2(on_wide(change))/size_of_motion
       end if
-      call keep_step(self, balance, wide, whole, big, first, size_of_motion)
+      call keep_step(self, balance, wide, whole%which, big, first, size_of_motion)
       if (present(bordered) .and. .not. is_free) self%parameter_error = abs(first(size(first)))
       self%n_products = whole%n_products
       if (acts_rigidly(balance, wide, is_free) .or. (is_free .and. self%truncation > linear)) &
@@ -408,10 +408,10 @@ contains
    end subroutine estimate_errors
 
    !> Keeps what the step says of the tuples outside, the motion after it, and the errors of frequencies.
-   subroutine keep_step(self, balance, wide, whole, big, first, size_of_motion)
+   subroutine keep_step(self, balance, wide, which, big, first, size_of_motion)
       type(certificate_t), intent(inout) :: self
       type(balance_t), intent(in) :: balance, wide
-      type(wide_problem_t), intent(in) :: whole
+      integer, intent(in) :: which(:)                                 !! parameters of the balance among the unknowns
       real(wp), intent(in) :: big(:, :)                               !! the motion in the wider set [m]
       real(wp), intent(in) :: first(:)                                !! the step of all unknowns
       real(wp), intent(in) :: size_of_motion                          !! [m]
@@ -423,8 +423,8 @@ contains
       call clear_kept(balance%harmonics, wide%harmonics, outside)
       self%around = wide%harmonics
       self%neglected = amplitudes(wide%harmonics, outside)/size_of_motion
-      do i = 1, size(whole%which)
-         if (whole%which(i) <= size(balance%omega)) self%frequency_error(whole%which(i)) = abs(first(size(big) + i))
+      do i = 1, size(which)
+         if (which(i) <= size(balance%omega)) self%frequency_error(which(i)) = abs(first(size(big) + i))
       end do
       if (.not. keeps_all(self, balance)) return
       if (allocated(self%refined)) deallocate (self%refined)
