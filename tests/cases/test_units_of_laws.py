@@ -63,6 +63,15 @@ LAWS = {
     },
     "quadratic_damping": {"dof": "'x1'", "coefficient": (0.5, 1, -2)},
     "rigid_wall": {"dof": "'x1'", "gap": (0.3, *L)},
+    "short_bearing": {
+        "dof": "'x1'",
+        "second_dofs": "'x2'",
+        "viscosity": (0.02, 1, -2),
+        "radius": (1.0, *L),
+        "length": (1.0, *L),
+        "clearance": (4.0, *L),
+        "rotor_speed": 0.5,
+    },
     "tabulated": {"dof": "'x1'", "displacements": ((-1.0, 0.0, 1.0), *L), "forces": ((-2.0, 0.0, 0.5), *F)},
     "van_der_pol": {"dof": "'x1'", "strength": (0.1, *STIFFNESS), "threshold": (0.5, *L)},
 }
