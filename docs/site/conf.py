@@ -31,6 +31,7 @@ html_css_files = ["site.css"]
 html_theme_options = {"source_repository": "", "navigation_with_keys": True}
 html_show_sourcelink = False
 html_show_copyright = False
+html_show_search_summary = False  # for pages opened from the disk, which may not read each other
 copybutton_prompt_text = "$ "
 pygments_style = "tango"
 suppress_warnings = ["toc.not_included"]  # docs/README.md is for readers of the files

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-_MARKS = {3: ("fold", "s"), 4: ("peak", "^"), 7: ("branch point", "x"), 8: ("period doubling", "D"), 9: ("Neimark-Sacker", "P"),
-          10: ("symmetry lost", "v"), 11: ("grazing", "|")}  # fmt: skip
+# The same shapes as in the pictures of nhbm-post.
+_MARKS = {3: ("fold", "o"), 4: ("peak", "^"), 7: ("branch point", "D"), 8: ("period doubling", "s"),
+          9: ("Neimark-Sacker point", "h"), 10: ("change of stability", "p"), 11: ("graze", "v")}  # fmt: skip
 _VERDICTS = (1, "-", "stable"), (-1, "--", "unstable"), (0, ":", "stability not known")
 _MOST_LINES = 10  # of one picture with a legend
 
@@ -90,7 +91,7 @@ def _over_points(ax: Any, data: xr.Dataset, of: str) -> None:
             ax.plot(data[name].values[here], y.values[here], mark, color="C3", ms=6, mfc="none", label=word, ls="none")
     ax.set(xlabel=_labelled(name, data[name]), ylabel=label)
     if ax.get_legend_handles_labels()[0]:
-        ax.legend(frameon=False)
+        ax.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=3, borderaxespad=0.3)
 
 
 def _numbers(ax: Any, data: xr.Dataset, name: Any) -> None:
