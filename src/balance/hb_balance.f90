@@ -86,7 +86,6 @@ module hb_balance
       procedure :: sample => balance_sample
       procedure, private :: sample_if_new => balance_sample_if_new
       procedure :: differentiate => balance_differentiate
-      procedure :: residual_there => balance_residual_there
       procedure :: project => balance_project
       procedure :: project_one => balance_project_one
       procedure :: all_dofs => balance_all_dofs
@@ -348,30 +347,11 @@ contains
 
       call balance_sample(self, u)
       call self%law_set%evaluate()
-      call balance_forces(self, u, r)
-   end subroutine balance_residual_of
-
-   !> The residual at a motion to which `differentiate` has gone, without the laws.
-   subroutine balance_residual_there(self, u, r)
-      class(balance_t), intent(inout) :: self
-      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
-      real(wp), intent(out) :: r(self%harmonics%n_coefficients, self%n_dofs)   !! [N]
-
-      call self%stiffness%find_reaction(self%harmonics, u, self%load_factor, self%reaction)
-      call balance_forces(self, u, r)
-   end subroutine balance_residual_there
-
-   !> The residual from the sampled forces of the laws and the reaction.
-   subroutine balance_forces(self, u, r)
-      type(balance_t), intent(inout) :: self
-      real(wp), intent(in) :: u(:, :)
-      real(wp), intent(out) :: r(:, :)
-
       call self%law_set%transform%to_coefficients(self%law_set%samples%f%values, self%force)
       if (.not. all(ieee_is_finite(self%force(1, :)))) call self%law_set%listen()
       r = self%law_set%factor*self%force - self%reaction
       if (self%stiffness%has_supports) call self%stiffness%add_supports(self%harmonics, u, r)
-   end subroutine balance_forces
+   end subroutine balance_residual_of
 
    !> Brings samples, forces and slopes of the laws to a motion, unless they are there; the laws are those of the last time.
    subroutine balance_differentiate(self, u, error)

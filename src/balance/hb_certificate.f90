@@ -510,7 +510,7 @@ contains
       real(wp), intent(in) :: size_of_motion                          !! [m]
       real(wp), parameter :: half = 0.5_wp                            ! of the orders
       real(wp), parameter :: most_fallback = 20.0_wp                  ! work, relative to that of the first attempt
-      real(wp), parameter :: same_motion = 0.5_wp                     ! size relative to the motion; less is on the way to the rest
+      real(wp), parameter :: nearly_at_rest = 0.5_wp                  ! size relative to the motion; less is on the way to the rest
       type(report_t) :: report
       type(solver_config_t) :: config
       real(wp) :: x_half(size(x))
@@ -543,7 +543,7 @@ contains
       class default
          call problem%coarse_guess(half, config, x_half, report, is_there)
       end select
-      if (.not. is_there .or. norm2(x_half(:n)) < same_motion*norm2(x(:n))) return
+      if (.not. is_there .or. norm2(x_half(:n)) < nearly_at_rest*norm2(x(:n))) return
       x_half = abs(x_half - x)
       select type (problem)
       class is (bordered_problem_t)

@@ -7,7 +7,7 @@ module hb_lapack
    implicit none
    private
    public :: dgbtrf, dgbtrs, dgeev, dgemm, dgemv, dgeqrf, dgetrf, dgetrs
-   public :: dggev, dnrm2, dorgqr, dpotrf, dpotrs, dsyev, dsygv, zgbcon, zgbtrf, zgbtrs, zgecon
+   public :: dggev, dnrm2, dorgqr, dpotrf, dpotrs, dsygv, zgbcon, zgbtrf, zgbtrs, zgecon
    public :: zgemm, zgetrf, zgetrs
 
    ! Linear equations, dense
@@ -166,17 +166,6 @@ module hb_lapack
          real(wp), intent(inout) :: work(*)
          integer, intent(out) :: info
       end subroutine dggev
-
-      !> Eigenvalues in ascending order of a symmetric matrix; `a` returns the eigenvectors if jobz = "V".
-      subroutine dsyev(jobz, uplo, n, a, lda, w, work, lwork, info)
-         import :: wp
-         character, intent(in) :: jobz, uplo
-         integer, intent(in) :: n, lda, lwork
-         real(wp), intent(inout) :: a(lda, *)
-         real(wp), intent(out) :: w(*)
-         real(wp), intent(inout) :: work(*)
-         integer, intent(out) :: info
-      end subroutine dsyev
 
       !> Eigenvalues in ascending order of A x = w B x (itype = 1), A symmetric, B positive definite.
       subroutine dsygv(itype, jobz, uplo, n, a, lda, b, ldb, w, work, lwork, info)

@@ -11,7 +11,7 @@ module hb_law
    use hb_text, only: string_t, to_text
    implicit none
    private
-   public :: defects_t, hold_t, kink_t, law_box_t, law_t, place_coordinate, place_on_dof, place_on_dofs, read_dofs, read_place
+   public :: defects_t, hold_t, kink_t, law_box_t, law_t, place_coordinate, place_on_dofs, read_dofs, read_place
 
    !> Largest defects over the samples.
    type :: defects_t
@@ -236,15 +236,6 @@ contains
       end if
       f = forces(1, :)
    end subroutine law_evaluate_held
-
-   !> Lets the law act on one degree of freedom.
-   pure subroutine place_on_dof(self, dof)
-      class(law_t), intent(inout) :: self
-      integer, intent(in) :: dof
-
-      self%dofs = [dof]
-      self%shape = reshape([1.0_wp], [1, 1])
-   end subroutine place_on_dof
 
    !> Lets the law act on several degrees of freedom, each a coordinate of its own.
    pure subroutine place_on_dofs(self, dofs)

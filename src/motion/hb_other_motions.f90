@@ -138,7 +138,6 @@ contains
       real(wp), intent(in) :: known(:, :)                             !! (n_unknowns, any)
       type(harmonics_t), intent(in) :: harmonics
       real(wp), intent(in) :: x_scale(:)                              !! of what is no coefficient
-      real(wp), parameter :: least = 1.0e-3_wp                        ! of the largest degree of freedom
       real(wp) :: scale(size(x_scale))
       integer :: d, i
 
@@ -148,7 +147,7 @@ contains
             scale((d - 1)*n + 1:d*n) = maxval([(norm2(known((d - 1)*n + 1:d*n, i)), i=1, size(known, 2))])
          end do
          associate (all_of_them => scale(:(size(scale)/n)*n))
-            all_of_them = max(all_of_them, least*maxval(all_of_them), tiny(1.0_wp))
+            all_of_them = max(all_of_them, faint*maxval(all_of_them), tiny(1.0_wp))
          end associate
       end associate
    end function scale_of

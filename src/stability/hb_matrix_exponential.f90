@@ -69,15 +69,15 @@ contains
       real(wp), intent(out) :: e(2, 2)
       real(wp) :: c, d, m, s, square
       real(wp), parameter :: small = 0.1_wp                           ! the series to the sixth power are exact to rounding
-      real(wp), parameter :: c1 = 0.5_wp, c2 = c1/12, c3 = c2/30, c4 = c3/56, c5 = c4/90, c6 = c5/132
-      real(wp), parameter :: s1 = 1.0_wp/6, s2 = s1/20, s3 = s2/42, s4 = s3/72, s5 = s4/110, s6 = s5/156
+      real(wp), parameter :: of_c(6) = 1.0_wp/[2.0_wp, 24.0_wp, 720.0_wp, 40320.0_wp, 3628800.0_wp, 479001600.0_wp]
+      real(wp), parameter :: of_s(6) = of_c/[3, 5, 7, 9, 11, 13]
 
       m = 0.5_wp*(a11 + a22)
       d = 0.5_wp*(a11 - a22)
       square = d**2 + a12*a21
       if (abs(square) < small) then
-         c = 1.0_wp + square*(c1 + square*(c2 + square*(c3 + square*(c4 + square*(c5 + square*c6)))))
-         s = 1.0_wp + square*(s1 + square*(s2 + square*(s3 + square*(s4 + square*(s5 + square*s6)))))
+         c = 1.0_wp + square*(of_c(1) + square*(of_c(2) + square*(of_c(3) + square*(of_c(4) + square*(of_c(5) + square*of_c(6))))))
+         s = 1.0_wp + square*(of_s(1) + square*(of_s(2) + square*(of_s(3) + square*(of_s(4) + square*(of_s(5) + square*of_s(6))))))
       else if (square > 0.0_wp) then
          s = sqrt(square)
          c = cosh(s)

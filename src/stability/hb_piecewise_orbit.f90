@@ -11,7 +11,7 @@ module hb_piecewise_orbit
    use hb_matrix_exponential, only: count_exponential, exponential_of
    use hb_stability, only: excitation_t
    use hb_structure, only: structure_t
-   use hb_thresholds, only: rounding
+   use hb_thresholds, only: rounding, same_motion
    use hb_variation, only: piece_t, variation_t
    use hb_variation_pieces, only: bracket_t
    implicit none
@@ -25,7 +25,6 @@ module hb_piecewise_orbit
    integer, parameter :: most_events = 1000                           ! in a period: beyond, contact chatters
    integer, parameter :: most_shots = 20, usual_shots = 5
    integer, parameter :: most_backtracks = 5
-   real(wp), parameter :: same_motion = 0.1_wp                        ! largest change of the state by shooting, scaled
    real(wp), parameter :: smallest_scale = 0.1_wp                     ! of one unknown, relative to the largest of its kind
 
    type :: piecewise_orbit_t

@@ -1,8 +1,8 @@
 !> Simply supported Euler-Bernoulli beam by its first sine modes, v(x, t) = sum over k of q_k(t) sin(k pi
 !> x/L).
 !>
-!> The degrees of freedom are the modal amplitudes q1, q2, ...; a law or load at the place x acts on them with
-!> the weights `modal_beam_weights`.
+!> The degrees of freedom are the modal amplitudes q1, q2, ...; a law or load at the place x acts on them with the
+!> weights sin(k pi x/L).
 module hb_modal_beam
    use hb_error, only: annotate, error_t
    use hb_kinds, only: pi, wp
@@ -12,7 +12,7 @@ module hb_modal_beam
    use hb_text, only: to_text
    implicit none
    private
-   public :: modal_beam_weights, new_modal_beam, read_modal_beam
+   public :: new_modal_beam, read_modal_beam
 
 contains
 
@@ -64,14 +64,4 @@ contains
       end do
       call new_structure(structure, mass, damping%matrix(mass, stiffness), stiffness, labels, units, error)
    end subroutine new_modal_beam
-
-   !> Gives the weights sin(k pi x/L) of the modal amplitudes in the deflection at `x`.
-   pure function modal_beam_weights(length, n_modes, x) result(weights)
-      real(wp), intent(in) :: length, x                      !! [m]
-      integer, intent(in) :: n_modes
-      real(wp) :: weights(n_modes)
-      integer :: k
-
-      weights = [(sin(real(k, wp)*pi*x/length), k=1, n_modes)]
-   end function modal_beam_weights
 end module hb_modal_beam

@@ -12,6 +12,7 @@ module hb_integrated_floquet
    use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, stability_method, stability_t
    use hb_state_map, only: new_state_map, state_map_t
    use hb_structure, only: most_dense, structure_t
+   use hb_thresholds, only: same_motion
    implicit none
    private
    public :: integrated_floquet_t, integrated_propagation_t, new_integrated_propagation
@@ -19,7 +20,6 @@ module hb_integrated_floquet
    real(wp), parameter :: distance = 1.0e-5_wp ! of the time integrations beside the motion, scaled: kinks and jumps
                                                                       ! within it are rare, and rounding is small beside it
    integer, parameter :: fewest_steps = 200                           ! in a period of the fastest tone, where they are fixed
-   real(wp), parameter :: same_motion = 0.1_wp ! farthest place of the time integration from the motion, scaled
    real(wp), parameter :: unmoved = 1.0e-9_wp                         ! change of a place that friction never lets go, scaled
 
    !> Propagation of disturbances along a motion of several tones by time integration, of the motion and of states on both sides of

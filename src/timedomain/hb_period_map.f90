@@ -12,6 +12,7 @@ module hb_period_map
    use hb_lapack, only: dgeqrf, dgetrf, dgetrs, dorgqr
    use hb_motion_series, only: motion_series_t
    use hb_state_map, only: new_state_map, state_map_t
+   use hb_thresholds, only: same_motion
    implicit none
    private
    public :: find_period_map, new_period_map, period_map_t, work_of_period_map
@@ -19,7 +20,6 @@ module hb_period_map
    real(wp), parameter :: farthest = 5.0e-3_wp                        ! of two states whose difference makes a derivative, scaled
    real(wp), parameter :: nearer = 0.2_wp                             ! from one distance to the next
    integer, parameter :: most_levels = 4                              ! distances
-   real(wp), parameter :: same_motion = 0.1_wp                        ! largest change of the state by shooting, scaled
    real(wp), parameter :: repeats = 1.0e-7_wp                         ! what may be left of a state after a period, scaled
    real(wp), parameter :: enough = 1.0e-9_wp                          ! what no step is made for, likewise
    integer, parameter :: most_shots = 30
