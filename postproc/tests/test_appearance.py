@@ -169,3 +169,21 @@ def test_pictures_in_a_plane_need_no_mplot3d():
     )
     here = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     subprocess.run([sys.executable, "-W", "ignore", "-c", script], check=True, env=here)
+
+
+def test_slender_things_are_no_slivers():
+    """A bar is drawn in a box of its own shape, but none thinner than 0.3 of its length; a narrow patch is not to scale."""
+    from types import SimpleNamespace
+
+    from nhbm_post.draw import draw_deflection, draw_patch
+
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0.01, 0], [0, 0.01, 0]])
+    bar = SimpleNamespace(points=points, cells=[(9, [0, 1, 2, 3])])
+    moved = np.column_stack([np.zeros((4, 2)), [0.0, 0.1, 0.1, 0.0]])
+    ax = draw_deflection(bar, moved, ("amplitude", moved[:, 2]), "Motion", "").axes[0]
+    sides = np.array([np.ptp(limits) for limits in (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())])
+    assert sides.min() >= 0.29 * sides.max() and np.array(ax._box_aspect) / sides == pytest.approx(ax._box_aspect[0] / sides[0])
+    patch = SimpleNamespace(label="joint", kind="jenkins", counted="4 nodes")
+    for width, aspect in ((0.01, "auto"), (0.5, 1.0)):
+        ax = draw_patch(patch, {"open share": np.ones(4)}, points * [1.0, 100.0 * width, 1.0], "").axes[0]
+        assert ax.get_aspect() == aspect

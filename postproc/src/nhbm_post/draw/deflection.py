@@ -48,7 +48,7 @@ def draw_deflection(structure: Structure, displacement: np.ndarray, colours_by: 
         half = np.maximum(half, _THIN * half.max())
         for k, (set_limits, label) in enumerate(((axes.set_xlim, "x"), (axes.set_ylim, "y"), (axes.set_zlim, "z"))):
             set_limits(middle[k] - half[k], middle[k] + half[k])
-            getattr(axes, f"set_{label}label")(f"{label} [m]")
+            getattr(axes, f"set_{label}label")(f"{label} [m]", labelpad=10.0 if half[k] == half.max() else 4.0)
             getattr(axes, f"{label}axis").set_major_locator(MaxNLocator(4 if half[k] > 0.5 * half.max() else 2))
         across = flat_across(structure.points, displacement)
         axes.set_box_aspect(half, zoom=1.0 if across is None else 1.4)
