@@ -15,6 +15,7 @@ module hb_session
    use hb_curve_request, only: curve_request_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
+   use hb_gradient, only: find_gradient
    use hb_integration, only: integrate_model, integration_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
@@ -203,8 +204,9 @@ contains
       else
          if (is_warm) call self%neighbour%predict(here, self%model%harmonics%tuples, .false., start)
          call solve_motion(self%model, self%result, failure, start, unknowns, self%kept)
-         level%set = self%model%harmonics
+         level = level_t(self%model%harmonics, self%model%torus%n_samples)
       end if
+      if (.not. allocated(failure)) call find_gradient(self%model, self%document, level, unknowns, self%result, failure)
       call self%cancellation%leave()
       call self%neighbour%forget()
       if (allocated(failure)) then
@@ -353,6 +355,7 @@ contains
       self%column%has_own_tuples = .true.
       self%column%has_improved = self%model%certificate%improvement_steps > 0
       self%column%has_surfaces = size(self%model%output%samples) > 0
+      self%column%has_gradient = size(self%model%gradient%by) > 0
       if (allocated(self%result%curve)) then
          self%column%curve_path = self%plan%path
          self%column%curve_column = identifier(self%plan%path)
@@ -377,6 +380,7 @@ contains
       select case (axis)
       case ("dof"); labels = [character(64) :: self%model%structure%labels(self%model%output%dofs)]
       case ("law_dof"); labels = [character(64) :: self%model%structure%labels(law_dofs_of(self%model%laws))]
+      case ("gradient_value"); labels = self%model%gradient%names
       case ("law"); labels = [(adjustl([character(64) :: self%model%laws(i)%law%label]), i=1, size(self%model%laws))]
       case ("state_dof"); labels = [character(64) :: self%model%structure%labels]
       case default; labels = [character(64) ::]

@@ -184,7 +184,8 @@ contains
       associate (result => self%result)
          if (result%status == outcome%truncated .and. model%has_time_domain() .and. result%stability%growth <= 1.0_wp) &
             call integrate_from_balance(model, result, self%top)
-         if (model%accuracy%grows_set .and. model%chain%is_on .and. result%status == outcome%converged) &
+         if (model%accuracy%grows_set .and. model%chain%is_on .and. result%status == outcome%converged .and. &
+             size(model%gradient%by) == 0) &                           ! which is that of the whole set
             call trim_set(model, self%top)
       end associate
    end subroutine solve_by_levels

@@ -4,6 +4,7 @@
 !> hb_model_reader fills models from an input.
 module hb_model
    use hb_amplitudes, only: amplitudes_t
+   use hb_document, only: parameter_t
    use hb_error, only: error_t
    use hb_fe_model, only: fe_model_source_t
    use hb_fftw, only: planning
@@ -22,7 +23,8 @@ module hb_model
    use hb_torus, only: torus_t
    implicit none
    private
-   public :: accuracy_t, callbacks_t, certificate_config_t, model_t, share_of_integrated, symmetry, time_domain_solver_t
+   public :: accuracy_t, callbacks_t, certificate_config_t, gradient_config_t, model_t, share_of_integrated, symmetry, &
+      time_domain_solver_t
 
    integer, parameter :: share_of_integrated = 4 !! sets of integrated motions are as many times larger: no tuple
                                                                       !! of theirs is an unknown
@@ -53,6 +55,12 @@ module hb_model
       integer :: max_samples = 2000000                                !! of a grid
       real(wp) :: max_work = 6.0e9_wp                                 !! of all solutions of a point, as `work` of a report
    end type accuracy_t
+
+   !> Values of the input by which motions are differentiated.
+   type :: gradient_config_t
+      character(64), allocatable :: names(:)                          !! their paths
+      type(parameter_t), allocatable :: by(:)                         !! in the document of the model
+   end type gradient_config_t
 
    !> What makes a solved point count as not good enough.
    type :: certificate_config_t
@@ -123,6 +131,7 @@ module hb_model
       type(output_config_t) :: output
       real(wp) :: memory_limit = huge(1.0_wp)                         !! bytes that this process may take
       type(integration_config_t) :: integration
+      type(gradient_config_t) :: gradient
       integer :: primary_method = primary_method%auto                 !! to its motion, one of hb_primary_method
    contains
       procedure :: has_time_domain => model_has_time_domain

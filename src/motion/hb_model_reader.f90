@@ -7,7 +7,7 @@ module hb_model_reader
    use hb_integration_config, only: read_integration
    use hb_kinds, only: wp
    use hb_memory_estimate, only: check_memory, sizes_of
-   use hb_model, only: callbacks_t, model_t, symmetry
+   use hb_model, only: callbacks_t, gradient_config_t, model_t, symmetry
    use hb_model_basis, only: check_symmetry
    use hb_model_laws, only: read_laws, update_laws
    use hb_model_loads, only: loaded_tuples, read_loads, read_starts
@@ -17,7 +17,7 @@ module hb_model_reader
    use hb_solver_types, only: share_of_solver
    use hb_structure, only: structure_t
    use hb_structure_catalogue, only: read_structure
-   use hb_text, only: shown, to_text
+   use hb_text, only: shown, string_t, to_text
    use hb_tones, only: tones_t
    use hb_truncation, only: read_harmonics, read_lowest_set
    implicit none
@@ -25,9 +25,12 @@ module hb_model_reader
    public :: group_names, read_model, update_model
 
    !> Every group that an input file may have.
-   character(11), parameter :: group_names(16) = [character(11) :: &
+   character(11), parameter :: group_names(17) = [character(11) :: &
       "structure", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", &
-      "certificate", "stability", "output", "integration", "accuracy", "tie"]
+      "certificate", "stability", "output", "integration", "accuracy", "tie", "gradient"]
+
+   !> Groups whose real numbers may move.
+   character(9), parameter :: moving_groups(4) = [character(9) :: "structure", "tones", "load", "law"]
 
    !> Groups that are read by themselves while nothing but numbers changes in them.
    character(9), parameter :: read_alone(5) = [character(9) :: "structure", "tones", "load", "law", "start"]
@@ -156,6 +159,7 @@ contains
       end if
       if (document%count("normal_mode") > 0) call read_normal_mode(self, document%optional_group("normal_mode"))
       call read_integration(self%integration, document%optional_group("integration"))
+      call read_gradient(self, document)
       self%integration%work_limit = work_of_method*self%solver%fallback_work
       if (.not. self%solver%has_fallback_work) self%integration%work_limit = &
          self%callbacks%share_of_integration*self%integration%work_limit
@@ -267,6 +271,72 @@ contains
       call move_alloc(ties, document%ties)
       call document%follow_ties()
    end subroutine read_ties
+
+   !> Reads `&gradient`: the values by which motions are differentiated, real numbers that the input gives.
+   subroutine read_gradient(self, document)
+      type(model_t), intent(inout) :: self
+      type(document_t), intent(inout), target :: document
+      type(properties_t), pointer :: group
+      type(string_t), allocatable :: paths(:)
+      integer :: i
+
+      allocate (self%gradient%by(0), self%gradient%names(0))
+      if (document%count("gradient") == 0) return
+      group => document%optional_group("gradient")
+      call group%get("by", paths)
+      if (.not. allocated(paths)) return                              ! which has been reported
+      if (document%count("normal_mode") > 0 .or. self%callbacks%is_followed) then
+         call group%problem("by", "is for points and sweeps of motions; leave the group out with &curve and &normal_mode")
+         return
+      end if
+      do i = 1, size(paths)
+         call add_value(self%gradient, document, group, trim(adjustl(paths(i)%value)), self%tones%is_unknown)
+      end do
+   end subroutine read_gradient
+
+   !> Adds a value that may move to those of a gradient; what is wrong with it is a problem of the key.
+   subroutine add_value(self, document, group, path, is_unknown)
+      type(gradient_config_t), intent(inout) :: self
+      type(document_t), intent(inout) :: document
+      type(properties_t), intent(inout) :: group
+      character(*), intent(in) :: path
+      logical, intent(in) :: is_unknown(:)                            !! (n_tones)
+      type(error_t), allocatable :: error
+      type(parameter_t) :: parameter
+      character(:), allocatable :: problem
+      real(wp) :: number
+      logical :: is_given
+
+      call find_value(document, group, "by", path, parameter)
+      if (parameter%i_group == 0) return
+      problem = ""
+      call document%refuse_tied(parameter, path, error)
+      call document%number_at(parameter, number, is_given)
+      if (allocated(error)) then
+         problem = error%message
+      else if (.not. any(document%groups%holders(parameter%i_group)%group%name == moving_groups)) then
+         problem = "is no number of &structure, &tones, &load or &law"
+      else if (document%n_tones_of(parameter) > 1) then
+         problem = "says not which tone; give one, such as '"//path//"(1)'"
+      else if (.not. is_given) then
+         problem = "has no number in this input: give it one"
+      else if (.not. document%is_real(parameter)) then
+         problem = "is no real number; only such have derivatives"
+      else if (document%groups%holders(parameter%i_group)%group%name == "tones") then
+         if (parameter%element(1) > size(is_unknown)) then
+            problem = "is no tone: the highest number is "//to_text(size(is_unknown))
+         else if (is_unknown(max(1, parameter%element(1)))) then
+            problem = "is found, not given"
+         end if
+      end if
+      if (len(problem) > 0) then
+         if (.not. allocated(error)) problem = "'"//trim(shown(path))//"' "//problem
+         call group%problem("by", problem)
+         return
+      end if
+      self%by = [self%by, parameter]
+      self%names = [character(64) :: self%names, path]
+   end subroutine add_value
 
    !> Looks a path up that a key has; what is wrong with it is a problem of the key.
    subroutine find_value(document, group, key, path, parameter)

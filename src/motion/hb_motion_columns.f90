@@ -28,6 +28,7 @@ module hb_motion_columns
       logical :: has_curve = .false.                    !! motions are on a curve
       logical :: has_surfaces = .false.                 !! samples of motions and forces are requested
       logical :: has_outputs = .false.                  !! the tolerance is for some
+      logical :: has_gradient = .false.                 !! derivatives by values of the input are requested
       logical :: has_one_tone = .false.
       integer :: n_multipliers = 0, n_curve_unknowns = 0   !! lengths of these axes
       character(:), allocatable :: curve_path           !! of the value along the curve, in the input; its column and its unit
@@ -77,6 +78,7 @@ contains
       call motion_columns(t, m)
       call certificate_columns(t, m)
       call stability_columns(t, m)
+      call gradient_columns(t, m)
       call curve_columns(t, m)
       call surface_columns(t, m)
       t%is_there = .true.
@@ -225,6 +227,21 @@ contains
       t%is_there = .true.
       t%is_known = .true.
    end subroutine stability_columns
+
+   !> With `&gradient`.
+   subroutine gradient_columns(t, m)
+      class(columns_t), intent(inout) :: t
+      type(motion_result_t), intent(in) :: m
+
+      t%is_there = t%has_gradient
+      call t%real("gradient", "1", "gradient_value dof harmonic component", &
+         "derivatives of the coefficients by values of the input, each in its unit", m%gradient%coefficients)
+      call t%real("frequency_gradient", "1", "gradient_value tone", "derivatives of the base frequencies likewise", &
+         m%gradient%frequency)
+      call t%real("gradient_defect", "1", "gradient_value", &
+         "how far the motion is from one with these derivatives a small step on; not small at a kink", m%gradient%defect)
+      t%is_there = .true.
+   end subroutine gradient_columns
 
    !> With `&curve`.
    subroutine curve_columns(t, m)

@@ -7,7 +7,7 @@ module hb_motion_result
    use hb_stability, only: stability_t
    implicit none
    private
-   public :: curve_position_t, motion_result_t
+   public :: curve_position_t, gradient_t, motion_result_t
 
    !> Where on a curve a motion is, hb_motion_curve, and what the curve continues from: of steps and the starts of ways all of it.
    type :: curve_position_t
@@ -25,6 +25,14 @@ module hb_motion_result
       integer, allocatable :: tuples(:, :)              !! set of the motion, (n_tones, n_harmonics); that of the model if none
       integer, allocatable :: n_samples(:)              !! of its grid, (n_tones); likewise
    end type curve_position_t
+
+   !> Derivatives of a motion by values of the input, in their units.
+   type :: gradient_t
+      real(wp), allocatable :: coefficients(:, :, :, :) !! (cos and sin, n_harmonics, n_dofs, values)
+      real(wp), allocatable :: frequency(:, :)          !! [rad/s], (n_tones, values)
+      real(wp), allocatable :: defect(:)                !! what the equations are off by where value and motion have taken a small
+                                                        !! step, relative to what the step of the value alone does
+   end type gradient_t
 
    !> The result of one model. What is not allocated is not known, and stays NaN in a file.
    type :: motion_result_t
@@ -72,6 +80,7 @@ module hb_motion_result
       logical :: is_near_commensurate = .false.
       type(curve_position_t), allocatable :: curve      !! of a motion on a curve
       type(stability_t) :: stability
+      type(gradient_t) :: gradient                      !! with `&gradient`
       real(wp), allocatable :: displacement_samples(:, :) !! (n_samples_total, n_law_dofs), tone 1 fastest
       real(wp), allocatable :: corrected_samples(:, :)  !! corrected to walls, as displacement_samples
       real(wp), allocatable :: force_samples(:, :)      !! [N], as displacement_samples

@@ -136,6 +136,8 @@ contains
       call add("worker", layout%n_ranks, "MPI rank of the run, from 0")
       call add("multiplier", layout%n_multipliers, "number of the multiplier, from 0")
       call add("output", size(layout%output_names), "output that the tolerance is for, as the input has it", layout%output_names)
+      call add("gradient_value", size(layout%gradient_names), "value by which motions are differentiated, as the input has it", &
+         layout%gradient_names)
       do i = 1, size(layout%n_samples)
          call add("tau_"//to_text(i), layout%n_samples(i), "hypertime of tone "//to_text(i))
          axes(size(axes))%units = "rad"
@@ -172,6 +174,7 @@ contains
       self%has_own_tuples = layout%has_own_tuples
       self%has_improved = layout%has_improved
       self%has_outputs = size(layout%output_names) > 0
+      self%has_gradient = size(layout%gradient_names) > 0
       self%has_one_tone = size(layout%tuples, 1) == 1
       self%has_surfaces = size(layout%n_samples) > 0
       self%n_multipliers = layout%n_multipliers

@@ -26,6 +26,7 @@ module hb_results_layout
                                                         !! tuples of its own
       logical :: has_own_tuples = .false.               !! each point has, in the first of its places for harmonics
       character(64), allocatable :: output_names(:)     !! that a tolerance is for; none: it is for the motion
+      character(64), allocatable :: gradient_names(:)   !! of values by which motions are differentiated
       logical :: has_accuracy = .false.                 !! sets or grids follow from a tolerance
       character(16), allocatable :: dof_labels(:), dof_units(:) !! stored degrees of freedom; `m`, `rad`
       character(16), allocatable :: law_dof_labels(:), law_dof_units(:) !! those on which laws act
@@ -69,7 +70,7 @@ contains
 
       if (.not. (allocated(layout%tuples) .and. allocated(layout%dof_labels) .and. &
                  allocated(layout%dof_units) .and. allocated(layout%law_dof_labels) .and. &
-                 allocated(layout%law_labels) .and. allocated(layout%output_names) .and. &
+                 allocated(layout%law_labels) .and. allocated(layout%output_names) .and. allocated(layout%gradient_names) .and. &
                  allocated(layout%law_dof_units) .and. allocated(layout%n_samples) .and. &
                  allocated(layout%parameters))) then
          call fail(error, "layout: an array is not allocated")

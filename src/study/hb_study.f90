@@ -266,6 +266,7 @@ contains
          do i = 1, size(layout%output_names)
             layout%output_names(i) = model%accuracy%outputs(i)%name
          end do
+         layout%gradient_names = model%gradient%names
          if (model%stability%method /= stability_method%off) layout%n_multipliers = n_multipliers_of(structure%n_dofs)
          layout%title = model%output%title
          layout%input_name = self%document%file_name

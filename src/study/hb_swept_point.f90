@@ -7,6 +7,7 @@ module hb_swept_point
    use hb_chain_check, only: chain_check_t
    use hb_clock, only: wall_clock
    use hb_error, only: error_t, fail
+   use hb_gradient, only: find_gradient
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
@@ -58,8 +59,9 @@ contains
             else
                if (model%chain%is_on) call neighbour%predict(value, model%harmonics%tuples, model%chain%secant, start)
                call solve_motion(model, result, error, start, unknowns, source%kept)
-               level%set = model%harmonics
+               level = level_t(model%harmonics, model%torus%n_samples)
             end if
+            if (.not. allocated(error)) call find_gradient(model, source%document, level, unknowns, result, error)
          end associate
       end if
       if (allocated(error)) then
@@ -110,12 +112,21 @@ contains
       type(harmonics_t), intent(in) :: harmonics                      !! of the point
       type(results_layout_t), intent(in) :: layout
       type(motion_result_t), intent(inout) :: result
+      real(wp), allocatable :: flat(:, :, :)
+      integer :: n(4)
 
       call spread_harmonics(harmonics, layout%tuples, result%coefficients)
       call spread_harmonics(harmonics, layout%tuples, result%force_coefficients)
       call spread_harmonics(harmonics, layout%tuples, result%corrected_coefficients)
       if (.not. layout%has_improved .and. allocated(result%improved_coefficients)) deallocate (result%improved_coefficients)
       call spread_harmonics(result%certificate%wider, layout%tuples, result%improved_coefficients)
+      if (.not. allocated(result%gradient%coefficients)) return
+      associate (gradient => result%gradient%coefficients)
+         n = shape(gradient)
+         flat = reshape(gradient, [n(:2), product(n(3:))])
+      end associate
+      call spread_harmonics(harmonics, layout%tuples, flat)
+      result%gradient%coefficients = reshape(flat, [n(1), size(flat, 2), n(3:)])
    end subroutine spread_result
 
    !> Puts coefficients of a point's own set onto the harmonics of the file; those that the point lacks become NaN.

@@ -95,6 +95,22 @@ def response_of(session: Session, of: str) -> float:
     return float(np.sqrt((motion[found] ** 2).sum()))
 
 
+def gradient_of(session: Session, of: str) -> np.ndarray[Any, Any]:
+    """Derivatives of that response by the values of the group &gradient; NaN where they are not known."""
+    dof, wanted = parts_of(of)
+    place, by = session.labels("dof").index(dof), session.column("gradient").values
+    if by is None:
+        return np.full(len(session.labels("gradient_value")), np.nan)
+    motion, tuples = session.column("coefficients").values[place], session.column("tuples").values
+    size = response_of(session, of)
+    if wanted is None:
+        counts, size = tuples.any(axis=1), 2 * size
+    else:
+        counts = (tuples == wanted).all(axis=1) | (tuples == -np.array(wanted)).all(axis=1)
+    slopes: np.ndarray[Any, Any] = (by[:, place] * motion)[:, counts].sum(axis=(1, 2)) / (size or np.nan)
+    return slopes
+
+
 def parts_of(of: str) -> tuple[str, tuple[int, ...] | None]:
     """Degree of freedom and tuple of a response: "x1", "x1 (1)", "v3 (1,0)"."""
     parts = re.fullmatch(r"\s*([^()]*[^()\s])\s*(?:\(\s*([-+]?\d+(?:\s*,\s*[-+]?\d+)*)\s*\))?\s*", of)
@@ -234,14 +250,18 @@ class Accessor:
         n : int
             Samples of a period; eight times as many over 64 periods of the slowest of several tones.
         """
-        slowest = float(np.nanmin(self._dataset["frequency"]))
-        periods = 1 if self._dataset.sizes["tone"] == 1 else 64
-        times = np.linspace(0.0, periods * 2 * np.pi / slowest, n * (1 if periods == 1 else 8), endpoint=False)
+        times = self._times(n)
         if "point" not in self._dataset.dims:
             return abs(self.time(dof, times)).max("time")
         points = (self._dataset.isel(point=[k]).nhbm.time(dof, times) for k in range(self._dataset.sizes["point"]))
         found: xr.DataArray = xr.concat([abs(values).max("time") for values in points], "point")
         return found
+
+    def _times(self, n: int = 4096) -> Any:
+        """Samples of a period, or eight times as many over 64 periods of the slowest of several tones [s]."""
+        slowest = float(np.nanmin(self._dataset["frequency"]))
+        periods = 1 if self._dataset.sizes["tone"] == 1 else 64
+        return np.linspace(0.0, periods * 2 * np.pi / slowest, n * (1 if periods == 1 else 8), endpoint=False)
 
     def response(self, of: str) -> tuple[xr.DataArray, str]:
         """A response of each point, and its name with unit.
@@ -257,6 +277,47 @@ class Accessor:
             return self.largest(dof), f"Largest displacement |{dof}| [{unit}]"
         number = f"harmonic {tuple_[0]}" if len(tuple_) == 1 else f"tuple ({', '.join(map(str, tuple_))})"
         return self.amplitude(dof, tuple_), f"Amplitude of {dof}, {number} [{unit}]"
+
+    def gradient(self, of: str) -> xr.DataArray:
+        """Derivatives of a response by the values that the group &gradient names, in their units.
+
+        Of the largest displacement they are those at the instant where it is, phases held.
+
+        Parameters
+        ----------
+        of : str
+            As for `response`: "x1", the largest |x1|, or "x1 (1)", the amplitude of a harmonic.
+
+        Returns
+        -------
+        xarray.DataArray
+            (..., gradient_value); NaN where the motion was not found, or may not be differentiated.
+        """
+        dof, tuple_ = parts_of(of)
+        if "gradient" not in self._dataset:
+            raise KeyError("there is no column 'gradient'; the group &gradient asks for it: model.set('gradient', by=[...])")
+        if tuple_ is not None:
+            weight = self.harmonic(dof, tuple_)
+            return (np.conj(weight) * self.harmonic(dof, tuple_, "gradient")).real / abs(weight)
+        if "point" in self._dataset.dims:
+            return xr.concat([self._dataset.isel(point=[k]).squeeze("point").nhbm.gradient(of) for k in range(self._dataset.sizes["point"])], "point")
+        return self._slope_of_largest(dof)
+
+    def _slope_of_largest(self, dof: str) -> xr.DataArray:
+        data = self._dataset.sel(dof=dof)
+        rates = ((data["tuples"] if "tuples" in data else data["tuple"]) * data["frequency"]).sum("tone")
+        cos, sin = (data["coefficients"].where(self._in_use(), 0.0).sel(component=c, drop=True) for c in ("cos", "sin"))
+        times = self._times()
+        at = times[int(abs(self.time(dof, times)).argmax("time"))]
+        for _ in range(4):  # Newton's method for the instant where the rate vanishes
+            c, s = np.cos(rates * at), np.sin(rates * at)
+            curvature = float((-(rates**2) * (cos * c + sin * s)).sum())
+            if curvature:
+                at -= float((rates * (sin * c - cos * s)).sum()) / curvature
+        c, s = np.cos(rates * at), np.sin(rates * at)
+        slopes = data["gradient"].where(self._in_use(), 0.0)
+        found: xr.DataArray = (slopes.sel(component="cos", drop=True) * c + slopes.sel(component="sin", drop=True) * s).sum("harmonic")
+        return found * np.sign(float((cos * c + sin * s).sum()))
 
     def plot(self, of: str | None = None, ax: Any = None) -> Any:
         """Draws the motion of a degree of freedom over time, or a response of curves and sweeps over what varies.

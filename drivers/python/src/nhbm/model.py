@@ -24,7 +24,7 @@ from nhbm.structure import Structure
 GROUPS = (
     "structure", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", "certificate",
     "stability",
-    "output", "integration", "accuracy", "curve", "tie",
+    "output", "integration", "accuracy", "curve", "tie", "gradient",
 )  # fmt: skip
 _IN_MEMORY = "structure in memory"
 
@@ -38,6 +38,13 @@ class Peak(NamedTuple):
 
     value: float
     at: float
+
+
+class Gradient(NamedTuple):
+    """A response, and its derivatives by values of the model in the order asked for."""
+
+    value: float
+    slopes: Any  # np.ndarray
 
 
 class Model:
@@ -311,6 +318,53 @@ class Model:
             return dataset.response_of(session, of)
         warnings.warn(session.message, NotConverged, stacklevel=2)
         return float("nan")
+
+    def gradient(self, of: str, by: Iterable[str], *, tolerance: float | None = None, order: int | None = None,
+                 warm: bool = True) -> Gradient:  # fmt: skip
+        """Finds the motion and returns one number of it with its derivatives: for optimisers that take them.
+
+        Each derivative takes one solution with the tangent of the motion, not a further motion. Where contact or friction begins
+        or ends just there they are one-sided: column `gradient_defect` of `solve` with the group &gradient tells.
+
+        Parameters
+        ----------
+        of : str
+            A response, as for `response`.
+        by : iterable of str
+            Paths of the values, "wall.gap".
+        tolerance : float, optional
+            Relative error of the motion that is asked for, with harmonics chosen for it; 1e-2 if neither it nor `order` is given.
+        order : int, optional
+            Highest order of the harmonics, in the place of a tolerance.
+        warm : bool
+            Start from the motion found last.
+
+        Returns
+        -------
+        Gradient
+            The response, and its derivatives in its unit over those of the values; NaN, with the warning NotConverged, where no
+            motion was found.
+
+        Examples
+        --------
+        >>> import nhbm
+        >>> model = nhbm.Model(nhbm.Chain(n_masses=1, mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0,
+        ...                               damping_mass=0.1, ends="free"), tones=[0.9])
+        >>> model.load("x1", 1, cos=0.1)
+        >>> model.law("cubic_spring", "x1", stiffness=0.5, label="spring")
+        >>> value, slopes = model.gradient("x1 (1)", ["spring.stiffness"], order=7)
+        >>> model["spring.stiffness"] = 0.5 + 1e-6
+        >>> further = model.response("x1 (1)", order=7)
+        >>> bool(abs((further - value) / 1e-6 - slopes[0]) < 1e-4 * abs(slopes[0]))
+        True
+        """
+        paths = [path_of(path, GROUPS) for path in ([by] if isinstance(by, str) else by)]
+        session = self._live(tolerance, order, {"gradient": {"by": paths}}).session
+        session.solve(warm, points=0)
+        if dataset.number(session, "status") in dataset.SOLVED:
+            return Gradient(dataset.response_of(session, of), dataset.gradient_of(session, of))
+        warnings.warn(session.message, NotConverged, stacklevel=2)
+        return Gradient(float("nan"), np.full(len(paths), np.nan))
 
     def peak(self, of: str, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
              **keys: Any) -> Peak:  # fmt: skip

@@ -1,0 +1,254 @@
+!> Derivatives of a motion by values of the input.
+!>
+!> The equations R(x, p) = 0 of a motion, differentiated by a value p that moves it: dx/dp = -J**-1 dR/dp, with the tangent J of the
+!> solution and one solution with it for each value; unknown frequencies are part of x. What interior degrees of freedom do follows
+!> from a small step along it. The equations are looked at there as well: what they are off by is of the second order in the step
+!> where all is smooth, and of the first where contact or friction begins or ends for a part of a period that the step changes.
+!> Source: docs/why/theory.md, section 6.8.
+module hb_gradient
+   use hb_bordered, only: bordered_problem_t, new_bordered_problem
+   use hb_cancellation, only: work_is_over
+   use hb_coordinates, only: coordinates_t
+   use hb_document, only: document_t, parameter_t
+   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
+   use hb_error, only: error_t
+   use hb_kinds, only: wp
+   use hb_level, only: level_t, put_on_level
+   use hb_limit_cycle_search, only: fundamental
+   use hb_model, only: model_t
+   use hb_model_basis, only: coordinates_of
+   use hb_model_problem, only: model_problem_t, moving_value_t, new_model_problem
+   use hb_model_reader, only: update_model
+   use hb_motion_result, only: motion_result_t
+   use hb_phase, only: coefficient_form, shift_form
+   use hb_problem, only: problem_t
+   use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
+   implicit none
+   private
+   public :: find_gradient
+
+   real(wp), parameter :: apart = 1.0e-5_wp                           ! a step, relative to the value: differences of its sides lose
+                                                                      ! half of the digits at most, their errors are of its square
+   real(wp), parameter :: accuracy = 1.0e-11_wp                       ! of solutions from products
+
+   !> The motion that is differentiated.
+   type :: known_t
+      type(model_t) :: model                                          ! on its set and grid, at its frequencies
+      integer, allocatable :: tones(:)                                ! unknown ones
+      real(wp), allocatable :: x(:)                                   ! coefficients, then the unknown frequencies
+      real(wp), allocatable :: residual(:)                            ! there, of the balance
+      integer :: n = 0                                                ! coefficients
+   end type known_t
+
+contains
+
+   !> Adds the derivatives to a result where any are requested and the balance has the motion; none where its tangent is singular.
+   subroutine find_gradient(model, document, level, unknowns, result, error)
+      type(model_t), intent(in) :: model
+      type(document_t), intent(in) :: document                        !! from which it was read
+      type(level_t), intent(in) :: level                              !! set and grid of the motion
+      real(wp), allocatable, intent(in) :: unknowns(:)                !! as hb_level%level_t has them
+      type(motion_result_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(known_t) :: known
+      type(coordinates_t) :: coordinates
+      integer :: k, m
+
+      associate (by => model%gradient%by, gradient => result%gradient)
+         coordinates = coordinates_of(model)
+         if (size(by) == 0 .or. .not. allocated(result%coefficients)) return
+         if (coordinates%n > 0 .and. .not. allocated(unknowns)) return
+         known%model = model
+         call put_on_level(known%model, model, level, error)
+         if (allocated(error)) return
+         allocate (gradient%coefficients(2, level%set%n_harmonics, size(model%output%dofs), size(by)), source=0.0_wp)
+         allocate (gradient%frequency(model%tones%n_tones, size(by)), gradient%defect(size(by)), source=0.0_wp)
+         if (coordinates%n == 0) then
+            do k = 1, size(by)
+               call differentiate_linear(k)
+            end do
+            return
+         end if
+         known%n = size(unknowns) - model%tones%n_tones
+         known%model%tones%omega = unknowns(known%n + 1:)
+         known%tones = pack([(m, m=1, model%tones%n_tones)], model%tones%is_unknown)
+         known%x = [unknowns(:known%n), known%model%tones%omega(known%tones)]
+      end associate
+      call differentiate(known, document, result, error)
+      if (allocated(error)) then
+         deallocate (result%gradient%coefficients, result%gradient%frequency, result%gradient%defect)
+         if (work_is_over()) deallocate (error)
+      end if
+
+   contains
+
+      !> A motion without laws is found on both sides of the value.
+      subroutine differentiate_linear(k)
+         integer, intent(in) :: k
+         complex(wp), allocatable :: c(:, :, :)
+         type(model_t) :: there
+         type(document_t) :: moved
+         type(dynamic_stiffness_t) :: stiffness
+         real(wp) :: step, value
+         integer :: side
+         logical :: is_found, is_new
+
+         call document%number_at(model%gradient%by(k), value, is_found)
+         step = apart*merge(abs(value), 1.0_wp, abs(value) > 0.0_wp)
+         allocate (c(model%structure%n_dofs, level%set%n_harmonics, 2))
+         do side = 1, 2
+            there = known%model
+            moved = document
+            call moved%set(model%gradient%by(k), value + (2*side - 3)*step)
+            call update_model(there, moved, is_new, error)
+            if (.not. allocated(error) .and. is_new) call put_on_level(there, there, level, error)
+            if (.not. allocated(error)) call new_dynamic_stiffness(stiffness, there%structure, coordinates, &
+               level%set%frequencies(there%tones%omega), there%loads, error)
+            if (allocated(error)) return
+            call stiffness%recover(reshape([complex(wp) ::], [0, level%set%n_harmonics]), c(:, :, side))
+            result%gradient%frequency(:, k) = result%gradient%frequency(:, k) + (2*side - 3)*there%tones%omega/(2.0_wp*step)
+         end do
+         call keep_slope(result, model%output%dofs, k, (c(:, :, 2) - c(:, :, 1))/(2.0_wp*step))
+      end subroutine differentiate_linear
+   end subroutine find_gradient
+
+   !> Differentiates by each of the values.
+   subroutine differentiate(known, document, result, error)
+      type(known_t), intent(inout) :: known
+      type(document_t), intent(in) :: document
+      type(motion_result_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(model_problem_t), target :: here, moved
+      type(bordered_problem_t), target :: with_frequencies
+      class(problem_t), pointer :: problem
+      type(tangent_solver_t) :: tangent
+      real(wp), allocatable :: by_value(:), slope(:)
+      real(wp) :: typical, value
+      integer :: attempt, k
+      logical :: is_found, is_lost
+
+      associate (gradient => result%gradient, by => known%model%gradient%by, n => known%n)
+         call put_on(here, by(1), 1.0_wp)
+         if (allocated(error)) return
+         problem => here
+         if (size(known%tones) > 0) then
+            call new_bordered_problem(with_frequencies, here, known%tones, phase_forms(known, here), 0.0_wp*known%x(n + 1:))
+            problem => with_frequencies
+         end if
+         allocate (known%residual(n), by_value(n), slope(size(known%x)))
+         call here%residual(known%x(:n), known%residual)
+         call new_tangent_solver(tangent, problem, known%x, is_lost, accuracy)
+         do k = 1, size(by)
+            if (is_lost .or. work_is_over()) exit
+            call document%number_at(by(k), value, is_found)
+            typical = abs(value)
+            if (.not. typical > 0.0_wp) typical = 1.0_wp
+            do attempt = 1, 2
+               call put_on(moved, by(k), typical)
+               if (allocated(error)) return
+               call moved%parameter_derivative(known%x(:n), moved%own, by_value)
+               slope = 0.0_wp
+               slope(:n) = -by_value
+               call tangent%solve(problem, slope, is_lost)
+               if (is_lost .or. abs(value) > 0.0_wp .or. .not. norm2(slope(:n)) > 0.0_wp) exit
+               typical = norm2(known%x(:n))/norm2(slope(:n))          ! of a value that is zero: what would move as much
+            end do
+            if (.not. is_lost) call take_steps(known, moved, value, apart*typical, slope, by_value, k, result)
+         end do
+      end associate
+      is_lost = is_lost .or. work_is_over()
+      if (is_lost) deallocate (result%gradient%coefficients, result%gradient%frequency, result%gradient%defect)
+      call here%destroy()
+      call moved%destroy()
+
+   contains
+
+      subroutine put_on(problem, parameter, typical)
+         type(model_problem_t), intent(inout) :: problem
+         type(parameter_t), intent(in) :: parameter
+         real(wp), intent(in) :: typical
+         real(wp) :: at
+
+         call document%number_at(parameter, at, is_found)
+         call new_model_problem(problem, known%model, document, moving_value_t(parameter, typical), at, &
+                                known%model%memory_limit, error)
+      end subroutine put_on
+   end subroutine differentiate
+
+   !> Conditions for the phases of unknown tones: the sines that vanish, or no part along a shift of the motion.
+   function phase_forms(known, problem) result(forms)
+      type(known_t), intent(in) :: known
+      type(model_problem_t), intent(in) :: problem
+      real(wp), allocatable :: forms(:, :)
+      real(wp), dimension(problem%harmonics%n_coefficients, problem%n_dofs) :: scale, u
+      integer :: i
+
+      u = reshape(known%x(:known%n), shape(u))
+      scale = reshape(problem%x_scale, shape(u))
+      allocate (forms(size(u), size(known%tones)))
+      associate (set => problem%harmonics, dofs => known%model%phase_dofs)
+         do i = 1, size(known%tones)
+            if (size(dofs) > 0) then
+               forms(:, i) = coefficient_form(set, problem%n_dofs, set%sin_at(fundamental(set, known%tones(i))), &
+                                              problem%stiffness%coordinates%number_of(dofs(i)))
+            else
+               forms(:, i) = shift_form(set, known%tones(i), u, scale)
+            end if
+         end do
+      end associate
+   end function phase_forms
+
+   !> Steps to both sides along the derivative: what all degrees of freedom do, and what the equations are off by.
+   subroutine take_steps(known, moved, value, step, slope, by_value, k, result)
+      type(known_t), intent(in) :: known
+      type(model_problem_t), intent(inout) :: moved
+      real(wp), intent(in) :: value, step
+      real(wp), intent(in) :: slope(:), by_value(:)                   !! of the unknowns, and of the equations
+      integer, intent(in) :: k                                        !! number of the value
+      type(motion_result_t), intent(inout) :: result
+      complex(wp), allocatable :: c(:, :, :)
+      real(wp) :: at(2), omega(known%model%tones%n_tones, 2), r(known%n), x(size(slope))
+      integer :: side
+      logical :: is_possible
+
+      allocate (c(known%model%structure%n_dofs, known%model%harmonics%n_harmonics, 2))
+      associate (n => known%n, gradient => result%gradient)
+         do side = 1, 2
+            at(side) = (2*side - 3)*step
+            call go(is_possible)
+            if (.not. is_possible) then                               ! at the end of the range of the value
+               at(side) = 0.0_wp
+               call go(is_possible)
+            end if
+            call moved%all_dofs(x(:n), c(:, :, side))
+            omega(:, side) = moved%omega
+            call moved%residual(x(:n), r)
+            gradient%defect(k) = max(gradient%defect(k), norm2((r - known%residual)/moved%r_scale)/ &
+                                     max(step*norm2(by_value/moved%r_scale), tiny(1.0_wp)))
+         end do
+         gradient%frequency(:, k) = (omega(:, 2) - omega(:, 1))/(at(2) - at(1))
+         gradient%frequency(known%tones, k) = slope(n + 1:)
+         call keep_slope(result, known%model%output%dofs, k, (c(:, :, 2) - c(:, :, 1))/(at(2) - at(1)))
+      end associate
+
+   contains
+
+      subroutine go(is_possible)
+         logical, intent(out) :: is_possible
+
+         x = known%x + at(side)*slope
+         call moved%set_parameters([known%tones, moved%own], [x(known%n + 1:), value + at(side)], is_possible)
+      end subroutine go
+   end subroutine take_steps
+
+   !> Keeps what one value does to the stored degrees of freedom.
+   pure subroutine keep_slope(result, dofs, k, slope)
+      type(motion_result_t), intent(inout) :: result
+      integer, intent(in) :: dofs(:)
+      integer, intent(in) :: k
+      complex(wp), intent(in) :: slope(:, :)                          !! a - i b, (n_dofs, n_harmonics)
+
+      result%gradient%coefficients(1, :, :, k) = transpose(real(slope(dofs, :)))
+      result%gradient%coefficients(2, :, :, k) = -transpose(aimag(slope(dofs, :)))
+   end subroutine keep_slope
+end module hb_gradient
