@@ -19,7 +19,7 @@ module hb_gradient
    use hb_model_basis, only: coordinates_of
    use hb_model_problem, only: model_problem_t, moving_value_t, new_model_problem
    use hb_model_reader, only: update_model
-   use hb_motion_result, only: motion_result_t
+   use hb_motion_result, only: gradient_t, motion_result_t
    use hb_phase, only: coefficient_form, shift_form
    use hb_problem, only: problem_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
@@ -61,9 +61,8 @@ contains
          known%model = model
          call put_on_level(known%model, model, level, error)
          if (allocated(error)) return
-         allocate (gradient%coefficients(2, level%set%n_harmonics, size(model%output%dofs), size(by)), source=0.0_wp)
-         allocate (gradient%frequency(model%tones%n_tones, size(by)), gradient%defect(size(by)), source=0.0_wp)
          if (coordinates%n == 0) then
+            gradient = zero_gradient(known%model)
             do k = 1, size(by)
                call differentiate_linear(k)
             end do
@@ -74,11 +73,9 @@ contains
          known%tones = pack([(m, m=1, model%tones%n_tones)], model%tones%is_unknown)
          known%x = [unknowns(:known%n), known%model%tones%omega(known%tones)]
       end associate
-      call differentiate(known, document, result, error)
-      if (allocated(error)) then
-         deallocate (result%gradient%coefficients, result%gradient%frequency, result%gradient%defect)
-         if (work_is_over()) deallocate (error)
-      end if
+      call differentiate(known, document, result%gradient, error)
+      if (allocated(error) .and. work_is_over()) deallocate (error)
+      if (allocated(result%gradient%coefficients)) call refine_grid(known, document, result%gradient)
 
    contains
 
@@ -108,15 +105,58 @@ contains
             call stiffness%recover(reshape([complex(wp) ::], [0, level%set%n_harmonics]), c(:, :, side))
             result%gradient%frequency(:, k) = result%gradient%frequency(:, k) + (2*side - 3)*there%tones%omega/(2.0_wp*step)
          end do
-         call keep_slope(result, model%output%dofs, k, (c(:, :, 2) - c(:, :, 1))/(2.0_wp*step))
+         call keep_slope(result%gradient, model%output%dofs, k, (c(:, :, 2) - c(:, :, 1))/(2.0_wp*step))
       end subroutine differentiate_linear
    end subroutine find_gradient
 
-   !> Differentiates by each of the values.
-   subroutine differentiate(known, document, result, error)
+   !> Differentiates the same motion on finer grids. Where contact or friction changes is known to a sample, which hardly matters to
+   !> the motion and much to its derivatives: on a grid of one's own they are found until they change by less than the tolerance; a
+   !> grid that is given rules them, too, and the change is told.
+   subroutine refine_grid(known, document, gradient)
       type(known_t), intent(inout) :: known
       type(document_t), intent(in) :: document
-      type(motion_result_t), intent(inout) :: result
+      type(gradient_t), intent(inout) :: gradient
+      integer, parameter :: times = 4
+      real(wp), parameter :: largest = 2.0e5_wp                       ! samples; motions have up to 10 times as many
+      type(gradient_t) :: finer
+      type(error_t), allocatable :: error
+      type(model_t) :: before
+      integer :: i, k
+      logical :: refines
+
+      associate (model => known%model)
+         if (all([(model%laws(i)%law%degree > 0, i=1, size(model%laws))])) return
+         refines = model%accuracy%is_on .and. model%accuracy%refines_grid
+         do while (product(real(times*model%torus%n_samples, wp)) < largest)
+            before = model
+            call put_on_level(model, before, level_t(before%harmonics, times*before%torus%n_samples), error)
+            if (.not. allocated(error)) call differentiate(known, document, finer, error)
+            if (allocated(error) .or. .not. allocated(finer%coefficients)) return
+            finer%estimate = [(norm2(finer%coefficients(:, :, :, k) - gradient%coefficients(:, :, :, k))/ &
+                               max(norm2(finer%coefficients(:, :, :, k)), tiny(1.0_wp)), k=1, size(finer%estimate))]
+            gradient%estimate = finer%estimate
+            if (refines) gradient = finer
+            if (.not. refines .or. all(finer%estimate <= model%accuracy%tolerance)) return
+         end do
+      end associate
+   end subroutine refine_grid
+
+   !> Derivatives that are all zero.
+   pure function zero_gradient(model) result(gradient)
+      type(model_t), intent(in) :: model
+      type(gradient_t) :: gradient
+
+      associate (n => size(model%gradient%by))
+         allocate (gradient%coefficients(2, model%harmonics%n_harmonics, size(model%output%dofs), n), source=0.0_wp)
+         allocate (gradient%frequency(model%tones%n_tones, n), gradient%defect(n), gradient%estimate(n), source=0.0_wp)
+      end associate
+   end function zero_gradient
+
+   !> Differentiates by each of the values; nothing is known where the tangent is singular.
+   subroutine differentiate(known, document, gradient, error)
+      type(known_t), intent(inout) :: known
+      type(document_t), intent(in) :: document
+      type(gradient_t), intent(out) :: gradient
       type(error_t), allocatable, intent(out) :: error
       type(model_problem_t), target :: here, moved
       type(bordered_problem_t), target :: with_frequencies
@@ -127,7 +167,8 @@ contains
       integer :: attempt, k
       logical :: is_found, is_lost
 
-      associate (gradient => result%gradient, by => known%model%gradient%by, n => known%n)
+      associate (by => known%model%gradient%by, n => known%n)
+         gradient = zero_gradient(known%model)
          call put_on(here, by(1), 1.0_wp)
          if (allocated(error)) return
          problem => here
@@ -135,7 +176,8 @@ contains
             call new_bordered_problem(with_frequencies, here, known%tones, phase_forms(known, here), 0.0_wp*known%x(n + 1:))
             problem => with_frequencies
          end if
-         allocate (known%residual(n), by_value(n), slope(size(known%x)))
+         allocate (by_value(n), slope(size(known%x)))
+         if (.not. allocated(known%residual)) allocate (known%residual(n))
          call here%residual(known%x(:n), known%residual)
          call new_tangent_solver(tangent, problem, known%x, is_lost, accuracy)
          do k = 1, size(by)
@@ -153,11 +195,11 @@ contains
                if (is_lost .or. abs(value) > 0.0_wp .or. .not. norm2(slope(:n)) > 0.0_wp) exit
                typical = norm2(known%x(:n))/norm2(slope(:n))          ! of a value that is zero: what would move as much
             end do
-            if (.not. is_lost) call take_steps(known, moved, value, apart*typical, slope, by_value, k, result)
+            if (.not. is_lost) call take_steps(known, moved, value, apart*typical, slope, by_value, k, gradient)
          end do
       end associate
       is_lost = is_lost .or. work_is_over()
-      if (is_lost) deallocate (result%gradient%coefficients, result%gradient%frequency, result%gradient%defect)
+      if (is_lost) deallocate (gradient%coefficients, gradient%frequency, gradient%defect, gradient%estimate)
       call here%destroy()
       call moved%destroy()
 
@@ -199,20 +241,20 @@ contains
    end function phase_forms
 
    !> Steps to both sides along the derivative: what all degrees of freedom do, and what the equations are off by.
-   subroutine take_steps(known, moved, value, step, slope, by_value, k, result)
+   subroutine take_steps(known, moved, value, step, slope, by_value, k, gradient)
       type(known_t), intent(in) :: known
       type(model_problem_t), intent(inout) :: moved
       real(wp), intent(in) :: value, step
       real(wp), intent(in) :: slope(:), by_value(:)                   !! of the unknowns, and of the equations
       integer, intent(in) :: k                                        !! number of the value
-      type(motion_result_t), intent(inout) :: result
+      type(gradient_t), intent(inout) :: gradient
       complex(wp), allocatable :: c(:, :, :)
       real(wp) :: at(2), omega(known%model%tones%n_tones, 2), r(known%n), x(size(slope))
       integer :: side
       logical :: is_possible
 
       allocate (c(known%model%structure%n_dofs, known%model%harmonics%n_harmonics, 2))
-      associate (n => known%n, gradient => result%gradient)
+      associate (n => known%n)
          do side = 1, 2
             at(side) = (2*side - 3)*step
             call go(is_possible)
@@ -228,7 +270,7 @@ contains
          end do
          gradient%frequency(:, k) = (omega(:, 2) - omega(:, 1))/(at(2) - at(1))
          gradient%frequency(known%tones, k) = slope(n + 1:)
-         call keep_slope(result, known%model%output%dofs, k, (c(:, :, 2) - c(:, :, 1))/(at(2) - at(1)))
+         call keep_slope(gradient, known%model%output%dofs, k, (c(:, :, 2) - c(:, :, 1))/(at(2) - at(1)))
       end associate
 
    contains
@@ -242,13 +284,13 @@ contains
    end subroutine take_steps
 
    !> Keeps what one value does to the stored degrees of freedom.
-   pure subroutine keep_slope(result, dofs, k, slope)
-      type(motion_result_t), intent(inout) :: result
+   pure subroutine keep_slope(gradient, dofs, k, slope)
+      type(gradient_t), intent(inout) :: gradient
       integer, intent(in) :: dofs(:)
       integer, intent(in) :: k
       complex(wp), intent(in) :: slope(:, :)                          !! a - i b, (n_dofs, n_harmonics)
 
-      result%gradient%coefficients(1, :, :, k) = transpose(real(slope(dofs, :)))
-      result%gradient%coefficients(2, :, :, k) = -transpose(aimag(slope(dofs, :)))
+      gradient%coefficients(1, :, :, k) = transpose(real(slope(dofs, :)))
+      gradient%coefficients(2, :, :, k) = -transpose(aimag(slope(dofs, :)))
    end subroutine keep_slope
 end module hb_gradient

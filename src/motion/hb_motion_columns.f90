@@ -238,6 +238,9 @@ contains
          "derivatives of the coefficients by values of the input, each in its unit", m%gradient%coefficients)
       call t%real("frequency_gradient", "1", "gradient_value tone", "derivatives of the base frequencies likewise", &
          m%gradient%frequency)
+      call t%real("gradient_estimate", "1", "gradient_value", &
+         "change of the derivatives of the coefficients on a grid of four times the samples of each tone, relative", &
+         m%gradient%estimate)
       call t%real("gradient_defect", "1", "gradient_value", &
          "how far the motion is from one with these derivatives a small step on; not small at a kink", m%gradient%defect)
       t%is_there = .true.

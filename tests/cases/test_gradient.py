@@ -1,0 +1,72 @@
+"""Derivatives of motions by values of the input, from Python and in files."""
+
+import h5py
+import numpy as np
+import pytest
+
+from in_process import ROOT
+from program import solve
+
+import nhbm
+
+
+def damper(limit=0.035):
+    chain = nhbm.Chain(n_masses=2, ends="fixed-free", mass=[1.0, 0.1], coupling_stiffness=[1.0, 0.05], damping_mass=0.01)
+    model = nhbm.Model(chain, tones=[0.95])
+    model.load("x1", 1, cos=0.1)
+    model.law("jenkins", label="damper", dofs=["x2", "x1"], weights=[1, -1], stiffness=0.1, limit=limit)
+    return model
+
+
+def test_derivatives_by_default_are_those_of_the_motion():
+    """On the samples that the motion needs they would be -1.12 and -.15 here."""
+    by = ["damper.limit", "damper.stiffness"]
+    found = damper().gradient("x1 (1)", by)
+    fine = damper()
+    fine.set("sampling", samples=4096)
+    exact = fine.gradient("x1 (1)", by, order=31)
+    assert found.value == pytest.approx(exact.value, rel=1e-2)
+    np.testing.assert_allclose(found.slopes, exact.slopes, atol=0.05)
+    assert exact.slopes[0] == pytest.approx(-0.308, abs=2e-3)
+
+
+def test_responses_have_the_derivatives_of_differences():
+    model = nhbm.Model(nhbm.Chain(n_masses=2, ends="free", mass=1.0, coupling_stiffness=2.0, ground_stiffness=1.0, damping_mass=0.1),
+                       tones=[1.3, 2.1])  # fmt: skip
+    model.load("x1", (1, 0), cos=0.8)
+    model.load("x2", (0, 1), cos=0.3)
+    model.law("elastic_stop", "x2", gap=0.3, stiffness=3.0, label="stop")
+    values = {"stop.gap": 0.3, "stop.stiffness": 3.0, "load(1)%cos": 0.8}
+    model.set("gradient", by=["law(stop)%gap", "law(stop)%stiffness", "load(1)%cos"])
+    motion = model.solve(order=5)
+    largest = motion.nhbm.gradient("x2").values
+    for of in ("x2", "x2 (1,0)"):
+        found = model.gradient(of, values, order=5)
+        for k, (path, value) in enumerate(values.items()):
+            sides = []
+            for side in (1e-4, -1e-4):
+                model[path] = value + side
+                sides.append((model.response(of, order=5), float(model.solve(order=5).nhbm.largest("x2", 2**16))))
+                model[path] = value
+            by_response, by_largest = (np.array(sides[0]) - sides[1]) / 2e-4
+            assert found.slopes[k] == pytest.approx(by_response, rel=1e-6)
+            assert largest[k] == pytest.approx(by_largest, rel=1e-3)
+
+
+def test_files_have_derivatives(tmp_path):
+    path = solve((ROOT / "inputs" / "gallery" / "damper_gradient.nml").read_text(), tmp_path)
+    with h5py.File(path) as file:
+        assert [name.decode() for name in file["gradient_value"][()]] == ["law(damper)%limit", "law(damper)%stiffness"]
+        assert file["gradient"].shape[:3] == (9, 2, 2)
+        limit, motion, slope = file["law_damper_limit"][()], file["coefficients"][:, 0, 1], file["gradient"][:, 0, 0, 1]
+        assert (file["gradient_estimate"][()] < 1e-2).all()
+        assert (file["gradient_defect"][()] < 1e-3).all()
+    amplitude = np.linalg.norm(motion, axis=1)
+    along = np.trapezoid if hasattr(np, "trapezoid") else np.trapz
+    assert along((slope * motion).sum(axis=1) / amplitude, limit) == pytest.approx(amplitude[-1] - amplitude[0], rel=0.05)
+
+
+def test_values_without_derivatives_are_refused():
+    for path, reason in (("damper.gap", "has no number"), ("harmonics%order", "no number of &structure"), ("load(1)%dof", "has no number")):
+        with pytest.raises(nhbm.ModelError, match=reason):
+            damper().gradient("x1 (1)", [path])
