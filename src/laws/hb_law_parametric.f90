@@ -1,6 +1,8 @@
 !> Spring and damper that change with the phase of tones, f = k(tau) z + d(tau) v with k = k_c cos(j.tau) + k_s sin(j.tau), d alike.
 !> Several of them make any periodic or quasi-periodic stiffness: Mathieu's equation, gear meshes, cracks that breathe.
-!> Source: Nayfeh and Mook, Nonlinear Oscillations, Wiley 1979, chapter 5; docs/why/theory.md, section 5.1.
+!> With a backlash b the spring acts on what of z is beyond -b to b, as between the teeth of gears.
+!> Source: Nayfeh and Mook, Nonlinear Oscillations, Wiley 1979, chapter 5; A. Kahraman
+!> and R. Singh, J. Sound Vib. 146 (1991) 135 (gears); docs/why/theory.md, section 5.1.
 !> Sign: f stands beside K q on the left-hand side.
 module hb_law_parametric
    use hb_kinds, only: wp
@@ -14,11 +16,14 @@ module hb_law_parametric
    type, extends(law_t) :: parametric_t
       real(wp) :: stiffness(2) = 0.0_wp                               !! k_c, k_s [N/m]
       real(wp) :: damping(2) = 0.0_wp                                 !! d_c, d_s [N s/m]
+      real(wp) :: backlash = 0.0_wp                                   !! b [m]
       real(wp), allocatable, private :: k(:, :), d(:, :)              ! at the samples to come, (n_samples, 1)
    contains
       procedure :: read => parametric_read
       procedure :: set_phases => parametric_set_phases
       procedure :: evaluate => parametric_evaluate
+      procedure :: switches => parametric_switches
+      procedure :: evaluate_held => parametric_evaluate_held
    end type parametric_t
 
 contains
@@ -34,8 +39,14 @@ contains
       call group%get("stiffness_sin", self%stiffness(2))
       call group%get("damping_cos", self%damping(1))
       call group%get("damping_sin", self%damping(2))
+      call group%get("backlash", self%backlash)
       self%needs_velocity = any(abs(self%damping) > 0.0_wp)
-      self%degree = 3                                                 ! samples for a tuple of twice the order, too
+      if (self%backlash > 0.0_wp) then
+         self%n_switches = 2
+         self%length_scale = self%backlash
+      else
+         self%degree = 3                                              ! samples for a tuple of twice the order, too
+      end if
       call read_place(self, group, structure)
       if (.not. allocated(self%modulation)) return
       self%n_phases = size(self%modulation)
@@ -58,10 +69,35 @@ contains
       real(wp), intent(out), contiguous :: f(:, :)
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
 
-      f = self%k*z
-      if (present(df_dz)) df_dz(:, :, 1) = self%k
+      f = self%k*(z - min(max(z, -self%backlash), self%backlash))
+      if (present(df_dz)) df_dz(:, :, 1) = merge(0.0_wp, self%k, abs(z) < self%backlash)
       if (.not. self%needs_velocity) return
       f = f + self%d*v
       if (present(df_dv)) df_dv(:, :, 1) = self%d
    end subroutine parametric_evaluate
+
+   pure subroutine parametric_switches(self, z, v, values)
+      class(parametric_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      real(wp), intent(out) :: values(:)
+
+      values = z(1) - [self%backlash, -self%backlash]
+   end subroutine parametric_switches
+
+   subroutine parametric_evaluate_held(self, z, v, is_positive, f)
+      class(parametric_t), intent(in) :: self
+      real(wp), intent(in) :: z(:), v(:)
+      logical, intent(in) :: is_positive(:)
+      real(wp), intent(out) :: f(:)
+
+      f = 0.0_wp
+      if (self%n_switches == 0) then
+         f = self%k(1, 1)*z
+      else if (is_positive(1)) then
+         f = self%k(1, 1)*(z - self%backlash)
+      else if (.not. is_positive(2)) then
+         f = self%k(1, 1)*(z + self%backlash)
+      end if
+      if (self%needs_velocity) f = f + self%d(1, 1)*v
+   end subroutine parametric_evaluate_held
 end module hb_law_parametric
