@@ -26,6 +26,7 @@ module hb_sundials
 
    !> Equations y' = rhs(t, y) with event functions.
    type, abstract :: ode_t
+      logical :: is_over = .false.                                    !! set by `rhs` where the integration shall end
    contains
       procedure(rhs_of_ode), deferred :: rhs
       procedure(events_of_ode), deferred :: events
@@ -354,7 +355,7 @@ contains
       call handle%ode%rhs(t, y_values, dydt_values)
       call_rhs = 0
       if (.not. all(ieee_is_finite(dydt_values))) call_rhs = recoverable
-      if (handle%is_stuck) call_rhs = unrecoverable
+      if (handle%is_stuck .or. handle%ode%is_over) call_rhs = unrecoverable
       handle%n_rhs = handle%n_rhs + 1
       if (modulo(handle%n_rhs, looks_between) > 0) return
       if (work_is_over()) call_rhs = unrecoverable

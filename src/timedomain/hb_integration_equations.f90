@@ -128,6 +128,7 @@ contains
          end if
          dydt(:n) = y(n + 1:)
          dydt(n + 1:) = a
+         self%is_over = system%laws%n_looks > system%laws%most_looks
       end associate
    end subroutine equations_rhs
 

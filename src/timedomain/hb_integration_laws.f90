@@ -35,6 +35,7 @@ module hb_integration_laws
       real(wp), allocatable :: s_start(:), s(:)                       !! states at the start of the step and now, (n_states)
       real(wp) :: time_start = 0.0_wp                                 !! of the step [s]
       integer(int64) :: n_looks = 0_int64 !! times that a motion was examined: what a time integration costs
+      integer(int64) :: most_looks = huge(1_int64)                    !! after which equations that are followed give up
       real(wp), allocatable :: omega(:)                               !! tones whose phases laws want [rad/s]
       logical :: has_turning = .false.                                !! whether a law wants one
    contains

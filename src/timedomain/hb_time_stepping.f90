@@ -118,11 +118,12 @@ contains
 
       call check_length(config, record%step, size(retained_dofs), system%laws%n_coordinates, error)
       if (allocated(error)) return
+      system%laws%most_looks = config%most_looks
       n_transient = nint(config%transient/record%step)
       n_steps = max(1, nint(config%duration/record%step))
       do done = 0, n_transient - 1, steps_between_looks
          call advance(integrator, state, config%substeps*min(steps_between_looks, n_transient - done), config%largest, error)
-         if (.not. allocated(error)) call look()
+         call look()
          if (allocated(error)) return
          call note_progress(done, n_transient + n_steps)
       end do
@@ -140,21 +141,28 @@ contains
       call keep(0)
       do i = 1, n_steps
          call integrator%advance(state, config%substeps, error)
-         if (allocated(error)) return
+         if (allocated(error)) then
+            call look()
+            return
+         end if
          call keep(i)
          if (modulo(i, steps_between_looks) > 0 .and. i < n_steps .and. system%laws%n_looks <= config%most_looks) cycle
          call check_finite(state, config%largest, error)
-         if (.not. allocated(error)) call look()
+         call look()
          if (allocated(error)) return
          call note_progress(n_transient + i, n_transient + n_steps)
       end do
 
    contains
 
+      !> Whether more was spent than may be, which is the reason of any failure then.
       subroutine look()
          record%is_out_of_work = system%laws%n_looks > config%most_looks
-         if (record%is_out_of_work) call fail(error, "the time integration has had its budget of work")
-         if (.not. record%is_out_of_work .and. work_is_over()) call fail(error, "the time integration was ended before its time")
+         if (record%is_out_of_work) then
+            call fail(error, "the time integration has had its budget of work")
+         else if (.not. allocated(error) .and. work_is_over()) then
+            call fail(error, "the time integration was ended before its time")
+         end if
       end subroutine look
 
       subroutine keep(i)
