@@ -450,11 +450,11 @@ def wait_for_moment(process, result, moments, already):
     """Waits for a random moment in the life of a run: while it starts, or while some point or other is solved."""
     target = moments.randrange(already - 6, max(already + 1, N_SWEPT - 15))  # some points are left to be hit
     if target <= already:
-        time.sleep(moments.uniform(0.0, 0.6))
+        time.sleep(moments.uniform(0.0, 0.3))
         return
     while process.poll() is None and n_done(result) < target:
         time.sleep(0.01)
-    time.sleep(moments.uniform(0.0, 0.1))
+    time.sleep(moments.uniform(0.0, 0.05))
 
 
 def disturb(folder, whole, disturbance, seed):
