@@ -20,6 +20,7 @@ module hb_gradient
    use hb_model_problem, only: model_problem_t, moving_value_t, new_model_problem
    use hb_model_reader, only: update_model
    use hb_motion_result, only: gradient_t, motion_result_t
+   use hb_outcome, only: is_solved, outcome
    use hb_phase, only: coefficient_form, shift_form
    use hb_problem, only: problem_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
@@ -56,7 +57,8 @@ contains
 
       associate (by => model%gradient%by, gradient => result%gradient)
          coordinates = coordinates_of(model)
-         if (size(by) == 0 .or. .not. allocated(result%coefficients)) return
+         if (size(by) == 0 .or. .not. is_solved(result%status) .or. .not. allocated(result%coefficients)) return
+         if (any(result%status == [outcome%time_domain, outcome%several])) return ! it is none of a balance
          if (coordinates%n > 0 .and. .not. allocated(unknowns)) return
          known%model = model
          call put_on_level(known%model, model, level, error)
