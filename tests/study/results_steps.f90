@@ -31,7 +31,7 @@ contains
       layout%dof_units = [character(16) :: "m", "rad"]
       layout%law_dof_labels = [character(16) :: "v1"]
       layout%law_labels = [character(64) :: "wall"]
-      allocate (layout%output_names(0))
+      allocate (layout%output_names(0), layout%gradient_names(0))
       layout%law_dof_units = [character(16) :: "m"]
       layout%n_samples = [integer ::]
       layout%title = "two words"
