@@ -206,7 +206,7 @@ contains
          call solve_motion(self%model, self%result, failure, start, unknowns, self%kept)
          level = level_t(self%model%harmonics, self%model%torus%n_samples)
       end if
-      if (.not. allocated(failure)) call find_gradient(self%model, self%document, level, unknowns, self%result, failure)
+      if (.not. allocated(failure)) call find_gradient(self%model, self%document, level, unknowns, self%result)
       call self%cancellation%leave()
       call self%neighbour%forget()
       if (allocated(failure)) then

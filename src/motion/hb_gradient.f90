@@ -44,13 +44,13 @@ module hb_gradient
 contains
 
    !> Adds the derivatives to a result where any are requested and the balance has the motion; none where its tangent is singular.
-   subroutine find_gradient(model, document, level, unknowns, result, error)
+   subroutine find_gradient(model, document, level, unknowns, result)
       type(model_t), intent(in) :: model
       type(document_t), intent(in) :: document                        !! from which it was read
       type(level_t), intent(in) :: level                              !! set and grid of the motion
       real(wp), allocatable, intent(in) :: unknowns(:)                !! as hb_level%level_t has them
       type(motion_result_t), intent(inout) :: result
-      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable :: error
       type(known_t) :: known
       type(coordinates_t) :: coordinates
       integer :: k, m
@@ -62,12 +62,15 @@ contains
          if (coordinates%n > 0 .and. .not. allocated(unknowns)) return
          known%model = model
          call put_on_level(known%model, model, level, error)
+         call give_up()
          if (allocated(error)) return
          if (coordinates%n == 0) then
             gradient = zero_gradient(known%model)
             do k = 1, size(by)
-               call differentiate_linear(k)
+               call differentiate_linear(known, document, k, gradient, error)
+               if (allocated(error)) exit
             end do
+            call give_up()
             return
          end if
          known%n = size(unknowns) - model%tones%n_tones
@@ -76,40 +79,55 @@ contains
          known%x = [unknowns(:known%n), known%model%tones%omega(known%tones)]
       end associate
       call differentiate(known, document, result%gradient, error)
-      if (allocated(error) .and. work_is_over()) deallocate (error)
+      call give_up()
       if (allocated(result%gradient%coefficients)) call refine_grid(known, document, result%gradient)
 
    contains
 
-      !> A motion without laws is found on both sides of the value.
-      subroutine differentiate_linear(k)
-         integer, intent(in) :: k
-         complex(wp), allocatable :: c(:, :, :)
-         type(model_t) :: there
-         type(document_t) :: moved
-         type(dynamic_stiffness_t) :: stiffness
-         real(wp) :: step, value
-         integer :: side
-         logical :: is_found, is_new
-
-         call document%number_at(model%gradient%by(k), value, is_found)
-         step = apart*merge(abs(value), 1.0_wp, abs(value) > 0.0_wp)
-         allocate (c(model%structure%n_dofs, level%set%n_harmonics, 2))
-         do side = 1, 2
-            there = known%model
-            moved = document
-            call moved%set(model%gradient%by(k), value + (2*side - 3)*step)
-            call update_model(there, moved, is_new, error)
-            if (.not. allocated(error) .and. is_new) call put_on_level(there, there, level, error)
-            if (.not. allocated(error)) call new_dynamic_stiffness(stiffness, there%structure, coordinates, &
-               level%set%frequencies(there%tones%omega), there%loads, error)
-            if (allocated(error)) return
-            call stiffness%recover(reshape([complex(wp) ::], [0, level%set%n_harmonics]), c(:, :, side))
-            result%gradient%frequency(:, k) = result%gradient%frequency(:, k) + (2*side - 3)*there%tones%omega/(2.0_wp*step)
-         end do
-         call keep_slope(result%gradient, model%output%dofs, k, (c(:, :, 2) - c(:, :, 1))/(2.0_wp*step))
-      end subroutine differentiate_linear
+      !> The motion is there without derivatives, too; says why it has none.
+      subroutine give_up()
+         if (.not. allocated(error)) return
+         result%gradient = gradient_t()
+         if (work_is_over()) return
+         if (.not. allocated(result%message)) result%message = "no derivatives: "//error%message
+      end subroutine give_up
    end subroutine find_gradient
+
+   !> Differentiates a motion without laws: it is found on both sides of the value.
+   subroutine differentiate_linear(known, document, k, gradient, error)
+      type(known_t), intent(in) :: known
+      type(document_t), intent(in) :: document
+      integer, intent(in) :: k                                        !! number of the value
+      type(gradient_t), intent(inout) :: gradient
+      type(error_t), allocatable, intent(out) :: error
+      complex(wp), allocatable :: c(:, :, :)
+      type(model_t) :: fresh, there
+      type(document_t) :: moved
+      type(dynamic_stiffness_t) :: stiffness
+      real(wp) :: step, value
+      integer :: side
+      logical :: is_found, is_new
+
+      associate (model => known%model, by => known%model%gradient%by(k), set => known%model%harmonics)
+         call document%number_at(by, value, is_found)
+         step = apart*merge(abs(value), 1.0_wp, abs(value) > 0.0_wp)
+         allocate (c(model%structure%n_dofs, set%n_harmonics, 2))
+         do side = 1, 2
+            there = model
+            moved = document
+            call moved%set(by, value + (2*side - 3)*step)
+            call update_model(there, moved, is_new, error)
+            fresh = there
+            if (.not. allocated(error) .and. is_new) call put_on_level(there, fresh, level_t(set, model%torus%n_samples), error)
+            if (.not. allocated(error)) call new_dynamic_stiffness(stiffness, there%structure, coordinates_of(there), &
+               set%frequencies(there%tones%omega), there%loads, error)
+            if (allocated(error)) return
+            call stiffness%recover(reshape([complex(wp) ::], [0, set%n_harmonics]), c(:, :, side))
+            gradient%frequency(:, k) = gradient%frequency(:, k) + (2*side - 3)*there%tones%omega/(2.0_wp*step)
+         end do
+         call keep_slope(gradient, model%output%dofs, k, (c(:, :, 2) - c(:, :, 1))/(2.0_wp*step))
+      end associate
+   end subroutine differentiate_linear
 
    !> Differentiates the same motion on finer grids. Where contact or friction changes is known to a sample, which hardly matters to
    !> the motion and much to its derivatives: on a grid of one's own they are found until they change by less than the tolerance; a

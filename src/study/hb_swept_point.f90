@@ -61,7 +61,7 @@ contains
                call solve_motion(model, result, error, start, unknowns, source%kept)
                level = level_t(model%harmonics, model%torus%n_samples)
             end if
-            if (.not. allocated(error)) call find_gradient(model, source%document, level, unknowns, result, error)
+            if (.not. allocated(error)) call find_gradient(model, source%document, level, unknowns, result)
          end associate
       end if
       if (allocated(error)) then
