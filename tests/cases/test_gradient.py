@@ -37,6 +37,7 @@ def test_responses_have_the_derivatives_of_differences():
     model.load("x2", (0, 1), cos=0.3)
     model.law("elastic_stop", "x2", gap=0.3, stiffness=3.0, label="stop")
     values = {"stop.gap": 0.3, "stop.stiffness": 3.0, "load(1)%cos": 0.8}
+    model.set("stability", method="off")
     model.set("gradient", by=["law(stop)%gap", "law(stop)%stiffness", "load(1)%cos"])
     motion = model.solve(order=5)
     largest = motion.nhbm.gradient("x2").values
@@ -46,7 +47,7 @@ def test_responses_have_the_derivatives_of_differences():
             sides = []
             for side in (1e-4, -1e-4):
                 model[path] = value + side
-                sides.append((model.response(of, order=5), float(model.solve(order=5).nhbm.largest("x2", 2**16))))
+                sides.append((model.response(of, order=5), float(model.solve(order=5).nhbm.largest("x2", 2**13))))
                 model[path] = value
             by_response, by_largest = (np.array(sides[0]) - sides[1]) / 2e-4
             assert found.slopes[k] == pytest.approx(by_response, rel=1e-6)
