@@ -108,7 +108,8 @@ contains
       if (allocated(self%parameters)) deallocate (self%parameters)
       allocate (self%parameters(0))
       call read_namelist(self%document, name, text, error)
-      if (.not. allocated(error)) call self%document%expect_groups([character(11) :: group_names, "curve", "sweep"], error)
+      if (.not. allocated(error)) &
+         call self%document%expect_groups([character(len(group_names)) :: group_names, "curve", "sweep"], error)
       if (allocated(error)) return
       call share_time(self, self%n_points)
       self%callbacks%is_followed = self%document%count("curve") > 0

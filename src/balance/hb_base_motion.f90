@@ -66,7 +66,7 @@ contains
          real(wp), allocatable :: damping(:, :), stiffness(:, :)
          complex(wp), allocatable :: at_laws(:, :)
 
-         call structure%refuse_large("the search for unknown frequencies", most_dense, error)
+         call structure%check_matrices("the search for unknown frequencies", most_dense, error)
          if (allocated(error)) return
          call balance%mean_slopes(u, df_dq, df_dv, error)
          if (allocated(error)) return

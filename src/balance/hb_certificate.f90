@@ -615,7 +615,7 @@ contains
       do h = 1, size(frequencies)
          associate (w => frequencies(h))
             self%power_in = self%power_in - 0.5_wp*w*aimag(dot_product(loads%of(h), c(:, h)))
-            self%power_damping = self%power_damping + 0.5_wp*w**2*real(dot_product(c(:, h), structure%damping_times(c(:, h))))
+            self%power_damping = self%power_damping + structure%lost_power(c(:, h), w)
          end associate
       end do
       call new_mean_energy(self%energy, structure, c, frequencies)

@@ -89,8 +89,7 @@ contains
          found%power_damping = 0.0_wp
          do h = 1, size(w)
             found%power_in = found%power_in - 0.5_wp*w(h)*aimag(dot_product(model%loads%of(h), c(:, h)))
-            found%power_damping = found%power_damping + &
-                                  0.5_wp*w(h)**2*real(dot_product(c(:, h), model%structure%damping_times(c(:, h))))
+            found%power_damping = found%power_damping + model%structure%lost_power(c(:, h), w(h))
          end do
          call new_mean_energy(found%energy, model%structure, c, w)
       end associate

@@ -169,7 +169,7 @@ contains
             call group%problem("energy", "the energy of a motion under a &load that varies is not constant; give 'amplitude' "// &
                                "and 'dof'")
       end do
-      call self%structure%refuse_large("an energy", most_dense, error)
+      call self%structure%check_matrices("an energy", most_dense, error)
       if (allocated(error)) then
          call group%problem("energy", error%message)
          return

@@ -25,6 +25,8 @@ module hb_floquet
    real(wp), parameter :: largest_surge = log(100.0_wp)               ! what is 1 % grows as large as the motion before it decays
    real(wp), parameter :: most_work_of_orbit = 1.0e8_wp               ! likewise; high modes need more, and keep the series
    real(wp), parameter :: work_on_demand = 6.0e10_wp                  !! in about a nanosecond: a minute
+   real(wp), parameter :: most_turns = 1.0e6_wp                       ! of the fastest harmonic in a period of the slowest tone: the
+                                                                      ! samples of a period are counted by integers, and kept
 
    type, extends(stability_finder_t) :: floquet_t
       real(wp) :: work_in_any_case = 0.0_wp                           !! that `auto` may take on a motion, in about a nanosecond
@@ -59,6 +61,10 @@ contains
       if (stability%is_too_costly) return
       call new_variation(variation, structure, laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
       if (allocated(error)) return
+      associate (highest => max(maxval(abs(variation%motion%frequencies)), variation%look_frequency))
+         stability%is_too_costly = highest > most_turns*minval(motion%tones%omega)
+      end associate
+      if (stability%is_too_costly) return
       if (motion%tones%n_tones == 1) then
          work = work_of_monodromy(variation)
       else

@@ -78,7 +78,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: i, n
 
-      call structure%refuse_large("stability", most_dense, error)
+      call structure%check_matrices("stability", most_dense, error)
       if (allocated(error)) return
       n = structure%n_dofs
       self%n_dofs = n

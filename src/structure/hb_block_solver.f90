@@ -69,13 +69,7 @@ contains
          if (block%row(e) /= block%column(e) .or. .not. self%magnitude(e) > 0.0_wp) cycle
          scale(block%row(e)) = 1.0_wp/sqrt(self%magnitude(e))
       end do
-      do e = 1, block%n_entries
-         associate (factor => scale(block%row(e))*scale(block%column(e)))
-            self%entries%mass(e) = factor*block%mass(e)
-            self%entries%damping(e) = factor*block%damping(e)
-            self%entries%stiffness(e) = factor*block%stiffness(e)
-         end associate
-      end do
+      call self%entries%scale_by(scale)
 
       self%scale = cmplx(scale, kind=wp)
       self%n_lower = max(0, maxval(block%row - block%column))

@@ -220,14 +220,21 @@ contains
       end if
    end function coordinates_weights_of
 
-   !> The structure in these coordinates: T^T M T, and the same of damping and stiffness.
+   !> The structure in these coordinates: T^T M T, the same of damping and stiffness, T^T a and T^T b of parts.
    function coordinates_structure_in(self, structure) result(turned)
       class(coordinates_t), intent(in) :: self
       type(structure_t), intent(in) :: structure
       type(structure_t) :: turned
+      integer :: i
 
       turned = structure
       if (self%are_dofs) return
+      if (allocated(turned%parts)) then
+         do i = 1, size(turned%parts)
+            call turn_vector(turned%parts(i)%acts)
+            call turn_vector(turned%parts(i)%feels)
+         end do
+      end if
       if (allocated(structure%sparse)) then
          call turn_sparse(turned%sparse%mass)
          call turn_sparse(turned%sparse%damping)
@@ -253,6 +260,15 @@ contains
             matrix(p, :) = matmul(transpose(self%of_z), at_pivots)
          end associate
       end subroutine turn
+
+      pure subroutine turn_vector(vector)
+         real(wp), intent(inout) :: vector(:)
+
+         associate (p => self%places, r => self%dofs(self%others))
+            vector(r) = vector(r) + matmul(vector(p), self%of_others)
+            vector(p) = matmul(vector(p), self%of_z)
+         end associate
+      end subroutine turn_vector
 
       subroutine turn_sparse(matrix)
          type(sparse_t), intent(inout) :: matrix

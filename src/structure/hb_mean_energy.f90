@@ -1,9 +1,10 @@
 !> Energies of the structure in a motion x(t) = sum over harmonics of Re(c exp(i w t)), as means over the torus, and the damping
 !> that a loss of power means.
 !>
-!> The mean of x'^T M x'/2 is w**2 c^H M c/4, that of x^T K x/2 is c^H K c/4, of a constant part twice that. A linear oscillator
-!> with damping d that moves with amplitude a at frequency w loses P = d w**2 a**2/2, so that P/(2 w U) = d w/k is its loss
-!> factor and P/(4 T) = d/(2 m) its rate of decay; with several harmonics w U is their sum.
+!> The mean of x'^T M x'/2 is w**2 c^H M c/4, that of x^T K x/2 is c^H K c/4, of a constant part twice that; a part that depends
+!> on the frequency stores Re(conj(a.c) Z b.c)/4. A linear oscillator with damping d that moves with amplitude a at frequency w
+!> loses P = d w**2 a**2/2, so that P/(2 w U) = d w/k is its loss factor and P/(4 T) = d/(2 m) its rate of decay; with several
+!> harmonics w U is their sum.
 module hb_mean_energy
    use hb_kinds, only: wp
    use hb_lapack, only: dgemm
@@ -66,7 +67,7 @@ contains
          call multiply(structure%stiffness)
       end if
       do h = 1, n
-         strain = 0.25_wp*form_of(h)
+         strain = 0.25_wp*(form_of(h) + real(structure%work_in_parts(c(:, h), frequencies(h))))
          if (abs(frequencies(h)) <= 0.0_wp) strain = 2.0_wp*strain
          self%strain = self%strain + strain
          self%turning = self%turning + abs(frequencies(h))*strain

@@ -1,10 +1,12 @@
 !> The linear structure M x'' + D x' + K x = forces: the result of every builder.
 !>
-!> D holds all that multiplies the velocity: viscous (symmetric) plus gyroscopic (skew-symmetric) terms.
+!> D holds all that multiplies the velocity: viscous (symmetric) plus gyroscopic (skew-symmetric) terms. Beside the matrices there
+!> may be parts of another stiffness for each frequency, which have no equations in time.
 module hb_structure
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
+   use hb_frequency_part, only: frequency_part_t
    use hb_kinds, only: wp
    use hb_lapack, only: dpotrf
    use hb_name_table, only: name_table_t
@@ -32,6 +34,7 @@ module hb_structure
       real(wp), allocatable :: damping(:, :)                 !! [N s/m], (n_dofs, n_dofs)
       real(wp), allocatable :: stiffness(:, :)               !! [N/m], (n_dofs, n_dofs)
       type(sparse_matrices_t), allocatable :: sparse         !! in place of these three matrices, where there are many dofs
+      type(frequency_part_t), allocatable :: parts(:)        !! beside the matrices, of stiffness that depends on the frequency
       character(label_length), allocatable :: labels(:)      !! (n_dofs), unique, such as `v3`
       character(unit_length), allocatable :: units(:)        !! (n_dofs), of the coordinate: `m`, `rad`
       type(node_sets_t) :: sets                              !! names for many degrees of freedom; of models alone
@@ -41,14 +44,16 @@ module hb_structure
       character(:), allocatable :: origin                    !! the model that it was read from and what marks it; else not given
    contains
       procedure :: change_from => structure_change_from
+      procedure :: check_matrices => structure_check_matrices
       procedure :: damping_times => structure_damping_times
       procedure :: diagonals => structure_diagonals
       procedure :: dof_index => structure_dof_index
       procedure :: find_dof => structure_find_dof
       procedure :: find_dofs => structure_find_dofs
       procedure :: has_matrices_of => structure_has_matrices_of
-      procedure :: refuse_large => structure_refuse_large
+      procedure :: lost_power => structure_lost_power
       procedure :: unpack => structure_unpack
+      procedure :: work_in_parts => structure_work_in_parts
    end type structure_t
 
    interface new_structure
@@ -229,8 +234,35 @@ contains
       end associate
    end function structure_damping_times
 
-   !> Fails where something cannot be done for as many degrees of freedom.
-   pure subroutine structure_refuse_large(self, what, most, error)
+   !> Mean power [W] that an amplitude loses: w**2 Re(c* D c)/2, and w/2 times the imaginary part of the work in parts.
+   pure real(wp) function structure_lost_power(self, c, frequency) result(power)
+      class(structure_t), intent(in) :: self
+      complex(wp), intent(in) :: c(:)                                 !! a - i b [m], (n_dofs)
+      real(wp), intent(in) :: frequency                               !! [rad/s]
+
+      power = 0.5_wp*frequency**2*real(dot_product(c, self%damping_times(c))) + &
+              0.5_wp*frequency*aimag(self%work_in_parts(c, frequency))
+   end function structure_lost_power
+
+   !> Sum of conj(a.c) Z(w) b.c over the parts that depend on the frequency.
+   pure complex(wp) function structure_work_in_parts(self, c, frequency) result(work)
+      class(structure_t), intent(in) :: self
+      complex(wp), intent(in) :: c(:)                                 !! a - i b [m], (n_dofs)
+      real(wp), intent(in) :: frequency                               !! [rad/s]
+      complex(wp) :: dz_dw, z
+      integer :: i
+
+      work = 0.0_wp
+      if (.not. allocated(self%parts)) return
+      do i = 1, size(self%parts)
+         call self%parts(i)%evaluate(frequency, z, dz_dw)
+         work = work + conjg(sum(self%parts(i)%acts*c))*z*sum(self%parts(i)%feels*c)
+      end do
+   end function structure_work_in_parts
+
+   !> Fails where something takes the matrices as they are: of too many degrees of freedom, or with parts that depend on the
+   !> frequency.
+   pure subroutine structure_check_matrices(self, what, most, error)
       class(structure_t), intent(in) :: self
       character(*), intent(in) :: what
       integer, intent(in) :: most                                     !! degrees of freedom
@@ -238,7 +270,8 @@ contains
 
       if (self%n_dofs > most) call fail(error, what//" takes structures of at most "//to_text(most)// &
                                         " degrees of freedom, this one has "//to_text(self%n_dofs))
-   end subroutine structure_refuse_large
+      if (allocated(self%parts)) call fail(error, what//" needs equations in time, which a &dynamic_stiffness has not")
+   end subroutine structure_check_matrices
 
    !> Makes the matrices dense.
    subroutine structure_unpack(self)
@@ -313,12 +346,17 @@ contains
       dofs = [dof]
    end subroutine structure_find_dofs
 
-   !> Whether all matrices are those of another structure, number by number.
+   !> Whether all matrices and parts are those of another structure, number by number.
    pure logical function structure_has_matrices_of(self, other) result(are_same)
       class(structure_t), intent(in) :: self
       type(structure_t), intent(in) :: other
+      integer :: i
 
-      are_same = self%n_dofs == other%n_dofs .and. (allocated(self%sparse) .eqv. allocated(other%sparse))
+      are_same = self%n_dofs == other%n_dofs .and. (allocated(self%sparse) .eqv. allocated(other%sparse)) .and. &
+                 (allocated(self%parts) .eqv. allocated(other%parts))
+      if (are_same .and. allocated(self%parts)) are_same = size(self%parts) == size(other%parts)
+      if (are_same .and. allocated(self%parts)) &
+         are_same = all([(self%parts(i)%equals(other%parts(i)), i=1, size(self%parts))])
       if (.not. are_same) return
       if (allocated(self%sparse)) then
          are_same = self%sparse%mass%equal(other%sparse%mass) .and. self%sparse%damping%equal(other%sparse%damping) .and. &
@@ -329,7 +367,7 @@ contains
       end if
    end function structure_has_matrices_of
 
-   !> Structure of matrices that are a weight times those of this one less those of another: a derivative by a value of which the
+   !> Structure of matrices and parts that are a weight times those of this one less those of another: a derivative by a value of which the
    !> two are neighbours.
    function structure_change_from(self, other, weight) result(change)
       class(structure_t), intent(in) :: self
@@ -338,6 +376,10 @@ contains
       type(structure_t) :: change
 
       change%n_dofs = self%n_dofs
+      if (allocated(self%parts) .and. allocated(other%parts)) then
+         change%parts = [self%parts, other%parts]
+         change%parts%factor = change%parts%factor*[spread(weight, 1, size(self%parts)), spread(-weight, 1, size(other%parts))]
+      end if
       if (allocated(self%sparse)) then
          associate (mine => self%sparse, others => other%sparse)
             change%sparse = sparse_matrices_t(sparse_sum(weight, mine%mass, -weight, others%mass), &

@@ -1,9 +1,10 @@
-!> A block of the dynamic stiffness S(w) = K - (w**2 + i drive) M + i w D between some rows and some columns, by its
-!> nonzero entries.
+!> A block of the dynamic stiffness S(w) = K - (w**2 + i drive) M + i w D + sum of Z(w) a b^T between some rows and some columns,
+!> by its nonzero entries.
 !>
 !> The pattern is found once; at each frequency only the entries are touched, so narrow structures cost
 !> O(n_dofs).
 module hb_structure_block
+   use hb_frequency_part, only: frequency_part_t
    use hb_kinds, only: wp
    use hb_sparse, only: sparse_t
    use hb_structure, only: structure_t
@@ -15,8 +16,11 @@ module hb_structure_block
       integer :: n_entries = 0
       integer, allocatable :: row(:), column(:)                       !! (n_entries), place inside the block
       real(wp), allocatable :: mass(:), damping(:), stiffness(:)      !! (n_entries)
+      type(frequency_part_t), allocatable :: parts(:)                 !! that depend on the frequency, or not allocated
+      real(wp), allocatable :: shares(:, :)                           !! a b^T of each part, (n_entries, n_parts)
    contains
       procedure :: evaluate => structure_block_evaluate
+      procedure :: scale_by => structure_block_scale_by
       procedure :: slope => structure_block_slope
       procedure :: drive_slope => structure_block_drive_slope
       procedure :: magnitude => structure_block_magnitude
@@ -33,6 +37,7 @@ contains
 
       if (allocated(structure%sparse)) then
          call collect_sparse(self, structure, rows, columns)
+         call add_parts(self, structure, rows, columns)
          return
       end if
       do pass = 1, 2                                         ! count, then fill
@@ -56,7 +61,45 @@ contains
          self%n_entries = e
          allocate (self%row(e), self%column(e), self%mass(e), self%damping(e), self%stiffness(e))
       end do
+      call add_parts(self, structure, rows, columns)
    end subroutine new_structure_block
+
+   !> Adds the parts that depend on the frequency: what each has at the entries, and entries that the matrices have not.
+   subroutine add_parts(self, structure, rows, columns)
+      type(structure_block_t), intent(inout) :: self
+      type(structure_t), intent(in) :: structure
+      integer, intent(in) :: rows(:), columns(:)
+      real(wp) :: share
+      integer :: e, i, j, k, pass
+
+      if (.not. allocated(structure%parts)) return
+      self%parts = structure%parts
+      do pass = 1, 2                                         ! find entries, then fill
+         do k = 1, size(self%parts)
+            do j = 1, size(columns)
+               do i = 1, size(rows)
+                  share = self%parts(k)%acts(rows(i))*self%parts(k)%feels(columns(j))
+                  if (.not. abs(share) > 0.0_wp) cycle
+                  do e = 1, self%n_entries
+                     if (self%row(e) == i .and. self%column(e) == j) exit
+                  end do
+                  if (pass == 2) self%shares(e, k) = share
+                  if (e <= self%n_entries) cycle
+                  self%n_entries = e
+                  self%row = [self%row, i]
+                  self%column = [self%column, j]
+               end do
+            end do
+         end do
+         if (pass == 2) exit
+         allocate (self%shares(self%n_entries, size(self%parts)), source=0.0_wp)
+         associate (none => spread(0.0_wp, 1, self%n_entries - size(self%mass)))
+            self%mass = [self%mass, none]
+            self%damping = [self%damping, none]
+            self%stiffness = [self%stiffness, none]
+         end associate
+      end do
+   end subroutine add_parts
 
    !> Collects the entries of sparse matrices, row by row.
    subroutine collect_sparse(self, structure, rows, columns)
@@ -115,23 +158,53 @@ contains
       end subroutine add_row
    end subroutine collect_sparse
 
-   !> Values of the entries, s = k - (w**2 + i drive) m + i w d.
+   !> Multiplies rows and columns by factors.
+   pure subroutine structure_block_scale_by(self, factors)
+      class(structure_block_t), intent(inout) :: self
+      real(wp), intent(in) :: factors(:)                              !! of row and column, of a square block
+      integer :: e
+
+      do e = 1, self%n_entries
+         associate (factor => factors(self%row(e))*factors(self%column(e)))
+            self%mass(e) = factor*self%mass(e)
+            self%damping(e) = factor*self%damping(e)
+            self%stiffness(e) = factor*self%stiffness(e)
+            if (allocated(self%shares)) self%shares(e, :) = factor*self%shares(e, :)
+         end associate
+      end do
+   end subroutine structure_block_scale_by
+
+   !> Values of the entries, s = k - (w**2 + i drive) m + i w d, and what the parts have there.
    pure subroutine structure_block_evaluate(self, frequency, drive, s)
       class(structure_block_t), intent(in) :: self
       real(wp), intent(in) :: frequency                               !! [rad/s], of any sign
       real(wp), intent(in) :: drive                                   !! [rad**2/s**2], of any sign
       complex(wp), intent(out) :: s(:)                                !! (n_entries)
+      complex(wp) :: dz_dw, z
+      integer :: k
 
       s = cmplx(self%stiffness - frequency**2*self%mass, frequency*self%damping - drive*self%mass, wp)
+      if (.not. allocated(self%parts)) return
+      do k = 1, size(self%parts)
+         call self%parts(k)%evaluate(frequency, z, dz_dw)
+         s = s + self%shares(:, k)*z
+      end do
    end subroutine structure_block_evaluate
 
-   !> Derivatives of the entries by the frequency, ds/dw = -2 w m + i d.
+   !> Derivatives of the entries by the frequency, ds/dw = -2 w m + i d, and those of the parts.
    pure subroutine structure_block_slope(self, frequency, ds_dw)
       class(structure_block_t), intent(in) :: self
       real(wp), intent(in) :: frequency                               !! [rad/s], of any sign
       complex(wp), intent(out) :: ds_dw(:)                            !! (n_entries)
+      complex(wp) :: dz_dw, z
+      integer :: k
 
       ds_dw = cmplx(-2.0_wp*frequency*self%mass, self%damping, wp)
+      if (.not. allocated(self%parts)) return
+      do k = 1, size(self%parts)
+         call self%parts(k)%evaluate(frequency, z, dz_dw)
+         ds_dw = ds_dw + self%shares(:, k)*dz_dw
+      end do
    end subroutine structure_block_slope
 
    !> Derivatives of the entries by the drive, -i m.
@@ -142,13 +215,19 @@ contains
       ds_ddrive = cmplx(0.0_wp, -self%mass, wp)
    end subroutine structure_block_drive_slope
 
-   !> Sizes of the entries before anything cancels, |k| + w**2 |m| + |w d|: rounding in S is relative to
-   !> these.
+   !> Sizes of the entries before anything cancels, |k| + w**2 |m| + |w d| + sum of |Z a b|: rounding in S is relative to these.
    pure subroutine structure_block_magnitude(self, frequency, magnitude)
       class(structure_block_t), intent(in) :: self
       real(wp), intent(in) :: frequency
       real(wp), intent(out) :: magnitude(:)                           !! (n_entries)
+      complex(wp) :: dz_dw, z
+      integer :: k
 
       magnitude = abs(self%stiffness) + frequency**2*abs(self%mass) + abs(frequency*self%damping)
+      if (.not. allocated(self%parts)) return
+      do k = 1, size(self%parts)
+         call self%parts(k)%evaluate(frequency, z, dz_dw)
+         magnitude = magnitude + abs(self%shares(:, k)*z)
+      end do
    end subroutine structure_block_magnitude
 end module hb_structure_block

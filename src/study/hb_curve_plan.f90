@@ -5,6 +5,7 @@ module hb_curve_plan
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_model, only: model_t
+   use hb_model_reader, only: moving_groups
    use hb_properties, only: properties_t
    use hb_response, only: new_response
    use hb_text, only: lower, shown, string_t, to_text
@@ -13,7 +14,6 @@ module hb_curve_plan
    public :: curve_plan_t, read_curve_plan
 
    !> Groups whose numbers can move.
-   character(*), parameter :: groups(4) = [character(9) :: "structure", "tones", "load", "law"]
 
    !> A request whose responses and origin are texts still: they need the model.
    type, extends(curve_request_t) :: curve_plan_t
@@ -137,7 +137,7 @@ contains
       if (allocated(self%over)) then
          call document%resolve(self%over_path, self%over%moving%parameter, error)
          if (.not. allocated(error)) then
-            if (.not. any(groups == document%groups%holders(self%over%moving%parameter%i_group)%group%name)) then
+            if (.not. any(moving_groups == document%groups%holders(self%over%moving%parameter%i_group)%group%name)) then
                call fail(error, "a curve follows a number of &structure, &tones, &load or &law")
             else if (document%n_tones_of(self%over%moving%parameter) > 1) then
                call fail(error, "say which tone moves, such as '"//trim(lower(self%over_path))//"(1)'")
@@ -149,7 +149,7 @@ contains
          end if
       end if
       associate (name => document%groups%holders(self%moving%parameter%i_group)%group%name)
-         if (.not. any(groups == name)) call fail(error, self%place//": parameter '"//shown(self%path)// &
+         if (.not. any(moving_groups == name)) call fail(error, self%place//": parameter '"//shown(self%path)// &
             "': a curve follows a number of &structure, &tones, &load or &law; give others to &sweep")
          if (name /= "tones" .and. self%moving%is_tied) &
             call fail(error, self%place//": tie: 'ratio' is for the frequency of a tone")

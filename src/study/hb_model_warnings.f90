@@ -77,6 +77,8 @@ contains
       text = ""
       highest = maxval([0.0_wp, abs(model%harmonics%frequencies(model%tones%omega))])
       associate (structure => model%structure)
+         if (allocated(structure%parts)) text = "a &dynamic_stiffness has no equations in time: stability is not known, and "// &
+                                                "time integration neither finds nor checks motions"
          if (structure%up_to > 0.0_wp .and. highest > structure%up_to) then
             text = "harmonics up to "//to_text(highest)//" rad/s: the model was reduced for frequencies up to "// &
                    to_text(structure%up_to)//" rad/s (nhbm-model reduce --up-to)"
@@ -93,8 +95,8 @@ contains
    function named_dofs(document) result(text)
       type(document_t), intent(inout) :: document
       character(:), allocatable :: text
-      character(6), parameter :: groups(4) = [character(6) :: "law", "load", "start", "output"]
-      character(11), parameter :: keys(3) = [character(11) :: "dof", "dofs", "normal_dofs"]
+      character(17), parameter :: groups(5) = [character(17) :: "law", "load", "start", "output", "dynamic_stiffness"]
+      character(11), parameter :: keys(5) = [character(11) :: "dof", "dofs", "normal_dofs", "force_dof", "force_dofs"]
       type(properties_t), pointer :: group
       type(string_t), allocatable :: names(:)
       integer :: g, i, k, n

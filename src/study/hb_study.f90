@@ -146,7 +146,7 @@ contains
 
       call read_namelist(document, file_name, text, error)
       if (allocated(error)) return
-      call document%expect_groups([group_names, "sweep      ", "curve      "], error)
+      call document%expect_groups([character(len(group_names)) :: group_names, "sweep", "curve"], error)
       if (.not. allocated(error)) call apply_overrides(document, overrides, error)
    end subroutine read_input
 

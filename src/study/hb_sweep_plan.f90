@@ -9,6 +9,7 @@ module hb_sweep_plan
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: int64, wp
+   use hb_model_reader, only: moving_groups
    use hb_properties, only: properties_t
    use hb_text, only: lower, number_of, quote, shown, string_t, to_text
    implicit none
@@ -16,8 +17,6 @@ module hb_sweep_plan
    public :: read_sweep_plan, sweep_plan_t
 
    integer(int64), parameter :: most_points = 2000000000_int64
-   !> Groups whose numbers change the motion; the others say how it is sought, and `&start` which one.
-   character(*), parameter :: groups_of_motions(5) = [character(11) :: "structure", "tones", "load", "law", "normal_mode"]
 
    !> Values between two ends, which are made when they are needed: 100 million of them would take 800 MB.
    type :: range_t
@@ -421,7 +420,8 @@ contains
       sweep_plan_is_way = self%is_ordered()
       do i = 1, size(self%parameters)
          if (self%parameters(i)%axis == size(self%length)) sweep_plan_is_way = sweep_plan_is_way .and. &
-            self%parameters(i)%is_real .and. any(groups_of_motions == self%parameters(i)%group)
+            self%parameters(i)%is_real .and. &
+            any([character(len(moving_groups)) :: moving_groups, "normal_mode"] == self%parameters(i)%group)
       end do
    end function sweep_plan_is_way
 

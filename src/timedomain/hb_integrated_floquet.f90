@@ -62,7 +62,7 @@ contains
          stability = stability_t()
       end if
       if (config%method /= stability_method%off) then
-         call structure%refuse_large("stability", most_dense, error)
+         call structure%check_matrices("stability", most_dense, error)
          if (allocated(error)) return
          call new_integration_system(system, structure, laws, excitation%loads%whole(), excitation%frequencies, motion%tones%omega)
          call new_motion_series(series, motion%tuples, motion%tones%omega, motion%amplitudes)

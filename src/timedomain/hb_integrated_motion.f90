@@ -246,7 +246,7 @@ contains
       finds_lines = model%integration%aim > 0.0_wp
       associate (omega => model%tones%omega, frequencies => model%harmonics%frequencies(model%tones%omega))
          coordinates = coordinates_of(model)
-         call model%structure%refuse_large("integration", most_dense, error)
+         call model%structure%check_matrices("integration", most_dense, error)
          if (allocated(error)) return
          call new_integration_system(system, model%structure, model%laws, model%loads%whole(), frequencies, omega)
          if (present(start)) then

@@ -86,7 +86,7 @@ contains
       integer :: i
 
       frequencies = model%harmonics%frequencies(omega)
-      call model%structure%refuse_large("integration", max_dofs, error)
+      call model%structure%check_matrices("integration", max_dofs, error)
       if (allocated(error)) return
       call new_integration_system(system, model%structure, model%laws, model%loads%whole(), frequencies, omega)
       call new_integration_state(state, system%n_dofs, system%laws%n_states)

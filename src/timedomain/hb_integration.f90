@@ -56,7 +56,7 @@ contains
       call check_integration(model, error)
       if (.not. allocated(error)) call guess_frequencies(model, self%omega, error)
       if (allocated(error)) return
-      call model%structure%refuse_large("integration", max_dofs, error)
+      call model%structure%check_matrices("integration", max_dofs, error)
       if (allocated(error)) return
       frequencies = model%harmonics%frequencies(self%omega)
       call new_integration_system(self%system, model%structure, model%laws, model%loads%whole(), frequencies, self%omega)
@@ -130,7 +130,7 @@ contains
       omega = model%tones%omega
       if (all(omega > 0.0_wp)) return
       associate (structure => model%structure)
-         call structure%refuse_large("a search for modes", most_dense, error)
+         call structure%check_matrices("a search for modes", most_dense, error)
          if (.not. allocated(error)) call new_modes(modes, structure%mass, structure%damping, structure%stiffness, error)
       end associate
       n = 0

@@ -108,7 +108,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(pair_t), target :: pair
 
-      call model%structure%refuse_large("integration", max_dofs, error)
+      call model%structure%check_matrices("integration", max_dofs, error)
       if (allocated(error)) return
       call begin_pair(pair, model, claim, n_periods)
       if (claim%is_averaged) then

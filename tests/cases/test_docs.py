@@ -39,6 +39,9 @@ SECTIONS_BY_PROCEDURE = {
     "read_hardness": ["law blade_contact", "law contact_table"],
     "read_limit": ["law jenkins", "law jenkins_2d"],
     "read_normal": ["law jenkins", "law jenkins_2d"],
+    "read_frequency_part": ["dynamic_stiffness"],
+    "read_places": ["dynamic_stiffness"],
+    **{f"read_{kind}": [f"dynamic_stiffness {kind}"] for kind in ("delay", "fractional", "loss_factor", "maxwell", "table")},
 }
 
 CALL = re.compile(r"\bcall\s+(?!file%)\w+%(?:get|choose)\s*\(\s*([\"'])(\w+)\1", re.IGNORECASE)

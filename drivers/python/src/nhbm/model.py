@@ -22,7 +22,7 @@ from nhbm.session import Session, input_keys
 from nhbm.structure import Structure
 
 GROUPS = (
-    "structure", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", "certificate",
+    "structure", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", "certificate",
     "stability",
     "output", "integration", "accuracy", "curve", "tie", "gradient",
 )  # fmt: skip
@@ -158,7 +158,7 @@ class Model:
         **keys
             Its keys, such as ``set("harmonics", order=9)``; None leaves a key to its default.
         """
-        if group in ("load", "law", "start", "tie"):
+        if group in ("load", "law", "start", "tie", "dynamic_stiffness"):
             raise ModelError(f"there may be several groups &{group}; model.{group}(...) adds one")
         if group not in GROUPS:
             raise ModelError(f"unknown group '{group}'; known: {', '.join(GROUPS)}")
@@ -217,6 +217,21 @@ class Model:
             Further keys of &start.
         """
         self._add("start", {"dof": dof, "tuple": [int(k) for k in np.atleast_1d(tuple_)], "cos": cos, "sin": sin, **keys})
+
+    def dynamic_stiffness(self, kind: str, dof: str | Iterable[str], **keys: Any) -> None:
+        """Adds a part of the structure whose stiffness depends on the frequency, such as a viscoelastic mount.
+
+        Parameters
+        ----------
+        kind : str
+            "delay", "fractional", "loss_factor", "maxwell" or "table", as docs/user/input.md has them.
+        dof : str or iterable of str
+            What it feels, and acts on; several want `weights`.
+        **keys
+            Its keys with their units, such as ``moduli=[2e5], times=[1e-3]`` [N/m], [s].
+        """
+        where = {"dof": dof} if isinstance(dof, str) else {"dofs": list(dof)}
+        self._add("dynamic_stiffness", {"type": kind, **where, **keys})
 
     def tie(self, path: str, to: str, factor: float = 1.0, offset: float = 0.0) -> None:
         """Lets a value follow another one, ``offset + factor * value``.
