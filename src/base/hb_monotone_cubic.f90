@@ -22,6 +22,7 @@ module hb_monotone_cubic
 
 contains
 
+   !> The cubic through points.
    pure subroutine new_monotone_cubic(self, nodes, values, is_constant_beyond)
       type(monotone_cubic_t), intent(out) :: self
       real(wp), intent(in) :: nodes(:)                                !! ascending, at least two
@@ -66,6 +67,7 @@ contains
       have_other_signs = (a > 0.0_wp .and. b < 0.0_wp) .or. (a < 0.0_wp .and. b > 0.0_wp)
    end function have_other_signs
 
+   !> Value and slope at a place.
    pure subroutine monotone_cubic_at(self, x, value, slope)
       class(monotone_cubic_t), intent(in) :: self
       real(wp), intent(in) :: x
