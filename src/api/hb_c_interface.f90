@@ -9,7 +9,9 @@ module hb_c_interface
    use hb_key_rows, only: key_row, n_key_rows
    use hb_kinds, only: wp
    use hb_session, only: session_t
-   use hb_version, only: program_version
+   use hb_sundials, only: has_cvode
+   use hb_user_library, only: forget_law, give_law, law_info_t
+   use hb_version, only: program_version, version_number
    implicit none
    private
 
@@ -47,6 +49,36 @@ contains
    integer(c_int) function nhbm_api() bind(c, name="nhbm_api")
       nhbm_api = api
    end function nhbm_api
+
+   integer(c_int) function nhbm_version_number() bind(c, name="nhbm_version_number")
+      nhbm_version_number = int(version_number, c_int)
+   end function nhbm_version_number
+
+   integer(c_int) function nhbm_has(feature) bind(c, name="nhbm_has") result(has)
+      type(c_ptr), value :: feature
+      logical :: is_known
+      integer :: i
+
+      is_known = c_text(feature)//"|" == "cvode|" .and. has_cvode
+      do i = 1, n_key_rows()
+         is_known = is_known .or. index(key_row(i), c_text(feature)//" | ") == 1
+      end do
+      has = merge(1_c_int, 0_c_int, is_known)
+   end function nhbm_has
+
+   integer(c_int) function nhbm_give_law(name, info, evaluate) bind(c, name="nhbm_give_law") result(code)
+      character(c_char), intent(in) :: name(*)
+      type(law_info_t), intent(in) :: info
+      type(c_funptr), value :: evaluate
+
+      code = give_law(name, info, evaluate)
+   end function nhbm_give_law
+
+   subroutine nhbm_forget_law(name) bind(c, name="nhbm_forget_law")
+      character(c_char), intent(in) :: name(*)
+
+      call forget_law(name)
+   end subroutine nhbm_forget_law
 
    type(c_ptr) function nhbm_new() bind(c, name="nhbm_new") result(model)
       type(handle_t), pointer :: handle
@@ -291,6 +323,20 @@ contains
       handle%session%cancellation%context = context
       code = reported(none, wrong_use, error)
    end function nhbm_ask
+
+   integer(c_int) function nhbm_follow(model, told, context, error) bind(c, name="nhbm_follow") result(code)
+      type(c_ptr), value :: model
+      type(c_funptr), value :: told
+      type(c_ptr), value :: context
+      type(c_error_t), intent(inout) :: error
+      type(handle_t), pointer :: handle
+      type(error_t), allocatable :: none
+
+      call c_f_pointer(model, handle)
+      handle%session%cancellation%told = told
+      handle%session%cancellation%told_context = context
+      code = reported(none, wrong_use, error)
+   end function nhbm_follow
 
    subroutine nhbm_points(model, n) bind(c, name="nhbm_points")
       type(c_ptr), value :: model

@@ -5,7 +5,8 @@
 !> bit. One thread at a time may use a session.
 module hb_session
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use, intrinsic :: iso_c_binding, only: c_associated, c_f_procpointer, c_funptr, c_int, c_null_funptr, c_null_ptr, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, c_int, c_int64_t, &
+      c_null_funptr, c_null_ptr, c_ptr
    use hb_accurate_motion, only: solve_to_tolerance
    use hb_cached_linear_part, only: cached_linear_parts_t
    use hb_cancellation, only: cancellation_t, verdict
@@ -39,12 +40,23 @@ module hb_session
    private
    public :: session_cancellation_t, session_t
 
-   !> Ends what is under way when somebody wants that.
+   !> struct nhbm_progress.
+   type, bind(c) :: progress_t
+      real(c_double) :: seconds = 0.0_c_double
+      integer(c_int64_t) :: n_done = 0_c_int64_t, n_steps = 0_c_int64_t
+   end type progress_t
+
+   !> Ends what is under way when somebody wants that, and reports how far it is.
    type, extends(cancellation_t) :: session_cancellation_t
       type(c_funptr) :: ask = c_null_funptr                           !! wants_end(context) of nhbm.h; null: nobody ever does
       type(c_ptr) :: context = c_null_ptr
+      type(c_funptr) :: told = c_null_funptr                          !! told(context, progress) of nhbm.h; null: nobody is
+      type(c_ptr) :: told_context = c_null_ptr
+      type(progress_t), private :: progress
+      real(wp), private :: began = 0.0_wp                             ! [s]
       real(wp), private :: asked = -huge(1.0_wp)                      ! [s] when it was asked last
    contains
+      procedure :: note_progress => session_cancellation_note_progress
       procedure :: wants_end => session_cancellation_wants_end
    end type session_cancellation_t
 
@@ -53,6 +65,12 @@ module hb_session
          import :: c_int, c_ptr
          type(c_ptr), value :: context
       end function wants_end
+
+      subroutine told(context, progress) bind(c)
+         import :: c_ptr, progress_t
+         type(c_ptr), value :: context
+         type(progress_t), intent(in) :: progress
+      end subroutine told
    end interface
 
    !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`.
@@ -405,6 +423,8 @@ contains
       real(wp), intent(in) :: time_limit                              !! of the processor [s], huge for any
 
       self%cancellation%verdict = verdict%go_on
+      self%cancellation%progress = progress_t()
+      self%cancellation%began = wall_clock()
       call self%cancellation%enter(time_limit)
    end subroutine begin_work
 
@@ -425,18 +445,33 @@ contains
       call end_curve(self)
    end subroutine session_destroy
 
-   !> Asks every twentieth of a second, at negligible cost.
+   subroutine session_cancellation_note_progress(self, n_done, n_steps)
+      class(session_cancellation_t), intent(inout) :: self
+      integer, intent(in) :: n_done, n_steps
+
+      self%progress%n_done = int(n_done, c_int64_t)
+      self%progress%n_steps = int(n_steps, c_int64_t)
+   end subroutine session_cancellation_note_progress
+
+   !> Asks and reports every twentieth of a second, at negligible cost.
    logical function session_cancellation_wants_end(self) result(wants)
       class(session_cancellation_t), intent(inout) :: self
       real(wp), parameter :: interval = 0.05_wp
       procedure(wants_end), pointer :: ask
+      procedure(told), pointer :: tell
       real(wp) :: now
 
       wants = .false.
-      if (.not. c_associated(self%ask)) return
+      if (.not. (c_associated(self%ask) .or. c_associated(self%told))) return
       now = wall_clock()
       if (now - self%asked < interval) return
       self%asked = now
+      if (c_associated(self%told)) then
+         self%progress%seconds = now - self%began
+         call c_f_procpointer(self%told, tell)
+         call tell(self%told_context, self%progress)
+      end if
+      if (.not. c_associated(self%ask)) return
       call c_f_procpointer(self%ask, ask)
       wants = ask(self%context) /= 0
    end function session_cancellation_wants_end

@@ -36,6 +36,13 @@ extern "C" {
 int nhbm_api(void);
 const char *nhbm_version(void);
 
+/* The same as a number, 10000 major + 100 minor + patch. */
+int nhbm_version_number(void);
+
+/* Whether this library has something, 1 or 0: "cvode", the default method of nhbm_integrate, which it may be built without; a group of the
+ * input, such as "gradient", or one of its types, such as "law jenkins". */
+int nhbm_has(const char *feature);
+
 /* Row i, from 0, of the table of input keys: group | key | type | unit | default | range | meaning. Not 0 while there is one;
  * 1200 bytes hold the longest. */
 int nhbm_key(int i, char *row, int size);
@@ -160,6 +167,13 @@ const char *nhbm_message(nhbm_model *model);
 /* Asks twenty times a second, while something is under way, whether it shall end: wants_end(context) other than 0. What is ended
  * has the status `interrupted`. Null: nobody is asked. */
 int nhbm_ask(nhbm_model *model, int (*wants_end)(void *context), void *context, nhbm_error *error);
+
+/* Reports twenty times a second, while something is under way, how far it is. Null: nobody is told. */
+typedef struct nhbm_progress {
+   double seconds;          /* since the call began */
+   int64_t n_done, n_steps; /* steps of the record that is integrated; 0 where there is none */
+} nhbm_progress;
+int nhbm_follow(nhbm_model *model, void (*told)(void *context, const nhbm_progress *progress), void *context, nhbm_error *error);
 
 #ifdef __cplusplus
 }

@@ -32,7 +32,7 @@ static void forget(const char *name)
    free(law);
 }
 
-int nhbm_give_law(const char *name, const nhbm_law_info_t *info, nhbm_law_evaluate_2_function evaluate)
+int hb_give_law(const char *name, const nhbm_law_info_t *info, nhbm_law_evaluate_2_function evaluate)
 {
    given_law_t *law = calloc(1, sizeof *law);
    char *copy = malloc(strlen(name) + 1);
@@ -52,7 +52,7 @@ int nhbm_give_law(const char *name, const nhbm_law_info_t *info, nhbm_law_evalua
    return 0;
 }
 
-void nhbm_forget_law(const char *name)
+void hb_forget_law(const char *name)
 {
    (void)pthread_mutex_lock(&mutex);
    forget(name);

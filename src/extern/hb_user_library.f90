@@ -134,8 +134,8 @@ module hb_user_library
          type(c_funptr), intent(inout) :: evaluate
       end function find_given_law
 
-      !> nhbm_give_law: names end with `c_null_char`.
-      integer(c_int) function give_law(name, info, evaluate) bind(c, name="nhbm_give_law")
+      !> nhbm_give_law of nhbm.h: names end with `c_null_char`.
+      integer(c_int) function give_law(name, info, evaluate) bind(c, name="hb_give_law")
          import :: c_char, c_funptr, c_int, law_info_t
          character(c_char), intent(in) :: name(*)
          type(law_info_t), intent(in) :: info
@@ -143,7 +143,7 @@ module hb_user_library
       end function give_law
 
       !> nhbm_forget_law.
-      subroutine forget_law(name) bind(c, name="nhbm_forget_law")
+      subroutine forget_law(name) bind(c, name="hb_forget_law")
          import :: c_char
          character(c_char), intent(in) :: name(*)
       end subroutine forget_law

@@ -23,6 +23,7 @@ module hb_integrated_motion
    use hb_outcome, only: outcome
    use hb_recurrence, only: repetition, turns_to_repeat
    use hb_structure, only: most_dense, structure_t
+   use hb_sundials, only: has_cvode
    use hb_text, only: to_text
    use hb_time_domain, only: steady_motion_t
    use hb_time_stepping, only: integrate_from, integration_record_t
@@ -97,12 +98,12 @@ contains
       settled = again
    end subroutine settle
 
-   !> Whether cvode can follow the sliders of all laws.
+   !> Whether there is cvode and it can follow the sliders of all laws.
    pure logical function has_bounds_of(model) result(has_bounds)
       type(model_t), intent(in) :: model
       integer :: i
 
-      has_bounds = .true.
+      has_bounds = has_cvode
       do i = 1, size(model%laws)
          select type (law => model%laws(i)%law)
          class is (hysteretic_law_t)

@@ -11,6 +11,8 @@
 #define NEAR(a, b, tolerance) (fabs((a) - (b)) <= (tolerance))
 
 int table_step(void);
+int feature_step(void);
+int progress_step(void);
 int refusal_step(void);
 int motion_step(void);
 int curve_step(void);
@@ -74,6 +76,18 @@ int table_step(void)
    CHECK(n > 100);
    CHECK(nhbm_key(n - 1, row, sizeof row) && nhbm_key(n - 1, start, sizeof start));
    CHECK(strlen(start) == 3 && strncmp(start, row, 3) == 0);
+   return 0;
+}
+
+int feature_step(void)
+{
+   int major, minor, patch;
+
+   CHECK(sscanf(nhbm_version(), "%d.%d.%d", &major, &minor, &patch) == 3);
+   CHECK(nhbm_version_number() == 10000*major + 100*minor + patch);
+   CHECK(nhbm_has("cvode") == 1); /* this build */
+   CHECK(nhbm_has("curve") == 1 && nhbm_has("law jenkins") == 1);
+   CHECK(nhbm_has("law") == 1 && nhbm_has("law jenkin") == 0 && nhbm_has("") == 0 && nhbm_has("curve ") == 0 && nhbm_has("cvode ") == 0);
    return 0;
 }
 
@@ -356,6 +370,35 @@ int ending_step(void)
    CHECK(nhbm_time_column_of(model, "time", &found, &error) == NHBM_USE); /* it left no record */
    CHECK(nhbm_ask(model, NULL, NULL, &error) == NHBM_OK);
    CHECK(nhbm_solve(model, NHBM_COLD, &error) == NHBM_OK && status_of(model) == 1 && n_asked == 1);
+   nhbm_delete(&model);
+   return 0;
+}
+
+static void note(void *context, const nhbm_progress *progress)
+{
+   nhbm_progress *last = context;
+
+   if (progress->n_steps > 0 && progress->n_done >= last->n_done && progress->seconds >= last->seconds) *last = *progress;
+}
+
+/* Nothing is lost by it, and it ends with its call. */
+int progress_step(void)
+{
+   nhbm_error error;
+   nhbm_column found;
+   nhbm_model *model = nhbm_new();
+   nhbm_progress last = {-1.0, -1, 0}, solved = {-1.0, -1, 0};
+   char text[1000];
+
+   snprintf(text, sizeof text, "%s%s", oscillator, "&integration duration = 2e4, step = 0.5, tolerance = 1e-11 /\n");
+   CHECK(nhbm_read(model, text, "oscillator", &error) == NHBM_OK);
+   CHECK(nhbm_follow(model, note, &last, &error) == NHBM_OK && last.n_done == -1);
+   CHECK(nhbm_integrate(model, &error) == NHBM_OK);
+   CHECK(last.seconds > 0.0 && last.n_done > 0 && last.n_done <= last.n_steps);
+   CHECK(nhbm_time_column_of(model, "time", &found, &error) == NHBM_OK && found.shape[0] > last.n_done);
+   CHECK(nhbm_follow(model, note, &solved, &error) == NHBM_OK && nhbm_solve(model, NHBM_COLD, &error) == NHBM_OK);
+   CHECK(solved.n_done == -1 && status_of(model) == 1);
+   CHECK(nhbm_follow(model, NULL, NULL, &error) == NHBM_OK && nhbm_integrate(model, &error) == NHBM_OK && solved.n_done == -1);
    nhbm_delete(&model);
    return 0;
 }
