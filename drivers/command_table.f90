@@ -1,10 +1,10 @@
 !> The verbs and options of nhbm, each written once: what the command line may have, and what the help says.
 module command_table
-   use console, only: say
+   use console, only: say, say_entry
    use hb_text, only: join, split, string_t
    implicit none
    private
-   public :: long_name, option_names, options_of, takes_value, verb_names, write_completion, write_help
+   public :: long_name, option_names, options_of, takes_value, verb_names, write_completion, write_help, write_manual
 
    type :: verb_t
       character(10) :: name
@@ -16,14 +16,16 @@ module command_table
       character(12) :: name
       character(2) :: short
       character(11) :: value                            !! what stands behind; blank: nothing
-      character(80) :: verbs                            !! that have it, separated by blanks
+      character(90) :: verbs                            !! that have it, separated by blanks
       character(200) :: text
    end type option_t
 
-   type(verb_t), parameter :: verbs(12) = [ &
+   type(verb_t), parameter :: verbs(13) = [ &
       verb_t("solve", "INPUT", "solve all points of a namelist file, write an HDF5 file"), &
       verb_t("resume", "RESULT", "solve the points that an ended run has left in its result file"), &
       verb_t("info", "RESULT", "what a result file holds, whether it is complete"), &
+      verb_t("why", "RESULT", "how points without a motion ended, what was tried, how near that came, what to do next; "// &
+         "without RESULT: all statuses"), &
       verb_t("check", "INPUT", "read the input, every point of it, print what it requests, and compare the derivatives of "// &
          "its laws with differences of their forces"), &
       verb_t("plan", "INPUT", "estimate the size of the result and the time of a run on many ranks"), &
@@ -34,9 +36,9 @@ module command_table
       verb_t("new", "", "a commented input to begin with: nhbm new duffing > duffing.nml; nhbm new lists all"), &
       verb_t("completion", "", "what completes verbs and options in bash: source <(nhbm completion bash); likewise zsh"), &
       verb_t("version", "", "version and commit; also --version"), &
-      verb_t("help", "", "this text; nhbm help VERB or nhbm VERB --help: one verb")]
+      verb_t("help", "", "this text; nhbm help VERB or nhbm VERB --help: one verb; nhbm help man: all as a manual page, for man")]
 
-   character(*), parameter :: all_verbs = "solve resume info check plan integrate verify"
+   character(*), parameter :: all_verbs = "solve resume info why check plan integrate verify"
 
    type(option_t), parameter :: options(19) = [ &
       option_t("--output", "-o", "FILE", "solve integrate", &
@@ -53,7 +55,7 @@ module command_table
       option_t("--verbose", "", "", all_verbs, "also where the time of each rank went; as --log-level verbose"), &
       option_t("--log-level", "", "LEVEL", all_verbs, &
          "quiet, normal (progress, summary, warnings), verbose, debug (also a line a point)"), &
-      option_t("--point", "", "N", "integrate", "the point of a sweep to be followed, from 0"), &
+      option_t("--point", "", "N", "why integrate", "the point of a sweep to be explained or followed, from 0"), &
       option_t("--points", "", "N,N,...", "verify", "the points to start from; default: all that are solved"), &
       option_t("--periods", "", "N", "verify", "longest time integration in periods of the slowest tone"), &
       option_t("--ranks", "", "N,N,...", "plan", "numbers of ranks; default: 1 to 10000 by tens"), &
@@ -63,7 +65,15 @@ module command_table
       option_t("--help", "-h", "", all_verbs//" keys new completion version help", "this text"), &
       option_t("--version", "", "", "version", "version and commit")]
 
-   integer, parameter :: column_of_text = 31, width = 118
+   integer, parameter :: column_of_text = 31
+
+   character(*), parameter :: closing(6) = [character(120) :: &
+      "exit status: 0 all points have their motion, 1 some do not (their status is in the file), a derivative is wrong or", &
+      "             time integration does not stay on a motion, 2 bad input or file, 3 points are left: a signal or the time", &
+      "             limit came first; resume solves them.", &
+      "SIGINT, SIGTERM, SIGUSR1 or SIGUSR2 end a run at the next step of a solver, a second one at once.", &
+      "BLAS works with one thread unless OPENBLAS_NUM_THREADS says otherwise. docs/user/input.md lists the keys of the", &
+      "input, docs/user/schema.md the results."]
 
 contains
 
@@ -137,25 +147,55 @@ contains
          "under several tones, by the n-dimensional harmonic balance method.", ""])
       do i = 1, size(verbs)
          if (is_one .and. verbs(i)%name /= verb) cycle
-         call write_entry(merge("usage: nhbm ", "       nhbm ", i == 1 .or. is_one)//trim(verbs(i)%name)//" "// &
+         call say_entry(merge("usage: nhbm ", "       nhbm ", i == 1 .or. is_one)//trim(verbs(i)%name)//" "// &
             trim(verbs(i)%argument)//merge(" [options]", "          ", verbs(i)%argument /= ""), verbs(i)%text, 42)
       end do
       if (.not. is_one .or. verb == "solve") &
-         call write_entry("       mpirun -n 4 nhbm solve INPUT", "the same, points spread over 4 ranks", 42)
+         call say_entry("       mpirun -n 4 nhbm solve INPUT", "the same, points spread over 4 ranks", 42)
       call say([character(120) :: "", "options:"])
       do i = 1, size(options)
          if (is_one .and. .not. has(options(i), verb)) cycle
-         call write_entry("  "//merge(options(i)%short//", ", "    ", options(i)%short /= "")//trim(options(i)%name)//" "// &
+         call say_entry("  "//merge(options(i)%short//", ", "    ", options(i)%short /= "")//trim(options(i)%name)//" "// &
             options(i)%value, trim(verbs_before(options(i), is_one))//" "//options(i)%text, column_of_text)
       end do
-      call say([character(120) :: "", &
-         "exit status: 0 all points have their motion, 1 some do not (their status is in the file), a derivative is wrong or", &
-         "             time integration does not stay on a motion, 2 bad input or file, 3 points are left: a signal or the time", &
-         "             limit came first; resume solves them.", &
-         "SIGINT, SIGTERM, SIGUSR1 or SIGUSR2 end a run at the next step of a solver, a second one at once.", &
-         "BLAS works with one thread unless OPENBLAS_NUM_THREADS says otherwise. docs/user/input.md lists the keys of the", &
-         "input, docs/user/schema.md the results."])
+      call say("")
+      call say(closing)
    end subroutine write_help
+
+   !> Writes the manual page in the language of man.
+   subroutine write_manual(version)
+      character(*), intent(in) :: version
+      integer :: i
+
+      call say('.TH NHBM 1 "" "nhbm '//version//'" "User commands"')
+      call say([character(120) :: ".SH NAME", "nhbm \- steady vibration with contact and friction under several tones", &
+         ".SH SYNOPSIS", ".B nhbm", "VERB [FILE] [options]", ".SH VERBS"])
+      do i = 1, size(verbs)
+         call write_item(trim(verbs(i)%name)//" "//verbs(i)%argument, verbs(i)%text)
+      end do
+      call say(".SH OPTIONS")
+      do i = 1, size(options)
+         call write_item(trim(merge(options(i)%short//", ", "    ", options(i)%short /= "")//trim(options(i)%name)//" "// &
+            options(i)%value), trim(verbs_before(options(i), .false.))//" "//options(i)%text)
+      end do
+      call say([character(120) :: ".SH NOTES", ".nf"])
+      call say(closing)
+   end subroutine write_manual
+
+   subroutine write_item(name, text)
+      character(*), intent(in) :: name, text
+      character(:), allocatable :: line
+      integer :: i
+
+      call say(".TP")
+      line = ""
+      do i = 1, len_trim(name)
+         if (name(i:i) == "-") line = line//"\"
+         line = line//name(i:i)
+      end do
+      call say(".B "//trim(adjustl(line)))
+      call say("\&"//trim(adjustl(text)))
+   end subroutine write_item
 
    !> Writes the script by which bash, or zsh with the ways of bash, completes verbs, their options and names of files.
    subroutine write_completion(shell)
@@ -185,24 +225,4 @@ contains
       call split(trim(option%verbs), " ", words)
       text = join(words, ", ")//":"
    end function verbs_before
-
-   !> Writes a name and, from a column on, words wrapped to the width of the help.
-   subroutine write_entry(name, text, column)
-      character(*), intent(in) :: name, text
-      integer, intent(in) :: column                     !! of the text
-      type(string_t), allocatable :: words(:)
-      character(:), allocatable :: line
-      integer :: i
-
-      line = name//repeat(" ", max(0, column - 1 - len(name)))
-      call split(trim(adjustl(text)), " ", words)
-      do i = 1, size(words)
-         if (len_trim(line) > 0 .and. len(line) + len(words(i)%value) > width) then
-            call say(trim(line))
-            line = repeat(" ", column - 1)
-         end if
-         line = line//words(i)%value//" "
-      end do
-      call say(trim(line))
-   end subroutine write_entry
 end module command_table

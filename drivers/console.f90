@@ -5,9 +5,12 @@ module console
    use, intrinsic :: iso_fortran_env, only: error_unit
    use hb_error, only: error_t, fail
    use hb_printable, only: printable
+   use hb_text, only: split, string_t
    implicit none
    private
-   public :: complain, finish_output, say
+   public :: complain, finish_output, say, say_entry
+
+   integer, parameter :: width = 118
 
    interface
       integer(c_int) function hb_finish_output() bind(c, name="hb_finish_output")
@@ -42,6 +45,26 @@ contains
          call print_line(trim(texts(i)))
       end do
    end subroutine print_lines
+
+   !> Writes a name and, from a column on, words wrapped to the width of a page.
+   subroutine say_entry(name, text, column)
+      character(*), intent(in) :: name, text
+      integer, intent(in) :: column                     !! of the text
+      type(string_t), allocatable :: words(:)
+      character(:), allocatable :: line
+      integer :: i
+
+      line = name//repeat(" ", max(0, column - 1 - len(name)))
+      call split(trim(adjustl(text)), " ", words)
+      do i = 1, size(words)
+         if (len_trim(line) > 0 .and. len(line) + len(words(i)%value) > width) then
+            call say(trim(line))
+            line = repeat(" ", column - 1)
+         end if
+         line = line//words(i)%value//" "
+      end do
+      call say(trim(line))
+   end subroutine say_entry
 
    !> Writes a message of the program to standard error.
    subroutine complain(text)

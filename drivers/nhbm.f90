@@ -3,7 +3,7 @@ program nhbm
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
    use, intrinsic :: iso_fortran_env, only: error_unit
    use arguments, only: argument_list, arguments_t, read_arguments
-   use command_table, only: verb_names, write_completion, write_help
+   use command_table, only: verb_names, write_completion, write_help, write_manual
    use console, only: complain, finish_output, say
    use exit_status, only: bad_input, incomplete, not_all_right, success
    use hb_blas_threads, only: take_blas_memory, use_one_blas_thread
@@ -25,6 +25,7 @@ program nhbm
    use verb_plan, only: run_plan
    use verb_solve, only: run_resume, run_solve
    use verb_verify, only: run_verify
+   use verb_why, only: run_why, tell_statuses
    implicit none
 
    interface
@@ -102,7 +103,11 @@ contains
       if (options%wants_help .or. verb == "help") then
          if (rank_of(comm) > 0) return
          if (verb == "help" .and. allocated(options%input)) verb = options%input
-         call write_help(verb)
+         if (verb == "man") then
+            call write_manual(program_version)
+         else
+            call write_help(verb)
+         end if
       else if (options%wants_version .or. verb == "version") then
          if (rank_of(comm) == 0) call say("nhbm "//program_version//" ("//git_commit//")")
       else if (verb == "keys") then
@@ -117,6 +122,8 @@ contains
          closest = trim(closest_word(verb, verb_names()))
          if (len(closest) > 0) closest = " did you mean '"//closest//"'?"
          call fail(error, "unknown verb '"//verb//"';"//closest//" known: "//join(verb_names(), ", "))
+      else if (verb == "why" .and. .not. allocated(options%input)) then
+         if (rank_of(comm) == 0) call tell_statuses()
       else if ((verb == "resume" .or. verb == "info") .and. .not. allocated(options%input)) then
          call fail(error, verb//" needs a result file, such as nhbm "//verb//" result.h5")
       else if (.not. allocated(options%input)) then
@@ -184,6 +191,8 @@ contains
          call run_plan(options, comm, error)
       else if (verb == "resume") then
          call run_resume(options, comm, status, error)
+      else if (verb == "why") then
+         call run_why(options, comm, error)
       else if (verb == "verify") then
          call run_verify(options, comm, all_right, error)
          if (.not. all_right) status = not_all_right

@@ -23,7 +23,7 @@ module verb_info
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: run_info
+   public :: read_result, run_info
 
 contains
 
@@ -35,23 +35,19 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(record_t) :: record
       type(document_t), target :: document
+      type(run_names_t) :: names
       type(sweep_plan_t) :: plan
       type(tones_t) :: tones
 
       status = success
       if (rank_of(comm) == 0) then
-         call read_record(record, options%input, error)
-         if (.not. allocated(error)) &
-            call read_input(document, record%input_name, record%input_text, record%overrides, error)
-         if (.not. allocated(error)) call read_sweep_plan(plan, document, error)
-         if (.not. allocated(error)) call plan%apply(1, document)
+         call read_result(options%input, record, document, plan, names, error)
          if (.not. allocated(error)) call read_tones(tones, document, error)
          if (.not. allocated(error)) then
-            call read_units(options%input, plan)
             call note_curve_values(options%input, plan, error)
             call write_origin(record, options%input)
             call write_parameters(plan)
-            call write_statuses(record, options%input, plan, document)
+            call write_statuses(record, names, plan, document)
             call write_found(record, tones%is_unknown)
             call write_stability(record)
             call write_jumps(record, plan, options%input)
@@ -67,6 +63,26 @@ contains
       call share_error(comm, error)
       status = max_over(comm, status)
    end subroutine run_info
+
+   !> Reads a result file and the input in it, with the values of its first point.
+   subroutine read_result(path, record, document, plan, names, error)
+      character(*), intent(in) :: path
+      type(record_t), intent(out) :: record
+      type(document_t), intent(out), target :: document
+      type(sweep_plan_t), intent(out) :: plan
+      type(run_names_t), intent(out) :: names           !! of the commands to try
+      type(error_t), allocatable, intent(out) :: error
+
+      call read_record(record, path, error)
+      if (.not. allocated(error)) call read_input(document, record%input_name, record%input_text, record%overrides, error)
+      if (.not. allocated(error)) call read_sweep_plan(plan, document, error)
+      if (allocated(error)) return
+      call plan%apply(1, document)
+      call read_units(path, plan)
+      names%input = record%input_name
+      names%result = path
+      names%overrides = record%overrides
+   end subroutine read_result
 
    !> The words on the left are those of `nhbm-post info`.
    subroutine write_origin(record, path)
@@ -100,12 +116,11 @@ contains
    end subroutine write_parameters
 
    !> How many points ended how; of those without a motion what they say, and what to try.
-   subroutine write_statuses(record, path, plan, document)
+   subroutine write_statuses(record, names, plan, document)
       type(record_t), intent(in) :: record
-      character(*), intent(in) :: path                  !! of the result file
+      type(run_names_t), intent(in) :: names
       type(sweep_plan_t), intent(in) :: plan
       type(document_t), intent(in) :: document
-      type(run_names_t) :: names
       type(string_t), allocatable :: lines(:)
       integer :: i, n, status
 
@@ -114,9 +129,6 @@ contains
          n = count(record%status == status)
          if (n > 0) call write_fact("", to_text(n)//" "//outcome_text(status))
       end do
-      names%input = record%input_name
-      names%result = path
-      names%overrides = record%overrides
       call status_lines(record%status, names, plan, document, lines)
       do i = 1, size(lines)
          call write_fact("", lines(i)%value)

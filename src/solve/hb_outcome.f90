@@ -1,12 +1,11 @@
-!> How the solution of a point ended: the statuses of all solvers, each written once with its name and its
-!> text.
+!> How the solution of a point ended: the statuses of all solvers, each written once with its name, its text and what to do.
 !>
 !> An outcome is part of a result and never an error: `if (result%status == outcome%converged)`. The numbers are
 !> stored in the result file (docs/user/schema.md): they may be added to, never changed.
 module hb_outcome
    implicit none
    private
-   public :: is_solved, is_status, outcome, outcome_name, outcome_names, outcome_text
+   public :: is_solved, is_status, outcome, outcome_name, outcome_names, outcome_remedy, outcome_text
 
    type :: outcome_t
       integer :: pending = 0                           !! not solved yet
@@ -66,6 +65,37 @@ module hb_outcome
       "broadband: time integration finds no motion of these tones", &
       "several: time integration ends in different motions, see message"]
 
+   character(*), parameter :: remedies(0:21) = [character(232) :: &
+      "nhbm resume solves it.", &
+      "nhbm verify compares it with time integration; a tolerance (&accuracy) in place of an order chooses the harmonics.", &
+      "Check units and loads first (nhbm check), then come from a setting that is solved: a sweep with "// &
+         "first_guess = 'neighbour' in &solver; or start from time integration.", &
+      "Allow more work, or come from a setting that is solved: a sweep with first_guess = 'neighbour' in &solver.", &
+      "Hold what no law holds, damp what is driven at its resonance; at a fold, shift the parameter a little.", &
+      "Look for a load or stiffness out of proportion, a table that ends, or a law that divides by zero; "// &
+         "nhbm check compares the derivatives of the laws.", &
+      "Mend the cause, then nhbm resume --retry solves it again.", &
+      "Ask for a tolerance (&accuracy), or double the order of the harmonics; if the error is small enough for you, "// &
+         "raise &certificate truncation.", &
+      "Ask for a tolerance (&accuracy), or double the samples at the same order; contact and friction need many more samples "// &
+         "than harmonics.", &
+      "Raise order and samples; a wall that is struck hard needs the highest orders of all.", &
+      "Solve the model with fewer tones.", &
+      "Integrate from a small disturbance: does it grow? If a large motion exists beside a stable rest, begin near it "// &
+         "with &start.", &
+      "Look for a law of your own that ends the process; when it is mended, nhbm resume --retry solves the point again.", &
+      "Check units and loads first (nhbm check), then come from smaller loads: a sweep with first_guess = 'neighbour' "// &
+         "in &solver.", &
+      "Solve the model with the one tone that the message names.", &
+      "Allow more time (&solver time_limit), or come from a setting that is solved: a sweep with first_guess = 'neighbour'.", &
+      "No order helps: the restitution of the wall decides. Give the wall its stiffness (elastic_stop), or integrate with "// &
+         "&integration restitution.", &
+      "It is no point.", &
+      "It is an answer, with the spread over time as its error; nhbm verify says whether it lasts.", &
+      "Divide the frequency by the number that the message names, and multiply tuples and orders by it: the command does.", &
+      "It is chaos, or it has a tone of its own: nhbm integrate with &integration n_peaks shows its frequencies.", &
+      "The motion stored is the first that repeats with the tones; begin near another one with &start."]
+
 contains
 
    !> Gives the name of a status as it stands in the result file, `unknown` for a number that is no status.
@@ -85,6 +115,14 @@ contains
       text = "unknown status"
       if (is_status(status)) text = texts(status)
    end function outcome_text
+
+   !> Gives what to do about a point that ended so, in sentences.
+   pure function outcome_remedy(status) result(text)
+      integer, intent(in) :: status
+      character(len_trim(remedies(known(status)))) :: text
+
+      text = remedies(known(status))
+   end function outcome_remedy
 
    !> Whether there is a motion: from the balance, well enough for the thresholds of the certificate or not, or from time
    !> integration.

@@ -6,7 +6,7 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: attempt_t, fallback, fallback_names, largest_affordable, method, report_t
+   public :: attempt_t, fallback, fallback_names, fallback_texts, largest_affordable, method, report_t
    public :: share_of_solver, solver_config_t, unit_of_work
 
    type :: method_t
@@ -41,6 +41,11 @@ module hb_solver_types
    character(*), parameter :: fallback_names(0:9) = [character(22) :: &
       "none", "other_guess", "other_method", "other_guess_and_method", "nonlinearity_homotopy", "load_homotopy", &
       "several_guesses", "fewer_harmonics", "integration", "damping"]
+   character(*), parameter :: fallback_texts(0:9) = [character(45) :: &
+      "from the first guess", "from another first guess", "by another method", "by another method from another first guess", &
+      "with laws brought in little by little", "with loads brought in little by little", &
+      "from shares of the linear motion", "from a solution with fewer harmonics", "from where time integration ends", &
+      "with artificial damping, less and less of it"]
 
    !> Settings of a solver; the component initialisers are the defaults that the table of input keys has for `&solver`.
    type :: solver_config_t

@@ -144,6 +144,17 @@ def test_inputs_to_begin_with(tmp_path):
     assert "did you mean 'rotor'" in run("new", "roter", cwd=tmp_path).stderr
 
 
+def test_manual_page_has_every_verb_and_option_of_the_help(tmp_path):
+    manual = run("help", "man", cwd=tmp_path).stdout
+    told = run("help", cwd=tmp_path).stdout
+    assert manual.startswith('.TH NHBM 1 "" "nhbm ')
+    items = re.findall(r"^\.B (.*)", manual, re.M)[1:]
+    verbs = re.findall(r"^(?:usage:|      ) nhbm (\w+)", told, re.M)
+    options = re.findall(r"^  (?:-\w,|   ) (--[\w-]+)", told, re.M)
+    assert [item.split()[0] for item in items[: len(verbs)]] == verbs
+    assert [re.search(r"--[\w-]+", item.replace("\\", ""))[0] for item in items[len(verbs) :]] == options
+
+
 def test_shells_complete_verbs_and_options(tmp_path):
     script = run("completion", "bash", cwd=tmp_path).stdout
     ask = '\nCOMP_WORDS=(nhbm {}); COMP_CWORD={}; _nhbm; echo "${{COMPREPLY[@]}}"'

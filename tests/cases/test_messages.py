@@ -52,6 +52,35 @@ def test_each_failure_is_told_once_with_a_command_that_works(tmp_path):
     assert commands(run("info", "case.h5", cwd=tmp_path).stdout) == tried
 
 
+def test_why_says_what_was_tried_and_what_to_do(tmp_path):
+    softer = "&sweep parameter = 'law(stop)%stiffness', values = 0.01, 1e3, 1e5 /\n"
+    name = write(tmp_path, STOP + FEW_STEPS.partition("&sweep")[0] + softer)
+    assert run("solve", name, cwd=tmp_path).status == NOT_ALL_CONVERGED
+    told = run("why", "case.h5", cwd=tmp_path).stdout
+    info = run("info", "case.h5", cwd=tmp_path).stdout
+    assert commands(told) == commands(info)  # the same table
+    with h5py.File(tmp_path / "case.h5") as file:
+        status = file["status"][:]
+    lost = int(np.flatnonzero(status == 3)[-1])
+    of_one = " ".join(run("why", "case.h5", "--point", str(lost), cwd=tmp_path).stdout.split())
+    assert of_one.startswith(f"Point {lost} (law(stop)%stiffness = 100000 N/m): ") and "out of budget" in of_one
+    assert "Tried: from the first guess (residual " in of_one and "out_of_budget" in of_one
+    assert "What to do: Allow more work" in of_one and "try: nhbm solve case.nml" in of_one
+    assert status[0] == 1 and "The nearest point with a motion: 0 (" in of_one
+    found = run("why", "case.h5", "--point", "0", cwd=tmp_path).stdout
+    assert "The estimated error is" in found
+    refused = run("why", "case.h5", "--point", "20", cwd=tmp_path)
+    assert refused.status == BAD_INPUT and "it has 0 to 2" in refused.stderr
+
+
+def test_why_alone_has_every_status(tmp_path):
+    told = run("why", cwd=tmp_path).stdout
+    names = re.search(r"outcome_names\(0:21\) = (.*?)\]\n", (ROOT / "src/solve/hb_outcome.f90").read_text(), re.S)[1]
+    assert re.findall(r"^(\w+) ", told, re.M) == re.findall(r'"(\w+)"', names)
+    page = (ROOT / "docs" / "user" / "convergence.md").read_text()
+    assert f"$ nhbm why\n{told}```" in page  # no other copy of the table
+
+
 def test_answers_of_time_integration_count_as_the_exit_status_says(tmp_path):
     """A balance of order 3 is not found, and the motion is that of time integration."""
     text = STOP.replace("0.2 /", "1.4 /").replace("1.0e4", "1.0e2") + "&harmonics order = 3 /\n"
