@@ -1,5 +1,7 @@
 """Derivatives of motions by values of the input, from Python and in files."""
 
+import time
+
 import h5py
 import numpy as np
 import pytest
@@ -80,3 +82,21 @@ def test_motions_by_time_integration_have_none():
     assert motion.nhbm.status == "time_domain"
     model.set("gradient", by=["law(damper)%limit"])
     assert "gradient" not in model.solve(order=9)
+
+
+def test_a_hundred_derivatives_take_less_than_a_motion():
+    """Of a chain of 50 masses with a stop at each, by the gaps and the stiffnesses of all."""
+    model = nhbm.Model(nhbm.Chain(n_masses=50, ends="fixed-free", mass=1.0, coupling_stiffness=100.0, damping_mass=0.02), tones=[1.0])
+    model.load("x50", 1, cos=0.1)
+    for k in range(1, 51):
+        model.law("elastic_stop", f"x{k}", gap=0.01 + 0.001 * k, stiffness=5.0, label=f"stop{k}")
+    by = [f"stop{k}.{key}" for k in range(1, 51) for key in ("gap", "stiffness")]
+
+    def seconds(work, *values):
+        began = time.process_time()
+        work("x50 (1)", *values, order=5)
+        return time.process_time() - began
+
+    motion = seconds(model.response)
+    model.gradient("x50 (1)", by, order=5)
+    assert seconds(model.gradient, by) < motion
