@@ -125,6 +125,7 @@ contains
          if (allocated(study%plan%curve)) call say("curve       "//study%plan%curve%describe())
          call say("structure   "//number_of(model%structure%n_dofs, "degree")//" of freedom")
          call describe_frequencies(model%structure)
+         call describe_damping(model%structure)
          tones = tone_text(model, 1)
          samples = to_text(model%torus%n_samples(1))
          do i = 2, model%tones%n_tones
@@ -204,18 +205,44 @@ contains
       end if
    end subroutine describe_frequencies
 
-   !> Numbers with six digits.
-   function list_text(values, unit) result(text)
+   !> Lists the damping ratios of the lowest modes that oscillate: 1 is critical damping, less than 0 an unstable rest.
+   subroutine describe_damping(structure)
+      type(structure_t), intent(in) :: structure
+      integer, parameter :: most = 10
+      integer, parameter :: largest = 200                             ! degrees of freedom: a general eigenvalue problem of twice as many
+      type(error_t), allocatable :: error
+      type(modes_t) :: modes
+      integer :: n
+      character(:), allocatable :: note
+
+      if (structure%n_dofs > largest .or. allocated(structure%sparse)) return
+      call new_modes(modes, structure%mass, structure%damping, structure%stiffness, error)
+      if (allocated(error)) return
+      n = min(modes%n_modes, most)
+      if (structure%up_to > 0.0_wp) n = min(n, count(modes%frequency <= structure%up_to))
+      if (n == 0) return
+      note = ""
+      if (n < modes%n_modes) note = "  (the "//to_text(n)//" lowest)"
+      call say("damping     "//list_text(-modes%growth(:n)/hypot(modes%growth(:n), modes%frequency(:n)), 1.0_wp, &
+         "(es9.2)")// &
+         " of critical"//note)
+   end subroutine describe_damping
+
+   !> Numbers, with six digits unless a form is given.
+   function list_text(values, unit, form) result(text)
       real(wp), intent(in) :: values(:), unit
-      character(:), allocatable :: text
+      character(*), intent(in), optional :: form
+      character(:), allocatable :: text, as
       character(24) :: number
       integer :: i
 
+      as = "(g0.6)"
+      if (present(form)) as = form
       text = ""
       do i = 1, size(values)
-         write (number, "(g0.6)") values(i)/unit
+         write (number, as) values(i)/unit
          if (i > 1) text = text//", "
-         text = text//trim(number)
+         text = text//trim(adjustl(number))
       end do
    end function list_text
 

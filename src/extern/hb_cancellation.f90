@@ -1,7 +1,7 @@
 !> Cancellation: whether long work ends before it is done, and where it reports its progress.
 !>
 !> A cancellation token limits the processor time of a point. Types that extend it end a point for other reasons, such as a signal
-!> (`wants_end`), or show progress (`note_progress`). A decision to end holds until the next point begins, so that all work in
+!> (`wants_end`), or show progress (`note_level`, `note_progress`). A decision to end holds until the next point begins, so that all work in
 !> progress ends soon; the decision to end the run is final.
 !>
 !> Between `enter` and `leave` a token is the current one of its thread: each loop that may take long calls `work_is_over` and
@@ -11,7 +11,7 @@ module hb_cancellation
    use hb_kinds, only: wp
    implicit none
    private
-   public :: cancellation_t, note_progress, verdict, verdict_on_work, work_is_over
+   public :: cancellation_t, note_level, note_progress, verdict, verdict_on_work, work_is_over
 
    type :: verdict_t
       integer :: go_on = 0
@@ -35,6 +35,7 @@ module hb_cancellation
       procedure :: enter => cancellation_enter
       procedure :: is_over => cancellation_is_over
       procedure :: leave => cancellation_leave
+      procedure :: note_level => cancellation_note_level
       procedure :: note_progress => cancellation_note_progress
       procedure :: wants_end => cancellation_wants_end
    end type cancellation_t
@@ -110,6 +111,18 @@ contains
       is_over = self%verdict /= verdict%go_on
    end function cancellation_is_over
 
+   !> Takes note of a level that was solved: here whatever this was entered within does.
+   recursive subroutine cancellation_note_level(self, level, n_unknowns, estimate)
+      class(cancellation_t), intent(inout) :: self
+      integer, intent(in) :: level, n_unknowns
+      real(wp), intent(in) :: estimate                                !! of the error, relative
+      type(place_t), pointer :: outer
+
+      if (.not. c_associated(self%outer)) return
+      call c_f_pointer(self%outer, outer)
+      call outer%cancellation%note_level(level, n_unknowns, estimate)
+   end subroutine cancellation_note_level
+
    !> Takes note of how far the work is; does nothing here.
    subroutine cancellation_note_progress(self, n_done, n_steps)
       class(cancellation_t), intent(inout) :: self
@@ -127,6 +140,19 @@ contains
    logical function work_is_over()
       work_is_over = verdict_on_work() /= verdict%go_on
    end function work_is_over
+
+   !> Reports a level of adaptive refinement that was solved, to the cancellation that this thread has entered.
+   subroutine note_level(level, n_unknowns, estimate)
+      integer, intent(in) :: level, n_unknowns
+      real(wp), intent(in) :: estimate                                !! of the error, relative
+      type(c_ptr) :: current
+      type(place_t), pointer :: place
+
+      current = hb_current_cancellation()
+      if (.not. c_associated(current)) return
+      call c_f_pointer(current, place)
+      call place%cancellation%note_level(level, n_unknowns, estimate)
+   end subroutine note_level
 
    !> Reports how far the work of this thread is, to the cancellation that it has entered.
    subroutine note_progress(n_done, n_steps)

@@ -8,7 +8,7 @@
 !> adds is stored separately. Source: docs/why/accuracy.md; nested iteration as in Hackbusch, Multi-Grid Methods and Applications
 !> (1985), chapter 5.
 module hb_accurate_motion
-   use hb_cancellation, only: cancellation_t, work_is_over
+   use hb_cancellation, only: cancellation_t, note_level, work_is_over
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_integrate_to_tolerance, only: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples
@@ -217,6 +217,7 @@ contains
          self%result = trial
       end if
       self%estimate = missing_in(self%model, self%result)
+      call note_level(self%n_levels + 1, size(self%top%unknowns), self%estimate)
    end subroutine refined_motion_solve
 
    !> Compares the motion of the next level with the one below it, which raises its estimate where it must, and keeps that one where

@@ -35,6 +35,7 @@ module hb_progress
       character(:), allocatable, private :: what                      ! is counted
       real(wp), private :: started = 0.0_wp, shown = 0.0_wp, interval = log_interval
       integer, private :: done = 0, failed = 0                        ! points of this rank that it has not reported yet
+      integer, private :: shown_done = 0, shown_failed = 0            ! in the last line
       real(wp), private :: reported = 0.0_wp
    contains
       procedure :: note => progress_note
@@ -42,6 +43,7 @@ module hb_progress
       procedure :: is_due => progress_is_due
       procedure :: report_point => progress_report_point
       procedure :: show => progress_show
+      procedure :: show_level => progress_show_level
       procedure :: finish => progress_finish
    end type progress_t
 
@@ -105,8 +107,25 @@ contains
       if (.not. self%is_shown) return
       self%shown = wall_clock()
       if (.not. self%on_terminal) self%interval = min(log_growth*self%interval, longest_log_interval)
+      self%shown_done = done
+      self%shown_failed = failed
       call write_line(self, done, failed, self%shown)
    end subroutine progress_show
+
+   !> Describes how far a long point of this rank is, behind the last line on a terminal.
+   subroutine progress_show_level(self, level, n_unknowns, estimate)
+      class(progress_t), intent(inout) :: self
+      integer, intent(in) :: level, n_unknowns
+      real(wp), intent(in) :: estimate                                !! of the error, relative
+      character(8) :: error
+
+      if (.not. self%on_terminal) return
+      if (.not. self%is_due()) return
+      self%shown = wall_clock()
+      write (error, "(es8.1)") min(estimate, 1.0_wp)
+      call write_line(self, self%shown_done, self%shown_failed, self%shown, "; level "//to_text(level)//": "// &
+         to_text(n_unknowns)//" unknowns, estimated error "//trim(adjustl(error)))
+   end subroutine progress_show_level
 
    !> Describes how one point ended, at level debug, whichever rank solved it.
    subroutine progress_report_point(self, text)
@@ -126,10 +145,11 @@ contains
       if (self%on_terminal) write (error_unit, "()")
    end subroutine progress_finish
 
-   subroutine write_line(self, done, failed, now)
+   subroutine write_line(self, done, failed, now, within)
       class(progress_t), intent(in) :: self
       integer, intent(in) :: done, failed
       real(wp), intent(in) :: now
+      character(*), intent(in), optional :: within                    !! of a point
       character(:), allocatable :: line
       real(wp) :: seconds
       integer :: filled
@@ -145,6 +165,7 @@ contains
       else
          line = line//", "//time_text(seconds)
       end if
+      if (present(within)) line = line//within
       if (self%on_terminal) then
          filled = nint(bar_width*real(done, wp)/max(self%n_points, 1))
          if (self%n_points > 0) line = "["//repeat("#", filled)//repeat(".", bar_width - filled)//"] "//line

@@ -56,6 +56,13 @@ module hb_sweep
       integer :: status_of_exit = 1                                   !! exit status where exit() ends the process within a point
    end type run_options_t
 
+   !> Shows how far a point is.
+   type, extends(interruption_t) :: watched_t
+      type(progress_t), pointer :: progress => null()
+   contains
+      procedure :: note_level => watched_note_level
+   end type watched_t
+
    !> What a rank works with while it solves points.
    type :: run_t
       type(point_source_t) :: source
@@ -63,7 +70,7 @@ module hb_sweep
       type(schedule_t) :: schedule
       type(work_counter_t) :: counter
       type(progress_t) :: progress
-      type(interruption_t) :: ending
+      type(watched_t) :: ending
       type(rank_times_t) :: times
       logical :: is_checked = .false.                                 !! whether chains stay on their branches
       type(resumed_file_t) :: before                                  !! of a run before, whose crashed points are passed by
@@ -96,7 +103,8 @@ contains
       if (allocated(error)) return
       call run%source%layout%forget_values()
       run%schedule%block_seconds = run%results%hold_seconds()
-      call new_interruption(run%ending, options%time_limit - (wall_clock() - started), comm, error)
+      run%ending%progress => run%progress
+      call new_interruption(run%ending%interruption_t, options%time_limit - (wall_clock() - started), comm, error)
       if (.not. allocated(error)) then
          place = run%results%crash_place()
          place%exit_status = options%status_of_exit
@@ -379,6 +387,14 @@ contains
       end if
       call curve%destroy()
    end subroutine run_curve
+
+   subroutine watched_note_level(self, level, n_unknowns, estimate)
+      class(watched_t), intent(inout) :: self
+      integer, intent(in) :: level, n_unknowns
+      real(wp), intent(in) :: estimate
+
+      call self%progress%show_level(level, n_unknowns, estimate)
+   end subroutine watched_note_level
 
    !> Writes the result of a point, and counts it.
    subroutine keep_point(self, run, point, result, group, summary, error)

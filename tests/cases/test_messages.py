@@ -1,15 +1,17 @@
 """What the program says to somebody who is new to it: why points have no motion, what to try, and words that lead on."""
 
+import contextlib
 import os
 import re
 import shlex
+import subprocess
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-from program import ALL_CONVERGED, BAD_INPUT, NOT_ALL_CONVERGED, coefficients_by_tuple, run, solve
+from program import ALL_CONVERGED, BAD_INPUT, NOT_ALL_CONVERGED, coefficients_by_tuple, command, environment, run, solve
 
 ROOT = Path(__file__).resolve().parents[2]
 MASS = """
@@ -139,6 +141,33 @@ def test_check_prints_natural_frequencies(tmp_path):
     for text, values in zip(numbers.groups(), (exact, exact / (2 * np.pi))):
         assert [float(word) for word in text.split(",")] == pytest.approx(values, rel=1e-5)
 
+
+def test_check_prints_damping_ratios(tmp_path):
+    said = run("check", write(tmp_path, MASS), cwd=tmp_path).stdout  # m = k = 1: c/2
+    assert re.search(r"^damping +(\S+) of critical$", said, re.MULTILINE)[1] == "5.00E-02"
+
+
+def test_a_long_point_shows_its_levels_on_a_terminal(tmp_path):
+    """Within a point, on a terminal alone: the level of adaptive refinement, its unknowns and the estimated error."""
+    text = """
+&structure type = 'chain', n_masses = 4, ends = 'fixed-free', mass = 1.0, coupling_stiffness = 4.0, damping_mass = 0.05 /
+&tones frequency = 1.0, 1.618 /
+&accuracy tolerance = 1e-6 /
+&load dof = 'x4', tuple = 1, 0, cos = 0.5 /
+&load dof = 'x4', tuple = 0, 1, cos = 0.3 /
+&law type = 'elastic_stop', label = 'stop', dof = 'x4', stiffness = 20.0, gap = 0.3 /
+"""
+    words = command("solve", write(tmp_path, text))
+    reader, writer = os.openpty()
+    with subprocess.Popen(words, cwd=tmp_path, stderr=writer, stdout=subprocess.DEVNULL, env=environment()) as process:
+        os.close(writer)
+        shown = b""
+        with contextlib.suppress(OSError):  # the terminal is gone when the program is
+            while text := os.read(reader, 4096):
+                shown += text
+    os.close(reader)
+    assert process.returncode == ALL_CONVERGED
+    assert re.search(rb"0/1 points.*; level \d+: \d+ unknowns, estimated error \d\.\dE-\d\d", shown), shown
 
 @pytest.mark.parametrize("is_by_tolerance", [False, True], ids=["given", "tolerance"])
 def test_recipe_reads_files(is_by_tolerance, tmp_path):
