@@ -344,7 +344,7 @@ contains
          end do
          return
       end if
-      is_condensed = any(self%group == [character(17) :: "structure", "dynamic_stiffness", several]) .and. &
+      is_condensed = any(self%group == [character(17) :: "structure", "bearing", "dynamic_stiffness", several]) .and. &
                      self%model%structure%n_dofs > self%n_dofs .and. .not. self%law_set%needs_reaction
       value = self%value
       step = self%moving%typical*merge(1.0_wp, apart, self%group == "load" .and. .not. self%law_set%needs_reaction)

@@ -1,6 +1,7 @@
 !> Reads models from documents: which groups there are, and in which order they are read, each by its own procedure; and which of
 !> them are read again when values of the document change.
 module hb_model_reader
+   use hb_bearing, only: read_bearing
    use hb_document, only: document_t, parameter_t, tie_t
    use hb_error, only: annotate, error_t
    use hb_floquet, only: floquet_t
@@ -26,16 +27,17 @@ module hb_model_reader
    public :: group_names, moving_groups, read_model, update_model
 
    !> Every group that an input file may have.
-   character(17), parameter :: group_names(18) = [character(17) :: &
-      "structure", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", &
-      "solver", "certificate", "stability", "output", "integration", "accuracy", "tie", "gradient"]
+   character(17), parameter :: group_names(19) = [character(17) :: &
+      "structure", "bearing", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", &
+      "normal_mode", "solver", "certificate", "stability", "output", "integration", "accuracy", "tie", "gradient"]
 
    !> Groups whose real numbers may move: they change the motion; the others say how it is sought, and `&start` which one.
-   character(17), parameter :: moving_groups(5) = [character(17) :: "structure", "dynamic_stiffness", "tones", "load", "law"]
+   character(17), parameter :: moving_groups(6) = [character(17) :: &
+      "structure", "bearing", "dynamic_stiffness", "tones", "load", "law"]
 
    !> Groups that are read by themselves while nothing but numbers changes in them.
-   character(17), parameter :: read_alone(6) = [character(17) :: &
-      "structure", "dynamic_stiffness", "tones", "load", "law", "start"]
+   character(17), parameter :: read_alone(7) = [character(17) :: &
+      "structure", "bearing", "dynamic_stiffness", "tones", "load", "law", "start"]
 
    real(wp), parameter :: work_of_method = 0.5_wp*(1.0_wp/share_of_solver - 1.0_wp)   ! of time integration, two share what is left;
                                                                       ! relative to that of the solver's fallbacks
@@ -118,7 +120,7 @@ contains
       if (allocated(error)) return
       call read_structure(group, self%structure, error, self%memory_limit, self%callbacks%fe_models)
       if (allocated(error)) return
-      call read_frequency_parts(self%structure, document, error)
+      call read_parts_beside(self%structure, document, error)
       if (allocated(error)) return
       self%may_integrate = document%count("dynamic_stiffness") == 0
       call read_tones(self%tones, document, error)
@@ -174,18 +176,21 @@ contains
          self%callbacks%share_of_integration*self%integration%work_limit
    end subroutine read_parts
 
-   !> Reads all `&dynamic_stiffness` into a structure; `error` is a kind that is not known.
-   subroutine read_frequency_parts(structure, document, error)
+   !> Reads all `&bearing` and `&dynamic_stiffness` into a structure; `error` is a kind that is not known.
+   subroutine read_parts_beside(structure, document, error)
       type(structure_t), intent(inout) :: structure
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
+      do i = 1, document%count("bearing")
+         call read_bearing(document%group("bearing", i), structure)
+      end do
       do i = 1, document%count("dynamic_stiffness")
          call read_frequency_part(document%group("dynamic_stiffness", i), structure, error)
          if (allocated(error)) return
       end do
-   end subroutine read_frequency_parts
+   end subroutine read_parts_beside
 
    !> Improvement steps need sets and tones that are given.
    subroutine check_improvement(self, group)
@@ -209,7 +214,7 @@ contains
 
       is_read = .false.
       if (any(self%tones%is_unknown) .or. self%symmetry == symmetry%odd) return
-      if (document%has_changed(read_alone(:2))) then
+      if (document%has_changed(read_alone(:3))) then
          call read_other_numbers(self, document, is_read)
          if (.not. is_read) return
          call check_memory(sizes_of(self), self%memory_limit, error)  ! zeros among them make a structure smaller
@@ -246,7 +251,7 @@ contains
       if (allocated(error)) return
       call read_structure(group, other, error, self%memory_limit, self%callbacks%fe_models)
       if (allocated(error)) return
-      call read_frequency_parts(other, document, error)
+      call read_parts_beside(other, document, error)
       if (allocated(error)) return
       associate (structure => self%structure)
          if (other%n_dofs /= structure%n_dofs) return
@@ -339,7 +344,7 @@ contains
       if (allocated(error)) then
          problem = error%message
       else if (.not. any(document%groups%holders(parameter%i_group)%group%name == moving_groups)) then
-         problem = "is no number of &structure, &dynamic_stiffness, &tones, &load or &law"
+         problem = "is no number of &structure, &bearing, &dynamic_stiffness, &tones, &load or &law"
       else if (document%n_tones_of(parameter) > 1) then
          problem = "says not which tone; give one, such as '"//path//"(1)'"
       else if (.not. is_given) then

@@ -26,22 +26,24 @@ contains
                     .not. any([(allocated(model%laws(i)%law%modulation), i=1, size(model%laws))])
    end function has_no_load
 
-   !> Which speed of a structure stays where it is while the frequency of a tone moves, and what lets it follow; empty for none.
+   !> Which speed of a structure or bearing stays where it is while the frequency of a tone moves, and what lets it follow; empty for none.
    function frozen_speed_text(plan, document) result(text)
       type(sweep_plan_t), intent(in) :: plan
       type(document_t), intent(inout) :: document                     !! that was read
       character(:), allocatable :: text
       type(properties_t), pointer :: group
       type(parameter_t) :: moving
-      character(:), allocatable :: path
+      character(:), allocatable :: name, path
       integer :: i
 
       text = ""
       group => document%group("structure", 1)
-      if (.not. group%given("speed")) return
+      name = "structure"
+      if (.not. group%given("speed")) name = "bearing"
+      if (document%count(name) == 0) return
       do i = 1, size(plan%parameters)
          associate (parameter => plan%parameters(i)%parameter)
-            if (group_of(parameter) == "structure" .and. parameter%key == "speed") return
+            if (any(group_of(parameter) == [character(9) :: "structure", "bearing"]) .and. parameter%key == "speed") return
             if (group_of(parameter) == "tones") moving = parameter
          end associate
       end do
@@ -54,8 +56,8 @@ contains
          call group%get("parameter", path)
          if (index(path, "%speed") > 0) return
       end do
-      text = "structure%speed stays as it is while tones%"//trim(moving%key)//" moves; if they belong together: "// &
-         "&tie parameter = 'structure%speed', to = 'tones%"//trim(moving%key)//"' /"
+      text = name//"%speed stays as it is while tones%"//trim(moving%key)//" moves; if they belong together: "// &
+         "&tie parameter = '"//name//"%speed', to = 'tones%"//trim(moving%key)//"' /"
 
    contains
 

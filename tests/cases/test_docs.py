@@ -42,6 +42,8 @@ SECTIONS_BY_PROCEDURE = {
     "read_normal": ["law jenkins", "law jenkins_2d"],
     "read_frequency_part": ["dynamic_stiffness"],
     "read_places": ["dynamic_stiffness"],
+    "read_bearing": ["bearing"],
+    "find_dofs": ["bearing"],
     **{f"read_{kind}": [f"dynamic_stiffness {kind}"] for kind in ("delay", "fractional", "loss_factor", "maxwell", "table")},
 }
 

@@ -22,7 +22,7 @@ from nhbm.session import Session, input_keys
 from nhbm.structure import Structure
 
 GROUPS = (
-    "structure", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", "certificate",
+    "structure", "bearing", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", "certificate",
     "stability",
     "output", "integration", "accuracy", "curve", "tie", "gradient",
 )  # fmt: skip
@@ -158,7 +158,7 @@ class Model:
         **keys
             Its keys, such as ``set("harmonics", order=9)``; None leaves a key to its default.
         """
-        if group in ("load", "law", "start", "tie", "dynamic_stiffness"):
+        if group in ("load", "law", "start", "tie", "bearing", "dynamic_stiffness"):
             raise ModelError(f"there may be several groups &{group}; model.{group}(...) adds one")
         if group not in GROUPS:
             raise ModelError(f"unknown group '{group}'; known: {', '.join(GROUPS)}")
@@ -217,6 +217,24 @@ class Model:
             Further keys of &start.
         """
         self._add("start", {"dof": dof, "tuple": [int(k) for k in np.atleast_1d(tuple_)], "cos": cos, "sin": sin, **keys})
+
+    def bearing(self, dofs: Iterable[str], speeds: Any, stiffness: Any, damping: Any = None, **keys: Any) -> None:
+        """Adds a bearing of tabulated coefficients to the structure.
+
+        Parameters
+        ----------
+        dofs : iterable of str
+            Directions x and y.
+        speeds : sequence of float
+            Where the tables have their rows [rad/s].
+        stiffness, damping : array_like
+            k_xx, k_xy, k_yx, k_yy [N/m] and the same of damping [N s/m], (n_speeds, 4).
+        **keys
+            `speed` [rad/s], the one of now, for ``model.tie("bearing(1)%speed", "tones[0]")``, and `label`.
+        """
+        tables = {"stiffness": stiffness} if damping is None else {"stiffness": stiffness, "damping": damping}
+        values = {name: [float(x) for x in np.ravel(table)] for name, table in {"speeds": speeds, **tables}.items()}
+        self._add("bearing", {"dofs": list(dofs), **values, **keys})
 
     def dynamic_stiffness(self, kind: str, dof: str | Iterable[str], **keys: Any) -> None:
         """Adds a part of the structure whose stiffness depends on the frequency, such as a viscoelastic mount.
