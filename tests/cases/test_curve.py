@@ -182,6 +182,7 @@ ONE_STOP = """
 """
 
 
+@pytest.mark.long  # seconds
 def test_folds_and_peaks_are_those_of_a_fine_tolerance(tmp_path):
     """The curve to 1e-2 is wavy: as its discretisation has it, it turns back more often."""
     events = []

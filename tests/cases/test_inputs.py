@@ -43,7 +43,7 @@ def test_input_gives_what_it_promises(source, tmp_path):
     assert not problems, "\n".join(problems)
 
 
-@pytest.mark.parametrize(("name", "least"), [("random_contact_beam", 8), ("random_contact_mass", 5)])
+@pytest.mark.parametrize(("name", "least"), [pytest.param("random_contact_beam", 8, marks=pytest.mark.long), ("random_contact_mass", 5)])
 def test_some_of_the_random_problems(name, least, tmp_path):
     """Of every twentieth of 200 problems as large a share is solved by the balance alone as of all."""
 

@@ -373,6 +373,7 @@ def test_a_wheel_that_was_never_put_together_moves_as_the_whole(tmp_path, monkey
     assert largest_difference(tips["small"][1], later) < 1e-7
 
 
+@pytest.mark.long  # seconds
 def test_waves_of_sectors_move_as_wheels_put_together(tmp_path, monkeypatch):
     """Blades against a casing: under the forces that the balance finds in waves of one sector each, all nodes of the drum and of
     the ring put together move as told; and the limit cycle is that of waves of sectors and of blades all around the ring."""
@@ -494,6 +495,7 @@ def test_a_large_model_is_said_to_be_and_the_command_makes_a_small_one(net):
         assert largest_difference(ours[key], whole[key]) < 1e-9
 
 
+@pytest.mark.long  # seconds
 def test_harmonics_beyond_what_a_model_was_reduced_for_are_told(net):
     reduce(net, "nhbm-model reduce net.h5 --keep stops.z,edge.z,n100.z,n1111.z --up-to 0.37 -o small.h5")
     (net / "beyond.nml").write_text(SMALL)
@@ -528,6 +530,7 @@ def test_a_file_that_does_not_tell_its_model_says_what_to_do(net):
     assert run("resume", "older.h5", "--retry", "--quiet", cwd=net).status == ALL_CONVERGED
 
 
+@pytest.mark.long  # seconds
 def test_all_nodes_of_a_reduced_model_are_recovered(net):
     reduce(net, "nhbm-model reduce net.h5 --keep stops.z,edge.z,n100.z --up-to 0.5 -o shapes.h5")
     everything = NET.replace("&output dofs = 'stops.z', 'n1111.z' /\n", "")

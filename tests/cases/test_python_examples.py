@@ -23,6 +23,7 @@ import stop_fit  # noqa: E402
 PROCESSES = {"PYTHONPATH": os.pathsep.join([str(FOLDER), str(FOLDER.parent / "python" / "src"), os.environ.get("PYTHONPATH", "")])}
 
 
+@pytest.mark.long  # seconds
 def test_damper_optimum_is_that_of_the_ridge():
     """The ridge of peaks over the friction limit has its minimum where SciPy finds it."""
     limit, peak = damper_optimum.main(order=5)

@@ -108,6 +108,7 @@ def test_linear_motion_needs_no_iteration(method, tmp_path):
     assert not force.any()
 
 
+@pytest.mark.long  # seconds
 def test_diverged_motion_is_not_called_converged(tmp_path):
     """Without line search Broyden's method may run away to 1e150 m; such a residual is no solution at any scale."""
     text = """

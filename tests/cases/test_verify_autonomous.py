@@ -56,6 +56,7 @@ def test_small_cycle_of_the_rotor_grows_by_its_multiplier(tmp_path):
     assert np.exp(growth[20] * 2 * np.pi / frequency[20, 0]) == pytest.approx(1.954, rel=0.05)
 
 
+@pytest.mark.long  # seconds
 def test_blades_that_run_along_the_casing_are_integrated(tmp_path):
     """The law turns with the phase of a known tone beside an unknown one."""
     result, text = solved_and_verified(INPUTS / "rotor_stator" / "stationary.nml", tmp_path)
