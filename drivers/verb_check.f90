@@ -195,6 +195,7 @@ contains
       if (structure%up_to > 0.0_wp) n = min(n, count(frequencies <= structure%up_to))
       if (n < size(frequencies)) note = "  (the "//to_text(n)//" lowest)"
       if (is_gyroscopic) note = note//"  (without gyroscopic terms)"
+      if (allocated(structure%parts)) note = note//"  (without &dynamic_stiffness)"
       if (size(frequencies) == 0) then
          call say("natural     frequencies are not known: some part has neither mass nor support")
       else if (n > 0) then
@@ -215,7 +216,7 @@ contains
       integer :: n
       character(:), allocatable :: note
 
-      if (structure%n_dofs > largest .or. allocated(structure%sparse)) return
+      if (structure%n_dofs > largest .or. allocated(structure%sparse) .or. allocated(structure%parts)) return
       call new_modes(modes, structure%mass, structure%damping, structure%stiffness, error)
       if (allocated(error)) return
       n = min(modes%n_modes, most)

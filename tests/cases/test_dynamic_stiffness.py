@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from in_process import nhbm
+from in_process import ROOT, nhbm
+from program import run
 
 TONES = [1.3, 1.83847763]
 MASSES = np.eye(3)
@@ -98,6 +99,12 @@ def test_mistakes_name_the_key(keys, message):
     model.dynamic_stiffness(**keys)
     with pytest.raises(nhbm.ModelError, match=message):
         model.solve(order=1)
+
+
+def test_check_and_solve_say_what_they_leave_out(tmp_path):
+    mount = str(ROOT / "inputs" / "gallery" / "viscoelastic_mount.nml")
+    assert "7.07107 rad/s  (without &dynamic_stiffness)" in run("check", mount, cwd=tmp_path).stdout
+    assert "stability is not known" in run("solve", mount, cwd=tmp_path).stdout
 
 
 def test_what_needs_time_is_refused():
