@@ -35,7 +35,7 @@ module command_table
          "nhbm keys WORD: rows that have the word, such as jenkins"), &
       verb_t("new", "", "a commented input to begin with: nhbm new duffing > duffing.nml; nhbm new lists all"), &
       verb_t("completion", "", "what completes verbs and options in bash: source <(nhbm completion bash); likewise zsh"), &
-      verb_t("version", "", "version and commit; also --version"), &
+      verb_t("version", "", "version, commit, build and libraries; also --version"), &
       verb_t("help", "", "this text; nhbm help VERB or nhbm VERB --help: one verb; nhbm help man: all as a manual page, for man")]
 
    character(*), parameter :: all_verbs = "solve resume info why check plan integrate verify"

@@ -3,6 +3,7 @@ program nhbm
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
    use, intrinsic :: iso_fortran_env, only: error_unit
    use arguments, only: argument_list, arguments_t, read_arguments
+   use build_description, only: description
    use command_table, only: verb_names, write_completion, write_help, write_manual
    use console, only: complain, finish_output, say
    use exit_status, only: bad_input, incomplete, not_all_right, success
@@ -109,7 +110,9 @@ contains
             call write_help(verb)
          end if
       else if (options%wants_version .or. verb == "version") then
-         if (rank_of(comm) == 0) call say("nhbm "//program_version//" ("//git_commit//")")
+         if (rank_of(comm) > 0) return
+         call say("nhbm "//program_version//" ("//git_commit//")")
+         call say(description)
       else if (verb == "keys") then
          if (rank_of(comm) == 0) call tell_keys()
       else if (verb == "new") then
