@@ -14,6 +14,7 @@ hb_packages=(
    python3-scipy python3-cvxopt python3-meshio calculix-ccx
 )
 # Beside these for long tests: a browser, for pages of results.
+# shellcheck disable=SC2034 # used by tests/run
 hb_long_packages=(chromium)
 
 hb_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)

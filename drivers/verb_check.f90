@@ -210,7 +210,7 @@ contains
    subroutine describe_damping(structure)
       type(structure_t), intent(in) :: structure
       integer, parameter :: most = 10
-      integer, parameter :: largest = 200                             ! degrees of freedom: a general eigenvalue problem of twice as many
+      integer, parameter :: largest = 200                        ! degrees of freedom: a general eigenvalue problem of twice as many
       type(error_t), allocatable :: error
       type(modes_t) :: modes
       integer :: n

@@ -1,4 +1,5 @@
-!> A law of the program's own, in Fortran: a force given by the phase of the tone, in the place of a load. Cosine of the first harmonic.
+!> A law of the program's own, in Fortran: a force given by the phase of the tone, in the place of a load. Cosine of the first
+!> harmonic.
 !>
 !>     find_package(nhbm)
 !>     target_link_libraries(force_by_phase nhbm::input)

@@ -91,9 +91,9 @@ contains
       real(wp), intent(in) :: u(:, :)                                 !! [m]
       type(wanted_motions_t), intent(in) :: wanted
       type(error_t), allocatable, intent(out) :: error
-      class(bordered_problem_t), intent(inout), optional :: bordered  !! on this balance: with its unknown tones, or a curve of which
-                                                                      !! the motion is a point: errors along its last form, and along
-                                                                      !! a null vector where another one crosses, do not count
+      class(bordered_problem_t), intent(inout), optional :: bordered !! on this balance: with its unknown tones, or a curve of which
+                                                                      !! the motion is a point: errors along its last form, and
+                                                                      !! along a null vector where another one crosses, do not count
       complex(wp), allocatable :: c(:, :)
       type(balance_t) :: wide
       type(harmonics_t) :: set
@@ -224,7 +224,7 @@ contains
       real(wp), intent(in) :: carried(:)                              !! amplitudes of the motion (n_harmonics)
       integer, intent(in) :: slow(:)                                  !! tuple k of which k.omega is next to 0
       integer, allocatable :: tuples(:, :)
-      integer, parameter :: least_order = 4                           ! sum of entries that loads and steep laws do not reach at once
+      integer, parameter :: least_order = 4                          ! sum of entries that loads and steep laws do not reach at once
       real(wp), parameter :: large = 0.03_wp                          ! of the largest amplitude
       real(wp), parameter :: resonant = 0.1_wp                        ! what is left of a stiffness where mass takes the rest
       integer :: d, h, i

@@ -368,7 +368,8 @@ contains
          (all(self%element == 0) .or. all(self%element == other%element))
    end function parameter_hides
 
-   !> Unit of a parameter with blanks behind it, as its reader declares it, 1 for an integer; empty when it does not, or has not read it yet.
+   !> Unit of a parameter with blanks behind it, as its reader declares it, 1 for an integer; empty when it does not, or has not
+   !> read it yet.
    pure function document_unit_of(self, parameter) result(unit)
       class(document_t), intent(in) :: self
       type(parameter_t), intent(in) :: parameter

@@ -1,8 +1,8 @@
 !> Cancellation: whether long work ends before it is done, and where it reports its progress.
 !>
 !> A cancellation token limits the processor time of a point. Types that extend it end a point for other reasons, such as a signal
-!> (`wants_end`), or show progress (`note_level`, `note_progress`). A decision to end holds until the next point begins, so that all work in
-!> progress ends soon; the decision to end the run is final.
+!> (`wants_end`), or show progress (`note_level`, `note_progress`). A decision to end holds until the next point begins, so that all
+!> work in progress ends soon; the decision to end the run is final.
 !>
 !> Between `enter` and `leave` a token is the current one of its thread: each loop that may take long calls `work_is_over` and
 !> returns what it has; the procedure that entered the token discards that. A token entered within another also ends with it.

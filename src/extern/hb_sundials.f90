@@ -1,9 +1,9 @@
 !> CVODE of SUNDIALS behind one type: ordinary differential equations by multistep methods of variable order and step, with
 !> location of events. The only module that calls SUNDIALS.
 !>
-!> In the order of use: extend `hb_ode%ode_t`, `new_cvode`, `restart` (also after each event), `advance` as often as wanted, `destroy`.
-!> Source: A. C. Hindmarsh et al., SUNDIALS: Suite of nonlinear and differential/algebraic equation solvers, ACM Trans. Math.
-!> Software 31 (2005) 363-396; user documentation for CVODE 6.4.
+!> In the order of use: extend `hb_ode%ode_t`, `new_cvode`, `restart` (also after each event), `advance` as often as wanted,
+!> `destroy`. Source: A. C. Hindmarsh et al., SUNDIALS: Suite of nonlinear and differential/algebraic equation solvers, ACM Trans.
+!> Math. Software 31 (2005) 363-396; user documentation for CVODE 6.4.
 module hb_sundials
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_pointer, c_funloc, c_funptr, c_int, c_int64_t, &

@@ -330,8 +330,9 @@ contains
       if (.not. exists) path = name
    end function beside
 
-   !> Path of a shared library that an input names, with blanks behind it. Code is never taken from the folder that the program happens to run in: what is
-   !> not beside the input is left to the loader as a name alone, which it looks for where the system keeps libraries.
+   !> Path of a shared library that an input names, with blanks behind it. Code is never taken from the folder that the program
+   !> happens to run in: what is not beside the input is left to the loader as a name alone, which it looks for where the system
+   !> keeps libraries.
    function library_place(input, name) result(path)
       character(*), intent(in) :: input                               !! path of the input file
       character(*), intent(in) :: name                                !! as the input has it

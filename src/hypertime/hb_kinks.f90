@@ -119,8 +119,8 @@ contains
             self%line(0:n(1) - 1) = z(first:first + n(1) - 1)
             do j = -1, n(1) + 1
                if (j >= 0 .and. j < n(1)) cycle
-                  there = self%neighbour(first, 0, 1, j)
-                  self%line(j) = there%sign*z(there%sample)
+               there = self%neighbour(first, 0, 1, j)
+               self%line(j) = there%sign*z(there%sample)
             end do
             call scan(1, first, self%line(-1:n(1) - 2), self%line(0:n(1) - 1), self%line(1:n(1)), self%line(2:n(1) + 1))
          end do

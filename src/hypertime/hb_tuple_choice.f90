@@ -11,8 +11,8 @@ module hb_tuple_choice
    private
    public :: chosen_tuples, largest_places, lowest_order, new_doubled_set, new_lowest_set, shifted, tuple_union_t
 
-   !> The union of many sets of tuples, in the order in which they were added: a hash table with open addressing, so that as many sets
-   !> as a sweep has points take no more than linear time. Source of the hash: FNV-1a, 32 bit, entry by entry.
+   !> The union of many sets of tuples, in the order in which they were added: a hash table with open addressing, so that as many
+   !> sets as a sweep has points take no more than linear time. Source of the hash: FNV-1a, 32 bit, entry by entry.
    type :: tuple_union_t
       integer :: n = 0                                                !! number of tuples
       integer, allocatable, private :: entries(:, :)                  !! (n_tones, capacity), the first n are in use

@@ -1,6 +1,6 @@
 !> Contact of curved bodies behind a gap, f = k d**n (1 + chi v) with the approach d = max(z - g, 0).
-!> Source: Hertz, J. reine angew. Math. 92 (1881) 156-171, n = 3/2 for points; Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445, for
-!> chi. Sign: f stands beside K q on the left-hand side.
+!> Source: Hertz, J. reine angew. Math. 92 (1881) 156-171, n = 3/2 for points; Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445,
+!> for chi. Sign: f stands beside K q on the left-hand side.
 module hb_law_hertz
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place

@@ -130,7 +130,7 @@ contains
    pure subroutine drag_taut(longest, displacement, elongation, by)
       real(wp), intent(in) :: longest(2), displacement(2)
       real(wp), intent(inout) :: elongation(2)
-      real(wp), intent(inout) :: by(2, 6)                             !! in: how `elongation` depends on the first two and on longest(1)
+      real(wp), intent(inout) :: by(2, 6)                         !! in: how `elongation` depends on the first two and on longest(1)
       real(wp) :: a, angle, b, c, cut(2, 2), growth, kept, length, mean, root, share, since, slid, taut(2), turned, unit(2)
       real(wp) :: cut_by_longest(2), d_angle(6), d_share(6), d_since(6), d_slid(6), d_taut(2, 6)
 

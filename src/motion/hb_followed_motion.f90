@@ -326,7 +326,7 @@ contains
       call solve_newton(problem, self%curve%corrector, there, report)
       call self%curve%report%add(report)
       there(size(x)) = x(size(x))
-      is_there = report%status == outcome%converged .and. maxval(abs(there - x)/self%curve%units) < agreement   ! at a fold it may not
+      is_there = report%status == outcome%converged .and. maxval(abs(there - x)/self%curve%units) < agreement ! at a fold it may not
       if (is_there) x = there
    end subroutine followed_motion_land
 

@@ -51,7 +51,7 @@ module hb_integrate_to_tolerance
       integer :: room = 0                                             ! tuples of a set
       integer :: n_found = 0                                          ! motions
       real(wp) :: work = 0.0_wp, most_work = 0.0_wp
-      type(steady_motion_t) :: settled                                ! what is said of the best motion, else of the first candidates
+      type(steady_motion_t) :: settled                               ! what is said of the best motion, else of the first candidates
       type(motion_result_t) :: result
       type(level_t) :: found
       logical :: is_ended = .false.                                   ! no box will do better

@@ -30,7 +30,7 @@ module hb_level
    integer, parameter :: most_tails = 6
    real(wp), parameter :: smaller_tail = 0.2_wp
    integer, parameter :: smallest_growing = 50                        ! tuples, from which on that is examined
-   real(wp), parameter :: caution = 2.0_wp                            ! with rigid laws, whose estimates were .34 to 2 times the error
+   real(wp), parameter :: caution = 2.0_wp                          ! with rigid laws, whose estimates were .34 to 2 times the error
    real(wp), parameter :: spare = 0.1_wp                              ! of the tolerance: what a neighbour need not have
    real(wp), parameter :: clearly_smaller = 0.8_wp
    real(wp), parameter :: wider = 1.6_wp                              ! orders of a box around a set that says nothing

@@ -1,5 +1,5 @@
-!> The coordinates of the unknowns of a model, and the basis in which it is solved: all tuples of its set, or where its equations are
-!> odd the odd ones on half of the grid.
+!> The coordinates of the unknowns of a model, and the basis in which it is solved: all tuples of its set, or where its equations
+!> are odd the odd ones on half of the grid.
 !>
 !> An odd motion balances all harmonics, the even ones vanish on both sides. Whether other motions exist beside it is
 !> another question: `symmetry = 'none'` looks among all. Source: docs/why/theory.md, section 2.

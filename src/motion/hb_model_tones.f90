@@ -1,5 +1,5 @@
-!> The base frequencies of a model: the group `&tones`; and what unknown ones need besides: phase conditions (`&phase`), amplitude or
-!> energy (`&normal_mode`), laws, and the fundamentals of these tones.
+!> The base frequencies of a model: the group `&tones`; and what unknown ones need besides: phase conditions (`&phase`), amplitude
+!> or energy (`&normal_mode`), laws, and the fundamentals of these tones.
 module hb_model_tones
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t

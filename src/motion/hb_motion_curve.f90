@@ -572,7 +572,7 @@ contains
          end if
          text = "the curve cannot be continued from the value "//to_text(value)//" after the length "//to_text(self%length)
          if (.not. allocated(self%problem%error_text)) return
-         if (abs(self%problem%refused - value) <= at_end*unit) text = trim(text)//": "//self%problem%error_text  ! else it is no reason
+         if (abs(self%problem%refused - value) <= at_end*unit) text = trim(text)//": "//self%problem%error_text  ! else none
       end associate
    end function lost_text
 

@@ -31,7 +31,7 @@ module hb_bordered
       class(row_t), allocatable :: row                                !! has the last of the values; its form is found anew
       logical, allocatable :: is_held(:)                              !! unknowns of the base problem held at zero; none if not
                                                                       !! allocated
-      real(wp), allocatable :: units_across(:)                        !! where another curve of solutions crosses: of lengths, in which
+      real(wp), allocatable :: units_across(:)                     !! where another curve of solutions crosses: of lengths, in which
                                                                       !! steps are across both (n_unknowns)
       integer :: n_base = 0                                           !! unknowns of the base problem
       real(wp), allocatable :: border(:, :)                           !! derivatives by the parameters, (n_base, parameters), where

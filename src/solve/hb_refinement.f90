@@ -1,5 +1,5 @@
-!> Adaptive refinement: a problem is solved at one discretisation, its error is estimated, the next discretisation is chosen from the
-!> estimate, until the error is below the tolerance or nothing more is gained.
+!> Adaptive refinement: a problem is solved at one discretisation, its error is estimated, the next discretisation is chosen from
+!> the estimate, until the error is below the tolerance or nothing more is gained.
 !>
 !> What is refined extends `refinable_t`: it solves, chooses and transfers; the loop counts levels, failures and levels that gain
 !> nothing. Users: points and normal modes (hb_accurate_motion), steps and motions of a curve (hb_curve_sets), motions found by time
@@ -42,8 +42,8 @@ module hb_refinement
    end type refinable_t
 
    abstract interface
-      !> Solves the problem at the level chosen last, from the solution at hand, and sets `estimate`. Where that fails the solution at
-      !> hand stays.
+      !> Solves the problem at the level chosen last, from the solution at hand, and sets `estimate`. Where that fails the solution
+      !> at hand stays.
       subroutine solve_level(self, is_solved)
          import :: refinable_t
          class(refinable_t), intent(inout) :: self

@@ -1,4 +1,5 @@
-!> Hill's problem without its eigenvalues: the solution of x' = A(t) x for disturbances, by products of x with harmonics of the motion.
+!> Hill's problem without its eigenvalues: the solution of x' = A(t) x for disturbances, by products of x with harmonics of the
+!> motion.
 !>
 !> With A a series in the phases tau = omega t, the products x cos(k.tau) and x sin(k.tau) obey linear equations with constant
 !> coefficients, y' = H y, whose matrix is that of Hill. Of the solution exp(H t) y(0) the part of k = 0 is x(t), so that no

@@ -367,8 +367,8 @@ contains
       end if
    end function structure_has_matrices_of
 
-   !> Structure of matrices and parts that are a weight times those of this one less those of another: a derivative by a value of which the
-   !> two are neighbours.
+   !> Structure of matrices and parts that are a weight times those of this one less those of another: a derivative by a value of
+   !> which the two are neighbours.
    function structure_change_from(self, other, weight) result(change)
       class(structure_t), intent(in) :: self
       class(structure_t), intent(in) :: other

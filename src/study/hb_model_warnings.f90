@@ -17,7 +17,8 @@ module hb_model_warnings
 
 contains
 
-   !> Whether nothing drives the model: no load, no law that changes with tones, and no unknown tone that it would keep up by itself.
+   !> Whether nothing drives the model: no load, no law that changes with tones, and no unknown tone that it would keep up by
+   !> itself.
    pure logical function has_no_load(model)
       type(model_t), intent(in) :: model
       integer :: i
@@ -26,7 +27,8 @@ contains
                     .not. any([(allocated(model%laws(i)%law%modulation), i=1, size(model%laws))])
    end function has_no_load
 
-   !> Which speed of a structure or bearing stays where it is while the frequency of a tone moves, and what lets it follow; empty for none.
+   !> Which speed of a structure or bearing stays where it is while the frequency of a tone moves, and what lets it follow; empty
+   !> for none.
    function frozen_speed_text(plan, document) result(text)
       type(sweep_plan_t), intent(in) :: plan
       type(document_t), intent(inout) :: document                     !! that was read

@@ -1,8 +1,8 @@
 !> The columns of a result file: those of motions (hb_motion_columns), those that are found when a row, or the run, is complete, and
 !> the times of ranks.
 !>
-!> Going through them once lists the datasets of a file (`new_plan`); going through them again with a motion puts its values into the
-!> row of a point (`put_motion`).
+!> Going through them once lists the datasets of a file (`new_plan`); going through them again with a motion puts its values into
+!> the row of a point (`put_motion`).
 module hb_result_columns
    use hb_branches, only: left_branch
    use hb_error, only: annotate, error_t, fail
@@ -388,15 +388,15 @@ contains
    end function force_units
 
    !> Gives the unit that all degrees of freedom share, or the name of the attribute that lists them.
-   pure function common_units(units) result(common)
+   pure function common_units(units) result(shared)
       character(*), intent(in) :: units(:)
-      character(:), allocatable :: common
+      character(:), allocatable :: shared
 
-      common = "see dof_units"
+      shared = "see dof_units"
       if (size(units) == 0) then
-         common = "1"
+         shared = "1"
       else if (all(units == units(1))) then
-         common = trim(units(1))
+         shared = trim(units(1))
       end if
    end function common_units
 end module hb_result_columns

@@ -1,5 +1,5 @@
-!> The verdict of a time integration on the motion from which it starts, decided period by period from two numbers: how far the time integration is from
-!> the motion, and how far it is from a second time integration that began very close to it.
+!> The verdict of a time integration on the motion from which it starts, decided period by period from two numbers: how far the time
+!> integration is from the motion, and how far it is from a second time integration that began very close to it.
 !>
 !> The distance of both time integrations grows where the motion is unstable, however exact it is, and falls by the decay of what
 !> the start lacked where it is stable. So growth is checked first, and differences count when the transient has decayed.

@@ -1,8 +1,8 @@
 !> Locked tones: whether a model with several tones ends in a periodic motion when it is followed through time.
 !>
 !> Where two tones lock, the motion is periodic, and there is no torus: a search for one diverges, or ends in
-!> harmonics that the set does not have. Time integration shows it. The record counts as periodic when multiples of one frequency carry
-!> all of its power; a beat, however slow, takes from that before its period is as long as twenty records.
+!> harmonics that the set does not have. Time integration shows it. The record counts as periodic when multiples of one frequency
+!> carry all of its power; a beat, however slow, takes from that before its period is as long as twenty records.
 module hb_locking
    use hb_birkhoff, only: bump_weights, coefficients_at
    use hb_error, only: error_t

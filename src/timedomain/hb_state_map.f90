@@ -1,7 +1,7 @@
 !> The map of the state of a motion, and of neighbouring states, over a time, by time integration.
 !>
-!> States are scaled by the amplitude and the speed of the motion. Methods follow events, so that a difference of two time integrations
-!> includes the effect of impacts and reversals on a disturbance (saltation).
+!> States are scaled by the amplitude and the speed of the motion. Methods follow events, so that a difference of two time
+!> integrations includes the effect of impacts and reversals on a disturbance (saltation).
 module hb_state_map
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
@@ -23,7 +23,7 @@ module hb_state_map
    real(wp), parameter :: finer = 1.0e-4_wp ! that of time integration relative to that of what is made of it
    integer, parameter :: steps_a_radian = 20                          ! of the fastest motion, likewise
    real(wp), parameter :: usual_looks = 1500.0_wp                     ! at the motion in a period, with variable steps
-   real(wp), parameter :: looks_a_radian = 15.0_wp                    ! of the fastest mode, whose stability limits these steps: 15 on
+   real(wp), parameter :: looks_a_radian = 15.0_wp                  ! of the fastest mode, whose stability limits these steps: 15 on
                                                                       ! a beam of 8 degrees of freedom
                                                                       ! (test_hb_integrated_propagation)
    real(wp), parameter :: smallest_scale = 0.1_wp                     ! of one unknown, relative to the largest of its kind: what

@@ -52,9 +52,9 @@ module hb_verification
       integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics)
       real(wp), allocatable :: omega(:)                               !! [rad/s], (n_tones)
       complex(wp), allocatable :: amplitudes(:, :)                    !! cos - i sin [m], (n_harmonics, n_dofs)
-      real(wp) :: estimate = 0.0_wp                                   !! by truncation and aliasing together, relative; NaN: not known
+      real(wp) :: estimate = 0.0_wp                                 !! by truncation and aliasing together, relative; NaN: not known
       real(wp), allocatable :: frequency_estimates(:)                 !! [rad/s], (n_tones); NaN: not known
-      logical :: is_averaged = .false.                                !! it was found by time integration, as averages in a given set
+      logical :: is_averaged = .false.                               !! it was found by time integration, as averages in a given set
       real(wp) :: spread = 0.0_wp                                     !! of these averages, relative
    end type claim_t
 
@@ -92,7 +92,7 @@ module hb_verification
       real(wp), allocatable :: scale(:), speed(:)                     !! [m], [m/s], (n_dofs)
       real(wp), allocatable :: distance(:)                            !! logarithm, after each stretch
       real(wp), allocatable :: ratio(:)                               !! of difference and limit, in each period
-      real(wp) :: estimate, share                                     !! of the motion, relative; how much larger it is of velocities
+      real(wp) :: estimate, share                                    !! of the motion, relative; how much larger it is of velocities
       real(wp) :: expected                                            !! difference in the last periods
       real(wp) :: moved_back = 0.0_wp                                 !! logarithm of all that the other was brought back by
    end type pair_t

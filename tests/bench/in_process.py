@@ -3,8 +3,8 @@
 usage: python tests/bench/in_process.py        prints a table; NHBM_LIBRARY names the library, else that of build/release is taken
 
 The Duffing oscillator of order 7 from the motion before, its frequency moved by 1e-4 at each point: least and median time of the
-processor of 5,000 points, error estimate included. Then the same at 4,096 samples with laws of the catalogue, NumPy and (if it is there)
-Numba.
+processor of 5,000 points, error estimate included. Then the same at 4,096 samples with laws of the catalogue, NumPy and (if it is
+there) Numba.
 """
 
 from __future__ import annotations

@@ -18,14 +18,16 @@ from nhbm import Model, Session  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 INCLUDES = [f"-I{ROOT / 'src' / folder}" for folder in ("api", "laws")]
-DUFFING = """&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0, damping_mass = 0.1 /
+DUFFING = """&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0
+   ground_stiffness = 1.0, damping_mass = 0.1 /
 &tones frequency = 0.9 /
 &load dof = 'x1', tuple = 1, cos = 0.3 /
 &law type = 'cubic_spring', label = 'spring', dof = 'x1', stiffness = 0.5 /
 """
 STOP = DUFFING.replace("type = 'cubic_spring'", "type = 'elastic_stop', gap = 0.2").replace("= 0.5 /", "= 20.0 /")
 FRICTION = (  # under a load that makes it slip and stick
-    "&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0, damping_mass = 0.05 /\n"
+    "&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, "
+    "ground_stiffness = 1.0, damping_mass = 0.05 /\n"
     "&tones frequency = 1.1 /\n&harmonics order = 15 /\n&load dof = 'x1', tuple = 1, cos = 0.5 /\n"
 )
 

@@ -3,9 +3,9 @@
     python tests/cases/page_runner.py PAGE ...      writes the pictures that pages make and show into docs/pictures
 
 A block whose first line is a comment with the name of a file alone is written to that file. Other blocks run in their order:
-`python` and `{code-cell}` in one interpreter for the page, `console` with bash, a command behind each `$`. What stands below a command,
-and in a block `text` below Python, must be printed: line by line in this order, `...` for anything, numbers with a point to 2e-3;
-estimates, which are those with an exponent and two digits at most, to a factor of ten; below 1e-6 all are the same.
+`python` and `{code-cell}` in one interpreter for the page, `console` with bash, a command behind each `$`. What stands below a
+command, and in a block `text` below Python, must be printed: line by line in this order, `...` for anything, numbers with a point
+to 2e-3; estimates, which are those with an exponent and two digits at most, to a factor of ten; below 1e-6 all are the same.
 """
 
 from __future__ import annotations

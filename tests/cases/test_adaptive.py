@@ -313,7 +313,7 @@ def test_what_shorter_steps_change_is_the_error_of_a_motion(tmp_path):
 
 @pytest.mark.long
 def test_tones_near_sixteen_to_five_are_within_the_tolerance(tmp_path):
-    """16 w1 - 5 w2 is small, so that the combination (4, -2), nearly in resonance under light damping, has a neighbour (20, -7) that
+    """16 w1 - 5 w2 is small: the combination (4, -2), nearly in resonance under light damping, has a neighbour (20, -7) that
     carries 9e-3 of the motion."""
     model = """
 &structure type = 'matrices', n_dofs = 1, mass = 1.9139, damping = 0.0131, stiffness = 1.7880 /

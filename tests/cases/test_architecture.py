@@ -323,7 +323,9 @@ def test_groups_of_studies_are_read_by_studies(path):
     """What solves one motion takes what it needs as arguments; a caller without an input gets the same."""
     if layer_of(path) in ("study", "api"):
         return
-    looked_up = re.findall(r"%\s*(?:count|group|optional_group|required_group)\(\"(curve|sweep)\"", path.read_text(encoding="utf-8"))
+    looked_up = re.findall(
+        r"%\s*(?:count|group|optional_group|required_group)\(\"(curve|sweep)\"", path.read_text(encoding="utf-8")
+    )
     assert not looked_up
 
 

@@ -57,7 +57,9 @@ def test_derivatives_count_the_table():
     ({"speed": 4.5}, "4.5 rad/s lies outside of the table, 1.0 to 4.0"),
 ])  # fmt: skip
 def test_mistakes_name_the_key(keys, message):
-    model = nhbm.Model(nhbm.Matrices(mass=np.eye(2), damping=np.zeros((2, 2)), stiffness=np.eye(2), labels=["bx", "by"]), tones=[1.0])
+    model = nhbm.Model(
+        nhbm.Matrices(mass=np.eye(2), damping=np.zeros((2, 2)), stiffness=np.eye(2), labels=["bx", "by"]), tones=[1.0]
+    )
     model.load("bx", 1, cos=1.0)
     model.bearing(**{"dofs": ["bx", "by"], "speeds": SPEEDS, "stiffness": STIFFNESS, "speed": 1.5, **keys})
     with pytest.raises(nhbm.ModelError, match=message):

@@ -120,7 +120,9 @@ def test_the_page_has_the_tables():
 def test_the_program_has_the_table(tmp_path):
     rows = [line for line in (SRC / "input_keys.txt").read_text().splitlines() if line and not line.startswith("#")]
     assert run("keys", cwd=tmp_path).stdout.splitlines() == rows
-    assert run("keys", "Jenkins_2d |", cwd=tmp_path).stdout.splitlines() == [row for row in rows if row.startswith("law jenkins_2d |")]
+    assert run("keys", "Jenkins_2d |", cwd=tmp_path).stdout.splitlines() == [
+        row for row in rows if row.startswith("law jenkins_2d |")
+    ]
 
 
 def test_a_key_has_one_row():

@@ -1,4 +1,4 @@
-"""Parts of another stiffness for each frequency, against closed forms and against springs and dampers with a coordinate of their own."""
+"""Parts of another stiffness for each frequency, against closed forms and springs and dampers with coordinates of their own."""
 
 import numpy as np
 import pytest
@@ -88,7 +88,10 @@ def test_curves_have_the_peak_of_the_closed_form():
 @pytest.mark.parametrize("keys, message", [
     ({"kind": "tabel", "dof": "x1"}, "did you mean 'table'"),
     ({"kind": "maxwell", "dof": "x1", "moduli": [1.0]}, "missing key 'times'"),
-    ({"kind": "table", "dof": "x1", "frequencies": [2.0, 1.0], "storage": [1.0, 1.0], "loss": [0.0, 0.0]}, "greater than the one before"),
+    (
+        {"kind": "table", "dof": "x1", "frequencies": [2.0, 1.0], "storage": [1.0, 1.0], "loss": [0.0, 0.0]},
+        "greater than the one before",
+    ),
     ({"kind": "table", "dof": "x1", "frequencies": [0.0, 1.0], "storage": [1.0, 1.0], "loss": [0.1, 0.0]}, "must be 0 at"),
     ({"kind": "delay", "dof": "x9", "delay": 1.0}, "unknown degree of freedom 'x9'"),
     ({"kind": "delay", "dof": ["x1", "x1"], "weights": [1, 2], "delay": 1.0}, "named twice"),

@@ -33,7 +33,8 @@ def test_derivatives_by_default_are_those_of_the_motion():
 
 
 def test_responses_have_the_derivatives_of_differences():
-    model = nhbm.Model(nhbm.Chain(n_masses=2, ends="free", mass=1.0, coupling_stiffness=2.0, ground_stiffness=1.0, damping_mass=0.1),
+    model = nhbm.Model(nhbm.Chain(n_masses=2, ends="free", mass=1.0, coupling_stiffness=2.0, ground_stiffness=1.0,
+                                  damping_mass=0.1),
                        tones=[1.3, 2.1])  # fmt: skip
     model.load("x1", (1, 0), cos=0.8)
     model.load("x2", (0, 1), cos=0.3)
@@ -70,7 +71,11 @@ def test_files_have_derivatives(tmp_path):
 
 
 def test_values_without_derivatives_are_refused():
-    for path, reason in (("damper.gap", "has no number"), ("harmonics%order", "no number of &structure"), ("load(1)%dof", "has no number")):
+    for path, reason in (
+        ("damper.gap", "has no number"),
+        ("harmonics%order", "no number of &structure"),
+        ("load(1)%dof", "has no number"),
+    ):
         with pytest.raises(nhbm.ModelError, match=reason):
             damper().gradient("x1 (1)", [path])
 
@@ -86,7 +91,9 @@ def test_motions_by_time_integration_have_none():
 
 def test_a_hundred_derivatives_take_less_than_a_motion():
     """Of a chain of 50 masses with a stop at each, by the gaps and the stiffnesses of all."""
-    model = nhbm.Model(nhbm.Chain(n_masses=50, ends="fixed-free", mass=1.0, coupling_stiffness=100.0, damping_mass=0.02), tones=[1.0])
+    model = nhbm.Model(
+        nhbm.Chain(n_masses=50, ends="fixed-free", mass=1.0, coupling_stiffness=100.0, damping_mass=0.02), tones=[1.0]
+    )
     model.load("x50", 1, cos=0.1)
     for k in range(1, 51):
         model.law("elastic_stop", f"x{k}", gap=0.01 + 0.001 * k, stiffness=5.0, label=f"stop{k}")

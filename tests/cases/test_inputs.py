@@ -43,7 +43,9 @@ def test_input_gives_what_it_promises(source, tmp_path):
     assert not problems, "\n".join(problems)
 
 
-@pytest.mark.parametrize(("name", "least"), [pytest.param("random_contact_beam", 8, marks=pytest.mark.long), ("random_contact_mass", 5)])
+@pytest.mark.parametrize(
+    ("name", "least"), [pytest.param("random_contact_beam", 8, marks=pytest.mark.long), ("random_contact_mass", 5)]
+)
 def test_some_of_the_random_problems(name, least, tmp_path):
     """Of every twentieth of 200 problems as large a share is solved by the balance alone as of all."""
 
@@ -64,7 +66,9 @@ DOUBTFUL = ("at_rest.nml", "at_rest_wall.nml", "close_tones.nml", "random_contac
 def checked(file):
     """The doubtful ones and the first of each folder; others are read as well when they are solved."""
     is_first = file == min(other for other in FILES if other.parent == file.parent)
-    return pytest.param(file, id=f"{file.parent.name}/{file.name}", marks=[] if is_first or file.name in DOUBTFUL else [pytest.mark.long])
+    return pytest.param(
+        file, id=f"{file.parent.name}/{file.name}", marks=[] if is_first or file.name in DOUBTFUL else [pytest.mark.long]
+    )
 
 
 @pytest.mark.parametrize("source", [checked(file) for file in FILES])

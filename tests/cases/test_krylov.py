@@ -13,8 +13,8 @@ FILES = sorted([*INPUTS.glob("paper/*.nml"), *INPUTS.glob("gallery/*.nml")])
 
 # Of the largest coefficient of a point; both solvers stop at a residual of 1e-12.
 SAME_POINT = 1e-10
-# Points of curves that are located, such as peaks, are where a function of the motion is zero as far as that is reported; steps of a
-# branch that begins at one are counted from there. Along the curve they may differ by more, not across it.
+# Points of curves that are located, such as peaks, are where a function of the motion is zero as far as that is reported; steps of
+# a branch that begins at one are counted from there. Along the curve they may differ by more, not across it.
 SAME_EVENT = 1e-8
 # Seconds each, beside others of their kind: curves apart and behind branch points, limit cycles that are driven or rub.
 LONG_CURVES = ("subharmonic_isola", "van_der_pol_torus", "beam_stop_peak", "stops_both_sides", "symmetry_breaking")

@@ -47,9 +47,9 @@ def test_each_failure_is_told_once_with_a_command_that_works(tmp_path):
     assert 1 <= len(told) <= 3 and "'stop' is 10000 times stiffer" in told[0] and "others" in told[0], done.stdout
     assert "13 out of budget: the limit was reached before the tolerance (first: point 7)" in done.stdout
     tried = commands(done.stdout)
-    assert any("solver%fallback=.true." in command for command in tried), done.stdout
-    for command in tried:
-        words = shlex.split(command)
+    assert any("solver%fallback=.true." in words for words in tried), done.stdout
+    for line in tried:
+        words = shlex.split(line)
         assert run("check", *[w for w in words[1:] if not w.endswith(".h5") and w != "-o"], cwd=tmp_path).status == ALL_CONVERGED
     assert commands(run("info", "case.h5", cwd=tmp_path).stdout) == tried
 

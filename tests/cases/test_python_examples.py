@@ -73,7 +73,9 @@ def test_samples_are_those_of_models_of_their_own(monkeypatch):
         model["stop.gap"], model["slider.limit"] = float(found["law_stop_gap"][k]), float(found["law_slider_limit"][k])
         curve = model.curve("tones[0]", 0.8, 1.4, peak_of="x1 (1)", tolerance=1e-3)
         assert float(curve.nhbm.amplitude("x1").max()) == pytest.approx(float(found["value"][k]), rel=5e-3)
-        assert float(found["at"][k]) == pytest.approx(float(curve["tones_frequency_1"][curve.nhbm.amplitude("x1").argmax("point")]), rel=5e-3)
+        assert float(found["at"][k]) == pytest.approx(
+            float(curve["tones_frequency_1"][curve.nhbm.amplitude("x1").argmax("point")]), rel=5e-3
+        )
 
 
 def test_fit_finds_the_stop_of_the_measurement():

@@ -120,8 +120,8 @@ def friction(q, p, states):
 
 @pytest.mark.parametrize("tones", [1, 2])
 def test_laws_with_memory_are_the_one_of_the_catalogue(tones, tmp_path):
-    """A slider in Python, in C and of the catalogue: the same motion to 1e-10; multipliers, which come from time integration without the
-    events of the catalogue's, within their estimates."""
+    """A slider in Python, in C and of the catalogue: the same motion to 1e-10; multipliers, which come from time integration
+    without the events of the catalogue's, within their estimates."""
     shutil.copy(ROOT / "inputs" / "user_law" / "friction.c", tmp_path)
     subprocess.run(
         [shutil.which("cc"), *INCLUDES, "-shared", "-fPIC", "friction.c", "-o", "friction.so", "-lm"], cwd=tmp_path, check=True
@@ -180,7 +180,8 @@ def test_faults_of_laws_are_raised():
         while True:
             time.sleep(0.01)
 
-    for law, fault, text in ((raises, RuntimeError, "out of range"), (wrong_shape, ModelError, "'wrong_shape' gives forces of shape"),
+    for law, fault, text in ((raises, RuntimeError, "out of range"),
+                             (wrong_shape, ModelError, "'wrong_shape' gives forces of shape"),
                              (lambda q, v, p, x: q, ModelError, "1 to 3 arguments"),
                              (lambda q: None, ModelError, "'<lambda>' gives forces that are None"),
                              (lambda q: 1j * q, ModelError, "gives forces that are complex"),

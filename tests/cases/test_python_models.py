@@ -35,7 +35,7 @@ def test_values_are_set_by_path_and_by_handle():
 
 
 def test_inputs_go_both_ways():
-    """The complete input of a model gives the same model, with values set since and laws of Python; &sweep of a file is left out."""
+    """The complete input of a model gives the same model, with values set since and laws in Python; &sweep is left out."""
     model = duffing(spring=cubic)
     model.law(cubic, "x1")
     model["tones[0]"] = 0.95

@@ -28,7 +28,8 @@ def two_models(tmp_path):
     compiler = shutil.which("cc") or pytest.skip("no C compiler")
     program = tmp_path / "two_models"
     folders = [f"-I{ROOT / 'src' / folder}" for folder in ("api", "laws")]
-    subprocess.run([compiler, "-g", "-pthread", *folders, SUPPORT / "two_models.c", LIBRARY, f"-Wl,-rpath,{LIBRARY.parent}", "-o", program],
+    subprocess.run([compiler, "-g", "-pthread", *folders, SUPPORT / "two_models.c", LIBRARY,
+                    f"-Wl,-rpath,{LIBRARY.parent}", "-o", program],
                    check=True)  # fmt: skip
     return program
 
@@ -42,6 +43,7 @@ def test_two_threads_find_what_one_finds(two_models):
 @pytest.mark.long
 def test_a_race_detector_sees_nothing(two_models):
     valgrind = shutil.which("valgrind") or pytest.skip("valgrind is not installed")
-    done = subprocess.run([valgrind, "--tool=helgrind", f"--suppressions={SUPPORT / 'helgrind.supp'}", "--error-exitcode=9", two_models],
+    done = subprocess.run([valgrind, "--tool=helgrind", f"--suppressions={SUPPORT / 'helgrind.supp'}", "--error-exitcode=9",
+                           two_models],
                           capture_output=True, text=True, env={**os.environ, "OPENBLAS_NUM_THREADS": "1"})  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]

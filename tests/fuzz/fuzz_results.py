@@ -18,7 +18,15 @@ import tempfile
 import time
 from pathlib import Path
 
-LAST_WORDS = ("corrupted", "double free", "free()", "malloc()", "munmap_chunk()", "realloc()", "Fatal glibc error")  # of the C library
+LAST_WORDS = (
+    "corrupted",
+    "double free",
+    "free()",
+    "malloc()",
+    "munmap_chunk()",
+    "realloc()",
+    "Fatal glibc error",
+)  # of the C library
 
 
 def damaged(good: bytes, generator: random.Random) -> bytes:

@@ -113,7 +113,12 @@ def changes(start: str, code: str, begin: int):
         yield at, "-", [""], "sign"
     for match in each(r"(?<![\w=<>/*])= (?=[a-z(])"):  # a result with the other sign; does not build where it is no number
         is_zero = not re.search(r"[^0. ,()]", re.sub(r"_wp", "", code[match.end() :]))  # has no other sign
-        if begin == 0 and not is_zero and not start.startswith(("do ", "if (", "allocate", "where", "forall", "call")) and "=>" not in code:
+        if (
+            begin == 0
+            and not is_zero
+            and not start.startswith(("do ", "if (", "allocate", "where", "forall", "call"))
+            and "=>" not in code
+        ):
             yield match.start(), "= ", ["= -"], "sign"
     relations = {"<": ["<=", ">"], ">": [">=", "<"], "<=": ["<", ">="], ">=": [">", "<="], "==": ["/="], "/=": ["=="]}
     for match in each(r"(?<= )(<=|>=|==|/=|<|>)(?= )"):
@@ -127,7 +132,9 @@ def changes(start: str, code: str, begin: int):
         yield match.start(1), match[1], [others[match[1]]], "operator"
     is_steering = "parameter" in start.split("::")[0] and "::" in start
     for match in each(NUMBER):
-        if re.search(r"((kind|unit|len)\s*=\s*|\b(huge|tiny|epsilon|ieee_value)\()$", code[: match.start(1)]):  # of these the kind counts
+        if re.search(
+            r"((kind|unit|len)\s*=\s*|\b(huge|tiny|epsilon|ieee_value)\()$", code[: match.start(1)]
+        ):  # of these the kind counts
             continue
         yield match.start(1), match[1], other_numbers(match[1]), "steering constant" if is_steering else "constant"
     if begin == 0:

@@ -77,7 +77,7 @@ class Case:
 
 
 def hold(library, folder: Path, seed: int, number: int, workflow: Workflow, n_integrations: int, limit: float = 120.0) -> Case:
-    """Runs workflow `number` in `folder` and looks at all its points; at none where that takes more than `limit` processor seconds."""
+    """Runs workflow `number` in `folder` and looks at all its points; at none where that takes over `limit` processor seconds."""
     source = folder / f"workflow_{seed}_{number}.nml"
     result = source.with_suffix(".h5")
     source.write_text(f"! tests/workflows --seed {seed} --first {number} --count 1: {workflow.title}\n" + workflow.text())

@@ -296,7 +296,7 @@ def response(model, dofs, forces, w):
 
 
 def largest_difference(full, small, names, up_to):
-    """Of the motion of the kept degrees of freedom under forces at these and the loads, at frequencies that nothing was tuned to."""
+    """Of the motion of the kept degrees of freedom under forces at these and the loads, at frequencies nothing was tuned to."""
     worst = 0.0
     for w in up_to * np.array([0.0123, 0.257, 0.533, 0.871, 0.997]):
         answers = []
@@ -318,7 +318,8 @@ def long_chain():
     n = 300
     stiffness = sp.diags([np.r_[np.full(n - 1, 2.0), 1.0], -np.ones(n - 1), -np.ones(n - 1)], [0, 1, -1]).tocsr()
     mass = sp.diags(1.0 + 0.1 * (np.arange(n) % 5)).tocsr()
-    return Structure(mass=mass, stiffness=stiffness, damping=1e-2 * stiffness + 1e-4 * mass, labels=[f"n{i + 1}.z" for i in range(n)],
+    return Structure(mass=mass, stiffness=stiffness, damping=1e-2 * stiffness + 1e-4 * mass,
+                     labels=[f"n{i + 1}.z" for i in range(n)],
                  node_numbers=np.arange(1, n + 1), coordinates=np.zeros((n, 3)), dof_node=np.arange(n), dof_direction=["z"] * n,
                  loads={"all": (np.arange(n), np.ones(n))})  # fmt: skip
 

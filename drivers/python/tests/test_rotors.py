@@ -50,7 +50,7 @@ def pinned(length, diameter, n, support=1e12, **keys):
 
 def test_thick_shaft_has_the_frequency_of_timoshenko():
     """Pinned: with n = k pi/L, G k' and rho: (rho/(k'G)) rho I w**4 - (rho A + (rho I)(1 + E/(k'G)) n**2) w**2 + E I n**4 = 0."""
-    length, diameter, young, density, poisson = 1.0, 0.2, 2.1e11, 7850.0, 0.3
+    length, diameter, young, density = 1.0, 0.2, 2.1e11, 7850.0
     second, area = np.pi * diameter**4 / 64, np.pi * diameter**2 / 4
     shear = young / 2.6 * 6 * 1.3 / (7 + 6 * 0.3)
     n = np.pi / length

@@ -298,9 +298,13 @@ class Accessor:
             raise KeyError("there is no column 'gradient'; the group &gradient asks for it: model.set('gradient', by=[...])")
         if tuple_ is not None:
             weight = self.harmonic(dof, tuple_)
-            return (np.conj(weight) * self.harmonic(dof, tuple_, "gradient")).real / abs(weight)
+            slope: Any = (weight.conj() * self.harmonic(dof, tuple_, "gradient")).real / abs(weight)
+            return slope  # type: ignore[no-any-return]
         if "point" in self._dataset.dims:
-            return xr.concat([self._dataset.isel(point=[k]).squeeze("point").nhbm.gradient(of) for k in range(self._dataset.sizes["point"])], "point")
+            points = range(self._dataset.sizes["point"])
+            parts = [self._dataset.isel(point=[k]).squeeze("point").nhbm.gradient(of) for k in points]
+            joined: xr.DataArray = xr.concat(parts, "point")
+            return joined
         return self._slope_of_largest(dof)
 
     def _slope_of_largest(self, dof: str) -> xr.DataArray:
@@ -316,8 +320,9 @@ class Accessor:
                 at -= float((rates * (sin * c - cos * s)).sum()) / curvature
         c, s = np.cos(rates * at), np.sin(rates * at)
         slopes = data["gradient"].where(self._in_use(), 0.0)
-        found: xr.DataArray = (slopes.sel(component="cos", drop=True) * c + slopes.sel(component="sin", drop=True) * s).sum("harmonic")
-        return found * np.sign(float((cos * c + sin * s).sum()))
+        waves = slopes.sel(component="cos", drop=True) * c + slopes.sel(component="sin", drop=True) * s
+        found: xr.DataArray = waves.sum("harmonic") * float(np.sign(float((cos * c + sin * s).sum())))
+        return found
 
     def plot(self, of: str | None = None, ax: Any = None) -> Any:
         """Draws the motion of a degree of freedom over time, or a response of curves and sweeps over what varies.

@@ -22,8 +22,8 @@ from nhbm.session import Session, input_keys
 from nhbm.structure import Structure
 
 GROUPS = (
-    "structure", "bearing", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode", "solver", "certificate",
-    "stability",
+    "structure", "bearing", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode",
+    "solver", "certificate", "stability",
     "output", "integration", "accuracy", "curve", "tie", "gradient",
 )  # fmt: skip
 _IN_MEMORY = "structure in memory"
