@@ -4,6 +4,7 @@ module hb_model_reader
    use hb_bearing, only: read_bearing
    use hb_document, only: document_t, parameter_t, tie_t
    use hb_error, only: annotate, error_t
+   use hb_fe_model, only: fe_model_source_t
    use hb_floquet, only: floquet_t
    use hb_frequency_part_input, only: read_frequency_part
    use hb_integration_config, only: read_integration
@@ -116,11 +117,7 @@ contains
       type(properties_t), pointer :: group
 
       call read_solver(self, document%optional_group("solver"))
-      call document%required_group("structure", group, error)
-      if (allocated(error)) return
-      call read_structure(group, self%structure, error, self%memory_limit, self%callbacks%fe_models)
-      if (allocated(error)) return
-      call read_parts_beside(self%structure, document, error)
+      call read_whole_structure(self%structure, document, error, self%memory_limit, self%callbacks%fe_models)
       if (allocated(error)) return
       self%may_integrate = document%count("dynamic_stiffness") == 0
       call read_tones(self%tones, document, error)
@@ -176,13 +173,20 @@ contains
          self%callbacks%share_of_integration*self%integration%work_limit
    end subroutine read_parts
 
-   !> Reads all `&bearing` and `&dynamic_stiffness` into a structure; `error` is a kind that is not known.
-   subroutine read_parts_beside(structure, document, error)
-      type(structure_t), intent(inout) :: structure
+   !> Reads `&structure`, and all `&bearing` and `&dynamic_stiffness` into it; `error` is what stops the reading.
+   subroutine read_whole_structure(structure, document, error, memory_limit, fe_models)
+      type(structure_t), intent(out) :: structure
       type(document_t), intent(inout), target :: document
       type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in) :: memory_limit                            !! bytes
+      class(fe_model_source_t), intent(in), allocatable :: fe_models  !! for structures of type `model`
+      type(properties_t), pointer :: group
       integer :: i
 
+      call document%required_group("structure", group, error)
+      if (allocated(error)) return
+      call read_structure(group, structure, error, memory_limit, fe_models)
+      if (allocated(error)) return
       do i = 1, document%count("bearing")
          call read_bearing(document%group("bearing", i), structure)
       end do
@@ -190,7 +194,7 @@ contains
          call read_frequency_part(document%group("dynamic_stiffness", i), structure, error)
          if (allocated(error)) return
       end do
-   end subroutine read_parts_beside
+   end subroutine read_whole_structure
 
    !> Improvement steps need sets and tones that are given.
    subroutine check_improvement(self, group)
@@ -243,15 +247,10 @@ contains
       type(document_t), intent(inout), target :: document
       logical, intent(out) :: is_read
       type(structure_t) :: other
-      type(properties_t), pointer :: group
       type(error_t), allocatable :: error
 
       is_read = .false.
-      call document%required_group("structure", group, error)
-      if (allocated(error)) return
-      call read_structure(group, other, error, self%memory_limit, self%callbacks%fe_models)
-      if (allocated(error)) return
-      call read_parts_beside(other, document, error)
+      call read_whole_structure(other, document, error, self%memory_limit, self%callbacks%fe_models)
       if (allocated(error)) return
       associate (structure => self%structure)
          if (other%n_dofs /= structure%n_dofs) return
