@@ -129,12 +129,16 @@ class RotorStator(Builder):
     type = "rotor_stator"
 
 
+def _full(matrix: Any) -> Any:
+    return np.asarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix, dtype=float)
+
+
 class Matrices(Builder):
-    """Small full matrices; Structure takes sparse ones.
+    """Small full matrices; Structure keeps large sparse ones as they are.
 
     Parameters
     ----------
-    mass, stiffness, damping : array_like
+    mass, stiffness, damping : array_like or sparse matrix
         [kg], [N/m], [N s/m], (n_dofs, n_dofs).
     **keys
         Further keys of &structure type = 'matrices', such as `labels`.
@@ -143,9 +147,9 @@ class Matrices(Builder):
     type = "matrices"
 
     def __init__(self, mass: Any, stiffness: Any, damping: Any = None, **keys: Any) -> None:
-        mass = np.atleast_2d(np.asarray(mass, dtype=float))
+        mass = np.atleast_2d(_full(mass))
         more = {
-            name: np.asarray(m, dtype=float).ravel()
+            name: _full(m).ravel()
             for name, m in (("stiffness", stiffness), ("damping", damping))
             if m is not None
         }

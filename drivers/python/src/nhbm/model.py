@@ -648,8 +648,8 @@ class Model:
     def _live(self, tolerance: float | None = None, order: int | None = None,
               more: dict[str, dict[str, Any]] | None = None) -> _Live:  # fmt: skip
         """The session with that tolerance or order and keys of further groups, made once, with the present values."""
-        self._used = tolerance, order, repr(more or "")
-        if self._used not in self._sessions:
+        used = tolerance, order, repr(more or "")
+        if used not in self._sessions:
             session = Session(self._find_structure)
             session.read(self._text(tolerance, order, more), self._name)
             for name, path, value in (("accuracy", "accuracy%tolerance", tolerance), ("harmonics", "harmonics%order", order)):
@@ -657,8 +657,8 @@ class Model:
                     session.set(path, value)
             if more is not None:  # one of them is kept
                 self._sessions = {key: live for key, live in self._sessions.items() if key[2] == repr("")}
-            self._sessions[self._used] = _Live(session)
-        live = self._sessions[self._used]
+            self._sessions[used] = _Live(session)
+        self._used, live = used, self._sessions[used]
         live.update(self._values)
         return live
 

@@ -41,7 +41,7 @@ class Structure:
 
     mass: sp.csr_matrix
     stiffness: sp.csr_matrix
-    labels: list[str]
+    labels: list[str] = None  # type: ignore[assignment]  # x1, x2, ...
     damping: sp.csr_matrix | None = None
     gyroscopic: sp.csr_matrix | None = None
     structural: sp.csr_matrix | None = None  # H
@@ -74,6 +74,8 @@ class Structure:
             matrix = sp.csr_matrix(matrix, dtype=float)
             matrix.sum_duplicates()
             setattr(self, name, matrix)
+        if self.labels is None:
+            self.labels = [f"x{i + 1}" for i in range(self.mass.shape[0])]
         if self.units is None:
             self.units = ["m"] * self.n_dofs
         if self.dof_node is None:
