@@ -21,7 +21,8 @@ hb_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 hb_venv=$hb_root/build/venv
 hb_status_packages=3 # exit status when packages are missing and may not be installed
 
-hb_say() { printf '\n==> %s\n' "$*"; }
+# Names a stage, with the time since the start of the script.
+hb_say() { printf '\n==> [%d:%02d min] %s\n' $((SECONDS / 60)) $((SECONDS % 60)) "$*"; }
 
 hb_fail() {
    printf '%s: %s\n' "${0##*/}" "$*" >&2
