@@ -3,6 +3,7 @@ module hb_curve_events
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_bifurcation, only: bifurcation_value
    use hb_curve, only: curve_t, event_t
+   use hb_curve_request, only: curve_kind, located_response_t
    use hb_grazing, only: extremes_of_switches
    use hb_kinds, only: wp
    use hb_model_problem, only: model_problem_t
@@ -13,7 +14,7 @@ module hb_curve_events
    implicit none
    private
    public :: bifurcation_event_t, branch_event_t, count_event_t, find_extremes, find_stability, fold_event_t, graze_event_t
-   public :: n_outside, peak_event_t, sharp, slope_at, square_at, value_event_t
+   public :: function_at, n_outside, response_event_t, sharp, square_at, value_event_t
 
    real(wp), parameter :: sharp = 1.0e-11_wp                          !! tolerance of functions and multipliers at events
 
@@ -41,13 +42,13 @@ module hb_curve_events
       type(model_problem_t), pointer :: problem => null()
    end type motion_event_t
 
-   !> Where a response does not change along the curve.
-   type, extends(motion_event_t) :: peak_event_t
-      type(response_t) :: response
-      real(wp) :: unit = 1.0_wp                                       ! of its square
+   !> Where the function of a response is zero.
+   type, extends(motion_event_t) :: response_event_t
+      type(located_response_t) :: response
+      real(wp) :: unit = 1.0_wp                                       ! of the function
    contains
-      procedure :: value => peak_event_value
-   end type peak_event_t
+      procedure :: value => response_event_value
+   end type response_event_t
 
    !> Where an extreme of a switch of a law is zero.
    type, extends(motion_event_t) :: graze_event_t
@@ -156,8 +157,8 @@ contains
       if (is_singular) value = 0.0_wp
    end function fold_event_value
 
-   real(wp) function peak_event_value(self, curve, x) result(value)
-      class(peak_event_t), intent(inout) :: self
+   real(wp) function response_event_value(self, curve, x) result(value)
+      class(response_event_t), intent(inout) :: self
       class(curve_t), intent(inout) :: curve
       real(wp), intent(in) :: x(:)
       real(wp) :: tangent(size(x)), determinant_sign
@@ -165,8 +166,8 @@ contains
 
       call curve%tangent_at(x, tangent, determinant_sign, is_singular)
       value = ieee_value(value, ieee_quiet_nan)
-      if (.not. is_singular) value = slope_at(self%problem, self%response, x, tangent)/self%unit
-   end function peak_event_value
+      if (.not. is_singular) value = function_at(self%problem, self%response, x, tangent)/self%unit
+   end function response_event_value
 
    real(wp) function branch_event_value(self, curve, x) result(value)
       class(branch_event_t), intent(inout) :: self
@@ -186,10 +187,38 @@ contains
       value = (x(size(x)) - self%wanted)/self%unit
    end function value_event_value
 
+   !> The function whose zeros are located: the slope of the square of a response along a direction, how far the square is from
+   !> the one requested, or the part of a harmonic that is in phase with its load.
+   real(wp) function function_at(problem, response, x, direction) result(value)
+      type(model_problem_t), intent(inout), target :: problem
+      type(located_response_t), intent(in) :: response
+      real(wp), intent(in) :: x(:), direction(:)
+      complex(wp) :: load, motion
+      complex(wp), allocatable :: c(:)
+      integer :: h
+
+      select case (response%kind)
+      case (curve_kind%amplitude)
+         value = square_at(problem, response, x) - response%amplitude**2
+      case (curve_kind%resonance)
+         call find_series(problem, response, x, c)
+         h = problem%model%harmonics%index_of(response%tuple)
+         motion = (0.0_wp, 0.0_wp)
+         if (size(c) > 0) motion = c(h)
+         associate (loads => problem%model%loads%of(h))
+            load = loads(maxloc(abs(loads), dim=1))
+         end associate
+         value = ieee_value(value, ieee_quiet_nan)
+         if (abs(load) > 0.0_wp) value = real(motion*conjg(load))/abs(load)
+      case default
+         value = slope_at(problem, response, x, direction)
+      end select
+   end function function_at
+
    !> Slope of the square of a response along a direction, by a difference of fourth order.
    real(wp) function slope_at(problem, response, x, direction) result(slope)
       type(model_problem_t), intent(inout), target :: problem
-      type(response_t), intent(in) :: response
+      class(response_t), intent(in) :: response
       real(wp), intent(in) :: x(:), direction(:)
       real(wp), parameter :: apart = 1.0e-3_wp
       real(wp) :: near, far
@@ -202,24 +231,36 @@ contains
    !> Square of a response.
    real(wp) function square_at(problem, response, x) result(square)
       type(model_problem_t), intent(inout), target :: problem
-      type(response_t), intent(in) :: response
+      class(response_t), intent(in) :: response
       real(wp), intent(in) :: x(:)
-      complex(wp), allocatable :: c(:, :)
+      complex(wp), allocatable :: c(:)
+
+      call find_series(problem, response, x, c)
+      square = 0.0_wp
+      if (size(c) > 0) square = response%of(problem%model%harmonics, c)
+   end function square_at
+
+   !> Amplitudes of the degree of freedom of a response; none where the parameters are refused.
+   subroutine find_series(problem, response, x, c)
+      type(model_problem_t), intent(inout), target :: problem
+      class(response_t), intent(in) :: response
+      real(wp), intent(in) :: x(:)
+      complex(wp), allocatable, intent(out) :: c(:)                   !! (n_harmonics)
+      complex(wp), allocatable :: motion(:, :)
       real(wp) :: u(problem%model%harmonics%n_coefficients, problem%n_dofs)
-      integer :: h, i
+      integer :: h
 
       associate (set => problem%model%harmonics)
-         i = response%column
-         if (i > 0) then
+         if (response%column > 0) then
             u = reshape(x(:size(u)), shape(u))
-            square = response%of(set, [(set%amplitude(u(:, i), h), h=1, set%n_harmonics)])
+            c = [(set%amplitude(u(:, response%column), h), h=1, set%n_harmonics)]
          else
-            call find_motion(problem, x, c)
-            square = 0.0_wp
-            if (allocated(c)) square = response%of(set, c(response%dof, :))
+            call find_motion(problem, x, motion)
+            allocate (c(0))
+            if (allocated(motion)) c = motion(response%dof, :)
          end if
       end associate
-   end function square_at
+   end subroutine find_series
 
    !> Stability of the motion at a point of the curve; without multipliers where they are not looked for, or not found.
    subroutine find_stability(problem, x, tolerance, stability, is_integrated)

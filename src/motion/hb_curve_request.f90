@@ -6,7 +6,7 @@ module hb_curve_request
    use hb_response, only: response_t
    implicit none
    private
-   public :: curve_kind, curve_kind_names, curve_request_t
+   public :: curve_kind, curve_kind_names, curve_request_t, located_response_t
 
    !> What a point of a curve is; numbers as in the result file.
    type :: curve_kind_t
@@ -22,14 +22,24 @@ module hb_curve_request
       integer :: torus = 9                                            !! a pair of them passes the unit circle: a tone joins
       integer :: split = 10                                           !! a multiplier passes 1, and nothing that is sought is there
       integer :: graze = 11                                           !! a contact begins or is never left any more
+      integer :: minimum = 12                                         !! of a response
+      integer :: amplitude = 13                                       !! a response has one that was requested
+      integer :: resonance = 14                                       !! a harmonic is a quarter of a period from its load
    end type curve_kind_t
    type(curve_kind_t), parameter :: curve_kind = curve_kind_t()
-   character(*), parameter :: curve_kind_names(0:11) = [character(7) :: "none", "regular", "start", "fold", "peak", "value", &
-      "end", "branch", "flip", "torus", "split", "graze"]
+   character(*), parameter :: curve_kind_names(0:14) = [character(9) :: "none", "regular", "start", "fold", "peak", "value", &
+      "end", "branch", "flip", "torus", "split", "graze", "minimum", "amplitude", "resonance"]
 
-   !> A peak or fold over a first value that is followed along a second one, in place of the motion itself.
+   !> A response, and what is located along curves by it.
+   type, extends(response_t) :: located_response_t
+      integer :: kind = curve_kind%peak                               !! or minimum, amplitude, resonance
+      real(wp) :: amplitude = 0.0_wp                                  !! that it shall have
+   end type located_response_t
+
+   !> A located point, such as a peak or fold over a first value, that is followed along a second one, in place of the motion
+   !> itself.
    type :: over_t
-      integer :: kind = curve_kind%peak                               !! or fold
+      integer :: kind = curve_kind%peak                               !! or another one
       type(moving_value_t) :: moving                                  !! the first value
       real(wp) :: from = 0.0_wp, to = 0.0_wp                          !! its range
    end type over_t
@@ -45,7 +55,7 @@ module hb_curve_request
       integer :: n_points = 0                                         !! at most
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes
       logical :: switches = .false.                                   !! at branch points: the other curve is followed as well
-      type(response_t), allocatable :: peaks(:)                       !! whose maxima are searched for
+      type(located_response_t), allocatable :: responses(:)
       type(curve_origin_t), allocatable :: origin                     !! if given: where the curve leaves another one, in place
                                                                       !! of a first motion at `start`
       type(over_t), allocatable :: over                               !! hb_motion_ridge

@@ -5,7 +5,7 @@ module hb_curve_step
    use hb_bifurcation, only: bifurcation, bifurcation_value, is_torus
    use hb_curve, only: event_t
    use hb_curve_events, only: bifurcation_event_t, branch_event_t, count_event_t, find_stability, fold_event_t, graze_event_t, &
-      n_outside, peak_event_t, sharp, square_at, value_event_t
+      n_outside, response_event_t, sharp, square_at, value_event_t
    use hb_curve_request, only: curve_kind
    use hb_followed_motion, only: at_end, followed_motion_t, known_t, most_tolerance_factor, waiting_t
    use hb_kinds, only: wp
@@ -199,7 +199,7 @@ contains
          if (self%is_rough) curve%corrector%tolerance = 10.0_wp*curve%corrector%tolerance    ! of many points
          call find_fold(self, search)
          if (has_branched) call find_branch(self, search)
-         call find_peaks(self, search)
+         call find_responses(self, search)
          call find_grazes(self, search)
          call find_bifurcations(self, search)
          call find_values(self, search)
@@ -240,25 +240,28 @@ contains
       if (is_found) call sharpen(self, bifurcation%branch, [0.0_wp, self%curve%last_step], is_there)
    end subroutine find_branch
 
-   !> Where a response is largest, also at a corner.
-   subroutine find_peaks(self, search)
+   !> Where a response is largest or smallest, also at a corner, has an amplitude, or is a quarter of a period from its load.
+   subroutine find_responses(self, search)
       class(followed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       integer :: i
       logical :: is_found
       real(wp) :: unit
 
-      do i = 1, size(self%request%peaks)
-         associate (response => self%request%peaks(i), slopes => [self%known%slopes(i), search%known%slopes(i)])
-            if (.not. (slopes(1) > 0.0_wp .and. slopes(2) <= 0.0_wp)) cycle
+      do i = 1, size(self%request%responses)
+         associate (response => self%request%responses(i), values => [self%known%functions(i), search%known%functions(i)])
+            if (.not. ((values(1) < 0.0_wp .and. values(2) >= 0.0_wp) .or. (values(1) > 0.0_wp .and. values(2) <= 0.0_wp))) cycle
+            if (response%kind == curve_kind%peak .and. values(1) < 0.0_wp) cycle
+            if (response%kind == curve_kind%minimum .and. values(1) > 0.0_wp) cycle
             unit = square_at(self%problem, response, self%curve%x)
+            if (response%kind == curve_kind%resonance) unit = sqrt(unit)
             if (.not. unit > 0.0_wp) cycle
-            call find(self, search, peak_event_t(curve_kind%peak, .true., rounding_of(self), self%problem, response, unit), &
-                      slopes/unit, is_found)
+            call find(self, search, response_event_t(response%kind, any(response%kind == [curve_kind%peak, curve_kind%minimum]), &
+                                                     rounding_of(self), self%problem, response, unit), values/unit, is_found)
             if (is_found) self%waiting(size(self%waiting))%response = i
          end associate
       end do
-   end subroutine find_peaks
+   end subroutine find_responses
 
    !> Where a contact begins, or is never left any more.
    subroutine find_grazes(self, search)

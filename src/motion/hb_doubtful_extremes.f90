@@ -1,4 +1,4 @@
-!> Folds and peaks of a curve that are smaller than the estimated errors of the motions around them: they are not reported.
+!> Folds, peaks and minima of a curve that are smaller than the estimated errors of the motions around them: they are not reported.
 module hb_doubtful_extremes
    use hb_curve, only: curve_t
    use hb_curve_events, only: square_at
@@ -27,7 +27,7 @@ module hb_doubtful_extremes
 
 contains
 
-   !> Drops the folds and peaks of the step that are smaller than the estimated error of the motion there.
+   !> Drops the folds, peaks and minima of the step that are smaller than the estimated error of the motion there.
    !>
    !> A truncated motion depends on where its samples lie relative to the kinks of laws, so that its curve is slightly wavy and
    !> turns back where the exact one does not. A maximum belongs to the motion where the curve falls on either side by more than
@@ -43,8 +43,9 @@ contains
       is_kept = .true.
       do i = self%first_waiting, size(self%waiting)
          associate (point => self%waiting(i), curve => self%curve)
-            if (.not. any(point%kind == [curve_kind%fold, curve_kind%peak])) cycle
+            if (.not. any(point%kind == [curve_kind%fold, curve_kind%peak, curve_kind%minimum])) cycle
             extreme = extreme_t(response=point%response, value=function_at(self, point%response, point%x))
+            if (point%kind == curve_kind%minimum) extreme%sense = -1.0_wp
             if (point%kind == curve_kind%fold) extreme%sense = sign(1.0_wp, curve%last_direction(size(point%x)))
             call raise_error(self, extreme, point%x, error)
             if (.not. allocated(error)) call raise_error(self, extreme, curve%last_x, error)
@@ -65,7 +66,7 @@ contains
       real(wp), intent(in) :: x(:)
 
       value = x(size(x))
-      if (response > 0) value = square_at(self%problem, self%request%peaks(response), x)
+      if (response > 0) value = square_at(self%problem, self%request%responses(response), x)
    end function function_at
 
    !> Takes the error of the function at a point near the extreme into account.
@@ -87,7 +88,7 @@ contains
          if (extreme%response == 0) then
             extreme%error = max(extreme%error, found%parameter_error)
          else if (allocated(found%refined)) then
-            associate (response => self%request%peaks(extreme%response))
+            associate (response => self%request%responses(extreme%response))
                extreme%error = max(extreme%error, abs(response%of(found%around, found%refined(response%dof, :)) &
                                                       - function_at(self, extreme%response, x)))
             end associate

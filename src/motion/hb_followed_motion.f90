@@ -6,7 +6,7 @@ module hb_followed_motion
    use hb_basis, only: whole_basis
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_curve, only: curve_config_t, curve_t, new_curve
-   use hb_curve_events, only: find_extremes, find_stability, slope_at
+   use hb_curve_events, only: find_extremes, find_stability, function_at
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_document, only: document_t
    use hb_error, only: error_t
@@ -49,10 +49,10 @@ module hb_followed_motion
       real(wp), allocatable :: x(:)
       type(stability_t), allocatable :: stability                     !! where that is known
       type(motion_result_t), allocatable :: result                    !! the results of it already
-      integer :: response = 0                                         !! that has its peak there, of those of the request
+      integer :: response = 0                                         !! that is located there, of those of the request
    end type waiting_t
 
-   !> A fold or peak that was reported.
+   !> A fold, peak or minimum that was reported.
    type :: reported_extreme_t
       integer :: response = 0                                         !! of the request; 0: a fold
       real(wp) :: length = 0.0_wp                                     !! of this way up to there
@@ -60,7 +60,7 @@ module hb_followed_motion
 
    !> What is known at the point of the curve, for events to compare with the end of the next step.
    type :: known_t
-      real(wp), allocatable :: slopes(:)                              !! of the squares of the responses along the curve
+      real(wp), allocatable :: functions(:)                           !! of the responses, hb_curve_events
       real(wp), allocatable :: extremes(:, :)                         !! of the switches of laws
       type(stability_t) :: stability                                  !! without multipliers where none are searched for
    end type known_t
@@ -155,9 +155,9 @@ contains
       self%weights = self%problem%x_scale
       call make_odd_problem(self, found, error)
       if (allocated(error)) return
-      do i = 1, size(self%request%peaks)
-         associate (peak => self%request%peaks(i))
-            peak%column = self%problem%stiffness%coordinates%number_of(peak%dof)
+      do i = 1, size(self%request%responses)
+         associate (response => self%request%responses(i))
+            response%column = self%problem%stiffness%coordinates%number_of(response%dof)
          end associate
       end do
    end subroutine followed_motion_put_on
@@ -411,8 +411,8 @@ contains
       type(known_t), intent(out) :: known
       integer :: i
 
-      associate (x => self%curve%x, peaks => self%request%peaks)
-         known%slopes = [(slope_at(self%problem, peaks(i), x, self%curve%direction), i=1, size(peaks))]
+      associate (x => self%curve%x, responses => self%request%responses)
+         known%functions = [(function_at(self%problem, responses(i), x, self%curve%direction), i=1, size(responses))]
          call find_stability(self%problem, x, self%problem%model%stability%tolerance, known%stability)
          call find_extremes(self%problem, x, known%extremes)
       end associate

@@ -266,8 +266,9 @@ contains
          "number of the branch point from which this part of the curve was followed, from 1; 0: from its start", place%branch)
       call t%real("curve_length", "1", "", "length of the curve from its start, "// &
          "in units of the range and of the largest motion; negative in the other direction", place%length)
-      call t%integer("curve_response", "1", "", "number of the response in 'peak_of' that has its peak there; 0: no peak", &
-         place%response)
+      call t%integer("curve_response", "1", "", "number of the response that is located there, of 'peak_of', 'minimum_of', "// &
+         "'amplitude_of' and 'resonance_of' together; 0: none", place%response)
+      call t%real("curve_over", "1", "", "value of 'over' in its unit, where a located point is followed, else 0", place%over)
       call t%integer("curve_n_unknowns", "1", "", "number of unknowns of the curve in use", n)
       call t%real("curve_unknowns", "1", "curve_unknown", "unknowns of the curve, the value last", place%unknowns)
       call t%real("curve_direction", "1", "curve_unknown", "tangent of the curve, where it continues from the point", &

@@ -238,9 +238,9 @@ contains
          self%curve%step = last%step
          self%curve%orientation = last%orientation
          self%largest = last%largest_motion
-         do i = size(stored), 2, -1                                   ! folds and peaks on the way of the last point
+         do i = size(stored), 2, -1                                   ! folds, peaks and minima on the way of the last point
             if (stored(i)%kind == curve_kind%start .or. stored(i)%length*last%length < 0.0_wp) exit
-            if (any(stored(i)%kind == [curve_kind%fold, curve_kind%peak])) &
+            if (any(stored(i)%kind == [curve_kind%fold, curve_kind%peak, curve_kind%minimum])) &
                self%reported = [self%reported, reported_extreme_t(stored(i)%response, abs(stored(i)%length))]
          end do
       end associate
@@ -285,7 +285,7 @@ contains
                self%request%values = [self%request%values, self%request%others(i)]
          end do
       end if
-      if (.not. allocated(self%request%peaks)) allocate (self%request%peaks(0))
+      if (.not. allocated(self%request%responses)) allocate (self%request%responses(0))
       self%waiting = [waiting_t ::]
       self%origins = [origin_t ::]
       self%met = [origin_t ::]
@@ -542,7 +542,9 @@ contains
       case (curve_kind%branch)
          if (self%request%switches .and. self%way <= 2) &
             self%origins = [self%origins, origin_t(.false., place%unknowns, place%direction, self%level)]
-      case (curve_kind%fold, curve_kind%peak)
+      case (curve_kind%amplitude, curve_kind%resonance)
+         place%response = point%response
+      case (curve_kind%fold, curve_kind%peak, curve_kind%minimum)
          place%response = point%response
          self%reported = [self%reported, reported_extreme_t(point%response, self%length + point%place)]
       case (curve_kind%flip, curve_kind%torus)
@@ -582,6 +584,6 @@ contains
       real(wp), intent(in) :: x(:)                                    !! its unknowns
 
       measure = 0.0_wp
-      if (size(self%request%peaks) > 0) measure = sqrt(square_at(self%problem, self%request%peaks(1), x))
+      if (size(self%request%responses) > 0) measure = sqrt(square_at(self%problem, self%request%responses(1), x))
    end function motion_curve_measure
 end module hb_motion_curve

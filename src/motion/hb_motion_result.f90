@@ -21,7 +21,8 @@ module hb_motion_result
       real(wp) :: orientation = 0.0_wp                  !! sign of the determinant at the end of a step; 0: not known
       real(wp) :: largest_motion = 0.0_wp               !! so far, relative to a typical one: the unit of lengths
       real(wp) :: angle = 0.0_wp                        !! of the pair of multipliers of a flip or torus [rad]
-      integer :: response = 0                           !! of the request, whose peak it is
+      integer :: response = 0                           !! of the request, that is located there
+      real(wp) :: over = 0.0_wp                         !! value of `over`, where a located point is followed
       integer, allocatable :: tuples(:, :)              !! set of the motion, (n_tones, n_harmonics); that of the model if none
       integer, allocatable :: n_samples(:)              !! of its grid, (n_tones); likewise
    end type curve_position_t

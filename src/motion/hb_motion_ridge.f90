@@ -1,6 +1,6 @@
-!> The maximum of a response, or a fold, continued over a second value of the input, such as a resonance peak over a gap.
+!> A located point of curves, such as a maximum, a fold or a bifurcation, continued over a second value of the input.
 !>
-!> At each of its points a curve along the first value is begun next to the point before, and followed to the peak or fold, which is
+!> At each of its points a curve along the first value is begun next to the point before, and followed to that point, which is
 !> located as on any curve. Steps of the second value grow where that is near and shrink where it is not found, or is another one.
 module hb_motion_ridge
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
@@ -41,7 +41,7 @@ module hb_motion_ridge
 
 contains
 
-   !> A curve as it is requested: of motions, or of their peaks or folds.
+   !> A curve as it is requested: of motions, or of points that are located on their curves.
    subroutine new_motion_curve(self, request)
       class(motion_curve_t), allocatable, intent(out) :: self
       type(curve_request_t), intent(in) :: request
@@ -53,7 +53,8 @@ contains
       end if
    end subroutine new_motion_curve
 
-   !> Follows a whole curve along the first value at the start of the second: its highest peak or first fold is where to begin.
+   !> Follows a whole curve along the first value at the start of the second: its highest peak, or first point of another kind, is where to
+   !> begin.
    subroutine motion_ridge_begin(self, model, document, request, result, error)
       class(motion_ridge_t), intent(inout), target :: self
       type(model_t), intent(inout) :: model                           !! at the start
@@ -84,14 +85,15 @@ contains
          if (.not. allocated(point%curve)) cycle                      ! where the curve was lost
          if (point%curve%kind /= request%over%kind) cycle
          measure = self%short%measure(point%curve%unknowns)
-         if (measure <= highest .or. (highest >= 0.0_wp .and. request%over%kind == curve_kind%fold)) cycle
+         if (measure <= highest .or. (highest >= 0.0_wp .and. request%over%kind /= curve_kind%peak)) cycle
          highest = measure
          result = point
+         call keep_direction(self, result)
       end do
       self%is_done = highest < 0.0_wp
       if (self%is_done) then
          if (result%status == outcome%converged) result%status = outcome%stalled
-         result%curve = curve_position_t(curve_kind%none, request%start)
+         result%curve = curve_position_t(curve_kind%none, request%start, over=self%inner%start)
          result%message = "no such point is on the curve from "//to_text(self%inner%from)//" to "//to_text(self%inner%to)
          return
       end if
@@ -133,7 +135,7 @@ contains
       self%inner%start = request%over%from
       self%inner%longest_step = request%longest_step
       self%inner%n_points = huge(1)
-      self%inner%peaks = request%peaks
+      self%inner%responses = request%responses
       self%inner%available_memory = request%available_memory
    end subroutine prepare
 
@@ -159,6 +161,7 @@ contains
       associate (place => result%curve)
          place%kind = kind
          place%parameter = value
+         place%over = place%unknowns(size(place%unknowns))
          place%length = self%length
          place%branch = 0
          place%step = self%step
@@ -246,8 +249,17 @@ contains
          place%direction = -place%direction
       end do
       if (allocated(error) .or. .not. is_found) return
+      call keep_direction(self, result)
       is_found = distance(motion_at(self, result%curve), motion_at(self, self%last), .false.) <= largest_change
    end subroutine try
+
+   !> Grazes and the like have no direction for curves to continue from; the ridge does.
+   subroutine keep_direction(self, result)
+      class(motion_ridge_t), intent(in) :: self
+      type(motion_result_t), intent(inout) :: result
+
+      if (.not. allocated(result%curve%direction)) result%curve%direction = self%short%curve%direction
+   end subroutine keep_direction
 
    !> The motion of a point on its set.
    function motion_at(self, place) result(level)

@@ -1,6 +1,6 @@
 !> The group `&curve`: which value moves, its range, and which points are located.
 module hb_curve_plan
-   use hb_curve_request, only: curve_kind, curve_request_t
+   use hb_curve_request, only: curve_kind, curve_kind_names, curve_request_t, located_response_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
@@ -8,23 +8,35 @@ module hb_curve_plan
    use hb_model_reader, only: moving_groups
    use hb_properties, only: properties_t
    use hb_response, only: new_response
+   use hb_stability, only: stability_method
    use hb_text, only: lower, shown, string_t, to_text
+   use hb_thresholds, only: rounding
    implicit none
    private
-   public :: curve_plan_t, read_curve_plan
+   public :: curve_plan_t, keys_of_responses, read_curve_plan
 
    !> Groups whose numbers can move.
+
+   !> Keys that name responses, and what is located by them.
+   character(*), parameter :: keys_of_responses(4) = [character(12) :: "peak_of", "minimum_of", "amplitude_of", "resonance_of"]
+   integer, parameter :: kinds_of_responses(4) = [curve_kind%peak, curve_kind%minimum, curve_kind%amplitude, curve_kind%resonance]
+
+   !> Names of responses.
+   type :: names_t
+      type(string_t), allocatable :: names(:)
+   end type names_t
 
    !> A request whose responses and origin are texts still: they need the model.
    type, extends(curve_request_t) :: curve_plan_t
       character(:), allocatable :: path                               !! in the input, such as tones%frequency
       character(:), allocatable :: units                              !! of the value; empty before it is known
       character(:), allocatable :: place                              !! of the group, for messages
-      type(string_t), allocatable :: peak_of(:)
+      type(names_t) :: responses_of(size(keys_of_responses))          !! as the keys
+      real(wp), allocatable :: amplitudes(:)                          !! of each of `amplitude_of`
       character(:), allocatable :: origin_path                        !! result file from whose point the curve leaves; empty: none
       integer :: origin_point = 0                                     !! from 0
       integer, allocatable :: torus_order(:)                          !! of the set of a torus that leaves the curve; none: chosen
-      character(:), allocatable :: over_path                          !! of the value over which peak or fold is one
+      character(:), allocatable :: over_path                          !! of the value over which what is followed is located
       real(wp), allocatable :: ratios(:)                              !! of all tones to the one that moves, if these are tied
    contains
       procedure :: set => curve_plan_set
@@ -42,12 +54,13 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(properties_t), pointer :: group
       character(:), allocatable :: follow, tie
+      integer :: i
 
       call document%required_group("curve", group, error)
       if (allocated(error)) return
       self%place = group%place()
       self%units = ""
-      allocate (self%values(0), self%others(0), self%peak_of(0))
+      allocate (self%values(0), self%others(0), self%amplitudes(0))
       call group%get("parameter", self%path)
       call group%get("from", self%from)
       call group%get("to", self%to)
@@ -57,7 +70,16 @@ contains
       call group%get("others", self%others)
       call group%get("points", self%n_points)
       call group%get("max_step", self%longest_step)
-      call group%get("peak_of", self%peak_of)
+      do i = 1, size(keys_of_responses)
+         allocate (self%responses_of(i)%names(0))
+      end do
+      call group%get("peak_of", self%responses_of(1)%names)
+      call group%get("minimum_of", self%responses_of(2)%names)
+      call group%get("amplitude_of", self%responses_of(3)%names)
+      call group%get("resonance_of", self%responses_of(4)%names)
+      call group%get("amplitudes", self%amplitudes)
+      if ((size(self%amplitudes) > 0) .neqv. (size(self%responses_of(3)%names) > 0)) &
+         call group%problem("amplitudes", "go with 'amplitude_of', whose responses shall have them")
       call group%get("tie", tie)
       self%moving%is_tied = tie == "ratio"
       call group%get("switch", self%switches)
@@ -97,23 +119,29 @@ contains
       end subroutine check_values
    end subroutine read_curve_plan
 
-   !> The value over which a peak or a fold is found that the curve follows.
+   !> The value over which a point is located that the curve follows.
    subroutine read_over(self, group, follow)
       type(curve_plan_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
-      character(*), intent(in) :: follow                              !! peak or fold
+      character(*), intent(in) :: follow                              !! one of `curve_kind_names`
+      integer :: i, n
 
       allocate (self%over)
-      self%over%kind = merge(curve_kind%peak, curve_kind%fold, follow == "peak")
+      self%over%kind = findloc(curve_kind_names, follow, dim=1) - 1
       call group%get("over", self%over_path)
       call group%get("over_from", self%over%from)
       call group%get("over_to", self%over%to)
       self%over%moving%typical = abs(self%over%to - self%over%from)
-      if (follow == "peak" .and. size(self%peak_of) /= 1) &
-         call group%problem("peak_of", "name the one response whose maximum is followed")
-      if (abs(self%start - self%from) > 0.0_wp) call group%problem("start", "a peak or fold is followed from 'from'")
-      if (size(self%others) > 0) call group%problem("others", "is for the motion itself, not for a peak or fold")
-      if (self%switches) call group%problem("switch", "is for the motion itself, not for a peak or fold")
+      do i = 1, size(keys_of_responses)
+         if (kinds_of_responses(i) /= self%over%kind) cycle
+         n = size(self%responses_of(i)%names)
+         if (follow == "amplitude") n = n*size(self%amplitudes)
+         if (n /= 1) call group%problem(trim(keys_of_responses(i)), "name the one response whose "//follow//" is followed"// &
+                                        repeat(", and its one amplitude", merge(1, 0, follow == "amplitude")))
+      end do
+      if (abs(self%start - self%from) > 0.0_wp) call group%problem("start", "a "//follow//" is followed from 'from'")
+      if (size(self%others) > 0) call group%problem("others", "is for the motion itself, not for a "//follow)
+      if (self%switches) call group%problem("switch", "is for the motion itself, not for a "//follow)
       if (group%given("over") .and. group%given("parameter")) then
          if (self%over_path == self%path) call group%problem("over", "moves along 'parameter' already; name another value")
       end if
@@ -169,8 +197,9 @@ contains
       type(curve_request_t), intent(out) :: request
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: error_text
+      type(located_response_t) :: response
       logical :: is_tones
-      integer :: i
+      integer :: i, k
 
       error_text = ""
       is_tones = document%groups%holders(self%moving%parameter%i_group)%group%name == "tones"
@@ -196,6 +225,11 @@ contains
       if (allocated(self%over)) then
          if (any(model%tones%is_unknown)) then
             error_text = "tones must be given"
+         else if (any(self%over%kind == [curve_kind%flip, curve_kind%torus]) .and. model%tones%n_tones > 1) then
+            error_text = "flips and tori are located on curves of motions with one tone"
+         else if (any(self%over%kind == [curve_kind%flip, curve_kind%torus]) .and. &
+                  model%stability%method == stability_method%off) then
+            error_text = "flips and tori are located by the multipliers that &stability finds"
          else if (.not. document%is_real(self%over%moving%parameter)) then
             error_text = "is no real number; only such can move by and by"
          end if
@@ -206,16 +240,58 @@ contains
       end if
       request = self%curve_request_t
       if (size(request%others) == 0) deallocate (request%others)
-      allocate (request%peaks(size(self%peak_of)))
-      do i = 1, size(self%peak_of)
-         call new_response(request%peaks(i), self%peak_of(i)%value, model%structure, model%tones%n_tones, error)
-         if (.not. (allocated(error) .or. model%accuracy%grows_set .or. request%peaks(i)%is_in(model%harmonics))) &
-            call fail(error, "'"//request%peaks(i)%name//"': the set of harmonics does not have this tuple")
-         if (.not. allocated(error)) cycle
-         error%message = self%place//": peak_of: "//error%message
-         return
+      allocate (request%responses(0))
+      do k = 1, size(keys_of_responses)
+         do i = 1, size(self%responses_of(k)%names)
+            response = located_response_t(kind=kinds_of_responses(k))
+            call new_response(response%response_t, self%responses_of(k)%names(i)%value, model%structure, model%tones%n_tones, error)
+            if (.not. (allocated(error) .or. model%accuracy%grows_set .or. response%is_in(model%harmonics))) &
+               call fail(error, "'"//response%name//"': the set of harmonics does not have this tuple")
+            if (response%kind == curve_kind%resonance .and. .not. allocated(error)) call check_loads(model, response, error)
+            if (allocated(error)) then
+               error%message = self%place//": "//trim(keys_of_responses(k))//": "//error%message
+               return
+            end if
+            if (response%kind /= curve_kind%amplitude) request%responses = [request%responses, response]
+            if (response%kind == curve_kind%amplitude) call add_amplitudes(self%amplitudes, response, request%responses)
+         end do
       end do
    end subroutine curve_plan_make_request
+
+   !> Adds a response with each of some amplitudes.
+   subroutine add_amplitudes(amplitudes, response, responses)
+      real(wp), intent(in) :: amplitudes(:)
+      type(located_response_t), intent(in) :: response
+      type(located_response_t), allocatable, intent(inout) :: responses(:)
+      integer :: i
+
+      do i = 1, size(amplitudes)
+         responses = [responses, response]
+         responses(size(responses))%amplitude = amplitudes(i)
+      end do
+   end subroutine add_amplitudes
+
+   !> Fails where a response is no harmonic whose loads have one phase: it cannot be a quarter of a period from them.
+   subroutine check_loads(model, response, error)
+      type(model_t), intent(in) :: model
+      type(located_response_t), intent(in) :: response
+      type(error_t), allocatable, intent(out) :: error
+      complex(wp) :: loads(model%structure%n_dofs), largest
+      integer :: h
+
+      h = 0
+      if (allocated(response%tuple)) h = model%harmonics%index_of(response%tuple)
+      if (all(model%loads%harmonics /= h) .or. h == 0) then
+         call fail(error, "'"//response%name//"': name a harmonic that has a &load")
+      else if (all(response%tuple == 0)) then
+         call fail(error, "'"//response%name//"': a mean value has no phase")
+      else
+         loads = model%loads%of(h)
+         largest = loads(maxloc(abs(loads), dim=1))
+         if (any(abs(aimag(loads*conjg(largest))) > rounding*abs(largest)**2)) &
+            call fail(error, "'"//response%name//"': its loads have several phases")
+      end if
+   end subroutine check_loads
 
    !> Notes the ratios of tied tones, as the input gives them. Fails for a tone that there is not.
    subroutine curve_plan_tie_tones(self, document, omega, error)

@@ -39,6 +39,7 @@ contains
       call file%open_dataset(identifier(plan%curve%path), dataset, error)
       if (.not. allocated(error)) call dataset%get_attribute("units", plan%curve%units, error)
       if (.not. allocated(error)) call dataset%read(plan%curve_values, error)
+      if (allocated(plan%curve%over)) call file%get("curve_over", plan%over_values, error, [plan%n_points])
       call file%close(error_in_close)
    end subroutine note_curve_values
 
@@ -120,7 +121,10 @@ contains
          integer, intent(in) :: point
          character(:), allocatable :: line
 
-         line = curve_kind_names(kind(point))//" at "//rounded%describe(point)//", point "//to_text(point - 1)
+         associate (name => curve_kind_names(kind(point)))
+            line = name(:max(7, len_trim(name)))
+         end associate
+         line = line//" at "//rounded%describe(point)//", point "//to_text(point - 1)
          if (.not. is_solved(status(point))) line = line//", "//outcome_text(status(point))
       end function line_of
    end subroutine curve_lines

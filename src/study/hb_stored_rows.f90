@@ -117,6 +117,7 @@ contains
       place%orientation = number("curve_orientation")
       place%largest_motion = number("curve_largest_motion")
       place%angle = number("curve_angle")
+      place%over = number("curve_over")
       place%response = whole("curve_response")
       if (allocated(error)) return
       n = max(0, min(n, size(place%unknowns)))

@@ -50,6 +50,7 @@ module hb_sweep_plan
       type(swept_t), allocatable :: parameters(:)
       type(curve_plan_t), allocatable :: curve
       real(wp), allocatable :: curve_values(:)                        !! at the points of curves; none before they are known
+      real(wp), allocatable :: over_values(:)                         !! likewise of `over`
       integer, allocatable, private :: length(:)                      ! of each axis
    contains
       procedure :: index_on => sweep_plan_index_on
@@ -487,6 +488,7 @@ contains
          call self%curve%set(document, self%curve%start)
       else if (ieee_is_finite(self%curve_values(point))) then
          call self%curve%set(document, self%curve_values(point))
+         if (allocated(self%over_values)) call document%set(self%curve%over%moving%parameter, self%over_values(point))
       end if
    end subroutine sweep_plan_apply
 

@@ -5,6 +5,7 @@
 !> input as any other, whose run has a result file of its own. At a graze multipliers jump, and the motion there does not
 !> determine the other motions: these are found by time integration, a little beyond.
 module hb_switched_input
+   use hb_curve_plan, only: keys_of_responses
    use hb_curve_request, only: curve_kind
    use hb_curve_table, only: leaving_t
    use hb_document, only: document_t
@@ -41,7 +42,7 @@ contains
       type(properties_t), pointer :: group
       type(model_t) :: model
       character(:), allocatable :: key
-      integer :: i
+      integer :: i, k
       logical :: is_torus                                             ! else the period doubles
 
       is_torus = from%kind /= curve_kind%flip
@@ -74,14 +75,14 @@ contains
       call add_samples_and_tuples(document, is_torus, overrides)
       if (is_torus .and. index(plan%curve%path, "(") == 0 .and. index(plan%curve%path, "tones%") == 1) &
          call add(overrides, "curve%parameter", quote(plan%curve%path//"(1)"))
-      if (size(plan%curve%peak_of) > 0) then
+      do k = 1, size(keys_of_responses)
          key = ""
-         do i = 1, size(plan%curve%peak_of)
+         do i = 1, size(plan%curve%responses_of(k)%names)
             if (i > 1) key = key//", "
-            key = key//quote(response_text(plan%curve%peak_of(i)%value, is_torus))
+            key = key//quote(response_text(plan%curve%responses_of(k)%names(i)%value, is_torus))
          end do
-         call add(overrides, "curve%peak_of", key)
-      end if
+         if (len(key) > 0) call add(overrides, "curve%"//trim(keys_of_responses(k)), key)
+      end do
       if (from%kind == curve_kind%graze) then
          call add(overrides, "solver%first_guess", "'integration'")
          call add(overrides, "curve%start", to_text(a_little_beyond(plan, from)))

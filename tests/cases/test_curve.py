@@ -109,6 +109,51 @@ def test_points_of_a_curve_are_those_of_a_sweep(tmp_path):
             assert found.per_point("truncation_estimate")[there] < 1e-6
 
 
+def test_controlled_experiments_are_those_of_one_harmonic(tmp_path):
+    """With the fundamental alone: F = A |1 + 3/4 k3 A**2 - w**2 + i c w|, and w**2 = 1 + 3/4 k3 (F/(c w))**2 at the resonance."""
+    text = DUFFING.replace("order = 5", "order = 1") + "&certificate is_on = .false. /\n"
+    located = "&curve parameter = 'tones%frequency', from = 0.5, to = 2.5, amplitude_of = 'x1 (1)', amplitudes = 1.0, 1.5,"
+    with Results(solve(text + located + " resonance_of = 'x1 (1)' /\n", tmp_path, name="curve")) as curve:
+        (point,) = curve.select({"curve_kind": "resonance"})
+        w = curve.frequency(point)[0]
+        assert w**2 == pytest.approx(1 + 0.075 * (0.18 / (0.05 * w)) ** 2, rel=1e-10)
+        points = curve.select({"curve_kind": "amplitude"})
+        found = [curve.amplitude(p, "x1", (1,)) for p in points]
+        assert found == pytest.approx([1.0, 1.5, 1.5, 1.0], rel=1e-9)
+        assert list(curve.per_point("curve_response")[points]) == [1, 2, 2, 1]
+    held = "&curve parameter = 'tones%frequency', from = 0.9, to = 1.3, amplitude_of = 'x1 (1)', amplitudes = 1.5,"
+    held += " follow = 'amplitude', over = 'load(1)%cos', over_from = 0.01, over_to = 1.0 /\n"
+    path = solve(text + held, tmp_path, name="held")
+    with Results(path) as curve:
+        w, load = (curve.per_point(name)[curve.used] for name in ("tones_frequency", "curve_over"))
+        assert load == pytest.approx(1.5 * abs(1 + 0.075 * 1.5**2 - w**2 + 0.05j * w), rel=1e-9)
+        assert set(curve.per_point("is_stable")[curve.used]) == {-1, 1}, "a controller holds what is unstable without it"
+
+
+def test_followed_points_are_verified_at_both_values(tmp_path):
+    """The load that was found is in the model that time integration follows."""
+    held = "&curve parameter = 'tones%frequency', from = 0.6, to = 0.7, amplitude_of = 'x1 (1)', amplitudes = 1.5,"
+    held += " follow = 'amplitude', over = 'load(1)%cos', over_from = 0.01, over_to = 2.0 /\n"
+    path = solve(DUFFING + held, tmp_path)
+    done = run("verify", path.name, "--points", "0,2", cwd=tmp_path)
+    assert done.status == ALL_CONVERGED and done.stdout.count("agrees with time integration") == 2, done.stdout
+
+
+def test_doublings_are_followed_to_those_of_curves_there(tmp_path):
+    """Ueda's oscillator with a mean load, over the load and along the damping."""
+    model = (INPUTS / "gallery" / "ueda_curve.nml").read_text().partition("&curve")[0].replace("order = 21", "order = 9")
+    model += "&load dof = 'x1', tuple = 0, cos = 0.2 /\n&certificate is_on = .false. /\n"
+    curve = "&curve parameter = 'load(1)%cos', from = 0.01, to = 6.0"
+    ridge = f"&curve parameter = 'structure%damping_mass', from = 0.1, to = 0.12, follow = 'flip', {curve[7:]} /\n"
+    ridge = ridge.replace("parameter = 'load", "over = 'load").replace("from = 0.01, to = 6.0", "over_from = 0.01, over_to = 6.0")
+    with Results(solve(model + ridge, tmp_path, name="ridge")) as followed:
+        (last,) = followed.select({"curve_kind": "end"})
+        there = solve(model.replace("damping_mass = 0.1", "damping_mass = 0.12") + curve + " /\n", tmp_path, name="there")
+        with Results(there) as known:
+            (flip,) = known.select({"curve_kind": "flip"})
+            assert followed.per_point("curve_over")[last] == pytest.approx(known.curve.values[flip], rel=1e-8)
+
+
 def test_tied_tones_and_unbalance_move_along(tmp_path):
     text = (
         DUFFING.replace("frequency = 0.5", "frequency = 0.5, 0.8")
