@@ -32,6 +32,11 @@ def test_derivatives_by_default_are_those_of_the_motion():
     assert exact.slopes[0] == pytest.approx(-0.308, abs=2e-3)
 
 
+def test_a_harmonic_that_is_zero_has_no_derivative():
+    with pytest.raises(nhbm.ModelError, match="x1 .40.' is zero"):
+        damper().gradient("x1 (40)", ["damper.limit"], order=5)
+
+
 def test_responses_have_the_derivatives_of_differences():
     model = nhbm.Model(nhbm.Chain(n_masses=2, ends="free", mass=1.0, coupling_stiffness=2.0, ground_stiffness=1.0,
                                   damping_mass=0.1),

@@ -395,7 +395,10 @@ class Model:
         session = self._live(tolerance, order, {"gradient": {"by": paths}}).session
         session.solve(warm, points=0)
         if dataset.number(session, "status") in dataset.SOLVED:
-            return Gradient(dataset.response_of(session, of), dataset.gradient_of(session, of))
+            value = dataset.response_of(session, of)
+            if not value:
+                raise ModelError(f"'{of}' is zero, where an amplitude has no derivative; does the set of harmonics have it?")
+            return Gradient(value, dataset.gradient_of(session, of))
         warnings.warn(session.message, NotConverged, stacklevel=2)
         return Gradient(float("nan"), np.full(len(paths), np.nan))
 
