@@ -106,7 +106,8 @@ def test_marks_are_those_of_the_python_package_and_of_the_page():
     ours = {kind: (_WORDS.get(kind, (kind,))[0], look["marker"]) for kind, look in _SPECIAL.items()}
     assert {kinds[number]: what for number, what in _MARKS.items()} == ours
     page = files("nhbm_post").joinpath("page.html").read_text(encoding="utf-8")
-    shapes = {"o": "circle", "^": "up", "v": "down", "D": "diamond", "s": "square", "h": "hexagon", "p": "pentagon"}
+    shapes = {"o": "circle", "^": "up", "v": "down", "D": "diamond", "s": "square", "h": "hexagon", "p": "pentagon",
+              "<": "left", ">": "right", "8": "octagon"}  # fmt: skip
     events = re.search(r"const EVENTS = \{(.*?)\};", page, re.DOTALL)[1]
     on_page = {kind: (words, shape) for kind, shape, words in re.findall(r'(\w+): \["(\w+)", "([^"]+)"\]', events)}
     assert on_page == {kind: (words, shapes[marker]) for kind, (words, marker) in ours.items()}

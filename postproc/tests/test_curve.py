@@ -11,7 +11,7 @@ from nhbm_post.draw import draw_response
 from nhbm_post.measure import Measure
 from nhbm_post.report import info
 
-KINDS = "none regular start fold peak value end branch flip torus split graze"
+KINDS = "none regular start fold peak value end branch flip torus split graze minimum amplitude resonance"
 START, REGULAR, FOLD, PEAK, END = 2, 1, 3, 4, 6
 CONVERGED, UNUSED = 1, 17
 # An S: up to the fold at 3, back to that at 2, up again. Two rows are not used.

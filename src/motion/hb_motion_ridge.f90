@@ -212,7 +212,7 @@ contains
             if (verdict_on_work() == verdict%timed_out) result%status = outcome%timed_out
             if (verdict_on_work() == verdict%interrupted) result%status = outcome%interrupted
             result%message = "no such point is found next to the last one beyond the value "//to_text(self%value)// &
-               ", as where it meets another one and both end"
+               ", as where it meets another one and both end, or leaves the range of 'over'"
             self%is_done = .true.
          else
             self%is_done = .true.
@@ -250,7 +250,11 @@ contains
       end do
       if (allocated(error) .or. .not. is_found) return
       call keep_direction(self, result)
-      is_found = distance(motion_at(self, result%curve), motion_at(self, self%last), .false.) <= largest_change
+      associate (over => self%request%over, at => result%curve%unknowns(size(result%curve%unknowns)))
+         is_found = (at - over%from)*(at - over%to) <= 0.0_wp
+      end associate
+      if (is_found) &
+         is_found = distance(motion_at(self, result%curve), motion_at(self, self%last), .false.) <= largest_change
    end subroutine try
 
    !> Grazes and the like have no direction for curves to continue from; the ridge does.

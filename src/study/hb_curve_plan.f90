@@ -15,8 +15,6 @@ module hb_curve_plan
    private
    public :: curve_plan_t, keys_of_responses, read_curve_plan
 
-   !> Groups whose numbers can move.
-
    !> Keys that name responses, and what is located by them.
    character(*), parameter :: keys_of_responses(4) = [character(12) :: "peak_of", "minimum_of", "amplitude_of", "resonance_of"]
    integer, parameter :: kinds_of_responses(4) = [curve_kind%peak, curve_kind%minimum, curve_kind%amplitude, curve_kind%resonance]

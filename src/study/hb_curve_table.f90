@@ -109,6 +109,7 @@ contains
       if (n > most_lines) lines = [character(160) :: lines, "and "//to_text(n - most_lines)//" more (see 'curve_kind')"]
       call find_gaps(merge(kind, curve_kind%none, is_solved(status)), branch, merge(n_unstable, -1, is_stable /= 0), &
                      plan%n_fastest(), n, first_gap)
+      if (allocated(plan%curve%over)) n = 0                           ! the points are located themselves, along other curves
       if (n > 0) lines = [character(160) :: lines, number_of(n, "step")//", first to "//rounded%describe(first_gap)// &
          ", point "//to_text(first_gap - 1)//": 'n_unstable' changes and no bifurcation was located"]
       n = number_cut_short(kind, status, plan%n_fastest())

@@ -116,6 +116,7 @@ def test_file_is_that_of_solve(tmp_path):
         np.testing.assert_array_equal(data[name].values, solved[name].values, err_msg=name)
 
 
+@pytest.mark.long  # seconds
 def test_memory_grows_with_the_tangent(tmp_path):
     """Newton's dense tangent of 61 MB at order 26 (2809 unknowns) must show; at order 3 there is next to nothing."""
     text = MODEL + "&solver method = 'newton' /\n&sampling samples = 54 /\n&certificate is_on = .false. /\n"

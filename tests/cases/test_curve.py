@@ -130,6 +130,20 @@ def test_controlled_experiments_are_those_of_one_harmonic(tmp_path):
         assert set(curve.per_point("is_stable")[curve.used]) == {-1, 1}, "a controller holds what is unstable without it"
 
 
+def test_followed_points_stay_within_their_range(tmp_path):
+    """The load that holds an amplitude passes 0.3 N where w**2 is about 1.37."""
+    held = "&curve parameter = 'tones%frequency', from = 1.1, to = 1.6, amplitude_of = 'x1 (1)', amplitudes = 1.5,"
+    held += " follow = 'amplitude', over = 'load(1)%cos', over_from = 0.01, over_to = 0.3 /\n"
+    model = DUFFING.replace("order = 5", "order = 1") + "&certificate is_on = .false. /\n"
+    (tmp_path / "held.nml").write_text(model + held)
+    done = run("solve", "held.nml", cwd=tmp_path)
+    assert "leaves the range of 'over'" in done.stdout + done.stderr
+    assert "no bifurcation was located" not in done.stdout
+    with Results(tmp_path / "held.h5") as curve:
+        load = curve.per_point("curve_over")[curve.used]
+        assert 0.28 < np.nanmax(load) <= 0.3
+
+
 def test_followed_points_are_verified_at_both_values(tmp_path):
     """The load that was found is in the model that time integration follows."""
     held = "&curve parameter = 'tones%frequency', from = 0.6, to = 0.7, amplitude_of = 'x1 (1)', amplitudes = 1.5,"
@@ -540,6 +554,7 @@ def test_damping_may_begin_at_zero(tmp_path):
         assert results.curve.values[results.used[-1]] == pytest.approx(1.0, abs=1e-2)
 
 
+@pytest.mark.long  # seconds
 def test_torus_is_followed_by_tolerance(tmp_path):
     """Where its tone joins by shooting, its frequency and amplitudes at the end from a time integration (test_curve_switching)."""
     path = solve(FORCED_VAN_DER_POL, tmp_path)
@@ -575,6 +590,7 @@ def test_fold_is_followed_by_tolerance_to_that_of_the_curve_there(followed, tmp_
         assert ridge.frequency(point)[0] == pytest.approx(curve.frequency(fold)[0], rel=1e-5)
 
 
+@pytest.mark.long  # seconds
 def test_folds_at_a_stop_are_those_of_shooting(tmp_path):
     """Two masses, one against a stop: five digits at order 21, where 5e-6 are cut off, and more at order 41."""
     lower, upper = shooting.folds()

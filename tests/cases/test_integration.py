@@ -126,6 +126,7 @@ def test_a_record_says_what_it_holds(tmp_path):
     assert "it is a record of integration" in told.stderr
 
 
+@pytest.mark.long  # seconds
 def test_several_motions_are_the_same_on_any_number_of_ranks(tmp_path):
     """Both motions of a hardening spring, by nhbm integrate and by points whose primary method it is: the same bits."""
     model = MASS.replace("frequency=1.3", "frequency=1.5")

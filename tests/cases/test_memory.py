@@ -22,6 +22,7 @@ LARGE = """&structure
 MIB = 2**20
 
 
+@pytest.mark.long  # seconds
 def test_estimate_is_what_a_run_takes(tmp_path):
     source = tmp_path / "large.nml"
     source.write_text(LARGE.replace("order = 28", "order = 24"))

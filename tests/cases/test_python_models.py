@@ -154,6 +154,7 @@ def dual_rotor():
     return model
 
 
+@pytest.mark.long  # seconds
 def test_rotors_turn_with_their_tones():
     """A curve over the speed of the first shaft, the second one in its ratio: its points are those of models at these speeds."""
     model = dual_rotor()

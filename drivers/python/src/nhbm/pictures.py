@@ -10,7 +10,7 @@ import xarray as xr
 # The same shapes as in the pictures of nhbm-post.
 _MARKS = {3: ("fold", "o"), 4: ("peak", "^"), 7: ("branch point", "D"), 8: ("period doubling", "s"),
           9: ("Neimark-Sacker point", "h"), 10: ("change of stability", "p"), 11: ("graze", "v"),
-          12: ("minimum", "1"), 13: ("amplitude", "+"), 14: ("phase resonance", "x")}  # fmt: skip
+          12: ("minimum", "<"), 13: ("given amplitude", ">"), 14: ("phase resonance", "8")}  # fmt: skip
 _VERDICTS = (1, "-", "stable"), (-1, "--", "unstable"), (0, ":", "stability not known")
 _MOST_LINES = 10  # of one picture with a legend
 

@@ -312,9 +312,9 @@ _SPECIAL = {
     "torus": _shape("h", 7.0),
     "split": _shape("p", 6.5),
     "graze": _shape("v", 6.0),
-    "minimum": _shape("1", 7.0),
-    "amplitude": _shape("+", 7.0),
-    "resonance": _shape("x", 6.0),
+    "minimum": _shape("<", 6.0),
+    "amplitude": _shape(">", 6.0),
+    "resonance": _shape("8", 6.0),
 }
 _WORDS = {
     "branch": ("branch point", "branch points"),
