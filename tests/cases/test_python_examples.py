@@ -17,6 +17,7 @@ FOLDER = Path(__file__).resolve().parents[2] / "drivers" / "examples"
 sys.path.insert(0, str(FOLDER))
 
 import damper_optimum  # noqa: E402
+import dual_rotor  # noqa: E402
 import monte_carlo  # noqa: E402
 import stop_fit  # noqa: E402
 
@@ -83,3 +84,16 @@ def test_fit_finds_the_stop_of_the_measurement():
     truth = np.array([stop_fit.STIFFNESS, stop_fit.GAP])
     assert np.all(np.abs(values - truth) < 3 * errors)
     assert np.all(errors < 0.06 * truth)
+
+
+@pytest.mark.long  # seconds
+def test_a_dual_rotor_runs_up_with_its_rub():
+    """Before and behind the speed where the disk reaches the casing; the motion at a tenth of the tolerance is the same within it."""
+    motions = dual_rotor.main(speeds=[350.0, 400.0, 430.0])
+    assert motions.sizes["dof"] == 224 and motions.nhbm.is_converged.all()
+    pushed = abs(motions["force_coefficients"]).sel(law_dof="n3.x").max(("harmonic", "component")).values
+    assert pushed[0] == pytest.approx(0.0, abs=1e-9) and pushed[2] > 1.0  # N
+    finer = dual_rotor.main(speeds=[430.0], tolerance=1e-3)
+    for tuple_ in ((1, 0), (0, 1)):
+        found, exact = (m.nhbm.amplitude("n3.x", tuple_).values[-1] for m in (motions, finer))
+        assert found == pytest.approx(exact, rel=1e-2)
