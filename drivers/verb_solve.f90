@@ -314,8 +314,15 @@ contains
       if (number_solved(summary) > 0 .and. study%model%stability%method /= stability_method%off &
           .and. .not. study%model%normal_mode%is_asked) &
          call say(stability_text(summary%n_stable, summary%n_unstable, number_solved(summary))//" (see 'is_stable')")
-      if (summary%n_too_costly > 0) call say("the stability of "//number_of(summary%n_too_costly, "point")// &
-         " would take longer than the run may: &stability method = 'integration' computes it")
+      if (summary%n_too_costly > 0) then
+         if (study%model%stability%method == stability_method%auto) then
+            call say("the stability of "//number_of(summary%n_too_costly, "point")// &
+                     " would take longer than the run may: &stability method = 'integration' computes it")
+         else
+            call say("the stability of "//number_of(summary%n_too_costly, "point")// &
+                     " is not computed: the fastest harmonic turns more than a million times in a period of the slowest tone")
+         end if
+      end if
       if (summary%n_jumps > 0) call say(number_of(summary%n_jumps, "jump")// &
          " between neighbours to another branch of motions (see 'branch'), the first to "//study%plan%describe(summary%first_jump))
       if (summary%n_near_commensurate > 0) call say("warning: in "// &
