@@ -140,6 +140,7 @@ contains
       study%model%solver%max_iterations = min(study%model%solver%max_iterations, 2)
       study%model%solver%homotopy_iterations = min(study%model%solver%homotopy_iterations, 2)
       study%model%solver%fallback_work = share_of_work*study%model%solver%fallback_work
+      study%model%integration%work_limit = share_of_work*study%model%integration%work_limit
       call solve_motion(study%model, result, error)
    end subroutine try
 
