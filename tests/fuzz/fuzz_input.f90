@@ -34,7 +34,7 @@ program fuzz_input
    integer, parameter :: largest_unknowns = 150, largest_samples = 1000, largest_structure = 60   ! of what is solved
    integer, parameter :: every = 10                                   ! inputs, one of which is solved
    real(wp), parameter :: memory_limit = 2.5e8_wp                     ! bytes that a study may ask for
-   real(wp), parameter :: share_of_work = 0.05_wp ! of fallbacks and of time integration, which take seconds when they may
+   real(wp), parameter :: share_of_work = 0.05_wp ! of fallbacks, time integration and levels, which take seconds when they may
    character(:), allocatable :: folder, mutant
    type(string_t), allocatable :: texts(:)
    type(generator_t) :: generator
@@ -141,6 +141,7 @@ contains
       study%model%solver%homotopy_iterations = min(study%model%solver%homotopy_iterations, 2)
       study%model%solver%fallback_work = share_of_work*study%model%solver%fallback_work
       study%model%integration%work_limit = share_of_work*study%model%integration%work_limit
+      study%model%accuracy%max_work = share_of_work*study%model%accuracy%max_work
       call solve_motion(study%model, result, error)
    end subroutine try
 
