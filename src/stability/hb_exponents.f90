@@ -25,7 +25,8 @@ module hb_exponents
       integer :: n_begun = 0                                          !! its first entries, places and velocities
       integer :: n_followed = 0                                       !! disturbances without those that are known to stay
       real(wp) :: length = 0.0_wp                                     !! of a period [s]
-      real(wp) :: work = 0.0_wp                                       !! of a period, in about a nanosecond
+      real(wp) :: work = 0.0_wp                                       !! of a period usually, in about a nanosecond
+      real(wp) :: work_left = huge(1.0_wp)                            !! of what all periods may take, likewise
       real(wp) :: surge = 0.0_wp                                      !! logarithm of the most by which the first disturbance has
                                                                       !! grown from any time to a later one, where periods see that
    contains
@@ -72,6 +73,7 @@ contains
       integer :: forgotten, i, k, limit, n_all
       logical :: is_done
 
+      propagation%work_left = work_limit
       call propagation%settle(n_forgotten_of(n_periods), is_done)
       if (.not. is_done .or. propagation%n_followed < 1) return
       allocate (x(propagation%size, propagation%n_followed), source=0.0_wp)
@@ -95,6 +97,8 @@ contains
          do i = k, n_all
             call propagation%carry(x, is_done)
             if (.not. is_done .or. work_is_over()) return
+            self%is_cut_short = propagation%work_left < 0.0_wp
+            if (self%is_cut_short) return
             call orthogonalise(x, growth(:, i))
             if (.not. all(ieee_is_finite(growth(:, i)))) return
          end do

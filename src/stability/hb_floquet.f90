@@ -159,6 +159,7 @@ contains
       real(wp) :: margin
 
       call find_exponents(found, propagation, work_limit, config%fewest_periods, config%most_periods)
+      self%is_too_costly = found%is_cut_short .and. .not. allocated(found%rate)
       if (.not. allocated(found%rate)) return
       self%exponents = found%rate(:min(size(found%rate), most_multipliers))
       self%estimate = found%spread(1)

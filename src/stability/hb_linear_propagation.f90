@@ -86,7 +86,9 @@ contains
          if (allocated(self%hill)) then
             call self%hill%transfer(self%time, length, self%tolerance, part%matrix, part%estimate)
          else
-            call find_transfer(part, self%variation, self%time, self%time + length, self%tolerance, most_of_usual*self%work)
+            call find_transfer(part, self%variation, self%time, self%time + length, self%tolerance, &
+                               min(most_of_usual*self%work, max(self%work, self%work_left)))
+            self%work_left = self%work_left - part%work
          end if
          before = norm2(x(:, 1))
          x = matmul(part%matrix, x)
