@@ -55,27 +55,13 @@ contains
          report%residual = ieee_value(1.0_wp, ieee_quiet_nan)
          return
       end if
-      allocate (first_guess, source=x)
+      first_guess = x
       chosen = method_for(problem, config)
       limited = config
       if (config%fallback) limited%patience = patience
       has_continued_in_order = config%fallback .and. config%continues_in_order .and. problem%continues_in_order_first .and. &
          chosen /= method%broyden
-      if (has_continued_in_order) then
-         trial = first_guess
-         call refine(problem, limited, chosen, trial, attempt)
-         if (has_ended(attempt)) then
-            x = trial
-            report = attempt
-            return
-         end if
-      end if
-      call solve_directly(problem, limited, chosen, x, report)
-      if (has_continued_in_order) call report%add(attempt)
-      if (report%status == outcome%converged) return
-      report%attempts = [report%as_attempt(fallback%none)]
-      if (has_continued_in_order .and. attempt%status /= outcome%pending) &
-         report%attempts = [report%attempts, attempt%as_attempt(fallback%fewer_harmonics)]
+      call attempt_first(problem, limited, chosen, has_continued_in_order, x, report)
       if (has_ended(report) .or. .not. config%fallback) return
       all_work = report%work + max(config%fallback_work, config%fallback_share*report%work)
       do i = 1, merge(size(kinds), n_ways_without_matrix, problem%n_unknowns <= largest_affordable)
@@ -99,6 +85,33 @@ contains
          return
       end do
    end subroutine solve
+
+   !> The attempts without a fallback: continuation in order where that pays, and where it does not succeed the direct one.
+   recursive subroutine attempt_first(problem, config, chosen, in_order, x, report)
+      class(problem_t), intent(inout) :: problem
+      type(solver_config_t), intent(in) :: config                     !! of the attempts
+      integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
+      logical, intent(in) :: in_order                                 !! continuation in order comes first
+      real(wp), intent(inout), contiguous :: x(:)
+      type(report_t), intent(out) :: report
+      type(report_t) :: attempt
+      real(wp) :: first_guess(size(x))
+
+      first_guess = x
+      if (in_order) then
+         call refine(problem, config, chosen, x, attempt)
+         if (has_ended(attempt)) then
+            report = attempt
+            return
+         end if
+         x = first_guess
+      end if
+      call solve_directly(problem, config, chosen, x, report)
+      if (in_order) call report%add(attempt)
+      if (report%status == outcome%converged) return
+      report%attempts = [report%as_attempt(fallback%none)]
+      if (attempt%status /= outcome%pending) report%attempts = [report%attempts, attempt%as_attempt(fallback%fewer_harmonics)]
+   end subroutine attempt_first
 
    !> The method of the first attempt.
    integer function method_for(problem, config) result(chosen)
@@ -214,16 +227,14 @@ contains
          if (problem_level < 1.0_wp) then
             call problem%coarse_guess(problem_level, config_of_level, x, step, is_there)
             if (is_there) report%levels = report%levels + 1
+            call report%add(step)
          else
             before = x
             call solve_directly(problem, config_of_level, chosen, x, step)
             is_there = step%status == outcome%converged
-            report%residual = step%residual
-            report%best = min(report%best, step%best)
-            report%is_out_of_work = step%is_out_of_work
             if (.not. is_there .and. .not. has_ended(step)) x = before
+            call report%take(step)
          end if
-         call report%add(step)
       end subroutine take
 
       !> Whether whoever watches over the point has ended it.
@@ -278,11 +289,7 @@ contains
          trial = x
          call problem%deform(deformation%damping, 1.0_wp - loss)
          call solve_directly(problem, limited, chosen, trial, step)
-         call report%add(step)
-         report%status = step%status
-         report%residual = step%residual
-         report%best = min(report%best, step%best)
-         report%is_out_of_work = step%is_out_of_work
+         call report%take(step)
          if (step%status == outcome%converged) then
             x = trial
             if (loss <= 0.0_wp) exit
@@ -316,11 +323,7 @@ contains
          limited%work_limit = config%work_limit - report%work
          x = shares(i)*linear_solution
          call solve_directly(problem, limited, chosen, x, attempt)
-         call report%add(attempt)
-         report%status = attempt%status
-         report%residual = attempt%residual
-         report%best = min(report%best, attempt%best)
-         report%is_out_of_work = attempt%is_out_of_work
+         call report%take(attempt)
          if (has_ended(report) .or. report%work >= config%work_limit) return
       end do
    end subroutine solve_from_shares

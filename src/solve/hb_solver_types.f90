@@ -103,6 +103,7 @@ module hb_solver_types
       type(attempt_t), allocatable :: attempts(:)                     !! where the direct one was not enough, in their order
    contains
       procedure :: add => report_add
+      procedure :: take => report_take
       procedure :: note => report_note
       procedure :: gains_nothing => report_gains_nothing
       procedure :: as_attempt => report_as_attempt
@@ -122,6 +123,18 @@ contains
       self%work = self%work + other%work
       if (allocated(other%error) .and. .not. allocated(self%error)) self%error = other%error
    end subroutine report_add
+
+   !> Adds the work of an attempt to this report and takes over its outcome.
+   pure subroutine report_take(self, attempt)
+      class(report_t), intent(inout) :: self
+      type(report_t), intent(in) :: attempt
+
+      call self%add(attempt)
+      self%status = attempt%status
+      self%residual = attempt%residual
+      self%best = min(self%best, attempt%best)
+      self%is_out_of_work = attempt%is_out_of_work
+   end subroutine report_take
 
    !> Notes the norm of the point reached.
    pure subroutine report_note(self)
