@@ -147,19 +147,13 @@ contains
                           is_patient=(self%callbacks%is_followed .or. self%accuracy%is_on) .and. self%tones%n_tones == 1)
       call read_output(self, document%optional_group("output"))
       call read_sampling(self, document%optional_group("sampling"))
-      call check_memory(sizes_of(self), self%memory_limit, error)
-      if (allocated(error)) then
-         call annotate(error, document%file_name)
-         return
-      end if
+      call check_size()
+      if (allocated(error)) return
       call read_loads(self, document)
       call read_starts(self, document)
       call check_symmetry(self, document%optional_group("harmonics"))
-      call check_memory(sizes_of(self), self%memory_limit, error)     ! again: loads tell whether motions are odd
-      if (allocated(error)) then
-         call annotate(error, document%file_name)
-         return
-      end if
+      call check_size()                                               ! again: loads decide whether motions are odd
+      if (allocated(error)) return
       call check_improvement(self, document%optional_group("certificate"))
       if (any(self%tones%is_unknown)) then
          call check_fundamentals(self, document%optional_group("harmonics"))
@@ -171,6 +165,13 @@ contains
       self%integration%work_limit = work_of_method*self%solver%fallback_work
       if (.not. self%solver%has_fallback_work) self%integration%work_limit = &
          self%callbacks%share_of_integration*self%integration%work_limit
+
+   contains
+
+      subroutine check_size()
+         call check_memory(sizes_of(self), self%memory_limit, error)
+         call annotate(error, document%file_name)
+      end subroutine check_size
    end subroutine read_parts
 
    !> Reads `&structure`, and all `&bearing` and `&dynamic_stiffness` into it; `error` is what stops the reading.

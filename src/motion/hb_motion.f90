@@ -219,7 +219,7 @@ contains
       type(balance_t), target :: balance
       type(autonomous_start_t) :: start
       type(coordinates_t) :: coordinates
-      real(wp), allocatable :: first_guess(:), guess(:), integrated(:)
+      real(wp), allocatable :: first_guess(:), guess(:)
       logical :: is_autonomous, keeps
       real(wp) :: started
 
@@ -227,31 +227,8 @@ contains
       call move_alloc(unknowns, guess)
       coordinates = coordinates_of(model)
       is_autonomous = any(model%tones%is_unknown)
-      start%omega = model%tones%omega
-      if (is_autonomous) call find_start(start, model, basis, coordinates, error)
+      call find_first_guess(model, basis, coordinates, guess, start, first_guess, error)
       if (allocated(error)) return
-      if (allocated(guess)) then
-         call restrict_guess(basis, coordinates%n, guess, first_guess)
-      else if (model%start_from_integration .and. coordinates%n > 0) then
-         if (.not. model%has_time_domain()) then
-            call fail(error, "first_guess = 'integration' needs a time-domain solver")
-            return
-         end if
-         call model%callbacks%time_domain_solver%first_guess(model, start%omega, coordinates%dofs, integrated, error)
-         if (allocated(error) .and. work_is_over()) deallocate (error)   ! nothing that follows takes long
-         call annotate(error, "first guess from time integration")
-         if (allocated(error)) return
-         if (allocated(integrated)) then
-            associate (n => basis%whole%n_coefficients, n_dofs => size(coordinates%dofs))
-               integrated = [coordinates%values_of(reshape(integrated(:n*n_dofs), [n, n_dofs])), integrated(n*n_dofs + 1:)]
-            end associate
-            call restrict_guess(basis, coordinates%n, integrated, first_guess)
-         end if
-      end if
-      if (is_autonomous .and. allocated(first_guess)) then
-         start%omega = first_guess(size(first_guess) - size(start%omega) + 1:)
-         start%has_motion = .true.
-      end if
       result%frequency = start%omega
       result%n_harmonics = basis%whole%n_harmonics
       keeps = .false.
@@ -286,6 +263,53 @@ contains
       if (keeps) call kept%narrow%give_back(balance%stiffness)
       call balance%destroy()
    end subroutine solve_model
+
+   !> What the search starts from: the tones, and the motion where it is given or by time integration.
+   subroutine find_first_guess(model, basis, coordinates, guess, start, first_guess, error)
+      type(model_t), intent(in) :: model
+      type(basis_t), intent(in) :: basis
+      type(coordinates_t), intent(in) :: coordinates
+      real(wp), allocatable, intent(in) :: guess(:)                   !! in the whole set; not allocated: there is none
+      type(autonomous_start_t), intent(out) :: start
+      real(wp), allocatable, intent(out) :: first_guess(:)            !! in the basis
+      type(error_t), allocatable, intent(out) :: error
+
+      start%omega = model%tones%omega
+      if (any(model%tones%is_unknown)) call find_start(start, model, basis, coordinates, error)
+      if (allocated(error)) return
+      if (allocated(guess)) then
+         call restrict_guess(basis, coordinates%n, guess, first_guess)
+      else if (model%start_from_integration .and. coordinates%n > 0) then
+         call integrate_guess(model, basis, start%omega, coordinates, first_guess, error)
+      end if
+      if (allocated(error) .or. .not. (any(model%tones%is_unknown) .and. allocated(first_guess))) return
+      start%omega = first_guess(size(first_guess) - size(start%omega) + 1:)
+      start%has_motion = .true.
+   end subroutine find_first_guess
+
+   !> A first guess by time integration; none where that finds nothing.
+   subroutine integrate_guess(model, basis, omega, coordinates, first_guess, error)
+      type(model_t), intent(in) :: model
+      type(basis_t), intent(in) :: basis
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
+      type(coordinates_t), intent(in) :: coordinates
+      real(wp), allocatable, intent(out) :: first_guess(:)            !! in the basis
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), allocatable :: integrated(:)
+
+      if (.not. model%has_time_domain()) then
+         call fail(error, "first_guess = 'integration' needs a time-domain solver")
+         return
+      end if
+      call model%callbacks%time_domain_solver%first_guess(model, omega, coordinates%dofs, integrated, error)
+      if (allocated(error) .and. work_is_over()) deallocate (error)   ! nothing that follows takes long
+      call annotate(error, "first guess from time integration")
+      if (allocated(error) .or. .not. allocated(integrated)) return
+      associate (n => basis%whole%n_coefficients, n_dofs => size(coordinates%dofs))
+         integrated = [coordinates%values_of(reshape(integrated(:n*n_dofs), [n, n_dofs])), integrated(n*n_dofs + 1:)]
+      end associate
+      call restrict_guess(basis, coordinates%n, integrated, first_guess)
+   end subroutine integrate_guess
 
    !> Takes the unknowns out of a first guess of all coefficients at the coordinates; none out of one of another size, as of a
    !> neighbour whose laws feel something else.
@@ -332,7 +356,6 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(in) :: guess(:)                   !! in the basis; not allocated: that of the model
       real(wp), allocatable, intent(out) :: unknowns(:)               !! in the whole set
-      type(circumstances_t) :: circumstances
       type(report_t) :: report
       type(search_t) :: search
       real(wp), allocatable :: linear_solution(:, :), u(:, :)
@@ -368,34 +391,8 @@ contains
       result%setup_seconds = result%setup_seconds + begun - started
       result%solver_seconds = wall_clock() - begun
       if (report%status == outcome%converged) unknowns = [basis%expand(u), balance%omega]
-      result%status = report%status
-      result%iterations = report%iterations
-      result%evaluations = report%evaluations
-      result%work = report%work
-      result%residual = report%residual
-      result%n_unknowns = balance%n_unknowns
-      result%preconditioner_level = balance%preconditioner_level
-      result%fallback = report%fallback
-      failure = trim(balance%law_set%memory_failure())
-      if (report%status == outcome%failed .and. allocated(report%error) .and. len(failure) > 0) then
-         result%message = failure                                     ! time integration needs no states that repeat on a grid
-         return
-      else if (report%status == outcome%failed .and. allocated(report%error)) then
-         call move_alloc(report%error, error)
-         return
-      else if (balance%law_set%is_given_up) then
-         call fail(error, balance%law_set%error_text)
-         return
-      else if (report%status /= outcome%converged .and. allocated(balance%law_set%error_text)) then
-         result%message = balance%law_set%error_text
-      else if (allocated(report%attempts) .and. any(report%status == [outcome%stalled, outcome%out_of_budget, outcome%singular, &
-                                                                     outcome%not_finite, outcome%diverged, outcome%timed_out])) then
-         call find_circumstances(model, balance, u, circumstances)
-         result%message = trim(advice_on(report, circumstances))
-      else if (report%status == outcome%not_finite) then
-         result%message = "loads, or the motion under them, are out of the range of numbers; scale the units"
-      end if
-
+      call keep_report(model, balance, u, report, result, error)
+      if (allocated(error) .or. (report%status == outcome%failed .and. allocated(report%error))) return
       call describe_motion(model, basis, balance, u, result, error, search)
       failure = trim(balance%law_set%memory_failure())
       if (allocated(error) .and. len(failure) > 0) then
@@ -410,6 +407,42 @@ contains
          if (allocated(error)) deallocate (error)                     ! of what was left half done
       end if
    end subroutine solve_balance
+
+   !> Puts what the solver reports into the result, with a message where it has found no motion.
+   subroutine keep_report(model, balance, u, report, result, error)
+      type(model_t), intent(in) :: model
+      type(balance_t), intent(inout) :: balance
+      real(wp), intent(in) :: u(:, :)                                 !! the last point
+      type(report_t), intent(inout) :: report
+      type(motion_result_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(circumstances_t) :: circumstances
+      character(:), allocatable :: failure
+
+      result%status = report%status
+      result%iterations = report%iterations
+      result%evaluations = report%evaluations
+      result%work = report%work
+      result%residual = report%residual
+      result%n_unknowns = balance%n_unknowns
+      result%preconditioner_level = balance%preconditioner_level
+      result%fallback = report%fallback
+      if (report%status == outcome%failed .and. allocated(report%error)) then
+         failure = trim(balance%law_set%memory_failure())
+         if (len(failure) > 0) result%message = failure               ! time integration needs no states that repeat on a grid
+         if (len(failure) == 0) call move_alloc(report%error, error)
+      else if (balance%law_set%is_given_up) then
+         call fail(error, balance%law_set%error_text)
+      else if (report%status /= outcome%converged .and. allocated(balance%law_set%error_text)) then
+         result%message = balance%law_set%error_text
+      else if (allocated(report%attempts) .and. any(report%status == [outcome%stalled, outcome%out_of_budget, outcome%singular, &
+                                                                     outcome%not_finite, outcome%diverged, outcome%timed_out])) then
+         call find_circumstances(model, balance, u, circumstances)
+         result%message = trim(advice_on(report, circumstances))
+      else if (report%status == outcome%not_finite) then
+         result%message = "loads, or the motion under them, are out of the range of numbers; scale the units"
+      end if
+   end subroutine keep_report
 
    !> Where the search for a torus was lost, or its motion is no better than a guess and its tones are nearly commensurate, the
    !> tones may have locked: there is no torus then.
