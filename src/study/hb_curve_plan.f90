@@ -70,11 +70,8 @@ contains
       call group%get("max_step", self%longest_step)
       do i = 1, size(keys_of_responses)
          allocate (self%responses_of(i)%names(0))
+         call group%get(trim(keys_of_responses(i)), self%responses_of(i)%names)
       end do
-      call group%get("peak_of", self%responses_of(1)%names)
-      call group%get("minimum_of", self%responses_of(2)%names)
-      call group%get("amplitude_of", self%responses_of(3)%names)
-      call group%get("resonance_of", self%responses_of(4)%names)
       call group%get("amplitudes", self%amplitudes)
       if ((size(self%amplitudes) > 0) .neqv. (size(self%responses_of(3)%names) > 0)) &
          call group%problem("amplitudes", "go with 'amplitude_of', whose responses shall have them")
@@ -88,19 +85,25 @@ contains
       if (len(self%origin_path) > 0) call group%get("origin_point", self%origin_point)
       allocate (self%torus_order(0))
       call group%get("torus_order", self%torus_order, n=2)
-      if (group%given("from") .and. group%given("to")) then
-         self%moving%typical = abs(self%to - self%from)
-         if (.not. self%moving%typical > 0.0_wp) call group%problem("to", "is the same as 'from': the range is empty")
-         if ((self%start - self%from)*(self%start - self%to) > 0.0_wp) &
-            call group%problem("start", "must lie between 'from' and 'to'")
-         call check_values("values", self%values)
-         call check_values("others", self%others)
-      end if
+      if (group%given("from") .and. group%given("to")) call check_range(self, group)
       call group%finish(error)
       if (allocated(error)) return
       call find_values(self, document, error)
       group => document%group("curve", 1)
       self%moving%parameter%line = group%line
+   end subroutine read_curve_plan
+
+   !> Adds a problem for each of the values that is not between the ends.
+   subroutine check_range(self, group)
+      type(curve_plan_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+
+      self%moving%typical = abs(self%to - self%from)
+      if (.not. self%moving%typical > 0.0_wp) call group%problem("to", "is the same as 'from': the range is empty")
+      if ((self%start - self%from)*(self%start - self%to) > 0.0_wp) &
+         call group%problem("start", "must lie between 'from' and 'to'")
+      call check_values("values", self%values)
+      call check_values("others", self%others)
 
    contains
 
@@ -115,7 +118,7 @@ contains
             return
          end do
       end subroutine check_values
-   end subroutine read_curve_plan
+   end subroutine check_range
 
    !> The value over which a point is located that the curve follows.
    subroutine read_over(self, group, follow)
@@ -194,10 +197,39 @@ contains
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(out) :: request
       type(error_t), allocatable, intent(out) :: error
-      character(:), allocatable :: error_text
       type(located_response_t) :: response
-      logical :: is_tones
       integer :: i, k
+
+      call check_model(self, model, document, error)
+      if (allocated(error)) return
+      request = self%curve_request_t
+      if (size(request%others) == 0) deallocate (request%others)
+      allocate (request%responses(0))
+      do k = 1, size(keys_of_responses)
+         do i = 1, size(self%responses_of(k)%names)
+            response = located_response_t(kind=kinds_of_responses(k))
+            call new_response(response%response_t, self%responses_of(k)%names(i)%value, model%structure, model%tones%n_tones, error)
+            if (.not. (allocated(error) .or. model%accuracy%grows_set .or. response%is_in(model%harmonics))) &
+               call fail(error, "'"//response%name//"': the set of harmonics does not have this tuple")
+            if (response%kind == curve_kind%resonance .and. .not. allocated(error)) call check_loads(model, response, error)
+            if (allocated(error)) then
+               error%message = self%place//": "//trim(keys_of_responses(k))//": "//error%message
+               return
+            end if
+            if (response%kind /= curve_kind%amplitude) request%responses = [request%responses, response]
+            if (response%kind == curve_kind%amplitude) call add_amplitudes(self%amplitudes, response, request%responses)
+         end do
+      end do
+   end subroutine curve_plan_make_request
+
+   !> Fails where the model has no curve along these values.
+   subroutine check_model(self, model, document, error)
+      class(curve_plan_t), intent(in) :: self
+      type(model_t), intent(in) :: model
+      type(document_t), intent(in) :: document
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: error_text
+      logical :: is_tones
 
       error_text = ""
       is_tones = document%groups%holders(self%moving%parameter%i_group)%group%name == "tones"
@@ -231,30 +263,9 @@ contains
          else if (.not. document%is_real(self%over%moving%parameter)) then
             error_text = "is no real number; only such can move by and by"
          end if
-         if (len(error_text) > 0) then
-            call fail(error, self%place//": over '"//shown(self%over_path)//"': "//error_text)
-            return
-         end if
+         if (len(error_text) > 0) call fail(error, self%place//": over '"//shown(self%over_path)//"': "//error_text)
       end if
-      request = self%curve_request_t
-      if (size(request%others) == 0) deallocate (request%others)
-      allocate (request%responses(0))
-      do k = 1, size(keys_of_responses)
-         do i = 1, size(self%responses_of(k)%names)
-            response = located_response_t(kind=kinds_of_responses(k))
-            call new_response(response%response_t, self%responses_of(k)%names(i)%value, model%structure, model%tones%n_tones, error)
-            if (.not. (allocated(error) .or. model%accuracy%grows_set .or. response%is_in(model%harmonics))) &
-               call fail(error, "'"//response%name//"': the set of harmonics does not have this tuple")
-            if (response%kind == curve_kind%resonance .and. .not. allocated(error)) call check_loads(model, response, error)
-            if (allocated(error)) then
-               error%message = self%place//": "//trim(keys_of_responses(k))//": "//error%message
-               return
-            end if
-            if (response%kind /= curve_kind%amplitude) request%responses = [request%responses, response]
-            if (response%kind == curve_kind%amplitude) call add_amplitudes(self%amplitudes, response, request%responses)
-         end do
-      end do
-   end subroutine curve_plan_make_request
+   end subroutine check_model
 
    !> Adds a response with each of some amplitudes.
    subroutine add_amplitudes(amplitudes, response, responses)

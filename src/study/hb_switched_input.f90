@@ -76,12 +76,9 @@ contains
       if (is_torus .and. index(plan%curve%path, "(") == 0 .and. index(plan%curve%path, "tones%") == 1) &
          call add(overrides, "curve%parameter", quote(plan%curve%path//"(1)"))
       do k = 1, size(keys_of_responses)
-         key = ""
-         do i = 1, size(plan%curve%responses_of(k)%names)
-            if (i > 1) key = key//", "
-            key = key//quote(response_text(plan%curve%responses_of(k)%names(i)%value, is_torus))
-         end do
-         if (len(key) > 0) call add(overrides, "curve%"//trim(keys_of_responses(k)), key)
+         associate (names => plan%curve%responses_of(k)%names)
+            if (size(names) > 0) call add(overrides, "curve%"//trim(keys_of_responses(k)), responses_text(names, is_torus))
+         end associate
       end do
       if (from%kind == curve_kind%graze) then
          call add(overrides, "solver%first_guess", "'integration'")
@@ -187,6 +184,19 @@ contains
          other = 2*tuple
       end if
    end function taken_over
+
+   !> The names of responses as values of a key.
+   function responses_text(names, is_torus) result(text)
+      type(string_t), intent(in) :: names(:)
+      logical, intent(in) :: is_torus
+      character(:), allocatable :: text
+      integer :: i
+
+      text = quote(response_text(names(1)%value, is_torus))
+      do i = 2, size(names)
+         text = text//", "//quote(response_text(names(i)%value, is_torus))
+      end do
+   end function responses_text
 
    !> The name of a response with its tuple among those harmonics.
    function response_text(name, is_torus) result(text)
