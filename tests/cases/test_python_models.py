@@ -124,7 +124,16 @@ def test_structures_come_from_memory_and_from_files(tmp_path):
         else:
             model.load(vector="push", cos=0.3)
         model.law("cubic_spring", "x3" if is_builder else "tip.x", stiffness=0.5)
-        found.append(model.solve(order=7)["coefficients"].values)
+        motion = model.solve(order=7)
+        found.append(motion["coefficients"].values)
+        if not is_builder:  # a set of one node names its degrees of freedom in results, too
+            assert complex(motion.nhbm.harmonic("tip.x")) == complex(motion.nhbm.harmonic("x3"))
+            assert motion.nhbm.largest("tip.x") == motion.nhbm.largest("x3")
+            assert model.response("tip.x (1)", order=7) == model.response("x3 (1)", order=7)
+            curve = model.curve("tones[0]", 0.7, 0.71, order=5, peak_of="tip.x (1)")
+            assert float(curve.nhbm.amplitude("tip.x")[0]) == float(curve.nhbm.amplitude("x3")[0]) > 0
+            with pytest.raises(KeyError, match="no dof 'tip.z'; known: x1, x2, x3, tip.x"):
+                motion.nhbm.harmonic("tip.z")
     same(found[0], found[1], "coefficients")
     np.testing.assert_allclose(found[0], found[2], rtol=1e-12)
     with pytest.raises(ModelError, match="nowhere.h5.*does not exist"):

@@ -70,6 +70,9 @@ def _labels(session: Session, lengths: dict[str, int]) -> dict[str, Any]:
             labels[axis] = words
         else:
             labels[axis] = np.arange(1 if axis == "tone" else 0, n + (axis == "tone"))
+    if session.dofs_of_sets and "dof" in labels:
+        words = [" ".join(name for name, dof in session.dofs_of_sets.items() if dof == label) for label in labels["dof"]]
+        labels["dof_of_set"] = "dof", words
     return labels
 
 
@@ -83,10 +86,7 @@ def response_of(session: Session, of: str) -> float:
     """A response of the motion found last: "x1", the root mean square of what oscillates, or "x1 (1)", the amplitude of a
     harmonic."""
     dof, wanted = parts_of(of)
-    labels = session.labels("dof")
-    if dof not in labels:
-        raise ModelError(f"'{of}' is no response: there is no degree of freedom '{dof}'; known: {', '.join(labels)}")
-    motion, tuples = session.column("coefficients").values[labels.index(dof)], session.column("tuples").values
+    motion, tuples = session.column("coefficients").values[_index(session, of, dof)], session.column("tuples").values
     if wanted is None:
         return float(np.sqrt((motion[tuples.any(axis=1)] ** 2).sum() / 2))
     if len(wanted) != tuples.shape[1]:
@@ -95,10 +95,20 @@ def response_of(session: Session, of: str) -> float:
     return float(np.sqrt((motion[found] ** 2).sum()))
 
 
+def _index(session: Session, of: str, dof: str) -> int:
+    """Position of a degree of freedom, by its label or by its set."""
+    labels = session.labels("dof")
+    label = session.dofs_of_sets.get(dof, dof)
+    if label not in labels:
+        known = ", ".join([*labels, *session.dofs_of_sets])
+        raise ModelError(f"'{of}' is no response: there is no degree of freedom '{dof}'; known: {known}")
+    return labels.index(label)
+
+
 def gradient_of(session: Session, of: str) -> np.ndarray[Any, Any]:
     """Derivatives of that response by the values of the group &gradient; NaN where they are not known."""
     dof, wanted = parts_of(of)
-    place, by = session.labels("dof").index(dof), session.column("gradient").values
+    place, by = _index(session, of, dof), session.column("gradient").values
     if by is None:
         return np.full(len(session.labels("gradient_value")), np.nan)
     motion, tuples = session.column("coefficients").values[place], session.column("tuples").values
@@ -138,6 +148,8 @@ def joined(motions: list[xr.Dataset], coordinates: dict[str, Any]) -> xr.Dataset
         variables["tuples" if name == "tuple" else name] = (("point", *first.dims), np.stack(rows), first.attrs)
     labels: dict[Any, Any] = {axis: next(m[axis].values for m in motions if m.sizes.get(axis) == n) for axis, n in longest.items()}
     labels["point"] = np.arange(len(motions))
+    if "dof_of_set" in motions[0].coords:
+        labels["dof_of_set"] = "dof", motions[0].coords["dof_of_set"].values
     labels.update({name: ("point", np.asarray(values)) for name, values in coordinates.items()})
     return xr.Dataset(variables, labels, motions[0].attrs)
 
@@ -184,7 +196,7 @@ class Accessor:
         Parameters
         ----------
         dof : str
-            Degree of freedom, or law, as the axis of the column has it.
+            Degree of freedom, by its label or by a set of one node ("disk1.x"), or law, as the axis of the column has it.
         tuple_ : int or sequence of int
             Its tuple; zero is returned where the set lacks it.
         of : str
@@ -201,11 +213,7 @@ class Accessor:
         if len(wanted) != data.sizes["tone"]:
             raise KeyError(f"tuple {tuple_} has {len(wanted)} entries, there are {data.sizes['tone']} tones")
         sign = -1 if next((k for k in wanted if k), 0) < 0 else 1
-        column = data[of]
-        axis = column.dims[-3]
-        if dof not in column[axis].values:
-            raise KeyError(f"'{of}' has no {axis} '{dof}'; known: {', '.join(map(str, column[axis].values))}")
-        held = column.sel({axis: dof}).where((tuples == sign * wanted).all("tone") & self._in_use())
+        held = self._row(of, dof).where((tuples == sign * wanted).all("tone") & self._in_use())
         found = held.sum("harmonic")
         return found.sel(component="cos", drop=True) - sign * 1j * found.sel(component="sin", drop=True)
 
@@ -235,7 +243,7 @@ class Accessor:
         tuples = data["tuples"] if "tuples" in data else data["tuple"]
         times = xr.DataArray(np.asarray(times, dtype=float), dims="time", attrs={"units": "s"})
         phases = (tuples * data["frequency"]).sum("tone") * times
-        column = data[of].sel({data[of].dims[-3]: dof}).where(self._in_use(), 0.0)
+        column = self._row(of, dof).where(self._in_use(), 0.0)
         values = column.sel(component="cos", drop=True) * np.cos(phases) + column.sel(component="sin", drop=True) * np.sin(phases)
         found: xr.DataArray = values.sum("harmonic").assign_coords(time=times)
         return found
@@ -308,9 +316,10 @@ class Accessor:
         return self._slope_of_largest(dof)
 
     def _slope_of_largest(self, dof: str) -> xr.DataArray:
-        data = self._dataset.sel(dof=dof)
+        data = self._dataset
         rates = ((data["tuples"] if "tuples" in data else data["tuple"]) * data["frequency"]).sum("tone")
-        cos, sin = (data["coefficients"].where(self._in_use(), 0.0).sel(component=c, drop=True) for c in ("cos", "sin"))
+        motion = self._row("coefficients", dof).where(self._in_use(), 0.0)
+        cos, sin = (motion.sel(component=c, drop=True) for c in ("cos", "sin"))
         times = self._times()
         at = times[int(abs(self.time(dof, times)).argmax("time"))]
         for _ in range(4):  # Newton's method for the instant where the rate vanishes
@@ -319,7 +328,7 @@ class Accessor:
             if curvature:
                 at -= float((rates * (sin * c - cos * s)).sum()) / curvature
         c, s = np.cos(rates * at), np.sin(rates * at)
-        slopes = data["gradient"].where(self._in_use(), 0.0)
+        slopes = self._row("gradient", dof).where(self._in_use(), 0.0)
         waves = slopes.sel(component="cos", drop=True) * c + slopes.sel(component="sin", drop=True) * s
         found: xr.DataArray = waves.sum("harmonic") * float(np.sign(float((cos * c + sin * s).sum())))
         return found
@@ -341,6 +350,20 @@ class Accessor:
         from nhbm.pictures import plot
 
         return plot(self._dataset, of, ax)
+
+    def _row(self, of: str, name: str) -> xr.DataArray:
+        """What a column has of a degree of freedom, by its label or by its set, or of a law."""
+        column = self._dataset[of]
+        axis = column.dims[-3]
+        known = [str(label) for label in column[axis].values]
+        if axis == "dof" and name not in known and "dof_of_set" in column.coords:
+            words = [str(names).split() for names in column["dof_of_set"].values]
+            name = next((label for label, names in zip(known, words) if name in names), name)
+            known += sum(words, [])
+        if name not in column[axis].values:
+            raise KeyError(f"'{of}' has no {axis} '{name}'; known: {', '.join(known)}")
+        row: xr.DataArray = column.sel({axis: name})
+        return row
 
     def _in_use(self) -> xr.DataArray:
         return self._dataset["harmonic"] < self._dataset["n_harmonics"]

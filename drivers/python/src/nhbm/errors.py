@@ -3,3 +3,7 @@
 
 class ModelError(Exception):
     """A model, or a file that should hold one, is not what it must be."""
+
+
+class NotConverged(UserWarning):
+    """A motion was not found, or misses what was asked for."""

@@ -10,6 +10,12 @@ import numpy as np
 
 from nhbm.errors import ModelError
 
+GROUPS = (
+    "structure", "bearing", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode",
+    "solver", "certificate", "stability",
+    "output", "integration", "accuracy", "curve", "tie", "gradient",
+)  # fmt: skip
+
 
 def as_input(value: Any) -> str:
     """A value, or a list of them, as an input has it."""
@@ -34,7 +40,7 @@ def group_text(name: str, keys: Mapping[str, Any]) -> str:
     return f"&{name} {given} /\n"
 
 
-def path_of(path: str, groups: Iterable[str] = ()) -> str:
+def path_of(path: str) -> str:
     """A path of the input: `tones[0]` is tones%frequency(1), `wall.gap` law(wall)%gap, `load[1].cos` load(2)%cos.
 
     What names a group (`structure.length`) is a key of it; paths of the input itself stay as they are.
@@ -50,7 +56,7 @@ def path_of(path: str, groups: Iterable[str] = ()) -> str:
             raise ModelError(f"'{path}' names no key; 'wall.gap' and 'load[1].cos' do")
         key, element, number = "frequency", number, None
     group = f"{name}({int(number) + 1})" if number is not None else name
-    if name not in groups:
+    if name not in GROUPS:
         group = f"law({name})"
     return f"{group}%{key}" + (f"({int(element) + 1})" if element is not None else "")
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import copy
-import itertools
 import re
-import threading
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -14,23 +11,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from nhbm import dataset
-from nhbm.errors import ModelError
-from nhbm.groups import Builder, described, group_text, identifier, path_of
+from nhbm import dataset, sweeps
+from nhbm.docstrings import documented
+from nhbm.errors import ModelError, NotConverged
+from nhbm.groups import GROUPS, Builder, described, group_text, identifier, path_of
 from nhbm.laws import Law
 from nhbm.session import Session, input_keys
 from nhbm.structure import Structure
+from nhbm.sweeps import Progress
 
-GROUPS = (
-    "structure", "bearing", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", "normal_mode",
-    "solver", "certificate", "stability",
-    "output", "integration", "accuracy", "curve", "tie", "gradient",
-)  # fmt: skip
 _IN_MEMORY = "structure in memory"
-
-
-class NotConverged(UserWarning):
-    """A motion was not found, or misses what was asked for."""
 
 
 class Peak(NamedTuple):
@@ -261,7 +251,7 @@ class Model:
         factor, offset : float
             In the units of both.
         """
-        paths = path_of(path, GROUPS), path_of(to, GROUPS)
+        paths = path_of(path), path_of(to)
         self._add("tie", {"parameter": paths[0], "to": paths[1], "factor": factor, "offset": offset})
 
     def __setitem__(self, path: str, value: Any) -> None:
@@ -284,7 +274,7 @@ class Model:
             ...
         nhbm.errors.ModelError: 'law(stop)%gap' there is no group '&law'; the file has: structure, tones, ...
         """
-        path, live = path_of(path, GROUPS), self._live(*self._used[:2])
+        path, live = path_of(path), self._live(*self._used[:2])
         live.set(path, value)
         self._n_assignments += 1
         self._values.pop(path, None)
@@ -293,17 +283,14 @@ class Model:
 
     # What it does
 
+    @documented
     def solve(self, *, tolerance: float | None = None, order: int | None = None, warm: bool = False) -> xr.Dataset:
         """Finds the motion.
 
         Parameters
         ----------
-        tolerance : float, optional
-            Relative error of the motion that is asked for, with harmonics chosen for it; 1e-2 if neither it nor `order` is given.
-        order : int, optional
-            Highest order of the harmonics, in the place of a tolerance.
-        warm : bool
-            Start from the motion found last.
+        {tolerance and order}
+        {warm}
 
         Returns
         -------
@@ -325,6 +312,7 @@ class Model:
             warnings.warn(session.message or f"the motion is {motion.nhbm.status.item()}", NotConverged, stacklevel=2)
         return motion
 
+    @documented
     def response(self, of: str, *, tolerance: float | None = None, order: int | None = None, warm: bool = True) -> float:
         """Finds the motion and returns one number of it, without a dataset: for optimisers and other loops.
 
@@ -333,12 +321,8 @@ class Model:
         of : str
             A degree of freedom, "x1", for the root mean square of what oscillates there, or a harmonic of it, "x1 (1)" or "v3
             (1,0)", for its amplitude.
-        tolerance : float, optional
-            Relative error of the motion that is asked for, with harmonics chosen for it; 1e-2 if neither it nor `order` is given.
-        order : int, optional
-            Highest order of the harmonics, in the place of a tolerance.
-        warm : bool
-            Start from the motion found last.
+        {tolerance and order}
+        {warm}
 
         Returns
         -------
@@ -352,6 +336,7 @@ class Model:
         warnings.warn(session.message, NotConverged, stacklevel=2)
         return float("nan")
 
+    @documented
     def gradient(self, of: str, by: Iterable[str], *, tolerance: float | None = None, order: int | None = None,
                  warm: bool = True) -> Gradient:  # fmt: skip
         """Finds the motion and returns one number of it with its derivatives: for optimisers that take them.
@@ -365,12 +350,8 @@ class Model:
             A response, as for `response`.
         by : iterable of str
             Paths of the values, "wall.gap".
-        tolerance : float, optional
-            Relative error of the motion that is asked for, with harmonics chosen for it; 1e-2 if neither it nor `order` is given.
-        order : int, optional
-            Highest order of the harmonics, in the place of a tolerance.
-        warm : bool
-            Start from the motion found last.
+        {tolerance and order}
+        {warm}
 
         Returns
         -------
@@ -391,7 +372,7 @@ class Model:
         >>> bool(abs((further - value) / 1e-6 - slopes[0]) < 1e-4 * abs(slopes[0]))
         True
         """
-        paths = [path_of(path, GROUPS) for path in ([by] if isinstance(by, str) else by)]
+        paths = [path_of(path) for path in ([by] if isinstance(by, str) else by)]
         session = self._live(tolerance, order, {"gradient": {"by": paths}}).session
         session.solve(warm, points=0)
         if dataset.number(session, "status") in dataset.SOLVED:
@@ -402,6 +383,7 @@ class Model:
         warnings.warn(session.message, NotConverged, stacklevel=2)
         return Gradient(float("nan"), np.full(len(paths), np.nan))
 
+    @documented
     def peak(self, of: str, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
              **keys: Any) -> Peak:  # fmt: skip
         """Follows motions as `curve` does and returns the largest response on the way.
@@ -416,10 +398,7 @@ class Model:
             Path of the value that moves.
         start, stop : float
             Its range, in its unit.
-        tolerance : float, optional
-            Relative error of the motion that is asked for, with harmonics chosen for it; 1e-2 if neither it nor `order` is given.
-        order : int, optional
-            Highest order of the harmonics, in the place of a tolerance.
+        {tolerance and order}
         **keys
             Of the group &curve.
 
@@ -428,7 +407,7 @@ class Model:
         Peak
             The response and the value of the parameter at which it is.
         """
-        path = path_of(path, GROUPS)
+        path = path_of(path)
         groups = {
             "curve": {"parameter": path, "from": float(start), "to": float(stop), "peak_of": of, **keys},
             "stability": {"method": "off"},
@@ -446,6 +425,7 @@ class Model:
             warnings.warn(session.message, NotConverged, stacklevel=2)
         return best
 
+    @documented
     def curve(self, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
               on_point: Callable[[xr.Dataset], bool] | None = None, progress: Any = False, **keys: Any) -> xr.Dataset:  # fmt: skip
         """Follows motions while a value moves, round folds, with stability and bifurcations.
@@ -456,10 +436,7 @@ class Model:
             Path of the value: "tones[0]", "wall.gap".
         start, stop : float
             Its range, in its unit.
-        tolerance : float, optional
-            Relative error of the motion that is asked for, with harmonics chosen for it; 1e-2 if neither it nor `order` is given.
-        order : int, optional
-            Highest order of the harmonics, in the place of a tolerance.
+        {tolerance and order}
         on_point : function, optional
             Gets the dataset of each point; True ends the curve.
         progress : bool or function
@@ -483,15 +460,15 @@ class Model:
         >>> print([f"{float(omega):.6f}" for omega in curve["tones_frequency_1"][curve["curve_kind"] == 3]])
         ['1.269602', '1.115700']
         """
-        path = path_of(path, GROUPS)
+        path = path_of(path)
         if "over" in keys:
-            keys["over"] = path_of(keys["over"], GROUPS)
+            keys["over"] = path_of(keys["over"])
         session = self._live(
             tolerance, order, {"curve": {"parameter": path, "from": float(start), "to": float(stop), **keys}}
         ).session
         points = []
         session.begin_curve()
-        with _Progress(progress, "curve") as bar:
+        with Progress(progress, "curve") as bar:
             while session.next():
                 points.append(dataset.motion_of(session))
                 bar.update()
@@ -554,73 +531,7 @@ class Model:
         found = dataset.record_of(session)
         return found.assign(integration_verdict=dataset.VERDICTS[int(found["integration_verdict"])])
 
-    def sweep(self, values: Mapping[str, Any], *, paired: bool = False, of: str | Callable[[Model], object] | None = None,
-              tolerance: float | None = None, order: int | None = None, warm: bool = False,
-              workers: int = 1, executor: Any = None, comm: Any = None, progress: Any = False) -> xr.Dataset:  # fmt: skip
-        """Solves the points of a grid of values.
-
-        The work is spread over lines of the grid (points, where nothing is warm): over `workers`, an `executor`, or the ranks of
-        `comm`.
-
-        Parameters
-        ----------
-        values : dict
-            Values by path, ``{"wall.gap": [...], "tones[0]": [...]}``; the last one changes fastest.
-        paired : bool
-            The first values of all paths are a point, the second ones the next, as samples of random parameters are.
-        of : str or function, optional
-            Keeps numbers in place of motions: a response ("x1 (1)"), or a function that gets the model with the values of the point
-            and returns a number or a mapping of numbers, such as ``functools.partial(nhbm.Model.peak, of="x1", ...)``.
-        tolerance : float, optional
-            Relative error of the motion that is asked for, with harmonics chosen for it; 1e-2 if neither it nor `order` is given.
-        order : int, optional
-            Highest order of the harmonics, in the place of a tolerance.
-        warm : bool
-            Start each point from its neighbour along the last path.
-        workers : int
-            Processes.
-        executor : object, optional
-            With `map`: of concurrent.futures, mpi4py.futures, a client of Dask by its `get_executor()`.
-        comm : mpi4py.MPI.Comm, optional
-            Each of its ranks gets the whole dataset.
-        progress : bool or function
-            True: a bar of tqdm, in notebooks too; a function gets the number of points done.
-
-        Returns
-        -------
-        xarray.Dataset
-            As of `solve`, with the dimension `point`; points without a motion are reported by `status` and `message`.
-        """
-        grid = {path_of(path, GROUPS): list(np.atleast_1d(list(np.atleast_1d(line)))) for path, line in values.items()}
-        if not grid or not all(grid.values()):
-            raise ModelError("a sweep needs at least one path, and values for each")
-        if paired and len(set(map(len, grid.values()))) > 1:
-            raise ModelError("paired values must be as many for each path: " + ", ".join(f"{p}: {len(v)}" for p, v in grid.items()))
-        points = list(zip(*grid.values()) if paired else itertools.product(*grid.values()))
-        model = copy.copy(self)  # keeps its values
-        model._live(tolerance, order)
-        for path, value in zip(grid, points[0]):
-            model[path] = value  # what is wrong is raised here, not by a worker
-        length = len(points) if paired else len(list(grid.values())[-1])
-        if not warm and comm is None:  # fewer, larger pieces of work
-            length = max(1, len(points) // (8 * workers)) if workers > 1 or executor else 1
-        elif not warm:
-            length = 1
-        lines = [points[k : k + length] for k in range(0, len(points), length)]
-        work = _Line(model, list(grid), of, tolerance, order, warm, len(points))
-        with _Progress(progress, "sweep", len(points)) as bar:
-            rows = list(itertools.chain.from_iterable(_spread(work, lines, workers, executor, comm, bar)))
-        names = [identifier(path) for path in grid]
-        coordinates = {name: [point[k] for point in points] for k, name in enumerate(names)}
-        found = dataset.joined(rows, coordinates) if of is None else dataset.table(rows, coordinates)
-        found = found.assign_attrs(varies=names)
-        for name, path in zip(names, grid):
-            found[name].attrs.update(model._described(path))
-        if of is None and not bool(found.nhbm.is_converged.all()):
-            words, counts = np.unique(found.nhbm.status[~found.nhbm.is_converged], return_counts=True)
-            what = ", ".join(f"{count} {word}" for word, count in zip(words, counts))
-            warnings.warn(f"of {len(points)} points {what}. {found.nhbm.message}".rstrip(), NotConverged, stacklevel=2)
-        return found
+    sweep = sweeps.sweep
 
     # How it is kept
 
@@ -709,76 +620,3 @@ class _Live:
             if number > self.n_assignments:
                 self.set(path, value)
         self.n_assignments = max([self.n_assignments, *(number for number, _ in values.values())])
-
-
-class _Line:
-    """Solves a line of points; a value that processes can be sent."""
-
-    def __init__(self, model: Model, paths: list[str], of: Any, tolerance: float | None, order: int | None, warm: bool,
-                 n: int) -> None:  # fmt: skip
-        self.model, self.paths, self.of, self.tolerance, self.order, self.warm, self.n = model, paths, of, tolerance, order, warm, n
-        self.thread = threading.get_ident()
-
-    def __call__(self, points: list[Any]) -> list[Any]:
-        model = self.model if threading.get_ident() == self.thread else copy.copy(self.model)  # a model belongs to one thread
-        return [self._point(model, point, k) for k, point in enumerate(points)]
-
-    def _point(self, model: Model, point: Any, k: int) -> Any:
-        wanted: dict[str, Any] = {"tolerance": self.tolerance, "order": self.order}
-        for path, value in zip(self.paths, point):
-            model[path] = value
-        if callable(self.of):
-            return self.of(model)
-        if self.of is not None:
-            return model.response(self.of, warm=self.warm and k > 0, **wanted)
-        session = model._live(**wanted).session
-        session.solve(self.warm and k > 0, points=model._sharing(self.n))
-        return dataset.motion_of(session)
-
-
-def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: Any, bar: _Progress) -> Iterable[list[Any]]:
-    """What comes of all lines, in their order."""
-    if comm is not None:
-        mine = [(k, work(line)) for k, line in enumerate(lines) if k % comm.Get_size() == comm.Get_rank()]
-        done = dict(itertools.chain.from_iterable(comm.allgather(mine)))
-        yield from (done[k] for k in range(len(lines)))
-        return
-    if executor is None and workers > 1:
-        import multiprocessing
-        from concurrent.futures import ProcessPoolExecutor
-
-        with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as executor:
-            yield from _spread(work, lines, 1, executor, None, bar)
-        return
-    for motions in map(work, lines) if executor is None else executor.map(work, lines):
-        bar.update(len(motions))
-        yield motions
-
-
-class _Progress:
-    """A bar of tqdm where one is asked for and tqdm is there, or a function that gets the number of points done."""
-
-    def __init__(self, wanted: Any, what: str, total: int | None = None) -> None:
-        self._wanted, self._what, self._total, self._n = wanted, what, total, 0
-        self._bar: Any = None
-
-    def __enter__(self) -> _Progress:
-        if self._wanted is True:
-            try:
-                from tqdm.auto import tqdm
-
-                self._bar = tqdm(total=self._total, desc=self._what, unit="point")
-            except ImportError:
-                pass
-        return self
-
-    def update(self, n: int = 1) -> None:
-        self._n += n
-        if self._bar is not None:
-            self._bar.update(n)
-        elif callable(self._wanted):
-            self._wanted(self._n)
-
-    def __exit__(self, *fault: Any) -> None:
-        if self._bar is not None:
-            self._bar.close()

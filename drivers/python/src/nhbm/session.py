@@ -212,6 +212,7 @@ class Session:
         self._is_interrupted = False
         self._n_points = 1
         self._fault: BaseException | None = None
+        self.dofs_of_sets: dict[str, str] = {}  # "disk1.x" of a set of one node, and the label of its degree of freedom
         self.empty: Any = None  # layout of a motion and a dataset without its values, for nhbm.dataset
         this: Any = weakref.ref(self)  # the library holds callbacks, which must not hold the session
         self._ask = _ASK(lambda context: int(this()._is_interrupted))
@@ -338,6 +339,9 @@ class Session:
             for set_name, members in structure.sets.items():
                 members = np.ascontiguousarray(members, np.int32)
                 code = code or give["set"](place, set_name.encode(), len(members), members)
+                if len(members) == 1:
+                    for dof in np.flatnonzero(structure.dof_node == members[0]):
+                        self.dofs_of_sets[f"{set_name}.{structure.dof_direction[dof]}"] = structure.labels[dof]
             return int(code)
         except BaseException as fault:
             if isinstance(fault, ModelError):

@@ -1,0 +1,31 @@
+"""Parameters that several methods have in common are described once."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Callable
+from typing import TypeVar
+
+_Function = TypeVar("_Function", bound=Callable[..., object])
+_SHARED = {
+    "tolerance and order": """\
+tolerance : float, optional
+    Relative error of the motion that is asked for, with harmonics chosen for it; 1e-2 if neither it nor `order` is given.
+order : int, optional
+    Highest order of the harmonics, in the place of a tolerance.""",
+    "warm": """\
+warm : bool
+    Start from the motion found last.""",
+}
+
+
+def documented(function: _Function) -> _Function:
+    """Puts the shared words in the place of ``{warm}`` and ``{tolerance and order}`` in a docstring."""
+    function.__doc__ = re.sub(
+        r"^( *)\{([a-z ]+)\}$",
+        lambda found: textwrap.indent(_SHARED[found[2]], found[1]),
+        function.__doc__ or "",
+        flags=re.MULTILINE,
+    )
+    return function

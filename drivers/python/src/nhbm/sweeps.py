@@ -1,0 +1,161 @@
+"""Sweeps of a model over a grid of values, by workers, an executor or the ranks of a communicator."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import threading
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from nhbm import dataset
+from nhbm.docstrings import documented
+from nhbm.errors import ModelError, NotConverged
+from nhbm.groups import identifier, path_of
+
+if TYPE_CHECKING:
+    from nhbm.model import Model
+
+
+@documented
+def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: str | Callable[[Model], object] | None = None,
+          tolerance: float | None = None, order: int | None = None, warm: bool = False,
+          workers: int = 1, executor: Any = None, comm: Any = None, progress: Any = False) -> xr.Dataset:  # fmt: skip
+    """Solves the points of a grid of values.
+
+    The work is spread over lines of the grid (points, where nothing is warm): over `workers`, an `executor`, or the ranks of
+    `comm`.
+
+    Parameters
+    ----------
+    values : dict
+        Values by path, ``{"wall.gap": [...], "tones[0]": [...]}``; the last one changes fastest.
+    paired : bool
+        The first values of all paths are a point, the second ones the next, as samples of random parameters are.
+    of : str or function, optional
+        Keeps numbers in place of motions: a response ("x1 (1)"), or a function that gets the model with the values of the point
+        and returns a number or a mapping of numbers, such as ``functools.partial(nhbm.Model.peak, of="x1", ...)``.
+    {tolerance and order}
+    warm : bool
+        Start each point from its neighbour along the last path.
+    workers : int
+        Processes.
+    executor : object, optional
+        With `map`: of concurrent.futures, mpi4py.futures, a client of Dask by its `get_executor()`.
+    comm : mpi4py.MPI.Comm, optional
+        Each of its ranks gets the whole dataset.
+    progress : bool or function
+        True: a bar of tqdm, in notebooks too; a function gets the number of points done.
+
+    Returns
+    -------
+    xarray.Dataset
+        As of `solve`, with the dimension `point`; points without a motion are reported by `status` and `message`.
+    """
+    grid = {path_of(path): list(np.atleast_1d(list(np.atleast_1d(line)))) for path, line in values.items()}
+    if not grid or not all(grid.values()):
+        raise ModelError("a sweep needs at least one path, and values for each")
+    if paired and len(set(map(len, grid.values()))) > 1:
+        raise ModelError("paired values must be as many for each path: " + ", ".join(f"{p}: {len(v)}" for p, v in grid.items()))
+    points = list(zip(*grid.values()) if paired else itertools.product(*grid.values()))
+    model = copy.copy(self)  # keeps its values
+    model._live(tolerance, order)
+    for path, value in zip(grid, points[0]):
+        model[path] = value  # what is wrong is raised here, not by a worker
+    length = len(points) if paired else len(list(grid.values())[-1])
+    if not warm and comm is None:  # fewer, larger pieces of work
+        length = max(1, len(points) // (8 * workers)) if workers > 1 or executor else 1
+    elif not warm:
+        length = 1
+    lines = [points[k : k + length] for k in range(0, len(points), length)]
+    work = _Line(model, list(grid), of, tolerance, order, warm, len(points))
+    with Progress(progress, "sweep", len(points)) as bar:
+        rows = list(itertools.chain.from_iterable(_spread(work, lines, workers, executor, comm, bar)))
+    names = [identifier(path) for path in grid]
+    coordinates = {name: [point[k] for point in points] for k, name in enumerate(names)}
+    found = dataset.joined(rows, coordinates) if of is None else dataset.table(rows, coordinates)
+    found = found.assign_attrs(varies=names)
+    for name, path in zip(names, grid):
+        found[name].attrs.update(model._described(path))
+    if of is None and not bool(found.nhbm.is_converged.all()):
+        words, counts = np.unique(found.nhbm.status[~found.nhbm.is_converged], return_counts=True)
+        what = ", ".join(f"{count} {word}" for word, count in zip(words, counts))
+        warnings.warn(f"of {len(points)} points {what}. {found.nhbm.message}".rstrip(), NotConverged, stacklevel=2)
+    return found
+
+
+class _Line:
+    """Solves a line of points; a value that processes can be sent."""
+
+    def __init__(self, model: Model, paths: list[str], of: Any, tolerance: float | None, order: int | None, warm: bool,
+                 n: int) -> None:  # fmt: skip
+        self.model, self.paths, self.of, self.tolerance, self.order, self.warm, self.n = model, paths, of, tolerance, order, warm, n
+        self.thread = threading.get_ident()
+
+    def __call__(self, points: list[Any]) -> list[Any]:
+        model = self.model if threading.get_ident() == self.thread else copy.copy(self.model)  # a model belongs to one thread
+        return [self._point(model, point, k) for k, point in enumerate(points)]
+
+    def _point(self, model: Model, point: Any, k: int) -> Any:
+        wanted: dict[str, Any] = {"tolerance": self.tolerance, "order": self.order}
+        for path, value in zip(self.paths, point):
+            model[path] = value
+        if callable(self.of):
+            return self.of(model)
+        if self.of is not None:
+            return model.response(self.of, warm=self.warm and k > 0, **wanted)
+        session = model._live(**wanted).session
+        session.solve(self.warm and k > 0, points=model._sharing(self.n))
+        return dataset.motion_of(session)
+
+
+def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: Any, bar: Progress) -> Iterable[list[Any]]:
+    """What comes of all lines, in their order."""
+    if comm is not None:
+        mine = [(k, work(line)) for k, line in enumerate(lines) if k % comm.Get_size() == comm.Get_rank()]
+        done = dict(itertools.chain.from_iterable(comm.allgather(mine)))
+        yield from (done[k] for k in range(len(lines)))
+        return
+    if executor is None and workers > 1:
+        import multiprocessing
+        from concurrent.futures import ProcessPoolExecutor
+
+        with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as executor:
+            yield from _spread(work, lines, 1, executor, None, bar)
+        return
+    for motions in map(work, lines) if executor is None else executor.map(work, lines):
+        bar.update(len(motions))
+        yield motions
+
+
+class Progress:
+    """A bar of tqdm where one is asked for and tqdm is there, or a function that gets the number of points done."""
+
+    def __init__(self, wanted: Any, what: str, total: int | None = None) -> None:
+        self._wanted, self._what, self._total, self._n = wanted, what, total, 0
+        self._bar: Any = None
+
+    def __enter__(self) -> Progress:
+        if self._wanted is True:
+            try:
+                from tqdm.auto import tqdm
+
+                self._bar = tqdm(total=self._total, desc=self._what, unit="point")
+            except ImportError:
+                pass
+        return self
+
+    def update(self, n: int = 1) -> None:
+        self._n += n
+        if self._bar is not None:
+            self._bar.update(n)
+        elif callable(self._wanted):
+            self._wanted(self._n)
+
+    def __exit__(self, *fault: Any) -> None:
+        if self._bar is not None:
+            self._bar.close()
