@@ -247,8 +247,11 @@ def reaching(draw: Draw, reach: dict) -> list[str]:
     """Suites that execute a line of the statement, or the one before it that has a counter; that of its module first, then
     those of whose work the source is the largest part for their time.
 
-    Values of declarations have none: all suites that execute anything of the source."""
+    Values of declarations have none: all suites that execute anything of the source, or, where it has nothing but declarations,
+    of a source that uses it."""
     text = (SOURCE / draw.file).read_text(encoding="utf-8").split("\n")
+    if not any(draw.file in known["lines"] for known in reach.values()):
+        return reaching_users(draw, reach)
     declares = "::" in text[draw.line - 1]
     statement = lines_of_statement(text, draw.line)
     found = []
@@ -267,6 +270,14 @@ def reaching(draw: Draw, reach: dict) -> list[str]:
         return name != f"test_{module}", -lines[draw.file] / sum(lines.values()) / (reach[name]["seconds"] + 0.5)
 
     return sorted(found, key=order)
+
+
+def reaching_users(draw: Draw, reach: dict) -> list[str]:
+    """Suites that execute anything of a source that uses the module, the fastest first."""
+    use = re.compile(rf"^ *use {Path(draw.file).stem}\b", re.MULTILINE)
+    users = {str(path.relative_to(SOURCE)) for path in SOURCE.rglob("src/**/*.f90") if use.search(path.read_text(encoding="utf-8"))}
+    found = [name for name, known in reach.items() if known["seconds"] <= LONGEST and users & set(known["lines"])]
+    return sorted(found, key=lambda name: (name != f"test_{Path(draw.file).stem}", reach[name]["seconds"]))
 
 
 def lines_of_statement(text: list[str], line: int) -> set[int]:
@@ -335,7 +346,10 @@ def build_alone(file: str, text: str, folder: Path) -> tuple[bool, bool]:
     source, thing = folder / Path(file).name, folder / "changed.o"
     source.write_text(text, encoding="utf-8")
     commands = json.loads((BUILD / "compile_commands.json").read_text(encoding="utf-8"))
-    words = shlex.split(next(entry["command"] for entry in commands if entry["file"] == str(SOURCE / file)))
+    command = next((entry["command"] for entry in commands if entry["file"] == str(SOURCE / file)), None)
+    if command is None:  # of another configuration
+        return False, False
+    words = shlex.split(command)
     place = words[words.index("-o") + 1]
     changes = {place: str(thing), str(SOURCE / file): str(source), "-Jsrc/modules": f"-J{folder}", "--coverage": "", "-O1": "-O0"}
     words = [changes.get(word, word) for word in words]
