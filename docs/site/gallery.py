@@ -40,8 +40,13 @@ def view(source: Path) -> list[str]:
         return ["deflection"]
     if "&curve" in text:
         return ["response"]
-    if text.count("&sweep") and "axis" not in text and re.search(r"n\s*=\s*\d{2}", text):
-        return ["map"] if text.count("&sweep") > 1 else ["response"]
+    sweeps = re.findall(r"&sweep\b([^/]*)/", text)
+    axes = {(re.search(r"axis\s*=\s*(\d+)", sweep) or [0, str(k)])[1] for k, sweep in enumerate(sweeps, 1)}
+    lengths = [int((re.search(r"\bn\s*=\s*(\d+)", sweep) or [0, sweep.count(",")])[1]) for sweep in sweeps]
+    if len(axes) > 1 and min(lengths) > 3:
+        return ["map"]
+    if len(sweeps) == 1 and "frequency" in sweeps[0] or len(sweeps) == 1 and lengths[0] > 3:
+        return ["response"]
     return ["spectrum", "--form", "stem"] if n_tones > 1 else ["time"]
 
 

@@ -1,11 +1,15 @@
 """Motions in space: shapes and animations read back as VTK has them, of whole models and of reduced ones."""
 
+from types import SimpleNamespace
+
 import h5py
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from synthetic import write_results
 from test_cli import run
 
+from nhbm_post.draw import draw_deflection
 from nhbm_post.structure import Structure
 
 meshio = pytest.importorskip("meshio")
@@ -162,6 +166,20 @@ def test_plane_bodies_that_move_in_their_plane_are_seen_from_above():
     assert flat_across(plate, in_plane) == 2 and flat_across(plate[:, [2, 0, 1]], in_plane[:, [2, 0, 1]]) == 0
     assert flat_across(plate, across) is None and flat_across(plate * [1, 1, 100], in_plane) is None
     assert flat_across(plate * [1, 0, 0], in_plane) is None  # a line
+    for points, moved, axes_names in ((plate, in_plane, "xy"), (plate[:, [2, 0, 1]], in_plane[:, [2, 0, 1]], "yz")):
+        body = SimpleNamespace(points=points, cells=[(5, [0, 1, 2])])
+        ax = draw_deflection(body, moved, ("amplitude", np.linalg.norm(moved, axis=1)), "Motion", "").axes[0]
+        assert [ax.get_xlabel(), ax.get_ylabel()] == [f"{name} [m]" for name in axes_names] and ax.get_aspect() == 1.0
+
+
+def test_labels_of_upright_bodies_stay_in_the_picture():
+    shaft = SimpleNamespace(points=np.array([[0.0, 0, z] for z in np.linspace(0.0, 0.6, 5)]), cells=[(3, [k, k + 1]) for k in range(4)])
+    moved = np.array([[x, 0.0, 0.0] for x in (0.0, 1e-4, 2e-4, 1e-4, 0.0)])
+    fig = draw_deflection(shaft, moved, ("amplitude", moved[:, 0]), "Motion", "")
+    canvas = FigureCanvasAgg(fig)
+    canvas.draw()
+    lowest = np.asarray(canvas.buffer_rgba())[-1]
+    assert (lowest == lowest[0]).all(), "nothing is cut off"
 
 
 def test_surface_is_what_one_cell_has_alone():

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from ..structure import Structure
 from .style import COLOUR_MAP, INK, figure, head, look, unit_scale
@@ -20,7 +21,6 @@ _FACES = {3: ((0, 1),), 5: ((0, 1, 2),), 9: ((0, 1, 2, 3),), 10: _TETRA, 12: _HE
 _LARGEST = 0.12  # deflection that is drawn, relative to the largest extent
 _THIN = 0.3  # of the longest side of the box round a body, that the others have at least
 _FLAT = 0.1  # extent and deflection across a plane, relative to those along it, of bodies that are seen from above
-_ABOVE = {0: (0, 0), 1: (0, -90), 2: (90, -90)}  # elevation and azimuth of a view along x, y and z
 
 
 def draw_deflection(structure: Structure, displacement: np.ndarray, colours_by: tuple[str, np.ndarray], heading: str, about: str):
@@ -31,35 +31,46 @@ def draw_deflection(structure: Structure, displacement: np.ndarray, colours_by: 
     name, amplitude = colours_by
     with look():
         fig = figure(5.6, 4.3, is_arranged=False)
-        axes = fig.add_axes((0.0, 0.09, 0.8, 0.77), projection="3d")
         scale = scale_of(structure, displacement)
         points = structure.points + scale * displacement
         faces = surface(structure.cells)
         factor, units = unit_scale(float(amplitude.max()), "m")
-        colours = Normalize(0.0, factor * float(amplitude.max()) or 1.0)
-        kind = Line3DCollection if all(len(face) == 2 for face in faces) else Poly3DCollection
-        width = 0.3 if kind is Poly3DCollection else 2.5
-        drawn = kind([points[list(face)] for face in faces], cmap=COLOUR_MAP, norm=colours, linewidths=width)
-        drawn.set_array(factor * np.array([amplitude[list(face)].mean() for face in faces]))
-        if kind is Poly3DCollection:
-            drawn.set_edgecolor(INK)
-        axes.add_collection3d(drawn)
-        middle, half = (points.max(axis=0) + points.min(axis=0)) / 2, 0.5 * np.ptp(points, axis=0)
-        half = np.maximum(half, _THIN * half.max())
-        for k, (set_limits, label) in enumerate(((axes.set_xlim, "x"), (axes.set_ylim, "y"), (axes.set_zlim, "z"))):
-            set_limits(middle[k] - half[k], middle[k] + half[k])
-            getattr(axes, f"set_{label}label")(f"{label} [m]", labelpad=10.0 if half[k] == half.max() else 4.0)
-            getattr(axes, f"{label}axis").set_major_locator(MaxNLocator(4 if half[k] > 0.5 * half.max() else 2))
+        is_lines = all(len(face) == 2 for face in faces)
+        style = {"cmap": COLOUR_MAP, "norm": Normalize(0.0, factor * float(amplitude.max()) or 1.0), "linewidths": 2.5 if is_lines else 0.3}
         across = flat_across(structure.points, displacement)
-        axes.set_box_aspect(half, zoom=1.0 if across is None else 1.4)
-        if across is not None:
-            axes.view_init(*_ABOVE[across])
-            axes.set_proj_type("ortho")
-            getattr(axes, f"set_{'xyz'[across]}label")("")
-            getattr(axes, f"set_{'xyz'[across]}ticks")([])
+        if across is None:
+            axes = fig.add_axes((0.0, 0.09, 0.8, 0.77), projection="3d")
+            drawn = (Line3DCollection if is_lines else Poly3DCollection)([points[list(face)] for face in faces], **style)
+            axes.add_collection3d(drawn)
+            _frame(axes, points)
+        else:
+            axes = fig.add_axes((0.13, 0.14, 0.66, 0.7), aspect="equal", adjustable="datalim")
+            along = [k for k in range(3) if k != across]
+            drawn = (LineCollection if is_lines else PolyCollection)([points[list(face)][:, along] for face in faces], **style)
+            axes.add_collection(drawn)
+            axes.autoscale_view()
+            axes.set_xlabel(f"{'xyz'[along[0]]} [m]")
+            axes.set_ylabel(f"{'xyz'[along[1]]} [m]")
+        drawn.set_array(factor * np.array([amplitude[list(face)].mean() for face in faces]))
+        if not is_lines:
+            drawn.set_edgecolor(INK)
         fig.colorbar(drawn, cax=fig.add_axes((0.84, 0.2, 0.025, 0.5)), label=f"{name} [{units}]")
         head(fig, heading, about, f"drawn {float(f'{scale:.3g}'):g} times as large" if scale else "")
     return fig
+
+
+def _frame(axes, points: np.ndarray) -> None:
+    """Limits, labels and proportions of axes in space: one metre is one length along each."""
+    middle, half = (points.max(axis=0) + points.min(axis=0)) / 2, 0.5 * np.ptp(points, axis=0)
+    half = np.maximum(half, _THIN * half.max())
+    is_upright = half[2] == half.max()
+    for k, label in enumerate("xyz"):
+        is_long = half[k] > 0.5 * half.max()
+        few = FixedLocator([0.0]) if is_upright else MaxNLocator(2)  # two short sides that meet have no room for more
+        getattr(axes, f"set_{label}lim")(middle[k] - half[k], middle[k] + half[k])
+        getattr(axes, f"set_{label}label")(f"{label} [m]", labelpad=(18.0 if is_upright else 10.0) if is_long else 4.0)
+        getattr(axes, f"{label}axis").set_major_locator(MaxNLocator(4) if is_long else few)
+    axes.set_box_aspect(half, zoom=0.85 if is_upright else 1.0)
 
 
 def scale_of(structure: Structure, displacement: np.ndarray) -> float:

@@ -1,4 +1,6 @@
-"""How points are marked by their status, in every picture: a shape and a colour each, that also differ in grey."""
+"""How points are marked by their status, in every picture: a filled shape or strokes and a colour each, that also differ in grey.
+
+Open shapes are events of curves."""
 
 from __future__ import annotations
 
@@ -15,52 +17,50 @@ from . import style
 
 @dataclass(frozen=True)
 class Mark:
-    """Shape, colour and filling of a status."""
+    """Shape and colour of a status."""
 
     shape: str
     colour: str
-    is_filled: bool = True
 
     def look(self, size: float) -> dict:
         """Arguments for a line of matplotlib; shapes that are strokes alone have no face to fill."""
-        face = self.colour if self.is_filled else "white"
-        edge = style.INK if self.is_filled and self.shape not in _STROKES else self.colour
+        is_stroke = self.shape in _STROKES
         return {
             "linestyle": "none",
             "marker": self.shape,
             "markersize": size,
-            "markerfacecolor": face,
-            "markeredgecolor": edge,
-            "markeredgewidth": 1.2 if self.shape in _STROKES or not self.is_filled else 0.5,
+            "markerfacecolor": self.colour,
+            "markeredgecolor": self.colour if is_stroke else style.INK,
+            "markeredgewidth": 1.2 if is_stroke else 0.5,
         }
 
 
-_STROKES = ("x", "+", "1", "2", "|", "_")
+_STROKES = ("x", "+", "1", "2", "3", "4", "|", "_")
 _MARKS = {
     "truncated": Mark("^", "#E69F00"),
     "aliased": Mark("s", "#56B4E9"),
     "penetrating": Mark("v", "#CC79A7"),
     "impact": Mark("<", "#F0E442"),
     "time_domain": Mark("d", "#009E73"),
-    "several": Mark("D", "#009E73", is_filled=False),
+    "several": Mark("D", "#009E73"),
     "stalled": Mark("x", style.FAILURE),
     "out_of_budget": Mark("+", style.FAILURE),
     "singular": Mark("1", style.FAILURE),
     "not_finite": Mark("2", style.FAILURE),
-    "diverged": Mark(">", style.FAILURE, is_filled=False),
+    "diverged": Mark(">", style.FAILURE),
     "failed": Mark("X", style.FAILURE),
-    "timed_out": Mark("<", style.FAILURE, is_filled=False),
+    "timed_out": Mark("4", style.FAILURE),
     "crashed": Mark("*", style.FAILURE),
-    "collapsed": Mark("v", style.INK, is_filled=False),
-    "no_motion": Mark("o", style.INK, is_filled=False),
-    "locked": Mark("s", style.INK, is_filled=False),
-    "subharmonic": Mark("h", style.INK, is_filled=False),
-    "broadband": Mark("p", style.INK, is_filled=False),
+    "collapsed": Mark("3", style.INK),
+    "no_motion": Mark("_", style.INK),
+    "locked": Mark("P", style.INK),
+    "subharmonic": Mark("h", style.INK),
+    "broadband": Mark("p", style.INK),
     "pending": Mark("|", style.WALL),
 }
 # Statuses that are newer than this table.
-_SOLVED_MARK = Mark("D", "#F0E442")
-_UNSOLVED_MARK = Mark("P", style.FAILURE, is_filled=False)
+_SOLVED_MARK = Mark("8", "#F0E442")
+_UNSOLVED_MARK = Mark("H", style.FAILURE)
 
 
 def mark(name: str, is_solved: bool) -> Mark:
