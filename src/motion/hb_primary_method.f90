@@ -8,7 +8,7 @@ module hb_primary_method
    use hb_kinds, only: two_pi, wp
    implicit none
    private
-   public :: integration_counts_t, integration_is_cheaper, primary_method
+   public :: integration_counts_t, integration_is_cheaper, primary_method, work_of_look
 
    type :: primary_method_t
       integer :: auto = 1
@@ -38,7 +38,7 @@ contains
       real(wp), parameter :: decays = 3.0_wp                          ! of its transient, until two windows agree
       real(wp), parameter :: samples_of_harmonic = 16.0_wp, steps_of_mode = 30.0_wp, looks_of_step = 2.0_wp
       real(wp), parameter :: of_pair = 500.0_wp                       ! [ns] of a balance, for each pair of unknowns
-      real(wp) :: look, n_balance, n_integration, periods, samples, steps, work_of_integration
+      real(wp) :: n_balance, n_integration, periods, samples, steps, work_of_integration
 
       integration_is_cheaper = .false.
       if (counts%decay <= 0.0_wp) return
@@ -49,9 +49,17 @@ contains
          periods = max(fewest_periods, decays*log(1.0e2_wp/tolerance)*counts%omega/(two_pi*counts%decay))
          samples = samples_of_harmonic*n_integration
          steps = max(samples, steps_of_mode*counts%fastest/counts%omega)
-         look = 600.0_wp + 6.0_wp*real(counts%n_dofs, wp)**2 + 60.0_wp*n_coordinates
-         work_of_integration = periods*(looks_of_step*look*steps + 2.0_wp*samples*n_integration*n_coordinates)
+         work_of_integration = periods*(looks_of_step*work_of_look(counts%n_dofs, counts%n_coordinates)*steps + &
+                                        2.0_wp*samples*n_integration*n_coordinates)
          integration_is_cheaper = clearly*work_of_integration < of_pair*(n_balance*n_coordinates)**2
       end associate
    end function integration_is_cheaper
+
+   !> What one evaluation of the equations of motion takes [ns].
+   pure real(wp) function work_of_look(n_dofs, n_coordinates) result(work)
+      integer, intent(in) :: n_dofs
+      integer, intent(in) :: n_coordinates                            !! of the laws
+
+      work = 600.0_wp + 6.0_wp*real(n_dofs, wp)**2 + 60.0_wp*n_coordinates
+   end function work_of_look
 end module hb_primary_method

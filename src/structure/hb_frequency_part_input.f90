@@ -34,13 +34,22 @@ contains
       is_complete = .true.
       select case (name)
       case ("delay")
-         call read_delay(group, part)
+         part%kind = kind_of_part%delay
+         call group%get("stiffness", part%stiffness)
+         call group%get("damping", part%damping)
+         call group%get("delay", part%delay)
       case ("fractional")
-         call read_fractional(group, part)
+         part%kind = kind_of_part%fractional
+         call group%get("coefficient", part%coefficient)
+         call group%get("exponent", part%exponent)
       case ("loss_factor")
-         call read_loss_factor(group, part)
+         part%kind = kind_of_part%loss_factor
+         call group%get("stiffness", part%stiffness)
+         call group%get("loss_factor", part%loss_factor)
       case ("maxwell")
-         call read_maxwell(group, part)
+         part%kind = kind_of_part%maxwell
+         call group%get("moduli", part%moduli)
+         if (allocated(part%moduli)) call group%get("times", part%times, n=size(part%moduli))
          is_complete = allocated(part%times)
       case ("table")
          call read_table(group, part)
@@ -52,43 +61,6 @@ contains
       if (allocated(structure%parts)) parts = structure%parts
       structure%parts = [parts, part]
    end subroutine read_frequency_part
-
-   subroutine read_delay(group, part)
-      type(properties_t), intent(inout) :: group
-      type(frequency_part_t), intent(inout) :: part
-
-      part%kind = kind_of_part%delay
-      call group%get("stiffness", part%stiffness)
-      call group%get("damping", part%damping)
-      call group%get("delay", part%delay)
-   end subroutine read_delay
-
-   subroutine read_fractional(group, part)
-      type(properties_t), intent(inout) :: group
-      type(frequency_part_t), intent(inout) :: part
-
-      part%kind = kind_of_part%fractional
-      call group%get("coefficient", part%coefficient)
-      call group%get("exponent", part%exponent)
-   end subroutine read_fractional
-
-   subroutine read_loss_factor(group, part)
-      type(properties_t), intent(inout) :: group
-      type(frequency_part_t), intent(inout) :: part
-
-      part%kind = kind_of_part%loss_factor
-      call group%get("stiffness", part%stiffness)
-      call group%get("loss_factor", part%loss_factor)
-   end subroutine read_loss_factor
-
-   subroutine read_maxwell(group, part)
-      type(properties_t), intent(inout) :: group
-      type(frequency_part_t), intent(inout) :: part
-
-      part%kind = kind_of_part%maxwell
-      call group%get("moduli", part%moduli)
-      if (allocated(part%moduli)) call group%get("times", part%times, n=size(part%moduli))
-   end subroutine read_maxwell
 
    !> A table of what is stored and lost; below its first frequency the loss falls in proportion to the frequency.
    subroutine read_table(group, part)

@@ -21,6 +21,7 @@ module hb_integrated_motion
    use hb_model_basis, only: coordinates_of
    use hb_modes, only: modes_t, new_modes, slowest_decay
    use hb_outcome, only: outcome
+   use hb_primary_method, only: work_of_look
    use hb_recurrence, only: repetition, turns_to_repeat
    use hb_structure, only: most_dense, structure_t
    use hb_sundials, only: has_cvode
@@ -197,13 +198,6 @@ contains
                                             maxval(abs(model%harmonics%frequencies(omega)))))
       end associate
    end function periods_of_first
-
-   !> What a look at the motion takes [ns].
-   pure real(wp) function work_of_look(n_dofs, n_coordinates) result(work)
-      integer, intent(in) :: n_dofs, n_coordinates
-
-      work = 600.0_wp + 6.0_wp*real(n_dofs, wp)**2 + 60.0_wp*n_coordinates
-   end function work_of_look
 
    !> What the averages over a record, or a fit to it, take [ns].
    pure real(wp) function work_of_averages(model, n_samples, n_coordinates, n_products) result(work)

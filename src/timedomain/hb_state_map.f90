@@ -11,6 +11,7 @@ module hb_state_map
    use hb_kinds, only: int64, two_pi, wp
    use hb_law, only: hold_t
    use hb_motion_series, only: motion_series_t
+   use hb_primary_method, only: work_of_look
    use hb_rigid_laws, only: collect_rigid
    use hb_structure, only: structure_t
    use hb_time_stepping, only: integrate_from, integration_record_t
@@ -174,7 +175,8 @@ contains
       class(state_map_t), intent(inout) :: self
       real(wp), intent(in) :: work                                    !! in about a nanosecond
 
-      self%config%most_looks = self%system%laws%n_looks + int(min(work/work_of_look(self), 1.0e18_wp), int64)
+      self%config%most_looks = self%system%laws%n_looks + &
+         int(min(work/work_of_look(self%system%n_dofs, self%system%laws%n_coordinates), 1.0e18_wp), int64)
    end subroutine state_map_allow
 
    !> About how many nanoseconds a period of the slowest tone takes, from counts alone.
@@ -185,16 +187,8 @@ contains
       work = max(usual_looks*maxval(self%motion%omega), looks_a_radian*two_pi*fastest_mode(self%system%structure))/ &
              minval(self%motion%omega)
       if (.not. self%has_own_steps) work = 4.0_wp*n_steps_of(self, level)
-      work = work*work_of_look(self)
+      work = work*work_of_look(self%system%n_dofs, self%system%laws%n_coordinates)
    end function state_map_work_of
-
-   pure real(wp) function work_of_look(self) result(work)
-      type(state_map_t), intent(in) :: self
-
-      associate (system => self%system)
-         work = 600.0_wp + 6.0_wp*real(system%n_dofs, wp)**2 + 60.0_wp*system%laws%n_coordinates
-      end associate
-   end function work_of_look
 
    !> Steps of a time integration at a level, those of a period of the slowest tone; one where the method chooses its own.
    pure integer function n_steps_of(self, level) result(n_steps)
