@@ -7,10 +7,7 @@ submodule (hb_balance) hb_balance_precondition
 
 contains
 
-   module subroutine balance_update_preconditioner(self, level, is_strongest)
-      class(balance_t), intent(inout) :: self
-      integer, intent(in) :: level
-      logical, intent(out) :: is_strongest
+   module procedure balance_update_preconditioner
       integer :: i
 
       associate (n => self%harmonics%n_coefficients)
@@ -18,22 +15,16 @@ contains
                                          [(self%r_scale(1 + (i - 1)*n)/self%x_scale(1 + (i - 1)*n), i=1, self%n_dofs)], &
                                          level, is_strongest)
       end associate
-   end subroutine balance_update_preconditioner
+   end procedure balance_update_preconditioner
 
-   module subroutine balance_precondition(self, r, step)
-      class(balance_t), intent(inout) :: self
-      real(wp), intent(in), contiguous :: r(:)
-      real(wp), intent(out), contiguous :: step(:)
+   module procedure balance_precondition
 
       call self%preconditioner%apply(self%harmonics, r, step)
-   end subroutine balance_precondition
+   end procedure balance_precondition
 
    !> Factorises the tangent at u of each harmonic by itself, (1 - mean df/ds) S + mean df/dq + i w mean df/dv: what couples the
    !> harmonics is left out.
-   module subroutine balance_factorise_mean_tangent(self, u, error)
-      class(balance_t), intent(inout) :: self
-      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
-      type(error_t), allocatable, intent(out) :: error
+   module procedure balance_factorise_mean_tangent
       real(wp), dimension(self%n_dofs, self%n_dofs) :: df_dq, df_dv, df_ds
       complex(wp) :: block(self%preconditioner%pattern%n_rows, self%n_dofs)
       logical :: is_singular
@@ -49,13 +40,10 @@ contains
          call self%mean_factors%factorise(h, block, is_singular)
          self%has_mean_factors(h) = .not. is_singular
       end do
-   end subroutine balance_factorise_mean_tangent
+   end procedure balance_factorise_mean_tangent
 
    !> Solves with these factors; harmonics without any stay zero.
-   module subroutine balance_solve_mean_tangent(self, r, step)
-      class(balance_t), intent(in) :: self
-      real(wp), intent(in) :: r(self%harmonics%n_coefficients, self%n_dofs)    !! [N]
-      real(wp), intent(out) :: step(self%harmonics%n_coefficients, self%n_dofs)
+   module procedure balance_solve_mean_tangent
       complex(wp) :: c(self%n_dofs)
       integer :: h, i
 
@@ -70,19 +58,14 @@ contains
             call self%harmonics%set_amplitude(step(:, i), h, c(i))
          end do
       end do
-   end subroutine balance_solve_mean_tangent
+   end procedure balance_solve_mean_tangent
 
    !> Means over the torus of the derivatives of all forces by motion and rate, at a motion. Reactions are left out.
-   module subroutine balance_mean_slopes(self, u, df_dq, df_dv, error)
-      class(balance_t), intent(inout) :: self
-      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
-      real(wp), intent(out) :: df_dq(:, :)
-      real(wp), intent(out) :: df_dv(:, :)
-      type(error_t), allocatable, intent(out) :: error
+   module procedure balance_mean_slopes
       real(wp) :: df_ds(self%n_dofs, self%n_dofs)
 
       call self%sample_if_new(u)
       call self%law_set%differentiate(error)
       if (.not. allocated(error)) call self%law_set%mean_slopes(df_dq, df_dv, df_ds)
-   end subroutine balance_mean_slopes
+   end procedure balance_mean_slopes
 end submodule hb_balance_precondition

@@ -123,7 +123,6 @@ contains
    subroutine add_travelling_waves(modes, mass)
       type(modes_t), intent(inout) :: modes
       real(wp), intent(in) :: mass(:, :)
-      complex(wp), parameter :: quarter = (0.0_wp, 1.0_wp)
       complex(wp) :: first(size(mass, 1)), second(size(mass, 1))
       real(wp) :: weight
       integer :: i, n
@@ -139,8 +138,8 @@ contains
          weight = real(dot_product(second, matmul(mass, second)))
          if (.not. weight > agreement*real(dot_product(first, first))) cycle
          second = second/sqrt(weight)
-         call append(i, first + quarter*second)
-         call append(i, first - quarter*second)
+         call append(i, first + (0.0_wp, 1.0_wp)*second)
+         call append(i, first - (0.0_wp, 1.0_wp)*second)
       end do
 
    contains

@@ -111,7 +111,6 @@ contains
    pure logical function is_denied(model, result)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(in) :: result
-      real(wp), parameter :: twice = 2.0_wp
       real(wp) :: unit
       integer :: i
 
@@ -126,7 +125,7 @@ contains
             return
          end if
          is_denied = found%estimate > clear_change .and. (found%verdict == stability_verdict%unknown .or. &
-                     (found%verdict == stability_verdict%unstable .and. abs(found%multipliers(1)) - 1.0_wp < twice*found%estimate))
+                     (found%verdict == stability_verdict%unstable .and. abs(found%multipliers(1)) - 1.0_wp < 2.0_wp*found%estimate))
       end associate
    end function is_denied
 

@@ -6,6 +6,7 @@ module hb_level
    use hb_characteristic, only: samples_along_time
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_box, new_harmonics
+   use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
    use hb_memory_estimate, only: check_memory, sizes_of
    use hb_model, only: model_t
@@ -76,7 +77,7 @@ contains
          end if
          next%n_samples = max(least, fast_size(ceiling(finer*top%n_samples)))
          if (degree_of(model) > 0) next%n_samples = least
-         if (has_memory(model) .and. .not. any(model%tones%is_unknown)) &
+         if (has_memory(model%laws) .and. .not. any(model%tones%is_unknown)) &
             next%n_samples = samples_along_time(next%n_samples, model%tones%omega)
          do while (product(real(next%n_samples, wp)) > model%accuracy%max_samples)
             if (all(next%n_samples <= least)) return
@@ -414,14 +415,6 @@ contains
 
       is_rigid = any([(model%laws(i)%law%is_multiplier, i=1, size(model%laws))])
    end function is_rigid
-
-   !> Whether a law has a memory.
-   pure logical function has_memory(model)
-      type(model_t), intent(in) :: model
-      integer :: i
-
-      has_memory = any([(model%laws(i)%law%n_states > 0, i=1, size(model%laws))])
-   end function has_memory
 
    !> Degree of the laws where all are polynomials, else 0.
    pure integer function degree_of(model) result(degree)

@@ -117,7 +117,6 @@ contains
       complex(wp), intent(in) :: amplitudes(:, :)
       logical, intent(in) :: is_unknown(:)
       complex(wp), allocatable :: shifts(:, :, :)
-      complex(wp), parameter :: i = (0.0_wp, 1.0_wp)
       integer :: h, k, m, n
 
       n = size(amplitudes, 1)
@@ -127,8 +126,8 @@ contains
          if (.not. is_unknown(m)) cycle
          k = k + 1
          do h = 1, size(amplitudes, 2)
-            shifts(:n, h, k) = i*variation%motion%tuples(m, h)*amplitudes(:, h)
-            shifts(n + 1:2*n, h, k) = i*variation%motion%frequencies(h)/variation%scale*shifts(:n, h, k)
+            shifts(:n, h, k) = (0.0_wp, 1.0_wp)*variation%motion%tuples(m, h)*amplitudes(:, h)
+            shifts(n + 1:2*n, h, k) = (0.0_wp, 1.0_wp)*variation%motion%frequencies(h)/variation%scale*shifts(:n, h, k)
          end do
       end do
    end function shifts_of

@@ -73,13 +73,13 @@ contains
    pure real(wp) function work_of_piecewise_orbit(variation) result(work)
       type(variation_t), intent(in) :: variation
       integer, parameter :: steps_an_event = 16
-      real(wp), parameter :: set_up = 2.0e4_wp, per_step = 50.0_wp, per_product = 1.0_wp
+      real(wp), parameter :: set_up = 2.0e4_wp, per_step = 50.0_wp
       real(wp) :: n_events, n_steps, period
 
       period = two_pi/variation%motion%omega(1)
       n_events = 2.0_wp*variation%n_switches()
       n_steps = max(real(fewest_steps, wp), steps_a_period*period*variation%scale/two_pi) + steps_an_event*n_events
-      work = set_up + usual_shots*(n_steps*(per_step + per_product*(variation%size + 3)**2) &
+      work = set_up + usual_shots*(n_steps*(per_step + (variation%size + 3)**2) &
              + (n_events + 1)*count_exponential(variation%size, period*variation%norm/(n_events + 1)))
    end function work_of_piecewise_orbit
 
