@@ -226,26 +226,18 @@ contains
    logical function needs_fixed_steps(run)
       type(run_t), intent(in) :: run
       character(:), allocatable :: type
+      type(properties_t), pointer :: group
       integer :: i
 
       needs_fixed_steps = .false.
       if (.not. numbers_are_absent(run, "integration", "method")) return
       do i = 1, run%here%count("law")
          type = ""
-         call read_law(run, i, type)
+         group => run%here%group("law", i)
+         call group%get("type", type)
          needs_fixed_steps = needs_fixed_steps .or. any(type == without_bounds)
       end do
    end function needs_fixed_steps
-
-   subroutine read_law(run, i, type)
-      type(run_t), intent(in) :: run
-      integer, intent(in) :: i
-      character(:), allocatable, intent(inout) :: type
-      type(properties_t), pointer :: group
-
-      group => group_of(run, "law", i)
-      call group%get("type", type)
-   end subroutine read_law
 
    !> The key that a message names, with ten times its value.
    function raised(run, words) result(command)
@@ -292,17 +284,9 @@ contains
       if (size(values) > 0) sets = [sets, string_t("harmonics%order="//list_of(n*values))]
       values = numbers_of(run, "sampling", "samples")
       if (any(values > 0)) sets = [sets, string_t("sampling%samples="//list_of(n*values))]
-      command = solve_with(run, "tones%subharmonic="//to_text(n*tones_divided_by(run)), sets)
+      values = [numbers_of(run, "tones", "subharmonic"), 1]            ! 1 where it is not given
+      command = solve_with(run, "tones%subharmonic="//to_text(n*max(1, values(1))), sets)
    end function with_lower_tones
-
-   integer function tones_divided_by(run) result(n)
-      type(run_t), intent(in) :: run
-      integer, allocatable :: values(:)
-
-      values = numbers_of(run, "tones", "subharmonic")
-      n = 1
-      if (size(values) > 0) n = max(1, values(1))
-   end function tones_divided_by
 
    !> Values that the run was started with.
    function earlier(run) result(words)
@@ -345,9 +329,12 @@ contains
       integer, intent(in), optional :: i
       integer, allocatable :: values(:)
       type(properties_t), pointer :: group
+      integer :: number
 
       allocate (values(0))
-      group => group_of(run, group_name, i)
+      number = 1
+      if (present(i)) number = i
+      group => run%here%group(group_name, number)
       if (.not. associated(group)) return
       if (group%given(key)) call group%get(key, values)
    end function numbers_of
@@ -357,7 +344,7 @@ contains
       character(*), intent(in) :: group_name, key
       type(properties_t), pointer :: group
 
-      group => group_of(run, group_name)
+      group => run%here%group(group_name, 1)
       numbers_are_absent = .true.
       if (associated(group)) numbers_are_absent = .not. group%given(key)
    end function numbers_are_absent
@@ -371,18 +358,6 @@ contains
       group => run%here%optional_group(group_name)
       call group%get(key, value)
    end function real_of
-
-   function group_of(run, name, i) result(group)
-      type(run_t), intent(in) :: run
-      character(*), intent(in) :: name
-      integer, intent(in), optional :: i
-      type(properties_t), pointer :: group
-      integer :: number
-
-      number = 1
-      if (present(i)) number = i
-      group => run%here%group(name, number)
-   end function group_of
 
    !> Writes numbers as the values of a key.
    pure function list_of(numbers) result(text)

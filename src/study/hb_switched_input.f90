@@ -65,7 +65,8 @@ contains
       if (is_torus) then
          group => document%group("tones", 1)
          key = trim(merge("hertz    ", "frequency", group%given("hertz")))
-         call add(overrides, "tones%"//key, input_frequency(model, key)//", 0.0")
+         call add(overrides, "tones%"//key, to_text(model%tones%omega(1)*model%tones%subharmonic/ &
+                                                    merge(two_pi, 1.0_wp, key == "hertz"))//", 0.0")
          call add(overrides, "tones%unknown", to_text(model%tones%is_unknown(1))//", .true.")
          call add(overrides, "certificate%improvement_steps", "0")
       else
@@ -162,15 +163,6 @@ contains
          value = min(max(value, minval(ends)), maxval(ends))
       end associate
    end function a_little_beyond
-
-   !> The frequency of the first tone as the input has it.
-   function input_frequency(model, key) result(text)
-      type(model_t), intent(in) :: model
-      character(*), intent(in) :: key
-      character(:), allocatable :: text
-
-      text = to_text(model%tones%omega(1)*model%tones%subharmonic/merge(two_pi, 1.0_wp, key == "hertz"))
-   end function input_frequency
 
    !> A tuple among the harmonics of the other motions.
    pure function taken_over(tuple, is_torus) result(other)
