@@ -225,7 +225,8 @@ contains
    end function name_of
 
    !> (f(x + h) - f(x - h))/(2 h) with h relative to the magnitude of each sample, and what rounding may do to it: units in the
-   !> last place of the largest force of the sample, because terms that all forces share may cancel in one of them.
+   !> last place of the largest force of the sample, because terms that all forces share may cancel in one of them, and of what
+   !> the law's own length makes of its slope, because springs that are pressed at rest hold each other.
    subroutine central_difference(law, samples, kind_of_motion, b, relative_step, quotient, noise)
       class(law_t), intent(in) :: law
       type(samples_t), intent(in) :: samples
@@ -243,10 +244,9 @@ contains
       call evaluate(law, moved, higher)
       moved%motion(:, b, kind_of_motion) = samples%motion(:, b, kind_of_motion) - h
       call evaluate(law, moved, lower)
-      do a = 1, size(quotient, 2)
-         quotient(:, a) = (higher(:, a) - lower(:, a))/(2.0_wp*h)
-         noise(:, a) = units*epsilon(1.0_wp)*(largest(higher) + largest(lower))/h
-      end do
+      quotient = (higher - lower)/spread(2.0_wp*h, 2, size(quotient, 2))
+      noise = spread(units*epsilon(1.0_wp)*(largest(higher) + largest(lower) + law%length_scale*largest(quotient))/h, 2, &
+                     size(quotient, 2))
    end subroutine central_difference
 
    !> Largest finite magnitude of each sample.

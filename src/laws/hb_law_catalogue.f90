@@ -19,6 +19,7 @@ module hb_law_catalogue
    use hb_law_polynomial_coupled, only: polynomial_coupled_t
    use hb_law_quadratic_damping, only: quadratic_damping_t
    use hb_law_rigid_wall, only: rigid_wall_t
+   use hb_law_rolling_bearing, only: rolling_bearing_t
    use hb_law_short_bearing, only: short_bearing_t
    use hb_law_tabulated, only: tabulated_t
    use hb_law_user, only: take_memory, user_law_t
@@ -56,6 +57,7 @@ contains
       case ("polynomial_coupled"); allocate (polynomial_coupled_t :: box%law)
       case ("quadratic_damping"); allocate (quadratic_damping_t :: box%law)
       case ("rigid_wall"); allocate (rigid_wall_t :: box%law)
+      case ("rolling_bearing"); allocate (rolling_bearing_t :: box%law)
       case ("short_bearing"); allocate (short_bearing_t :: box%law)
       case ("tabulated"); allocate (tabulated_t :: box%law)
       case ("user"); allocate (user_law_t :: box%law)

@@ -63,6 +63,14 @@ LAWS = {
     },
     "quadratic_damping": {"dof": "'x1'", "coefficient": (0.5, 1, -2)},
     "rigid_wall": {"dof": "'x1'", "gap": (0.3, *L)},
+    "rolling_bearing": {
+        "dof": "'x1'",
+        "second_dofs": "'x2'",
+        "tuple": 2,
+        "n_balls": 5,
+        "stiffness": (0.5, 1, -1.5),
+        "clearance": (-0.3, *L),
+    },
     "short_bearing": {
         "dof": "'x1'",
         "second_dofs": "'x2'",
@@ -77,7 +85,8 @@ LAWS = {
 }
 # Laws of a power of each coefficient of their own.
 POWERS = {"k1": (0.5, 1, -1), "k2": (0.3, 1, -2), "d1": (0.1, 1, -1), "d2": (0.1, 1, -2)}
-ROUNDED = {"hertz"}  # a power of a length: the library of C rounds other lengths otherwise, powers of two apart as well
+# A power of a length: the library of C rounds other lengths otherwise, powers of two apart as well.
+ROUNDED = {"hertz", "rolling_bearing"}
 WITHOUT_UNITS = {"user"}  # only its author knows the units of its parameters
 
 

@@ -49,6 +49,8 @@ contains
       case ("jenkins_2d"); keys = "stiffness=2.5 limit=0.4 second_dofs='x2'"
       case ("jenkins"); keys = "stiffness=2.5 limit=0.4"
       case ("parametric"); keys = "tuple=2 stiffness_cos=0.6 stiffness_sin=-0.4 damping_cos=0.3 damping_sin=0.2"
+      case ("rolling_bearing")
+         keys = "second_dofs='x2' tuple=2 n_balls=5 stiffness=4 exponent=1.5 clearance=-0.2"
       case ("short_bearing"); keys = "second_dofs='x2' viscosity=5 radius=2 length=1.5 clearance=8 rotor_speed=0.7"
       case ("piecewise_linear"); keys = "breakpoints=-0.3,0.1,0.4 slopes=2,0.5,-0.3,1.5 force_at_zero=0.2"
       case ("polynomial"); keys = "stiffness=0.3,-0.5,0.7 damping=0.1,0.2,0.4"

@@ -1,0 +1,82 @@
+!> Rolling bearing: balls or rollers in a cage that turns. Each that is pressed pushes with the force of Hertz,
+!> f = k sum_i d_i**n (cos a_i, sin a_i), d_i = max(x cos a_i + y sin a_i - c, 0), at the angles a_i = (j.tau + 2 pi i)/N.
+!> The phase j.tau is that of balls that pass a place, N times that of the cage: in it the force repeats.
+!> Source: S. Fukata, E. Gad, T. Kondou, T. Ayabe and H. Tamura, Bull. JSME 28 (1985) 899; T. A. Harris, Rolling Bearing Analysis,
+!> Wiley 2001; docs/why/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
+module hb_law_rolling_bearing
+   use hb_kinds, only: two_pi, wp
+   use hb_law, only: law_t, place_coordinate, read_place
+   use hb_properties, only: properties_t
+   use hb_structure, only: structure_t
+   use hb_text, only: string_t
+   implicit none
+   private
+   public :: rolling_bearing_t
+
+   type, extends(law_t) :: rolling_bearing_t
+      integer :: n_balls = 0                                          !! N
+      real(wp) :: stiffness = 0.0_wp                                  !! k of one ball between both rings [N/m**n]
+      real(wp) :: exponent = 1.5_wp                                   !! n
+      real(wp) :: clearance = 0.0_wp                                  !! c, radial [m]; negative: pressed at rest
+      real(wp), allocatable, private :: angle(:)                      ! j.tau/N at the samples to come
+   contains
+      procedure :: read => rolling_bearing_read
+      procedure :: set_phases => rolling_bearing_set_phases
+      procedure :: evaluate => rolling_bearing_evaluate
+   end type rolling_bearing_t
+
+contains
+
+   !> Reads a `&law type = 'rolling_bearing'` group.
+   subroutine rolling_bearing_read(self, group, structure)
+      class(rolling_bearing_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      type(string_t), allocatable :: names(:)
+      real(wp), allocatable :: weights(:)
+
+      call group%get("n_balls", self%n_balls)
+      call group%get("stiffness", self%stiffness)
+      call group%get("exponent", self%exponent)
+      call group%get("clearance", self%clearance)
+      call group%get("tuple", self%modulation)
+      if (allocated(self%modulation)) self%n_phases = size(self%modulation)
+      self%length_scale = abs(self%clearance)
+      call read_place(self, group, structure)
+      call group%get("second_dofs", names)
+      if (.not. allocated(names)) return
+      call group%get("second_weights", weights, n=size(names))
+      call place_coordinate(self, group, structure, "second_dofs", names, weights)
+   end subroutine rolling_bearing_read
+
+   pure subroutine rolling_bearing_set_phases(self, phases)
+      class(rolling_bearing_t), intent(inout) :: self
+      real(wp), intent(in) :: phases(:, :)
+
+      self%angle = matmul(real(self%modulation, wp), phases(:self%n_phases, :))/self%n_balls
+   end subroutine rolling_bearing_set_phases
+
+   subroutine rolling_bearing_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
+      class(rolling_bearing_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
+      real(wp), dimension(size(z, 1)) :: approach, force, slope
+      real(wp) :: direction(size(z, 1), 2)
+      integer :: i, k
+
+      f = 0.0_wp
+      if (present(df_dz)) df_dz = 0.0_wp
+      do i = 1, self%n_balls
+         direction(:, 1) = cos(self%angle + two_pi*i/self%n_balls)
+         direction(:, 2) = sin(self%angle + two_pi*i/self%n_balls)
+         approach = max(sum(z*direction, dim=2) - self%clearance, 0.0_wp)
+         force = self%stiffness*approach**self%exponent
+         slope = self%stiffness*self%exponent*approach**(self%exponent - 1.0_wp)
+         do k = 1, 2
+            f(:, k) = f(:, k) + force*direction(:, k)
+            if (present(df_dz)) df_dz(:, :, k) = df_dz(:, :, k) + spread(slope*direction(:, k), 2, 2)*direction
+         end do
+      end do
+   end subroutine rolling_bearing_evaluate
+end module hb_law_rolling_bearing
