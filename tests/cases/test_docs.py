@@ -48,6 +48,8 @@ SECTIONS_BY_PROCEDURE = {
 }
 
 CALL = re.compile(r"\bcall\s+(?!file%)\w+%(?:get|choose)\s*\(\s*([\"'])(\w+)\1", re.IGNORECASE)
+CALL_BY_LIST = re.compile(r"\bcall\s+\w+%get\s*\(\s*trim\(\s*(\w+)\s*\(", re.IGNORECASE)
+LIST = re.compile(r"parameter\s*::\s*(\w+)\(\d+\)\s*=\s*\[character\(\d+\)\s*::([^]]*)\]", re.IGNORECASE)
 PROCEDURE = re.compile(r"^\s*(?:(?:pure|impure|elemental|recursive|module)\s+)*subroutine\s+(\w+)", re.IGNORECASE)
 
 
@@ -76,10 +78,13 @@ def keys_of_program() -> dict[str, dict[str, str]]:
         if path.parent.name == "base":
             continue
         procedure = ""
+        lists: dict[str, list[str]] = {}
         for number, line in enumerate(code_of(path), start=1):
             if match := PROCEDURE.match(line):
                 procedure = match.group(1).lower()
-            for _, key in CALL.findall(line):
+            lists |= {name: re.findall(r'"(\w+)"', names) for name, names in LIST.findall(line)}
+            listed = [key for name in CALL_BY_LIST.findall(line) for key in lists[name]]
+            for key in [key for _, key in CALL.findall(line)] + listed:
                 for section in sections_of(path, procedure):
                     keys.setdefault(section, {})[key.lower()] = f"{path.relative_to(ROOT)}:{number}"
     return keys
