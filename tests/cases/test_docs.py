@@ -40,16 +40,17 @@ SECTIONS_BY_PROCEDURE = {
     "read_hardness": ["law blade_contact", "law contact_table"],
     "read_limit": ["law jenkins", "law jenkins_2d"],
     "read_normal": ["law jenkins", "law jenkins_2d"],
-    "read_frequency_part": ["dynamic_stiffness"],
+    "read_frequency_part": ["dynamic_stiffness"],  # and of its kinds, each in a case
     "read_places": ["dynamic_stiffness"],
     "read_bearing": ["bearing"],
     "find_dofs": ["bearing"],
-    **{f"read_{kind}": [f"dynamic_stiffness {kind}"] for kind in ("delay", "fractional", "loss_factor", "maxwell", "table")},
+    "read_table": ["dynamic_stiffness table"],
 }
 
 CALL = re.compile(r"\bcall\s+(?!file%)\w+%(?:get|choose)\s*\(\s*([\"'])(\w+)\1", re.IGNORECASE)
 CALL_BY_LIST = re.compile(r"\bcall\s+\w+%get\s*\(\s*trim\(\s*(\w+)\s*\(", re.IGNORECASE)
 LIST = re.compile(r"parameter\s*::\s*(\w+)\(\d+\)\s*=\s*\[character\(\d+\)\s*::([^]]*)\]", re.IGNORECASE)
+CASE = re.compile(r"^\s*(?:case\s*\(\"(\w+)\"\)|end select)", re.IGNORECASE)
 PROCEDURE = re.compile(r"^\s*(?:(?:pure|impure|elemental|recursive|module)\s+)*subroutine\s+(\w+)", re.IGNORECASE)
 
 
@@ -77,15 +78,19 @@ def keys_of_program() -> dict[str, dict[str, str]]:
     for path in sorted(SRC.rglob("*.f90")):
         if path.parent.name == "base":
             continue
-        procedure = ""
+        procedure, kind = "", None
         lists: dict[str, list[str]] = {}
         for number, line in enumerate(code_of(path), start=1):
             if match := PROCEDURE.match(line):
                 procedure = match.group(1).lower()
+            if match := CASE.match(line):
+                kind = match.group(1)
             lists |= {name: re.findall(r'"(\w+)"', names) for name, names in LIST.findall(line)}
             listed = [key for name in CALL_BY_LIST.findall(line) for key in lists[name]]
             for key in [key for _, key in CALL.findall(line)] + listed:
                 for section in sections_of(path, procedure):
+                    if procedure == "read_frequency_part" and kind:
+                        section = f"{section} {kind}"
                     keys.setdefault(section, {})[key.lower()] = f"{path.relative_to(ROOT)}:{number}"
     return keys
 
