@@ -11,7 +11,7 @@ module hb_law
    use hb_text, only: string_t, to_text
    implicit none
    private
-   public :: defects_t, hold_t, kink_t, law_box_t, law_t, place_on_dofs, read_coordinate, read_dofs, read_place
+   public :: defects_t, hold_t, kink_t, law_box_t, law_t, place_coordinate, place_on_dofs, read_dofs, read_place
 
    !> Largest defects over the samples.
    type :: defects_t
@@ -259,6 +259,7 @@ contains
       type(structure_t), intent(in) :: structure
       type(string_t), allocatable :: names(:)
       character(:), allocatable :: name
+      real(wp), allocatable :: weights(:)
 
       if (group%given("dof") .and. group%given("dofs")) then
          call group%problem("dofs", "give either 'dof' or 'dofs', not both")
@@ -266,7 +267,11 @@ contains
       if (group%given("set") .and. .not. (group%given("dof") .or. group%given("dofs"))) then
          call group%problem("set", "is no key of laws; a set of nodes is a name for 'dof', such as dof = 'contact.z'")
       else if (group%given("dofs")) then
-         call read_coordinate(self, group, structure, "")
+         call group%get("dofs", names)
+         if (.not. allocated(names)) return
+         call group%get("weights", weights, n=size(names))
+         if (.not. allocated(weights)) return
+         call place_coordinate(self, group, structure, "dofs", names, weights)
       else
          call group%get("dof", name)
          if (.not. allocated(name)) return
@@ -275,21 +280,6 @@ contains
          call place_coordinate(self, group, structure, "dof", names, [1.0_wp])
       end if
    end subroutine read_place
-
-   !> Reads one more coordinate of the law from the keys `dofs` and `weights` with a prefix.
-   subroutine read_coordinate(self, group, structure, prefix)
-      class(law_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-      character(*), intent(in) :: prefix                              !! such as "normal_"
-      type(string_t), allocatable :: names(:)
-      real(wp), allocatable :: weights(:)
-
-      call group%get(prefix//"dofs", names)
-      if (.not. allocated(names)) return
-      call group%get(prefix//"weights", weights, n=size(names))
-      if (allocated(weights)) call place_coordinate(self, group, structure, prefix//"dofs", names, weights)
-   end subroutine read_coordinate
 
    !> One more coordinate of the law, z = sum of weights times the named degrees of freedom; those of the coordinates
    !> before may be named again. A name of a set of nodes gives the law as many places as the set has nodes; single degrees of

@@ -5,10 +5,11 @@
 module hb_law_jenkins
    use hb_hysteretic_law, only: advance_step_by_step, hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
-   use hb_law, only: read_coordinate, read_place
+   use hb_law, only: place_coordinate, read_place
    use hb_properties, only: properties_t
    use hb_slider, only: move_slider, move_steadily, pushed_by
    use hb_structure, only: structure_t
+   use hb_text, only: string_t
    implicit none
    private
    public :: jenkins_t, read_limit, read_normal
@@ -73,8 +74,14 @@ contains
       class(jenkins_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
+      type(string_t), allocatable :: names(:)
+      real(wp), allocatable :: weights(:)
 
-      if (self%normal_load_varies) call read_coordinate(self, group, structure, "normal_")
+      if (.not. self%normal_load_varies) return
+      call group%get("normal_dofs", names)
+      if (.not. allocated(names)) return
+      call group%get("normal_weights", weights, n=size(names))
+      call place_coordinate(self, group, structure, "normal_dofs", names, weights)
    end subroutine read_normal
 
    subroutine jenkins_advance(self, s_old, path, s_new, ds_ds_old, ds_dpath)

@@ -10,10 +10,11 @@
 module hb_law_jenkins_2d
    use hb_hysteretic_law, only: path_part
    use hb_kinds, only: wp
-   use hb_law, only: read_coordinate, read_place
+   use hb_law, only: place_coordinate, read_place
    use hb_law_jenkins, only: jenkins_t, read_limit, read_normal
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
+   use hb_text, only: string_t
    implicit none
    private
    public :: jenkins_2d_t
@@ -34,11 +35,16 @@ contains
       class(jenkins_2d_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
+      type(string_t), allocatable :: names(:)
+      real(wp), allocatable :: weights(:)
 
       self%n_states = 2
       call read_limit(self, group)
       call read_place(self, group, structure)
-      call read_coordinate(self, group, structure, "second_")
+      call group%get("second_dofs", names)
+      if (.not. allocated(names)) return
+      call group%get("second_weights", weights, n=size(names))
+      call place_coordinate(self, group, structure, "second_dofs", names, weights)
       call read_normal(self, group, structure)
    end subroutine jenkins_2d_read
 

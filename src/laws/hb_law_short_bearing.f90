@@ -9,9 +9,10 @@
 !> Rotordynamics, Wiley 2010, chapter 6; docs/why/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
 module hb_law_short_bearing
    use hb_kinds, only: two_pi, wp
-   use hb_law, only: defects_t, law_t, read_coordinate, read_place
+   use hb_law, only: defects_t, law_t, place_coordinate, read_place
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
+   use hb_text, only: string_t
    implicit none
    private
    public :: short_bearing_t
@@ -46,6 +47,8 @@ contains
       class(short_bearing_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
+      type(string_t), allocatable :: names(:)
+      real(wp), allocatable :: weights(:)
       integer :: film                                                 ! half, full
 
       call group%get("viscosity", self%viscosity)
@@ -60,7 +63,10 @@ contains
       self%has_potential = .not. abs(self%rotor_speed) > 0.0_wp
       self%length_scale = self%clearance
       call read_place(self, group, structure)
-      call read_coordinate(self, group, structure, "second_")
+      call group%get("second_dofs", names)
+      if (.not. allocated(names)) return
+      call group%get("second_weights", weights, n=size(names))
+      call place_coordinate(self, group, structure, "second_dofs", names, weights)
    end subroutine short_bearing_read
 
    subroutine short_bearing_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
