@@ -14,7 +14,7 @@ module verb_solve
    use hb_model, only: model_t
    use hb_model_warnings, only: commensurate_text, frozen_speed_text, model_text
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
-   use hb_next_step, only: run_names_t
+   use hb_next_step, only: run_names_t, shell_word
    use hb_outcome, only: outcome
    use hb_progress, only: log_level
    use hb_results_record, only: read_record, record_t, statuses_of
@@ -350,6 +350,7 @@ contains
       do i = 1, size(lines)
          call say(lines(i)%value)
       end do
+      if (size(lines) > 0) call say("nhbm why "//shell_word(path)//" says what was tried at each of them")
    end subroutine write_others
 
    !> What is to be said of the tones of a point, where they are given.

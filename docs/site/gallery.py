@@ -45,7 +45,7 @@ def view(source: Path) -> list[str]:
     lengths = [int((re.search(r"\bn\s*=\s*(\d+)", sweep) or [0, sweep.count(",")])[1]) for sweep in sweeps]
     if len(axes) > 1 and min(lengths) > 3:
         return ["map"]
-    if len(sweeps) == 1 and "frequency" in sweeps[0] or len(sweeps) == 1 and lengths[0] > 3:
+    if len(sweeps) == 1 and lengths[0] > 3:
         return ["response"]
     return ["spectrum", "--form", "stem"] if n_tones > 1 else ["time"]
 

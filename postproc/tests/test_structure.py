@@ -173,7 +173,8 @@ def test_plane_bodies_that_move_in_their_plane_are_seen_from_above():
 
 
 def test_labels_of_upright_bodies_stay_in_the_picture():
-    shaft = SimpleNamespace(points=np.array([[0.0, 0, z] for z in np.linspace(0.0, 0.6, 5)]), cells=[(3, [k, k + 1]) for k in range(4)])
+    heights = np.linspace(0.0, 0.6, 5)
+    shaft = SimpleNamespace(points=np.array([[0.0, 0.0, z] for z in heights]), cells=[(3, [k, k + 1]) for k in range(4)])
     moved = np.array([[x, 0.0, 0.0] for x in (0.0, 1e-4, 2e-4, 1e-4, 0.0)])
     fig = draw_deflection(shaft, moved, ("amplitude", moved[:, 0]), "Motion", "")
     canvas = FigureCanvasAgg(fig)

@@ -46,6 +46,7 @@ def test_each_failure_is_told_once_with_a_command_that_works(tmp_path):
     told = [line for line in done.stdout.splitlines() if line.startswith("  point ")]
     assert 1 <= len(told) <= 3 and "'stop' is 10000 times stiffer" in told[0] and "others" in told[0], done.stdout
     assert "13 out of budget: the limit was reached before the tolerance (first: point 7)" in done.stdout
+    assert "\nnhbm why case.h5 says what was tried at each of them\n" in done.stdout
     tried = commands(done.stdout)
     assert any("solver%fallback=.true." in words for words in tried), done.stdout
     for line in tried:

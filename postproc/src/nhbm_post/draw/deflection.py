@@ -36,7 +36,8 @@ def draw_deflection(structure: Structure, displacement: np.ndarray, colours_by: 
         faces = surface(structure.cells)
         factor, units = unit_scale(float(amplitude.max()), "m")
         is_lines = all(len(face) == 2 for face in faces)
-        style = {"cmap": COLOUR_MAP, "norm": Normalize(0.0, factor * float(amplitude.max()) or 1.0), "linewidths": 2.5 if is_lines else 0.3}
+        style = {"cmap": COLOUR_MAP, "linewidths": 2.5 if is_lines else 0.3}
+        style["norm"] = Normalize(0.0, factor * float(amplitude.max()) or 1.0)
         across = flat_across(structure.points, displacement)
         if across is None:
             axes = fig.add_axes((0.0, 0.09, 0.8, 0.77), projection="3d")
