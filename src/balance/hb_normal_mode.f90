@@ -123,7 +123,6 @@ contains
       type(goal_t), intent(in) :: goal
       real(wp), intent(inout) :: u(:, :)
       type(curve_t) :: curve
-      type(error_t), allocatable :: error
       type(goal_event_t) :: event
       type(path_point_t) :: point
       real(wp) :: reached

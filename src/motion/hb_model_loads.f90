@@ -37,23 +37,33 @@ contains
       end do
    end subroutine read_starts
 
-   !> Reads `&load`: an amplitude, and the power of |j.omega| that multiplies it.
+   !> Reads `&load`: an amplitude, and the power of |j.omega| that multiplies it. The base that moves by r a(t), seen from which the
+   !> structure moves, loads it with -M r a''.
    subroutine read_load(self, group)
       type(model_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(amplitudes_t) :: amplitudes
       real(wp), allocatable :: w(:)
       character(4), parameter :: units(0:4) = [character(4) :: "N", "N s", "N s2", "N s3", "N s4"]
-      integer :: h, power
+      integer :: h, kind, power                                       ! force, base_acceleration, base_displacement
 
       call group%get("frequency_power", power)
+      call group%choose("kind", kind)
+      call new_amplitudes(amplitudes, self%structure%n_dofs, self%harmonics%n_harmonics)
+      if (kind == 1) then
+         call read_amplitude(self, group, trim(units(max(0, min(power, 4)))), amplitudes)
+      else
+         call read_amplitude(self, group, trim(merge("m/s2", "m   ", kind == 2)), amplitudes)
+         do h = 1, size(amplitudes%values, 2)
+            amplitudes%values(:, h) = merge(-1, 1, kind == 2)*self%structure%mass_times(amplitudes%values(:, h))
+         end do
+         if (kind == 3) power = power + 2
+      end if
       if (power == 0) then
-         call read_amplitude(self, group, trim(units(0)), self%loads)
+         call self%loads%add_scaled(amplitudes, spread(1.0_wp, 1, self%harmonics%n_harmonics))
          return
       end if
       self%has_inertia_loads = .true.
-      call new_amplitudes(amplitudes, self%structure%n_dofs, self%harmonics%n_harmonics)
-      call read_amplitude(self, group, trim(units(max(0, min(power, 4)))), amplitudes)
       w = self%harmonics%frequencies(merge(0.0_wp, self%tones%omega, self%tones%is_unknown))
       do h = 1, size(w)
          if (amplitudes%is_zero_at(h)) cycle

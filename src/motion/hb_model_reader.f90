@@ -235,7 +235,8 @@ contains
       end if
       call update_laws(self, document, is_read)
       if (.not. is_read) return
-      if (document%has_changed(["load"]) .or. (self%has_inertia_loads .and. document%has_changed(["tones"]))) &
+      if (document%has_changed([character(9) :: "load", "structure"]) .or. &   ! bases that move load masses
+          (self%has_inertia_loads .and. document%has_changed(["tones"]))) &
          call read_loads(self, document)
       if (document%has_changed(["start"])) call read_starts(self, document)
       call document%finish(error)

@@ -51,6 +51,7 @@ module hb_structure
       procedure :: find_dof => structure_find_dof
       procedure :: find_dofs => structure_find_dofs
       procedure :: has_matrices_of => structure_has_matrices_of
+      procedure :: mass_times => structure_mass_times
       procedure :: lost_power => structure_lost_power
       procedure :: unpack => structure_unpack
       procedure :: work_in_parts => structure_work_in_parts
@@ -213,26 +214,54 @@ contains
       end if
    end subroutine structure_diagonals
 
-   !> Damping times an amplitude.
+   !> M c.
+   pure function structure_mass_times(self, c) result(force)
+      class(structure_t), intent(in) :: self
+      complex(wp), intent(in) :: c(:)                                 !! (n_dofs)
+      complex(wp) :: force(size(c))
+
+      if (allocated(self%sparse)) then
+         force = sparse_times(self%sparse%mass, c)
+      else
+         force = dense_times(self%mass, c)
+      end if
+   end function structure_mass_times
+
+   !> D c.
    pure function structure_damping_times(self, c) result(force)
       class(structure_t), intent(in) :: self
       complex(wp), intent(in) :: c(:)                                 !! (n_dofs)
-      complex(wp), allocatable :: force(:)
+      complex(wp) :: force(size(c))
+
+      if (allocated(self%sparse)) then
+         force = sparse_times(self%sparse%damping, c)
+      else
+         force = dense_times(self%damping, c)
+      end if
+   end function structure_damping_times
+
+   !> Several times as fast as the product of real and complex numbers.
+   pure function dense_times(a, c) result(product)
+      real(wp), intent(in) :: a(:, :)
+      complex(wp), intent(in) :: c(:)
+      complex(wp) :: product(size(c))
+
+      product = cmplx(matmul(a, real(c)), matmul(a, aimag(c)), wp)
+   end function dense_times
+
+   pure function sparse_times(a, c) result(product)
+      type(sparse_t), intent(in) :: a
+      complex(wp), intent(in) :: c(:)
+      complex(wp) :: product(size(c))
       integer :: e, i
 
-      if (.not. allocated(self%sparse)) then
-         force = cmplx(matmul(self%damping, real(c)), matmul(self%damping, aimag(c)), wp)   ! several times as fast as the mixed one
-         return
-      end if
-      allocate (force(self%n_dofs), source=(0.0_wp, 0.0_wp))
-      associate (d => self%sparse%damping)
-         do i = 1, self%n_dofs
-            do e = d%first(i), d%first(i + 1) - 1
-               force(i) = force(i) + d%value(e)*c(d%column(e))
-            end do
+      product = (0.0_wp, 0.0_wp)
+      do i = 1, size(c)
+         do e = a%first(i), a%first(i + 1) - 1
+            product(i) = product(i) + a%value(e)*c(a%column(e))
          end do
-      end associate
-   end function structure_damping_times
+      end do
+   end function sparse_times
 
    !> Mean power [W] that an amplitude loses: w**2 Re(c* D c)/2, and w/2 times the imaginary part of the work in parts.
    pure real(wp) function structure_lost_power(self, c, frequency) result(power)
