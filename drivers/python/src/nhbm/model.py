@@ -167,7 +167,8 @@ class Model:
         cos, sin : float
             Amplitudes [N] ([N m] at an angle), times those of the vector.
         **keys
-            Further keys of &load, such as ``frequency_power=2`` for an unbalance [kg m].
+            Further keys of &load, such as ``frequency_power=2`` for an unbalance [kg m] or
+            ``kind="base_acceleration"`` for a base that moves [m/s2].
         """
         entries = [int(k) for k in np.atleast_1d(tuple_)]
         self._add("load", {"dof": dof, "tuple": entries, "cos": cos, "sin": sin, **keys})
