@@ -236,7 +236,6 @@ contains
       type(samples_t) :: moved
       real(wp), dimension(size(quotient, 1), size(quotient, 2)) :: higher, lower
       real(wp) :: h(size(quotient, 1))
-      integer :: a
 
       h = relative_step*samples%magnitude(:, kind_of_motion)
       moved = samples
