@@ -68,7 +68,8 @@ contains
       do h = 1, size(w)
          if (amplitudes%is_zero_at(h)) cycle
          if (any(self%tones%is_unknown .and. self%harmonics%tuples(:, h) /= 0)) then
-            call group%problem("frequency_power", "a load cannot grow with a frequency that is unknown")
+            call group%problem(trim(merge("kind           ", "frequency_power", kind == 3)), &
+                               "a load cannot grow with a frequency that is unknown")
             return
          end if
       end do
