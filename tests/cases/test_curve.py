@@ -459,10 +459,10 @@ def followed(tmp_path_factory):
 
 
 ENDED = [(name, share) for name in BY_TOLERANCE for share in (0.35, 0.8)]
-LONG = [("others", 0.35)]  # seconds: most of the curves apart is solved again
 
 
-@pytest.mark.parametrize(("name", "share"), [pytest.param(*end, marks=[pytest.mark.long] * (end in LONG)) for end in ENDED])
+@pytest.mark.long  # seconds: the curves apart are solved again
+@pytest.mark.parametrize(("name", "share"), ENDED)
 def test_curves_by_tolerance_go_on_bit_by_bit(followed, tmp_path, name, share):
     path = followed[name]
     broken = shutil.copy(path, tmp_path / f"{name}.h5")

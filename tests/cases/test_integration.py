@@ -379,6 +379,7 @@ def test_verify_knows_an_unstable_motion_from_a_wrong_one(tmp_path):
     assert found["integration_growth"][0] == pytest.approx(0.15, rel=0.1)
 
 
+@pytest.mark.long  # seconds
 def test_verify_takes_friction_and_chosen_points_on_two_ranks(tmp_path):
     text = (INPUTS / "gallery" / "jenkins_two_tones.nml").read_text()
     result = solve(text, tmp_path)
@@ -484,7 +485,7 @@ def test_verify_needs_all_degrees_of_freedom(tmp_path):
     assert done.status == BAD_INPUT and "1 of 2; solve again" in done.stderr
 
 
-@pytest.mark.parametrize("method", ["cvode", "central_differences"])
+@pytest.mark.parametrize("method", [pytest.param("cvode", marks=pytest.mark.long), "central_differences"])
 def test_verify_starts_from_a_motion_that_is_partly_behind_a_wall(tmp_path, method):
     """Both tones are largest at t = 0, where the series of order 5 is 3e-5 m behind the wall."""
     text = (INPUTS / "paper" / "wall.nml").read_text()
