@@ -17,7 +17,7 @@ SAME_POINT = 1e-10
 # a branch that begins at one are counted from there. Along the curve they may differ by more, not across it.
 SAME_EVENT = 1e-8
 # Seconds each, beside others of their kind: curves apart and behind branch points, limit cycles that are driven or rub.
-LONG_CURVES = ("subharmonic_isola", "van_der_pol_torus", "beam_stop_peak", "stops_both_sides", "symmetry_breaking")
+LONG_CURVES = tuple(file.stem for file in FILES if "\n&curve" in file.read_text())
 LONG_CYCLES = ("forced_van_der_pol", "locked_van_der_pol", "one_sided_spring", "rotor_stator", "rotor_stator_friction")
 NEIGHBOURS = 4  # of a point: the ways to them span the tangent to fourth order
 START = 2

@@ -128,7 +128,8 @@ NAMES = ("coefficients", "force_coefficients", "iterations", "evaluations", "fal
 
 # A smooth law, a contact and one with memory stand for the others, which see nothing of the method.
 BY_BROYDEN = ("cubic_spring", "elastic_stop", "jenkins")
-METHODS = [pytest.param(law, "newton") for law in LAWS]
+PLAIN = (*BY_BROYDEN, "jenkins_2d", "polynomial", "rigid_wall", "short_bearing")  # and these for every kind of key
+METHODS = [pytest.param(law, "newton", marks=[pytest.mark.long] * (law not in PLAIN)) for law in LAWS]
 METHODS += [pytest.param(law, "broyden", marks=[pytest.mark.long] * (law not in BY_BROYDEN)) for law in LAWS]
 
 
