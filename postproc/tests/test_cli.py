@@ -14,6 +14,7 @@ from conftest import single, walled
 
 from nhbm_post import Results
 from nhbm_post.cli import main
+from nhbm_post.draw.time_history import read_record
 from nhbm.guard import guarded
 
 
@@ -136,6 +137,23 @@ def test_time_overlays_points_files_and_records(sweep, tmp_path, capsys):
     )
     assert (status, err) == (0, "")
     assert (tmp_path / "sweep_time.png").stat().st_size > 5000
+
+
+def test_time_writes_a_table_that_it_reads_again(sweep, tmp_path, capsys):
+    table = tmp_path / "v3.csv"
+    words = ("time", sweep, "--dof", "v3", "--from", 2, "--to", 9, "--samples", 50, "-o", table)
+    assert run(capsys, *words, "--point", 1) == (0, f"wrote {table}\n", "")
+    with Results(sweep) as results:
+        expected = results.series(1, "v3").evaluate(np.linspace(2.0, 9.0, 50))
+        units = results.series(1, "v3").units
+    assert table.read_text().startswith(f"t [s],v3 [{units}]\n2,")
+    record = read_record(table, "v3")
+    assert (record.t[-1], record.x.size) == (9.0, 50)
+    np.testing.assert_allclose(record.x, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
+    assert run(capsys, *words, "--point", "0,2")[0] == 0
+    assert table.read_text().startswith(f"t [s],v3 at point 0 [{units}],v3 at point 2 [{units}]\n")
+    status, _, err = run(capsys, *words, "--overlay", sweep)
+    assert status == 2 and "leave --overlay" in err
 
 
 def integration_record(path, t, x, dof="v3"):

@@ -338,7 +338,7 @@ def vtk(arguments):
 
 def time(arguments):
     from . import draw
-    from .draw.time_history import Record, read_record
+    from .draw.time_history import Record, read_record, write_time
 
     at = dict(arguments.at)
     with Results(arguments.file) as results:
@@ -358,6 +358,13 @@ def time(arguments):
         ]
         outcome = results.warning(points[0]) if len(points) == 1 else ""
         title = ", ".join(part for part in (results.title, *_common_parameters(results, points), outcome) if part)
+    if arguments.output and arguments.output.suffix.lower() == ".csv":
+        if arguments.overlay or arguments.integration:
+            raise UsageError("a .csv holds the motions of one result file: leave --overlay and --integration out")
+        names = [dof if len(points) == 1 else f"{dof} at point {point}" for point in points]
+        columns = [(name, series) for name, (_, series) in zip(names, curves, strict=True)]
+        print(f"wrote {write_time(columns, arguments.output, arguments.t_from, arguments.t_to, arguments.samples)}")
+        return
     references = []
     if arguments.integration:
         label, path = arguments.integration

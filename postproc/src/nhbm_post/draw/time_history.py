@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from nhbm.guard import written
+
 from ..errors import ReaderError, UsageError
 from ..series import Series
 from . import style
@@ -61,6 +63,22 @@ def read_record(path, dof: str = "") -> Record:
     if not np.isfinite(table).all():
         raise ReaderError(f"{path}: holds values that are not finite")
     return Record(path.stem, table[:, 0], table[:, 1])
+
+
+def write_time(
+    columns: list[tuple[str, Series]], path: Path, t_from: float | None, t_to: float | None, n_samples: int | None
+) -> Path:
+    """Writes a table of text with the times and the columns (name, series), with all digits, which `read_record` reads."""
+    several = [series for _, series in columns]
+    t_from, t_to = _window(several[0], (), t_from, t_to)
+    t = np.linspace(t_from, t_to, n_samples or _n_samples(several, t_to - t_from))
+    header = ",".join(["t [s]", *(f"{name} [{series.units}]" for name, series in columns)])
+    try:
+        with written(path) as name:
+            np.savetxt(name, np.column_stack([t, *(s.evaluate(t) for s in several)]), "%.17g", ",", header=header, comments="")
+    except OSError as error:
+        raise UsageError(f"cannot write '{path}': {error.strerror or error}") from None
+    return path
 
 
 def draw_time(
