@@ -188,11 +188,11 @@ contains
             allocate (output%dofs(0))
             do i = 1, size(names)
                call self%structure%find_dofs(names(i)%value, dofs, error)
-               if (allocated(error)) then
+               if (allocated(error)) then                            ! one of them: each looks for the closest name
                   call group%problem("dofs", error%message)
-               else
-                  output%dofs = [output%dofs, dofs]
+                  exit
                end if
+               output%dofs = [output%dofs, dofs]
             end do
          else
             output%dofs = [(i, i=1, self%structure%n_dofs)]
