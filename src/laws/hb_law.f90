@@ -27,6 +27,7 @@ module hb_law
       logical :: is_wall = .false.                                    !! else friction
       real(wp) :: gap = 0.0_wp                                        !! of the wall [m]
       logical :: two_sided = .false.
+      real(wp) :: restitution = -1.0_wp                               !! speed after an impact over that before; < 0: not given
       real(wp) :: limit = 0.0_wp                                      !! of friction [N]
       character(:), allocatable :: failure                            !! why no method can, and what to do; not allocated: it can
    end type hold_t

@@ -17,6 +17,7 @@ module hb_law_rigid_wall
       real(wp) :: gap = 0.0_wp                                        !! g [m]; negative: pressed on at rest
       real(wp) :: augmentation = 0.0_wp                               !! eps [N/m]; 0: the static stiffness of the structure
       logical :: two_sided = .false.
+      real(wp) :: restitution = -1.0_wp                               !! speed after an impact over that before; < 0: not given
    contains
       procedure :: read => rigid_wall_read
       procedure :: evaluate => rigid_wall_evaluate
@@ -37,6 +38,7 @@ contains
       call group%get("gap", self%gap)
       call group%get("augmentation", self%augmentation)
       call group%get("two_sided", self%two_sided)
+      if (group%given("restitution")) call group%get("restitution", self%restitution)
       if (self%two_sided .and. self%gap < 0.0_wp) call group%problem("gap", "a two-sided rigid wall needs a gap of 0 or more")
       self%is_multiplier = .true.
       self%has_potential = .true.
@@ -98,6 +100,6 @@ contains
       class(rigid_wall_t), intent(in) :: self
       type(hold_t) :: hold
 
-      hold = hold_t(is_wall=.true., gap=self%gap, two_sided=self%two_sided)
+      hold = hold_t(is_wall=.true., gap=self%gap, two_sided=self%two_sided, restitution=self%restitution)
    end function rigid_wall_hold
 end module hb_law_rigid_wall

@@ -181,7 +181,8 @@ contains
       end if
       call finish(self)
       associate (result => self%result)
-         if (result%status == outcome%truncated .and. model%has_time_domain() .and. result%stability%growth <= 1.0_wp) &
+         if (model%has_time_domain() .and. (model%lacks_impacts_of(result%status) .or. &
+             (result%status == outcome%truncated .and. result%stability%growth <= 1.0_wp))) &
             call integrate_from_balance(model, result, self%top)
          if (model%accuracy%grows_set .and. model%chain%is_on .and. result%status == outcome%converged .and. &
              size(model%gradient%by) == 0) &                           ! which is that of the whole set
@@ -269,7 +270,8 @@ contains
    logical function refined_motion_is_over(self) result(is_over)
       class(refined_motion_t), intent(inout) :: self
 
-      is_over = self%is_ended .or. .not. allocated(self%top%unknowns) .or. self%solver%work > self%model%accuracy%max_work
+      is_over = self%is_ended .or. .not. allocated(self%top%unknowns) .or. self%solver%work > self%model%accuracy%max_work .or. &
+                self%model%lacks_impacts_of(self%result%status)
    end function refined_motion_is_over
 
    !> What a level misses: the estimated error of what the tolerance is for, and a penetration of walls beyond what is allowed as an

@@ -6,7 +6,6 @@
 !> its motion is then nearly steady from the beginning.
 module hb_integrate_to_tolerance
    use hb_advice, only: rounded
-   use hb_amplitudes, only: as_amplitudes
    use hb_cancellation, only: verdict, verdict_on_work, work_is_over
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t
@@ -18,12 +17,11 @@ module hb_integrate_to_tolerance
    use hb_model, only: model_t, share_of_integrated
    use hb_model_basis, only: coordinates_of
    use hb_modes, only: slowest_decay
-   use hb_motion, only: solve_motion, status_of_ended
+   use hb_motion, only: start_from, status_of_ended
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
    use hb_primary_method, only: integration_counts_t, integration_is_cheaper, primary_method
    use hb_refinement, only: refinable_t, refine
-   use hb_stability, only: stability_method
    use hb_structure, only: most_dense, structure_t
    use hb_text, only: to_text
    use hb_thresholds, only: safety
@@ -123,17 +121,17 @@ contains
 
    !> Integrates from the motion in which the sequence of orders has ended above the tolerance, and takes what that gives where it
    !> is the same motion to the tolerance, or at least nearer to it. The result is else what it was, and says what time integration
-   !> has found.
+   !> has found. Where walls are struck whose restitution is given, the motion integrated is the answer in any case.
    subroutine integrate_from_balance(model, result, top)
       type(model_t), intent(in) :: model
-      type(motion_result_t), intent(inout) :: result                  !! of the sequence of orders, `truncated`
+      type(motion_result_t), intent(inout) :: result                  !! of the sequence of orders, `truncated` or `impact`
       type(level_t), intent(in) :: top                                !! its last level
       type(motion_result_t) :: integrated
       type(level_t) :: found
       type(model_t) :: from
       type(steady_motion_t) :: settled
       real(wp) :: apart, estimate, estimate_before
-      logical :: is_there
+      logical :: is_struck, is_there
 
       if (.not. (model%solver%fallback .and. model%solver%fallback_by_integration .and. can_integrate(model))) return
       if (allocated(result%output_estimate)) return                   ! of outputs time integration knows nothing
@@ -143,19 +141,24 @@ contains
       result%work = result%work + settled%work
       if (verdict_on_work() == verdict%interrupted) result%status = outcome%interrupted
       if (work_is_over()) return                      ! there is a motion, however late it is
-      if (settled%status /= outcome%time_domain .and. settled%status /= outcome%several) then
+      is_struck = model%lacks_impacts_of(result%status)
+      if (settled%status == outcome%pending .or. .not. (is_struck .or. allocated(integrated%coefficients))) then
          if (allocated(settled%message)) result%message = settled%message
          return
       end if
-      estimate = estimate_of(integrated)
       estimate_before = estimate_of(result)
-      apart = distance(top, found, .false.)
-      if (estimate_before < reliable .and. apart > safety*(estimate + estimate_before)) then
-         result%message = "time integration from it leads to another motion, "//rounded(apart)//" of it away"
-         return
+      apart = 0.0_wp
+      if (.not. is_struck) then                                       ! it is the same motion
+         estimate = estimate_of(integrated)
+         apart = distance(top, found, .false.)
+         if (estimate_before < reliable .and. apart > safety*(estimate + estimate_before)) then
+            result%message = "time integration from it leads to another motion, "//rounded(apart)//" of it away"
+            return
+         end if
+         if (estimate >= estimate_before) return
       end if
-      if (estimate >= estimate_before) return
-      integrated%status = status_within(model, settled, integrated)
+      integrated%status = settled%status
+      if (allocated(integrated%coefficients)) integrated%status = status_within(model, settled, integrated)
       integrated%work = result%work
       integrated%iterations = result%iterations
       integrated%evaluations = result%evaluations
@@ -166,7 +169,11 @@ contains
       integrated%solver_seconds = result%solver_seconds
       integrated%certificate_seconds = result%certificate_seconds
       integrated%certificate_cpu_seconds = result%certificate_cpu_seconds
-      integrated%message = integrated%message//"; from a balance with an estimate of "//rounded(estimate_before)
+      if (is_struck) then
+         integrated%message = integrated%message//"; a wall is struck"
+      else
+         integrated%message = integrated%message//"; from a balance with an estimate of "//rounded(estimate_before)
+      end if
       result = integrated
    end subroutine integrate_from_balance
 
@@ -194,24 +201,12 @@ contains
       type(model_t), intent(out) :: from
       logical, intent(out) :: is_there
       type(error_t), allocatable :: error
-      type(motion_result_t) :: whole
-      integer :: i
+      type(model_t) :: here
 
-      is_there = model%structure%n_dofs <= most_dense
-      if (.not. is_there) return
-      from = model
-      from%may_integrate = .false.
-      from%certificate%is_on = .false.
-      from%stability%method = stability_method%off
-      from%output%dofs = [(i, i=1, model%structure%n_dofs)]
-      call put_on_level(from, model, level, error)
-      if (.not. allocated(error)) call solve_motion(from, whole, error, level%unknowns)
-      is_there = .not. allocated(error) .and. whole%status == outcome%converged
-      if (.not. is_there) return
-      from%certificate = model%certificate
-      from%stability = model%stability
-      from%output = model%output
-      from%start = as_amplitudes(transpose(cmplx(whole%coefficients(1, :, :), -whole%coefficients(2, :, :), wp)))
+      here = model
+      call put_on_level(here, model, level, error)
+      is_there = .not. allocated(error)
+      if (is_there) call start_from(here, level%unknowns, from, is_there)
    end subroutine start_on
 
    !> Integrates with candidates in a box, then in the next one of twice the order where they leave too much, and keeps what matters

@@ -4,11 +4,13 @@ module hb_integrated_result
    use hb_certificate, only: near_commensurate
    use hb_coordinates, only: coordinates_t
    use hb_kinds, only: wp
+   use hb_level, only: reliable
    use hb_mean_energy, only: new_mean_energy
    use hb_model, only: model_t
+   use hb_motion_description, only: ask_for_stability
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
-   use hb_stability, only: stability_method, verdict
+   use hb_stability, only: harmonic_motion_t, stability_method, stability_t, verdict
    use hb_time_domain, only: steady_motion_t
    implicit none
    private
@@ -67,8 +69,7 @@ contains
       result%coefficients = pairs_of(c(model%output%dofs, :))
       result%force_coefficients = pairs_of(forces(coordinates%dofs, :))
       result%corrected_coefficients = pairs_of(c(coordinates%dofs, :))
-      result%stability%verdict = verdict%stable             ! time integration came there
-      result%stability%method = stability_method%integration
+      call find_stability(model, c, settled%spread, result%stability)
       associate (found => result%certificate, nan => ieee_value(1.0_wp, ieee_quiet_nan))
          call near_commensurate(model%tones, found%combination, found%combination_frequency)
          result%is_near_commensurate = model%tones%n_tones > 1 .and. &
@@ -94,6 +95,25 @@ contains
          call new_mean_energy(found%energy, model%structure, c, w)
       end associate
    end subroutine keep_integrated
+
+   !> Stable, for time integration came there; of walls that are struck with the multipliers of the motion that repeats. Of a record
+   !> that the motion tells next to nothing of nothing is known.
+   subroutine find_stability(model, c, spread, stability)
+      type(model_t), intent(in) :: model
+      complex(wp), intent(in) :: c(:, :)                              !! cos - i sin [m], (n_dofs, n_harmonics)
+      real(wp), intent(in) :: spread                                  !! what is not repeated, relative
+      type(stability_t), intent(out) :: stability
+
+      if (model%tones%n_tones == 1 .and. model%lacks_impacts_of(outcome%impact)) &
+         call ask_for_stability(model, model%stability, harmonic_motion_t(model%harmonics%tuples, model%tones, c), &
+                                huge(1.0_wp), stability)
+      select case (stability%verdict)
+      case (verdict%unknown)
+         if (spread < reliable) stability = stability_t(verdict=verdict%stable, method=stability_method%integration)
+      case (verdict%unstable)                                         ! one of them is wrong
+         stability%verdict = verdict%unknown
+      end select
+   end subroutine find_stability
 
    !> Forces that a motion takes without laws.
    function forces_of(model, c, w) result(forces)

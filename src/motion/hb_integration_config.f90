@@ -29,7 +29,7 @@ module hb_integration_config
       integer :: decimation = 1                                       !! steps from one stored sample to the next
       real(wp) :: tolerance = 1.0e-10_wp                              !! of cvode and of Newton, relative
       logical :: is_stiff = .false.                                   !! cvode: backward differentiation instead of Adams
-      real(wp) :: restitution = 0.0_wp                                !! of rigid walls
+      real(wp) :: restitution = -1.0_wp                               !! of walls that have none of their own; < 0: not given
       real(wp) :: spectral_radius = 0.8_wp                            !! of generalized_alpha at infinite frequency
       integer :: start = integration_start%rest
       character(:), allocatable :: record                             !! file with the record to be continued
@@ -59,7 +59,7 @@ contains
       call group%get("decimation", self%decimation)
       call group%get("tolerance", self%tolerance)
       call group%get("is_stiff", self%is_stiff)
-      call group%get("restitution", self%restitution)
+      if (group%given("restitution")) call group%get("restitution", self%restitution)
       call group%get("spectral_radius", self%spectral_radius)
       call group%choose("start", self%start)
       call group%get("continue", self%record)

@@ -11,8 +11,9 @@ module hb_model
    use hb_harmonics, only: harmonics_t
    use hb_integration_config, only: integration_config_t
    use hb_kinds, only: wp
-   use hb_law, only: law_box_t
+   use hb_law, only: hold_t, law_box_t
    use hb_normal_mode, only: normal_mode_t
+   use hb_outcome, only: outcome
    use hb_primary_method, only: primary_method
    use hb_response, only: response_t
    use hb_solver_types, only: solver_config_t
@@ -135,6 +136,7 @@ module hb_model
       integer :: primary_method = primary_method%auto                 !! to its motion, one of hb_primary_method
    contains
       procedure :: has_time_domain => model_has_time_domain
+      procedure :: lacks_impacts_of => model_lacks_impacts_of
    end type model_t
 
    abstract interface
@@ -177,4 +179,21 @@ contains
 
       has = self%may_integrate .and. allocated(self%callbacks%time_domain_solver)
    end function model_has_time_domain
+
+   !> Whether a balance with this status strikes walls, and what each of them leaves of an impact is given: the motion is then
+   !> found by time integration.
+   logical function model_lacks_impacts_of(self, status) result(lacks)
+      class(model_t), intent(in) :: self
+      integer, intent(in) :: status
+      type(hold_t) :: hold
+      integer :: i
+
+      lacks = status == outcome%impact
+      do i = 1, size(self%laws)
+         if (.not. lacks) return
+         if (.not. self%laws(i)%law%is_multiplier) cycle
+         hold = self%laws(i)%law%hold()
+         lacks = .not. hold%is_wall .or. max(hold%restitution, self%integration%restitution) >= 0.0_wp
+      end do
+   end function model_lacks_impacts_of
 end module hb_model

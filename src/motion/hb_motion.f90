@@ -2,7 +2,7 @@
 module hb_motion
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use hb_advice, only: advice_on, circumstances_t, find_circumstances
-   use hb_amplitudes, only: amplitudes_t
+   use hb_amplitudes, only: amplitudes_t, as_amplitudes
    use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, whole_basis
@@ -26,11 +26,13 @@ module hb_motion
    use hb_primary_method, only: primary_method
    use hb_solver, only: solve
    use hb_solver_types, only: fallback, report_t
+   use hb_stability, only: stability_method
+   use hb_structure, only: most_dense
    use hb_thresholds, only: rounding
    use hb_time_domain, only: locking_t, may_be_locked, steady_motion_t
    implicit none
    private
-   public :: solve_motion, status_of_ended
+   public :: solve_motion, start_from, status_of_ended
 
    integer, parameter :: steps_from_integration = 20                  ! of the balance, from a motion that is known
 
@@ -120,8 +122,8 @@ contains
       if (is_solved(result%status)) call keep_integrated(model, coordinates, settled, result)
    end subroutine integrate_first
 
-   !> The last way: where the balance has found no motion the model is integrated, and what that ends in is the answer: the balance
-   !> solved from there, the motion integrated, or what there is instead.
+   !> The last way: where the balance has found no motion, or one that strikes walls whose restitution is given, the model is
+   !> integrated, and what that ends in is the answer: the balance solved from there, the motion integrated, or what there is instead.
    subroutine fallback_by_integration(model, result, unknowns)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(inout) :: result
@@ -129,16 +131,24 @@ contains
       type(coordinates_t) :: coordinates
       type(error_t), allocatable :: error
       type(steady_motion_t) :: settled
+      type(model_t), allocatable :: from
+      logical :: has_start, is_struck
 
-      if (.not. (model%solver%fallback .and. model%solver%fallback_by_integration .and. is_lost(result%status))) return
+      is_struck = model%lacks_impacts_of(result%status)
+      if (.not. (model%solver%fallback .and. model%solver%fallback_by_integration)) return
+      if (.not. (is_struck .or. is_lost(result%status))) return
       if (any(model%tones%is_unknown) .or. model%normal_mode%is_asked) return
       coordinates = coordinates_of(model)
       if (coordinates%n == 0) return
-      call model%callbacks%time_domain_solver%settle(model, coordinates%dofs, settled, error)
+      allocate (from)
+      has_start = is_struck .and. allocated(unknowns)
+      if (has_start) call start_from(model, unknowns, from, has_start)
+      if (.not. has_start) from = model
+      call model%callbacks%time_domain_solver%settle(from, coordinates%dofs, settled, error)
       result%work = result%work + settled%work
       result%integration_work = settled%work
       if (allocated(error)) settled%message = "integration: "//error%message
-      if (.not. work_is_over() .and. settled%status == outcome%time_domain) &
+      if (.not. (work_is_over() .or. is_struck) .and. settled%status == outcome%time_domain) &
          call balance_from(model, guess_from(model, coordinates, settled), result, unknowns)
       result%n_motions = settled%n_motions
       if (work_is_over()) then
@@ -150,11 +160,38 @@ contains
          result%message = settled%message
       else
          call forget_motion(result)
+         if (allocated(unknowns)) deallocate (unknowns)
          result%status = settled%status
          result%message = settled%message
          if (is_solved(settled%status)) call keep_integrated(model, coordinates, settled, result)
       end if
    end subroutine fallback_by_integration
+
+   !> Gives the model with a motion that solves its balance as its start, in all degrees of freedom.
+   subroutine start_from(model, unknowns, from, is_there)
+      type(model_t), intent(in) :: model
+      real(wp), intent(in) :: unknowns(:)                             !! of the solution, as the guess of `solve_motion`
+      type(model_t), intent(out) :: from
+      logical, intent(out) :: is_there
+      type(error_t), allocatable :: error
+      type(motion_result_t) :: whole
+      integer :: i
+
+      is_there = model%structure%n_dofs <= most_dense
+      if (.not. is_there) return
+      from = model
+      from%may_integrate = .false.
+      from%certificate%is_on = .false.
+      from%stability%method = stability_method%off
+      from%output%dofs = [(i, i=1, model%structure%n_dofs)]
+      call solve_motion(from, whole, error, unknowns)
+      is_there = .not. allocated(error) .and. whole%status == outcome%converged
+      if (.not. is_there) return
+      from%certificate = model%certificate
+      from%stability = model%stability
+      from%output = model%output
+      from%start = as_amplitudes(transpose(cmplx(whole%coefficients(1, :, :), -whole%coefficients(2, :, :), wp)))
+   end subroutine start_from
 
    !> Solves the balance in a few steps from the motion integrated; the result is that of the balance where it converges.
    subroutine balance_from(model, guess, result, unknowns)

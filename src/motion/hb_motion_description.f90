@@ -27,7 +27,7 @@ module hb_motion_description
    use hb_transform, only: new_transform, transform_t
    implicit none
    private
-   public :: allow_for_growth, compare_with_refined, describe_motion, keep_motion, stability_of
+   public :: allow_for_growth, ask_for_stability, compare_with_refined, describe_motion, keep_motion, stability_of
 
 contains
 

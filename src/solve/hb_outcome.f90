@@ -26,7 +26,7 @@ module hb_outcome
       integer :: timed_out = 15                        !! the point has had its processor time
       integer :: impact = 16                           !! solved, but a rigid wall is struck: a law of impact is missing
       integer :: unused = 17                           !! room for a point of a curve that has ended before
-      integer :: time_domain = 18 !! no balance was found; the motion is that in which time integration ends
+      integer :: time_domain = 18 !! no balance gives it; the motion is that in which time integration ends
       integer :: subharmonic = 19                      !! time integration ends in a motion that takes several periods
       integer :: broadband = 20                        !! time integration ends in a motion without order
       integer :: several = 21                          !! time integration ends in several motions, by where it starts
@@ -60,7 +60,7 @@ module hb_outcome
       "timed out: the point has used its limit of processor time", &
       "impact: solved, but a wall is struck: a law of impact is missing", &
       "unused: room for a point of a curve that has ended before", &
-      "time domain: from time integration, no balance was found", &
+      "time domain: from time integration, no balance gives it", &
       "subharmonic: the motion takes several periods, see the message", &
       "broadband: time integration finds no motion of these tones", &
       "several: time integration ends in different motions, see message"]
@@ -88,8 +88,8 @@ module hb_outcome
          "in &solver.", &
       "Solve the model with the one tone that the message names.", &
       "Allow more time (&solver time_limit), or come from a setting that is solved: a sweep with first_guess = 'neighbour'.", &
-      "No order helps: the restitution of the wall decides. Give the wall its stiffness (elastic_stop), or integrate with "// &
-         "&integration restitution.", &
+      "No order helps: the restitution of the wall decides. Give the wall its restitution (of rigid_wall, or of &integration "// &
+         "for all walls), or its stiffness (elastic_stop).", &
       "It is no point.", &
       "It is an answer, with the spread over time as its error; nhbm verify says whether it lasts.", &
       "Divide the frequency by the number that the message names, and multiply tuples and orders by it: the command does.", &

@@ -74,7 +74,7 @@ module hb_stability
    type :: excitation_t
       type(amplitudes_t) :: loads                                     !! [N]
       real(wp), allocatable :: frequencies(:)                         !! of the loads [rad/s]
-      real(wp) :: restitution = 0.0_wp                                !! of rigid walls
+      real(wp) :: restitution = 0.0_wp                                !! of walls that have none of their own
    end type excitation_t
 
    !> Somebody who finds out whether a motion is stable, hb_floquet; without one nothing is known.

@@ -86,8 +86,12 @@ contains
          case (outcome%aliased)
             text = with_more_samples(run)
          case (outcome%impact)
-            text = integrate_from_rest(run, "integration%restitution=0.5")
-            if (len(text) > 0) text = text//"  (with the restitution of the wall)"
+            if (has_restitution(run)) then
+               text = integrate_from_rest(run)
+            else
+               text = solve_with(run, "integration%restitution=0.5")
+               if (len(text) > 0) text = text//"  (with the restitution of the walls)"
+            end if
          case (outcome%subharmonic)
             text = with_lower_tones(run)
          case (outcome%collapsed, outcome%locked, outcome%broadband)
@@ -205,9 +209,8 @@ contains
    end function solve_with
 
    !> Time integration of the point for 200 periods of the slowest tone.
-   function integrate_from_rest(run, first) result(command)
+   function integrate_from_rest(run) result(command)
       type(run_t), intent(in) :: run
-      character(*), intent(in), optional :: first
       character(:), allocatable :: command
       character(10) :: duration
 
@@ -216,11 +219,29 @@ contains
       command = "nhbm integrate "//shell_word(run%names%input)//earlier(run)
       if (size(run%plan%parameters) > 0) command = command//" --point "//to_text(run%kind%first - 1)
       write (duration, "(es8.1e2)") 200.0_wp*two_pi/minval(run%tones%omega)
-      if (run%here%count("integration") == 0) command = command//" --set integration%duration="//trim(adjustl(duration))
-      if (present(first)) command = command//" --set "//first
+      if (real_of(run, "integration", "duration") <= 0.0_wp) command = command// &
+         " --set integration%duration="//trim(adjustl(duration))
       if (needs_fixed_steps(run)) command = command//" --set "//shell_word("integration%method='generalized_alpha'")
       command = command//" -o "//shell_word(beside_result(run, "_integration"))
    end function integrate_from_rest
+
+   !> Whether it is known what rigid walls leave of an impact.
+   logical function has_restitution(run)
+      type(run_t), intent(in) :: run
+      character(:), allocatable :: type
+      type(properties_t), pointer :: group
+      integer :: i
+
+      has_restitution = .not. numbers_are_absent(run, "integration", "restitution")
+      if (has_restitution) return
+      do i = 1, run%here%count("law")
+         type = ""
+         group => run%here%group("law", i)
+         call group%get("type", type)
+         has_restitution = group%given("restitution")
+         if (type == "rigid_wall" .and. .not. has_restitution) return
+      end do
+   end function has_restitution
 
    !> Whether the usual method cannot follow a law, and no other is requested.
    logical function needs_fixed_steps(run)

@@ -14,7 +14,7 @@ module hb_central_differences
    use hb_kinds, only: int64, wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_law, only: hold_t
-   use hb_rigid_laws, only: collect_rigid, put_before_walls
+   use hb_rigid_laws, only: put_before_walls
    use hb_text, only: to_text
    implicit none
    private
@@ -24,7 +24,6 @@ module hb_central_differences
 
    type, extends(integrator_t) :: central_differences_t
       real(wp) :: step = 0.0_wp                                       !! [s]
-      real(wp) :: restitution = 0.0_wp                                !! e, 0 to 1
       real(wp) :: origin = 0.0_wp                                     !! [s]
       integer(int64) :: n_steps = 0_int64
       type(hold_t), allocatable :: rigid(:)
@@ -43,11 +42,11 @@ module hb_central_differences
 contains
 
    !> Fails for a singular mass.
-   subroutine new_central_differences(self, system, step, restitution, error)
+   subroutine new_central_differences(self, system, step, rigid, error)
       type(central_differences_t), intent(out) :: self
       type(integration_system_t), intent(inout), target :: system
       real(wp), intent(in) :: step                                    !! [s], > 0
-      real(wp), intent(in) :: restitution                             !! 0 to 1
+      type(hold_t), intent(in) :: rigid(:)                            !! its rigid laws
       type(error_t), allocatable, intent(out) :: error
       integer :: i, info, n
       real(wp), allocatable :: unit(:)
@@ -56,9 +55,7 @@ contains
       if (allocated(error)) return
       self%system => system
       self%step = step
-      self%restitution = restitution
-      call collect_rigid(system%laws, self%rigid, error)
-      if (allocated(error)) return
+      self%rigid = rigid
       n = system%n_dofs
       allocate (self%kick(n, size(self%rigid)), self%yield(size(self%rigid), size(self%rigid)))
       allocate (self%impulse(size(self%rigid)), source=0.0_wp)
@@ -159,7 +156,7 @@ contains
             change = 0.0_wp
             scale = 0.0_wp
             do i = 1, size(self%rigid)
-               new = impulse_of(self%rigid(i), self%step, self%restitution, z(i), before(i), &
+               new = impulse_of(self%rigid(i), self%step, z(i), before(i), &
                                 after(i) + yield(i, i)*impulse(i))/yield(i, i)
                if (.not. self%rigid(i)%is_wall) new = min(max(new, -self%rigid(i)%limit*self%step), &
                                                           self%rigid(i)%limit*self%step)
@@ -178,9 +175,9 @@ contains
    end subroutine push
 
    !> Change of velocity, against the coordinate, that the law wants of a coordinate with the given free velocity.
-   pure real(wp) function impulse_of(rigid, step, restitution, z, before, free) result(change)
+   pure real(wp) function impulse_of(rigid, step, z, before, free) result(change)
       type(hold_t), intent(in) :: rigid
-      real(wp), intent(in) :: step, restitution
+      real(wp), intent(in) :: step
       real(wp), intent(in) :: z, before, free                         !! place, velocity a step before, velocity without impulse
       real(wp) :: high, low
 
@@ -189,11 +186,13 @@ contains
          change = free
          return
       end if
-      high = (rigid%gap - z)/step
-      if (free > high) change = free - min(high, merge(-restitution*before, high, before > 0.0_wp .and. restitution > 0.0_wp))
-      if (.not. rigid%two_sided) return
-      low = (-rigid%gap - z)/step
-      if (free < low) change = free - max(low, merge(-restitution*before, low, before < 0.0_wp .and. restitution > 0.0_wp))
+      associate (e => rigid%restitution)
+         high = (rigid%gap - z)/step
+         if (free > high) change = free - min(high, merge(-e*before, high, before > 0.0_wp .and. e > 0.0_wp))
+         if (.not. rigid%two_sided) return
+         low = (-rigid%gap - z)/step
+         if (free < low) change = free - max(low, merge(-e*before, low, before < 0.0_wp .and. e > 0.0_wp))
+      end associate
    end function impulse_of
 
    !> Forces of the laws; of rigid ones the mean over the last step.

@@ -13,6 +13,7 @@ module hb_integration_cvode
    use hb_integrator, only: integrator_t, law_forces
    use hb_kinds, only: int64, wp
    use hb_lapack, only: dgetrs
+   use hb_law, only: hold_t
    use hb_rigid_laws, only: put_before_walls
    use hb_sundials, only: cvode_t, new_cvode
    use hb_text, only: to_text
@@ -29,7 +30,7 @@ module hb_integration_cvode
    type, extends(integrator_t) :: integration_cvode_t
       type(integration_equations_t), pointer :: equations => null()
       type(cvode_t) :: cvode
-      real(wp) :: step = 0.0_wp, restitution = 0.0_wp
+      real(wp) :: step = 0.0_wp
       real(wp) :: origin = 0.0_wp                                     !! [s] where it started
       real(wp) :: base = 0.0_wp                                       !! [s] from where the time of CVODE counts
       integer :: n_since_base = 0                                     !! steps
@@ -46,11 +47,12 @@ module hb_integration_cvode
 contains
 
    !> Fails for a singular mass, and for a law with memory that does not know its bounds.
-   subroutine new_integration_cvode(self, system, step, tolerance, is_stiff, restitution, error)
+   subroutine new_integration_cvode(self, system, step, tolerance, is_stiff, rigid, error)
       type(integration_cvode_t), intent(out) :: self
       type(integration_system_t), intent(inout), target :: system
       real(wp), intent(in) :: step                                    !! from one sample to the next [s], > 0
-      real(wp), intent(in) :: tolerance, restitution
+      real(wp), intent(in) :: tolerance
+      type(hold_t), intent(in) :: rigid(:)                            !! its rigid laws
       logical, intent(in) :: is_stiff
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: directions(:)
@@ -68,11 +70,9 @@ contains
       if (allocated(error)) return
       self%system => system
       self%step = step
-      self%restitution = restitution
       self%tolerance = tolerance
       allocate (self%equations)
-      call new_integration_equations(self%equations, system, tolerance, error)
-      if (allocated(error)) return
+      call new_integration_equations(self%equations, system, tolerance, rigid)
       allocate (directions(self%equations%n_events()), source=-1)
       directions(:size(self%equations%is_positive)) = 0
       call new_cvode(self%cvode, self%equations, 2*system%n_dofs, directions, is_stiff, error)
@@ -240,7 +240,7 @@ contains
 
       associate (equations => self%equations)
          associate (speed => self%system%laws%z_rate(equations%rigid(i)%coordinate))
-            back = -self%restitution*speed
+            back = -equations%rigid(i)%restitution*speed
             if (abs(speed) <= slow*maxval(equations%scale(self%system%n_dofs + 1:))) back = 0.0_wp
          end associate
          where (.not. equations%rigid%is_wall) equations%mode = sign(1, equations%mode*2 + 1)   ! friction gives no impulse

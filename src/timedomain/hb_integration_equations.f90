@@ -14,7 +14,6 @@ module hb_integration_equations
    use hb_lapack, only: dgetrf, dgetrs
    use hb_law, only: hold_t
    use hb_ode, only: ode_t
-   use hb_rigid_laws, only: collect_rigid
    implicit none
    private
    public :: integration_equations_t, new_integration_equations
@@ -51,12 +50,12 @@ module hb_integration_equations
 
 contains
 
-   !> `system` must be divided by its mass. Fails for rigid laws that cannot be held.
-   subroutine new_integration_equations(self, system, tolerance, error)
+   !> `system` must be divided by its mass.
+   subroutine new_integration_equations(self, system, tolerance, rigid)
       type(integration_equations_t), intent(out) :: self
       type(integration_system_t), intent(in), target :: system
       real(wp), intent(in) :: tolerance                               !! relative
-      type(error_t), allocatable, intent(out) :: error
+      type(hold_t), intent(in) :: rigid(:)                            !! its rigid laws
       integer :: i
 
       self%system => system
@@ -65,9 +64,8 @@ contains
          allocate (self%is_positive(laws%n_switches), source=.false.)
          allocate (self%slip(m), source=0)
          allocate (self%held(m), self%lower(m), self%upper(m), self%lower_rate(m), self%upper_rate(m), source=0.0_wp)
-         call collect_rigid(laws, self%rigid, error)
       end associate
-      if (allocated(error)) return
+      self%rigid = rigid
       allocate (self%mode(size(self%rigid)), source=0)
       allocate (self%reaction(size(self%rigid)), self%a(system%n_dofs), self%scale(2*system%n_dofs), source=0.0_wp)
       allocate (self%kick(system%n_dofs, size(self%rigid)), self%active(0))

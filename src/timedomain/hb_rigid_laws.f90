@@ -13,8 +13,9 @@ module hb_rigid_laws
 contains
 
    !> How the rigid ones among the laws are held, in their order; fails for one that cannot be.
-   subroutine collect_rigid(laws, rigid, error)
+   subroutine collect_rigid(laws, restitution, rigid, error)
       type(integration_laws_t), intent(in) :: laws
+      real(wp), intent(in) :: restitution                             !! of walls that have none of their own; < 0: 0
       type(hold_t), allocatable, intent(out) :: rigid(:)
       type(error_t), allocatable, intent(out) :: error
       type(hold_t) :: hold
@@ -29,6 +30,7 @@ contains
             return
          end if
          hold%coordinate = laws%places(i)%first
+         if (hold%restitution < 0.0_wp) hold%restitution = max(0.0_wp, restitution)
          rigid = [rigid, hold]
       end do
    end subroutine collect_rigid

@@ -63,7 +63,7 @@ contains
 
       self%system => system
       self%motion = motion
-      call collect_rigid(system%laws, self%rigid, error)
+      call collect_rigid(system%laws, restitution, self%rigid, error)
       if (allocated(error)) return
       n = system%n_dofs
       do i = 1, size(system%laws%laws)

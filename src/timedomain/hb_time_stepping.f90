@@ -83,7 +83,7 @@ contains
       type(integration_cvode_t), allocatable :: cvode
       type(hold_t), allocatable :: rigid(:)
 
-      call collect_rigid(system%laws, rigid, error)
+      call collect_rigid(system%laws, config%restitution, rigid, error)
       if (allocated(error)) return
       select case (config%method)
       case (integration_method%runge_kutta_4)
@@ -92,7 +92,7 @@ contains
          call move_alloc(runge_kutta_4, self)
       case (integration_method%central_differences)
          allocate (central_differences)
-         call new_central_differences(central_differences, system, step, config%restitution, error)
+         call new_central_differences(central_differences, system, step, rigid, error)
          call move_alloc(central_differences, self)
       case (integration_method%generalized_alpha)
          allocate (generalized_alpha)
@@ -100,7 +100,7 @@ contains
          call move_alloc(generalized_alpha, self)
       case default
          allocate (cvode)
-         call new_integration_cvode(cvode, system, step, config%tolerance, config%is_stiff, config%restitution, error)
+         call new_integration_cvode(cvode, system, step, config%tolerance, config%is_stiff, rigid, error)
          call move_alloc(cvode, self)
       end select
    end subroutine new_integrator

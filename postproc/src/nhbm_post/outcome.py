@@ -31,7 +31,7 @@ TEXTS = {
     "timed_out": "timed out: the point has used its limit of processor time",
     "impact": "impact: solved, but a wall is struck: a law of impact is missing",
     "unused": "unused: room for a point of a curve that has ended before",
-    "time_domain": "time domain: from time integration, no balance was found",
+    "time_domain": "time domain: from time integration, no balance gives it",
     "subharmonic": "subharmonic: the motion takes several periods, see the message",
     "broadband": "broadband: time integration finds no motion of these tones",
     "several": "several: time integration ends in different motions, see message",

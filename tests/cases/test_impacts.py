@@ -1,0 +1,81 @@
+"""Masses that strike rigid walls of a given restitution, against orbits that are put together from free flights."""
+
+import numpy as np
+import pytest
+from numpy.polynomial.legendre import leggauss
+from program import read, run
+from scipy.optimize import fsolve
+
+W, D, E = 2.6, 0.1, 0.8  # tone, damping, restitution of a unit mass on a unit spring under a unit load
+MODEL = """&structure type='chain', n_masses=1, ends='free', mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1 /
+&tones frequency={tone} /
+&load dof='x1', tuple={tuple}, cos=1.0 /
+&law type='rigid_wall', dof='x1', gap=0.0{law} /
+"""
+TIME_DOMAIN, IMPACT = 18, 16
+
+
+def flight(t0, x0, v0, t):
+    """Place and velocity at t of the mass that is free since t0."""
+    z, steady = D / 2, 1 / (1 - W**2 + 1j * W * D)
+    wd = np.sqrt(1 - z**2)
+    forced = lambda s: ((steady * np.exp(1j * W * s)).real, (1j * W * steady * np.exp(1j * W * s)).real)
+    a = x0 - forced(t0)[0]
+    b = (v0 - forced(t0)[1] + z * a) / wd
+    c, s, decay = np.cos(wd * (t - t0)), np.sin(wd * (t - t0)), np.exp(-z * (t - t0))
+    x, v = forced(t)
+    return x + decay * (a * c + b * s), v + decay * (-z * (a * c + b * s) + wd * (b * c - a * s))
+
+
+def orbit():
+    """Time after and velocity before the one impact in each turn of the tone."""
+    turn = 2 * np.pi / W
+
+    def misses(unknowns):
+        x, v = flight(unknowns[0], 0.0, -E * unknowns[1], unknowns[0] + turn)
+        return [x, v - unknowns[1]]
+
+    for guess in np.linspace(0, turn, 12, endpoint=False):
+        (t0, v), _, found, _ = fsolve(misses, [guess, 1.0], full_output=True, xtol=1e-14)
+        if found == 1 and v > 0 and flight(t0, 0.0, -E * v, t0 + np.linspace(0, turn, 999))[0].max() < 1e-9:
+            return t0, v, turn
+    raise AssertionError("no orbit")
+
+
+def solve(directory, law="", more="", tone=W, of=1, status=0):
+    path = directory / "model.nml"
+    path.write_text(MODEL.format(tone=tone, tuple=of, law=law) + more)
+    assert run("solve", path, "--overwrite", "--quiet", cwd=directory).status == status
+    return path.with_suffix(".h5")
+
+
+@pytest.mark.parametrize(
+    ("more", "within"), [("&harmonics order=12 /\n", 1e-4), ("&accuracy tolerance=1e-3 /\n", 1e-3), ("", 1e-2)]
+)
+def test_one_impact_a_turn(more, within, tmp_path):
+    """The harmonics kept are those of the orbit; one impact a turn leaves det = e^2 exp(-d T) of the multipliers."""
+    t0, v, turn = orbit()
+    nodes, weights = leggauss(400)
+    t = t0 + turn * (nodes + 1) / 2
+    x = flight(t0, 0.0, -E * v, t)[0]
+    result = solve(tmp_path, f", restitution={E}", more)
+    status, found, stable = (a[0] for a in read(result, "status", "coefficients", "is_stable"))
+    assert (status, stable) == (TIME_DOMAIN, 1)
+    orders = read(result, "tuples")[0] if "tolerance" in more or not more else read(result, "tuple")
+    orders = np.unique(orders.clip(0))  # a point by tolerance has room left
+    found = found[:, : orders.size]
+    lines = np.array([(2 if k else 1) * (weights * x) @ np.exp(1j * k * W * t) / 2 for k in orders])
+    assert np.abs(found[0, :, 0] + 1j * found[0, :, 1] - lines).max() < within * np.abs(lines).max()
+    real, imaginary = (a[0] for a in read(result, "multiplier_real", "multiplier_imag"))
+    product = np.prod((real + 1j * imaginary)[:2])
+    assert product == pytest.approx(E**2 * np.exp(-D * turn), rel=1e-6)
+
+
+def test_restitution_of_integration_is_that_of_walls_without_one(tmp_path):
+    sets = "&harmonics order=12 /\n"
+    own = read(solve(tmp_path, f", restitution={E}", sets), "coefficients")
+    common = read(solve(tmp_path, "", sets + f"&integration restitution={E} /\n"), "coefficients")
+    both = read(solve(tmp_path, f", restitution={E}", sets + "&integration restitution=0.1 /\n"), "coefficients")
+    assert np.array_equal(own, common)
+    assert np.array_equal(own, both)
+    assert read(solve(tmp_path, "", sets, status=1), "status")[0] == IMPACT
