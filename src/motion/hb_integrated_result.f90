@@ -69,7 +69,7 @@ contains
       result%coefficients = pairs_of(c(model%output%dofs, :))
       result%force_coefficients = pairs_of(forces(coordinates%dofs, :))
       result%corrected_coefficients = pairs_of(c(coordinates%dofs, :))
-      call find_stability(model, c, settled%spread, result%stability)
+      call find_stability(model, settled, result%stability)
       associate (found => result%certificate, nan => ieee_value(1.0_wp, ieee_quiet_nan))
          call near_commensurate(model%tones, found%combination, found%combination_frequency)
          result%is_near_commensurate = model%tones%n_tones > 1 .and. &
@@ -98,18 +98,17 @@ contains
 
    !> Stable, for time integration came there; of walls that are struck with the multipliers of the motion that repeats. Of a record
    !> that the motion tells next to nothing of nothing is known.
-   subroutine find_stability(model, c, spread, stability)
+   subroutine find_stability(model, settled, stability)
       type(model_t), intent(in) :: model
-      complex(wp), intent(in) :: c(:, :)                              !! cos - i sin [m], (n_dofs, n_harmonics)
-      real(wp), intent(in) :: spread                                  !! what is not repeated, relative
+      type(steady_motion_t), intent(in) :: settled
       type(stability_t), intent(out) :: stability
 
       if (model%tones%n_tones == 1 .and. model%lacks_impacts_of(outcome%impact)) &
-         call ask_for_stability(model, model%stability, harmonic_motion_t(model%harmonics%tuples, model%tones, c), &
-                                huge(1.0_wp), stability)
+         call ask_for_stability(model, model%stability, &
+                                harmonic_motion_t(model%harmonics%tuples, model%tones, settled%amplitudes), settled%work, stability)
       select case (stability%verdict)
       case (verdict%unknown)
-         if (spread < reliable) stability = stability_t(verdict=verdict%stable, method=stability_method%integration)
+         if (settled%spread < reliable) stability = stability_t(verdict=verdict%stable, method=stability_method%integration)
       case (verdict%unstable)                                         ! one of them is wrong
          stability%verdict = verdict%unknown
       end select

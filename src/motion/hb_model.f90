@@ -188,12 +188,14 @@ contains
       type(hold_t) :: hold
       integer :: i
 
-      lacks = status == outcome%impact
+      lacks = .false.
+      if (status /= outcome%impact) return
       do i = 1, size(self%laws)
-         if (.not. lacks) return
          if (.not. self%laws(i)%law%is_multiplier) cycle
          hold = self%laws(i)%law%hold()
-         lacks = .not. hold%is_wall .or. max(hold%restitution, self%integration%restitution) >= 0.0_wp
+         if (.not. hold%is_wall) cycle
+         lacks = max(hold%restitution, self%integration%restitution) >= 0.0_wp
+         if (.not. lacks) return
       end do
    end function model_lacks_impacts_of
 end module hb_model
