@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import resource
 import signal
+import subprocess
+import sys
 import threading
 import time
 
@@ -188,3 +190,31 @@ def test_time_integration_has_the_bits_of_the_command(text, tmp_path):
     assert model.verify()["integration_verdict"] == "agrees"  # of the motion still
     with pytest.raises(ModelError, match="no motion that `solve` has found"):
         Model.from_namelist(text).verify()
+
+
+SCRIPT = """
+import numpy as np, nhbm
+{law}
+model = nhbm.Model(nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1), tones=[2.0])
+model.load("x1", 1, cos=0.1)
+{use}
+print("points", model.sweep({{"tones[0]": np.linspace(2.0, 3.0, 4)}}, workers=2).sizes["point"])
+"""
+OWN_LAW = "@nhbm.law\ndef force(q, v, p):\n    return q**3\n"
+
+
+def test_a_script_needs_no_guard_for_its_processes(tmp_path):
+    """Each process would else run the script anew, up to the sweep that it is made for."""
+    path = tmp_path / "script.py"
+    path.write_text(SCRIPT.format(law="", use="model.law('cubic_spring', 'x1', stiffness=1.0)"))
+    done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=120)
+    assert done.stdout == "points 4\n", done.stderr
+
+
+def test_a_script_with_laws_of_its_own_is_told_of_its_guard(tmp_path):
+    path = tmp_path / "script.py"
+    path.write_text(SCRIPT.format(law=OWN_LAW, use="model.law(force, 'x1')"))
+    done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].startswith("nhbm.errors.ModelError: a process of the sweep has ended"), done.stderr
+    assert '__name__ == "__main__":' in done.stderr

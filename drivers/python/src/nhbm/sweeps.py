@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import itertools
+import pickle
+import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -123,13 +126,41 @@ def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: An
     if executor is None and workers > 1:
         import multiprocessing
         from concurrent.futures import ProcessPoolExecutor
+        from concurrent.futures.process import BrokenProcessPool
 
-        with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as executor:
-            yield from _spread(work, lines, 1, executor, None, bar)
+        try:
+            with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as executor:
+                with _script_left_out(work):
+                    found = executor.map(work, lines)  # all processes start here
+                yield from _counted(found, bar)
+        except BrokenProcessPool as error:
+            raise ModelError(
+                "a process of the sweep has ended. A script whose own laws or functions are sent to processes is run by each of "
+                'them: put its work below  if __name__ == "__main__":'
+            ) from error
         return
-    for motions in map(work, lines) if executor is None else executor.map(work, lines):
+    yield from _counted(map(work, lines) if executor is None else executor.map(work, lines), bar)
+
+
+def _counted(found: Iterable[list[Any]], bar: Progress) -> Iterator[list[Any]]:
+    for motions in found:
         bar.update(len(motions))
         yield motions
+
+
+@contextlib.contextmanager
+def _script_left_out(work: _Line) -> Iterator[None]:
+    """Processes that start meanwhile do not run the script of the user anew, unless something of it is sent to them."""
+    script = sys.modules["__main__"].__dict__
+    if b"__main__" in pickle.dumps(work):
+        yield
+        return
+    kept = {name: script.get(name) for name in ("__file__", "__spec__")}
+    script.update(dict.fromkeys(kept))
+    try:
+        yield
+    finally:
+        script.update(kept)
 
 
 class Progress:
