@@ -82,7 +82,7 @@ contains
       by_cvode_alone = model%integration%aim <= 0.0_wp .and. any([(model%laws(i)%law%is_multiplier, i=1, size(model%laws))])
       is_fast = model%integration%method == integration_method%cvode .and. .not. by_cvode_alone
       if (is_fast) is_fast = .not. has_bounds_of(model) .or. work_of_mode*fastest_of(model)*periods_of_first(model)* &
-                             two_pi/minval(model%tones%omega)*work_of_look(model%structure%n_dofs, size(law_dofs)) > &
+                             two_pi/minval(model%tones%omega)*work_of_look(model%structure%n_dofs, size(law_dofs), .false.) > &
                              model%integration%work_limit
       if (.not. is_fast) then
          call follow(model, law_dofs, settled, last, error, start)
@@ -255,7 +255,7 @@ contains
          config%transient = 0.0_wp
          config%decimation = huge(1)
          config%largest = runaway*max(system%length, maxval(abs(state%q)), tiny(1.0_wp))
-         look = work_of_look(system%n_dofs, system%laws%n_coordinates)
+         look = work_of_look(system%n_dofs, system%laws%n_coordinates, config%method == integration_method%generalized_alpha)
          allowed = allowed_of(model)
          rate = slowest_decay(system%structure%mass, system%structure%damping, system%structure%stiffness)
          n_first = periods_of_first(model)

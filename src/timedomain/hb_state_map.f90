@@ -176,7 +176,7 @@ contains
       real(wp), intent(in) :: work                                    !! in about a nanosecond
 
       self%config%most_looks = self%system%laws%n_looks + &
-         int(min(work/work_of_look(self%system%n_dofs, self%system%laws%n_coordinates), 1.0e18_wp), int64)
+         int(min(work/work_of_look(self%system%n_dofs, self%system%laws%n_coordinates, .false.), 1.0e18_wp), int64)
    end subroutine state_map_allow
 
    !> About how many nanoseconds a period of the slowest tone takes, from counts alone.
@@ -187,7 +187,7 @@ contains
       work = max(usual_looks*maxval(self%motion%omega), looks_a_radian*two_pi*fastest_mode(self%system%structure))/ &
              minval(self%motion%omega)
       if (.not. self%has_own_steps) work = 4.0_wp*n_steps_of(self, level)
-      work = work*work_of_look(self%system%n_dofs, self%system%laws%n_coordinates)
+      work = work*work_of_look(self%system%n_dofs, self%system%laws%n_coordinates, .false.)
    end function state_map_work_of
 
    !> Steps of a time integration at a level, those of a period of the slowest tone; one where the method chooses its own.
