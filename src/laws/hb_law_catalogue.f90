@@ -3,6 +3,7 @@ module hb_law_catalogue
    use hb_law, only: law_box_t
    use hb_law_annular_clearance, only: annular_clearance_t
    use hb_law_blade_contact, only: blade_contact_t
+   use hb_law_bouc_wen, only: bouc_wen_t
    use hb_law_contact_table, only: contact_table_t
    use hb_law_coulomb_rigid, only: coulomb_rigid_t
    use hb_law_coulomb_tanh, only: coulomb_tanh_t
@@ -41,6 +42,7 @@ contains
       select case (name)
       case ("annular_clearance"); allocate (annular_clearance_t :: box%law)
       case ("blade_contact"); allocate (blade_contact_t :: box%law)
+      case ("bouc_wen"); allocate (bouc_wen_t :: box%law)
       case ("contact_table"); allocate (contact_table_t :: box%law)
       case ("coulomb_rigid"); allocate (coulomb_rigid_t :: box%law)
       case ("coulomb_tanh"); allocate (coulomb_tanh_t :: box%law)

@@ -9,7 +9,7 @@ module hb_slider
    use hb_kinds, only: wp
    implicit none
    private
-   public :: move_slider, move_steadily, pushed_by
+   public :: move_slider, move_steadily, pushed_by, turning_point
 
    !> What the place of a slider at the end of a step depends on.
    type :: pushed_by_t

@@ -300,7 +300,9 @@ contains
          if (.not. is_done) return
          self%x = self%x + matmul(self%free, step(:size(self%free, 2)))
          if (is_free) self%period = self%period + step(size(step))
-         is_done = maxval(abs(self%x - begun)) <= same_motion
+         associate (n => 2*self%integration%system%n_dofs)               ! of laws the motion has no states
+            is_done = maxval(abs(self%x(:n) - begun(:n))) <= same_motion
+         end associate
          if (.not. is_done) return
       end do
       is_done = left <= repeats

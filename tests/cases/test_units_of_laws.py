@@ -32,6 +32,13 @@ LAWS = {
         "gaps": (0.5, *L),
         "stiffness": (0.5, *STIFFNESS),
     },
+    "bouc_wen": {
+        "dof": "'x1'",
+        "stiffness": (1.0, *STIFFNESS),
+        "yield_displacement": (0.2, *L),
+        "exponent": 2.0,
+        "beta": 0.7,
+    },
     "contact_table": {
         "dofs": "'x1', 'x2'",
         "n_contacts": 2,

@@ -1,6 +1,7 @@
 !> Laws from numbers, for tests: as a caller of the library makes them, by properties. Where they act is set apart.
 module laws_from_numbers
    use hb_kinds, only: wp
+   use hb_law_bouc_wen, only: bouc_wen_t
    use hb_law_coulomb_rigid, only: coulomb_rigid_t
    use hb_law_coulomb_tanh, only: coulomb_tanh_t
    use hb_law_cubic_damping, only: cubic_damping_t
@@ -17,10 +18,24 @@ module laws_from_numbers
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: new_coulomb_rigid, new_coulomb_tanh, new_cubic_damping, new_cubic_spring, new_elastic_stop, new_iwan
-   public :: new_jenkins, new_jenkins_2d, new_polynomial, new_quadratic_damping, new_rigid_wall, new_van_der_pol
+   public :: new_bouc_wen, new_coulomb_rigid, new_coulomb_tanh, new_cubic_damping, new_cubic_spring, new_elastic_stop
+   public :: new_iwan, new_jenkins, new_jenkins_2d, new_polynomial, new_quadratic_damping, new_rigid_wall, new_van_der_pol
 
 contains
+
+   !> Of stiffness 1 and yield displacement 1.
+   subroutine new_bouc_wen(law, exponent, beta)
+      class(bouc_wen_t), intent(inout) :: law
+      real(wp), intent(in) :: exponent, beta
+      type(properties_t) :: group
+
+      call begin(group, "bouc_wen")
+      call group%set("stiffness", 1.0_wp)
+      call group%set("yield_displacement", 1.0_wp)
+      call group%set("exponent", exponent)
+      call group%set("beta", beta)
+      call law%read(group, nowhere())
+   end subroutine new_bouc_wen
 
    subroutine new_coulomb_rigid(law, limit, augmentation)
       class(coulomb_rigid_t), intent(inout) :: law

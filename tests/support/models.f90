@@ -45,6 +45,7 @@ contains
       case ("coulomb_rigid"); keys = "limit=0.3 augmentation=1.3"
       case ("coulomb_tanh"); keys = "limit=0.7 velocity=0.4"
       case ("hertz"); keys = "stiffness=3 gap=0.2 dissipation=0.3"
+      case ("bouc_wen"); keys = "stiffness=2.5 post_yield_ratio=0.1 yield_displacement=0.3 exponent=1.7 beta=0.8"
       case ("iwan"); keys = "stiffness=1,2,0.5 limit=0.1,0.4,0.3"
       case ("jenkins_2d"); keys = "stiffness=2.5 limit=0.4 second_dofs='x2'"
       case ("jenkins"); keys = "stiffness=2.5 limit=0.4"

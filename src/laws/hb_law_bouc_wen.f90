@@ -1,0 +1,231 @@
+!> Bouc-Wen hysteresis, f = k (a z + (1 - a) w): the hysteretic displacement w follows dw/dz = 1 - |w/z_y|**n (gamma + beta
+!> sgn(w dz)) with gamma = 1 - beta, so that k is the stiffness at rest and loading ends at w = z_y.
+!>
+!> State: z - w, what has yielded. Along a piece of the path that does not turn u = w/z_y, positive in the direction of loading, obeys
+!> du/dy = E(u) = 1 - r |u|**n over the way y = |dz|/z_y, with r = 1 while it loads and r = 1 - 2 beta while it unloads. Each piece
+!> is solved to rounding for any n: next to u = 0, where |u|**n need not be smooth, by the power series of y(u); elsewhere
+!> in v = -log|E|, with dv/dy = r n |u|**(n - 1) sgn(u), by Newton's method, which integrates dy/dv by Gauss's points from iterate to
+!> iterate. As nothing depends on y itself, du/dy at the end is E there and du/du_start the ratio of E at both ends.
+!> Source: Y.-K. Wen, J. Eng. Mech. Div. ASCE 102 (1976) 249; F. Ikhouane and J. Rodellar, Systems with Hysteresis, Wiley
+!> 2007 (normalised form); S. Erlicher and N. Point, C. R. Mecanique 332 (2004) 51 (beta >= gamma: no loop gives energy);
+!> docs/why/theory.md, section 5.5. Sign: f stands beside K q on the left-hand side.
+module hb_law_bouc_wen
+   use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
+   use hb_kinds, only: wp
+   use hb_law, only: read_place
+   use hb_properties, only: properties_t
+   use hb_slider, only: turning_point
+   use hb_structure, only: structure_t
+   implicit none
+   private
+   public :: bouc_wen_t
+
+   type, extends(hysteretic_law_t) :: bouc_wen_t
+      real(wp) :: stiffness = 0.0_wp                                  !! k [N/m]
+      real(wp) :: post_yield_ratio = 0.0_wp                           !! a
+      real(wp) :: yield_displacement = 0.0_wp                         !! z_y [m]
+      real(wp) :: exponent = 1.0_wp                                   !! n >= 1
+      real(wp) :: beta = 0.5_wp                                       !! >= 0.5
+   contains
+      procedure :: read => bouc_wen_read
+      procedure :: advance => bouc_wen_advance
+      procedure :: force => bouc_wen_force
+   end type bouc_wen_t
+
+   real(wp), parameter :: edge = 0.5_wp                               ! of |r| |u|**n, up to which the power series serves
+   real(wp), parameter :: yielding = 50.0_wp                          ! v from which u is 1 to rounding
+   integer, parameter :: max_iterations = 300, max_terms = 60
+   real(wp), parameter :: nodes(4) = [0.18343464249564980_wp, 0.52553240991632899_wp, 0.79666647741362674_wp, &
+                                      0.96028985649753623_wp]
+   real(wp), parameter :: weights(4) = [0.36268378337836198_wp, 0.31370664587788729_wp, 0.22238103445337447_wp, &
+                                        0.10122853629037626_wp]
+
+contains
+
+   !> Reads a `&law type = 'bouc_wen'` group.
+   subroutine bouc_wen_read(self, group, structure)
+      class(bouc_wen_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+
+      call group%get("stiffness", self%stiffness)
+      call group%get("post_yield_ratio", self%post_yield_ratio)
+      call group%get("yield_displacement", self%yield_displacement)
+      call group%get("exponent", self%exponent)
+      call group%get("beta", self%beta)
+      self%n_states = 1
+      self%is_odd = .true.
+      self%length_scale = self%yield_displacement
+      call read_place(self, group, structure)
+   end subroutine bouc_wen_read
+
+   subroutine bouc_wen_advance(self, s_old, path, s_new, ds_ds_old, ds_dpath)
+      class(bouc_wen_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: s_old(:, :), path(:, :, :)
+      real(wp), intent(out), contiguous :: s_new(:, :)
+      real(wp), intent(out), contiguous, optional :: ds_ds_old(:, :, :), ds_dpath(:, :, :, :)
+      real(wp) :: by_path(n_path_parts), by_start, kept, slope, stops(n_path_parts, 2), w, way(n_path_parts), z(n_path_parts)
+      integer :: i, k, n_pieces
+
+      do i = 1, size(s_old, 1)
+         z = path(i, 1, :)
+         w = z(path_part%at_start) - s_old(i, 1)
+         by_start = 1.0_wp
+         by_path = 0.0_wp
+         by_path(path_part%at_start) = 1.0_wp
+         way = -by_path
+         n_pieces = 1
+         if (z(path_part%start_rate)*z(path_part%end_rate) < 0.0_wp) then
+            stops(:, 1) = turning_point(z)
+            n_pieces = 2
+         end if
+         stops(:, n_pieces) = 0.0_wp
+         stops(path_part%at_end, n_pieces) = 1.0_wp
+         do k = 1, n_pieces
+            way = way + stops(:, k)                                   ! the piece is dot_product(way, z) long
+            call load(self, dot_product(way, z), w, kept, slope)
+            by_start = kept*by_start
+            by_path = kept*by_path + slope*way
+            way = -stops(:, k)
+         end do
+         s_new(i, 1) = z(path_part%at_end) - w
+         if (.not. (present(ds_ds_old) .and. present(ds_dpath))) cycle
+         ds_ds_old(i, 1, 1) = by_start
+         ds_dpath(i, 1, 1, :) = -by_path
+         ds_dpath(i, 1, 1, path_part%at_end) = 1.0_wp - by_path(path_part%at_end)
+      end do
+   end subroutine bouc_wen_advance
+
+   !> Hysteretic displacement at the end of a piece, and its derivatives.
+   pure subroutine load(self, piece, w, by_start, by_piece)
+      class(bouc_wen_t), intent(in) :: self
+      real(wp), intent(in) :: piece                                   !! from its start to its end [m], either sign
+      real(wp), intent(inout) :: w                                    !! [m]
+      real(wp), intent(out) :: by_start                               !! dw by that at the start
+      real(wp), intent(out) :: by_piece                               !! dw/dpiece
+      real(wp) :: beginning, direction, last, rate, rest, u, unloading, v
+      integer :: i
+
+      direction = sign(1.0_wp/self%yield_displacement, piece)
+      u = direction*w
+      rest = direction*piece
+      unloading = 1.0_wp - 2.0_wp*self%beta
+      beginning = rate_at(self, u)
+      by_piece = beginning
+      if (u < 0.0_wp .and. beginning > 1.0_wp + edge) then
+         v = -log(beginning)
+         call rise(self%exponent, -unloading, 1.0_wp, -log(1.0_wp + edge), v, rest)
+         by_piece = exp(-v)
+         u = -((by_piece - 1.0_wp)/(-unloading))**(1.0_wp/self%exponent)
+      end if
+      if (rest > 0.0_wp .and. (u < 0.0_wp .or. by_piece >= edge)) then
+         last = edge**(1.0_wp/self%exponent)
+         rest = rest + series(self, u) - series(self, last)
+         if (rest > 0.0_wp) then
+            u = last
+            by_piece = edge
+         else
+            v = rest + series(self, last)                             ! y from u = 0 on
+            u = min(v, last)
+            do i = 1, max_iterations
+               rate = (v - series(self, u))*rate_at(self, u)
+               u = min(u + rate, last)
+               if (abs(rate) <= 2.0_wp*epsilon(1.0_wp)*max(abs(u), tiny(1.0_wp))) exit
+            end do
+            by_piece = rate_at(self, u)
+            rest = 0.0_wp
+         end if
+      end if
+      if (rest > 0.0_wp) then
+         v = -log(max(abs(by_piece), tiny(1.0_wp)))
+         by_piece = sign(exp(-v), by_piece)
+         if (beginning < edge) beginning = by_piece
+         call rise(self%exponent, 1.0_wp, sign(1.0_wp, by_piece), huge(1.0_wp), v, rest)
+         by_piece = sign(exp(-v), by_piece)
+         u = (1.0_wp - by_piece)**(1.0_wp/self%exponent)
+      end if
+      w = u/direction
+      by_start = 1.0_wp
+      if (abs(beginning) > 0.0_wp) by_start = by_piece/beginning
+   end subroutine load
+
+   !> E(u).
+   pure real(wp) function rate_at(self, u)
+      class(bouc_wen_t), intent(in) :: self
+      real(wp), intent(in) :: u
+
+      rate_at = 1.0_wp - merge(1.0_wp, 1.0_wp - 2.0_wp*self%beta, u > 0.0_wp)*abs(u)**self%exponent
+   end function rate_at
+
+   !> The way y from 0 to u, the sum of u (r |u|**n)**k/(n k + 1), for |r| |u|**n <= `edge`.
+   pure real(wp) function series(self, u)
+      class(bouc_wen_t), intent(in) :: self
+      real(wp), intent(in) :: u
+      real(wp) :: power, ratio
+      integer :: k
+
+      ratio = 1.0_wp - rate_at(self, u)
+      power = 1.0_wp
+      series = 1.0_wp
+      do k = 1, max_terms
+         power = power*ratio
+         series = series + power/(self%exponent*k + 1.0_wp)
+         if (abs(power) <= 0.1_wp*epsilon(1.0_wp)) exit
+      end do
+      series = series*u
+   end function series
+
+   !> Lets v = -log|E| rise over the way `rest`, of which 0 is left, or to `v_last`. Steps keep a distance from the singularities of
+   !> dy/dv at E = 1 that makes Gauss's points exact to 1e-12.
+   pure subroutine rise(n, r, sign_of_rate, v_last, v, rest)
+      real(wp), intent(in) :: n, r
+      real(wp), intent(in) :: sign_of_rate                            !! of E
+      real(wp), intent(in) :: v_last
+      real(wp), intent(inout) :: v
+      real(wp), intent(inout) :: rest
+      real(wp) :: at(2*size(nodes)), longest, step, way
+      integer :: i
+
+      way = rest
+      do i = 1, max_iterations
+         if (v > yielding) then
+            v = v + n*rest
+            rest = 0.0_wp
+            return
+         end if
+         longest = 0.5_wp*abs(v)
+         if (sign_of_rate < 0.0_wp) longest = 2.0_wp + max(0.5_wp*v, 0.0_wp)
+         step = rest*slope(v)
+         step = min(sign(min(abs(step), longest), step), v_last - v)
+         at = v + 0.5_wp*step*[1.0_wp - nodes, 1.0_wp + nodes]
+         rest = rest - 0.5_wp*step*sum([weights, weights]/slope(at))
+         v = v + step
+         if (abs(rest) <= 4.0_wp*epsilon(1.0_wp)*way) then
+            rest = 0.0_wp
+            return
+         end if
+         if (v >= v_last .and. rest > 0.0_wp) return
+      end do
+      rest = 0.0_wp
+
+   contains
+
+      !> dv/dy.
+      elemental real(wp) function slope(v)
+         real(wp), intent(in) :: v
+
+         slope = n*r*(abs(1.0_wp - sign_of_rate*exp(-v))/r)**(1.0_wp - 1.0_wp/n)
+      end function slope
+   end subroutine rise
+
+   subroutine bouc_wen_force(self, z, s, f, df_dz, df_ds)
+      class(bouc_wen_t), intent(in) :: self
+      real(wp), intent(in), contiguous :: z(:, :), s(:, :)
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_ds(:, :, :)
+
+      f = self%stiffness*(z - (1.0_wp - self%post_yield_ratio)*s)
+      if (present(df_dz)) df_dz = self%stiffness
+      if (present(df_ds)) df_ds = -(1.0_wp - self%post_yield_ratio)*self%stiffness
+   end subroutine bouc_wen_force
+end module hb_law_bouc_wen
