@@ -10,6 +10,7 @@ module hb_law_catalogue
    use hb_law_cubic_damping, only: cubic_damping_t
    use hb_law_cubic_spring, only: cubic_spring_t
    use hb_law_elastic_stop, only: elastic_stop_t
+   use hb_law_electrostatic, only: electrostatic_t
    use hb_law_hertz, only: hertz_t
    use hb_law_iwan, only: iwan_t
    use hb_law_jenkins, only: jenkins_t
@@ -49,6 +50,7 @@ contains
       case ("cubic_damping"); allocate (cubic_damping_t :: box%law)
       case ("cubic_spring"); allocate (cubic_spring_t :: box%law)
       case ("elastic_stop"); allocate (elastic_stop_t :: box%law)
+      case ("electrostatic"); allocate (electrostatic_t :: box%law)
       case ("hertz"); allocate (hertz_t :: box%law)
       case ("iwan"); allocate (iwan_t :: box%law)
       case ("jenkins"); allocate (jenkins_t :: box%law)

@@ -44,6 +44,7 @@ contains
       case ("elastic_stop"); keys = "stiffness=3 gap=0.2 two_sided=.true."
       case ("coulomb_rigid"); keys = "limit=0.3 augmentation=1.3"
       case ("coulomb_tanh"); keys = "limit=0.7 velocity=0.4"
+      case ("electrostatic"); keys = "coefficient=2 gap=3 voltage=1.5 tuple=2 voltage_cos=0.6 voltage_sin=-0.4"
       case ("hertz"); keys = "stiffness=3 gap=0.2 dissipation=0.3"
       case ("bouc_wen"); keys = "stiffness=2.5 post_yield_ratio=0.1 yield_displacement=0.3 exponent=1.7 beta=0.8"
       case ("iwan"); keys = "stiffness=1,2,0.5 limit=0.1,0.4,0.3"
