@@ -20,7 +20,6 @@ module hb_tangent_product
 
    !> Owner of outside resources: call `destroy`.
    type :: thin_grid_t
-      logical :: is_thinner = .false.                                 !! than the grid of the laws; else not to be used
       type(transform_t), private :: transform                         ! of motions
       type(transform_t), private :: wide, narrow                      ! of slopes, on the grid of the laws and on this one
       type(law_samples_t), private :: along                           ! a direction
@@ -36,7 +35,8 @@ module hb_tangent_product
 
    !> Owner of outside resources: call `destroy`.
    type :: tangent_product_t
-      type(thin_grid_t), allocatable, private :: thin                 ! from the first use on
+      logical, private :: is_ready = .false.                          ! from the first use on
+      type(thin_grid_t), allocatable, private :: thin                 ! where it is thinner than the grid of the laws
       logical, private :: uses_thin = .false.                         ! for the motion of the last `prepare`
    contains
       procedure :: prepare => tangent_product_prepare
@@ -53,11 +53,9 @@ contains
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
 
-      if (.not. allocated(self%thin)) then
-         allocate (self%thin)
-         call new_thin_grid(self%thin, laws%transform%harmonics, laws%transform%torus, laws, effort)
-      end if
-      self%uses_thin = self%thin%is_thinner .and. .not. laws%kinks%are_met()   ! what neighbours do needs all samples
+      if (.not. self%is_ready) call new_thin_grid(self%thin, laws%transform%harmonics, laws%transform%torus, laws, effort)
+      self%is_ready = .true.
+      self%uses_thin = allocated(self%thin) .and. .not. laws%kinks%are_met()   ! what neighbours do needs all samples
       if (self%uses_thin) then
          call self%thin%update(laws)
       else
@@ -91,15 +89,16 @@ contains
    subroutine tangent_product_destroy(self)
       class(tangent_product_t), intent(inout) :: self
 
+      self%is_ready = .false.
       if (.not. allocated(self%thin)) return
       call self%thin%destroy()
       deallocate (self%thin)
    end subroutine tangent_product_destroy
 
-   !> Prepares products for the laws, where a thinner grid than theirs will do and there is room for what it needs;
-   !> `is_thinner` stays false else, as products on the grid of the laws are as exact.
+   !> Prepares products for the laws, where a thinner grid than theirs will do and there is room for what it needs; not allocated
+   !> else, as products on the grid of the laws are as exact.
    subroutine new_thin_grid(self, harmonics, torus, laws, effort)
-      type(thin_grid_t), intent(inout) :: self
+      type(thin_grid_t), allocatable, intent(out) :: self
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus                              !! of the laws
       type(projected_laws_t), intent(in) :: laws
@@ -110,7 +109,6 @@ contains
       type(torus_t) :: thin
       integer :: m
 
-      call self%destroy()
       if (laws%has_memory .or. any(torus%n_samples < 4*harmonics%highest + 1)) return
       if (harmonics%n_tones == 1 .and. torus%n_total*laws%n_dofs < least_samples) return
       call new_torus(thin, [(min(torus%n_samples(m), cheap_size(4*harmonics%highest(m) + 1, harmonics%n_tones)), &
@@ -118,6 +116,7 @@ contains
       if (allocated(error)) return
       if (torus%is_half .and. thin%can_be_halved()) thin = thin%half()
       if (thin%n_total >= torus%n_total) return
+      allocate (self)
       call new_band(band, harmonics, torus, error)                    ! fails where it has more tuples than a set may have
       if (.not. allocated(error)) call new_transform(self%transform, harmonics, thin, laws%n_dofs, effort, error)
       if (.not. allocated(error)) call new_transform(self%wide, band, torus, 1, effort, error, direction%to_spectrum)
@@ -129,11 +128,11 @@ contains
          self%jacobian = laws%jacobian%pattern()
          call self%jacobian%make_room(thin%n_total, error)
       end if
-      self%is_thinner = .not. allocated(error)
-      if (self%is_thinner) then
+      if (.not. allocated(error)) then
          allocate (self%spectrum(band%n_coefficients, 1))
       else
          call self%destroy()
+         deallocate (self)
       end if
    end subroutine new_thin_grid
 
@@ -202,7 +201,6 @@ contains
    subroutine thin_grid_destroy(self)
       class(thin_grid_t), intent(inout) :: self
 
-      self%is_thinner = .false.
       if (allocated(self%spectrum)) deallocate (self%spectrum)
       call self%transform%destroy()
       call self%wide%destroy()

@@ -31,7 +31,8 @@ module hb_gmres
       integer, private :: n_kept = 0                                  ! products with J of solutions before: columns of `h`, and
                                                                       ! one more of `basis`
       real(wp), allocatable, private :: g_kept(:)                     ! (n_vectors) part of the residual that they reach
-      real(wp), allocatable, private :: h_kept(:, :)                  ! (n_vectors, n_vectors) and of the products that follow
+      real(wp), allocatable, private :: h_kept(:, :)                  ! (n_vectors, n_vectors) and of the products that follow;
+                                                                      ! from the first of them on
    contains
       procedure :: forget => gmres_forget
       procedure :: solve => gmres_solve
@@ -49,7 +50,7 @@ contains
 
       associate (m => min(n, n_vectors))
          allocate (self%basis(n, m + 1), self%h(m + 1, m), self%cosine(m), self%sine(m), self%g(m + 1), self%y(m))
-         allocate (self%again(m + 1), self%g_kept(m), self%h_kept(m, m))
+         allocate (self%again(m + 1), self%g_kept(m))
       end associate
       allocate (self%work(n), self%direction(n))
    end subroutine new_gmres
@@ -134,6 +135,7 @@ contains
       n = size(self%basis, 1)
       k = self%n_kept
       if (k > 0) then
+         if (.not. allocated(self%h_kept)) allocate (self%h_kept(size(self%y), size(self%y)))
          call self%take_out(self%g_kept)
          norm = dnrm2(n, self%work, 1)
          k = k + 1                                                    ! vectors

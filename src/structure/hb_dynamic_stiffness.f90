@@ -100,42 +100,55 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(wanted_slopes_t), intent(in), optional :: slopes
       type(wanted_slopes_t) :: wanted
-      type(condensation_t), allocatable :: condensation
-      integer :: n_interior, n_law
+      type(condensation_t), allocatable :: kept
+      type(condensation_t) :: once                                    ! no `allocatable`: of several kB, for each point
 
       call check_input(structure, coordinates%dofs, frequencies, loads, error)
       if (allocated(error)) return
       if (present(slopes)) wanted = slopes
-      n_law = coordinates%n
-      n_interior = structure%n_dofs - n_law
-      self%n_dofs = structure%n_dofs
-      self%n_law = n_law
-      self%n_harmonics = size(frequencies)
-      self%coordinates = coordinates
-      allocate (condensation)
-      call new_condensation(condensation, structure, coordinates, loads, maxval([0.0_wp, abs(frequencies)]), wanted%loads, &
-                            wanted%change)
-      if (allocated(wanted%rates)) condensation%rates = wanted%rates
-      self%interior = condensation%interior
-      self%pattern = condensation%pattern
-      allocate (self%condensed(self%pattern%n_rows, n_law, self%n_harmonics), self%load(n_law, self%n_harmonics))
-      allocate (self%magnitude(n_law, self%n_harmonics))
-      if (wanted%of_interior) allocate (self%transfer(n_interior, n_law, self%n_harmonics))
-      self%held_motion = loads
-      self%held_motion%n_dofs = n_interior
-      self%held_motion%values = loads%values(:n_interior, :)
-      if (wanted%is_on) then
-         allocate (self%condensed_slope, mold=self%condensed)
-         allocate (self%load_slope, mold=self%load)
-         if (.not. allocated(wanted%change)) then
-            allocate (self%condensed_drive_slope, mold=self%condensed)
-            allocate (self%load_drive_slope, mold=self%load)
-         end if
-         if (wanted%of_motion) allocate (self%motion_slope(n_interior, n_law + 1, 2, self%n_harmonics))
-      end if
       if (.not. allocated(wanted%drives)) wanted%drives = 0.0_wp*frequencies
-      call condense(self, condensation, frequencies, wanted%drives, error)
-      if (allocated(self%condensed_slope)) call move_alloc(condensation, self%condensation)
+      if (wanted%is_on) then
+         allocate (kept)
+         call condense_with(kept)
+         call move_alloc(kept, self%condensation)
+      else
+         call condense_with(once)
+      end if
+
+   contains
+
+      subroutine condense_with(condensation)
+         type(condensation_t), intent(inout) :: condensation
+         integer :: n_interior, n_law
+
+         n_law = coordinates%n
+         n_interior = structure%n_dofs - n_law
+         self%n_dofs = structure%n_dofs
+         self%n_law = n_law
+         self%n_harmonics = size(frequencies)
+         self%coordinates = coordinates
+         call new_condensation(condensation, structure, coordinates, loads, maxval([0.0_wp, abs(frequencies)]), wanted%loads, &
+                               wanted%change)
+         if (allocated(wanted%rates)) condensation%rates = wanted%rates
+         self%interior = condensation%interior
+         self%pattern = condensation%pattern
+         allocate (self%condensed(self%pattern%n_rows, n_law, self%n_harmonics), self%load(n_law, self%n_harmonics))
+         allocate (self%magnitude(n_law, self%n_harmonics))
+         if (wanted%of_interior) allocate (self%transfer(n_interior, n_law, self%n_harmonics))
+         self%held_motion = loads
+         self%held_motion%n_dofs = n_interior
+         self%held_motion%values = loads%values(:n_interior, :)
+         if (wanted%is_on) then
+            allocate (self%condensed_slope, mold=self%condensed)
+            allocate (self%load_slope, mold=self%load)
+            if (.not. allocated(wanted%change)) then
+               allocate (self%condensed_drive_slope, mold=self%condensed)
+               allocate (self%load_drive_slope, mold=self%load)
+            end if
+            if (wanted%of_motion) allocate (self%motion_slope(n_interior, n_law + 1, 2, self%n_harmonics))
+         end if
+         call condense(self, condensation, frequencies, wanted%drives, error)
+      end subroutine condense_with
    end subroutine condensed_to_coordinates
 
    !> Condenses anew at other frequencies, with what was found once for all; only for a stiffness with slopes. Fails as
