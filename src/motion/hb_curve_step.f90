@@ -213,15 +213,16 @@ contains
       is_lost = search%is_lost
    end subroutine look_back
 
-   !> Where the value turns back.
+   !> Where the value turns back: at a sharp kink the curve has turned before its step, so that its direction at the last point
+   !> counts.
    subroutine find_fold(self, search)
       class(followed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
 
       associate (curve => self%curve, n => size(self%curve%x))
-         if (.not. curve%last_direction(n)*curve%direction(n) < 0.0_wp .or. is_at_origin(self)) return
+         if (.not. self%known%rise*search%known%rise < 0.0_wp .or. is_at_origin(self)) return
          call find(self, search, fold_event_t(curve_kind%fold, .true., rounding_of(self)), &   ! a corner, too
-                   [curve%last_direction(n), curve%direction(n)]/curve%units(n), search%has_fold)
+                   [self%known%rise, search%known%rise]/curve%units(n), search%has_fold)
          if (.not. search%has_fold) return
          associate (found => self%waiting(size(self%waiting)))
             search%fold = [found%place, found%x(n)]

@@ -60,6 +60,7 @@ module hb_followed_motion
 
    !> What is known at the point of the curve, for events to compare with the end of the next step.
    type :: known_t
+      real(wp) :: rise = 0.0_wp                                       !! of the value in the direction
       real(wp), allocatable :: functions(:)                           !! of the responses, hb_curve_events
       real(wp), allocatable :: extremes(:, :)                         !! of the switches of laws
       type(stability_t) :: stability                                  !! without multipliers where none are searched for
@@ -412,6 +413,7 @@ contains
       integer :: i
 
       associate (x => self%curve%x, responses => self%request%responses)
+         known%rise = self%curve%direction(size(x))
          known%functions = [(function_at(self%problem, responses(i), x, self%curve%direction), i=1, size(responses))]
          call find_stability(self%problem, x, self%problem%model%stability%tolerance, known%stability)
          call find_extremes(self%problem, x, known%extremes)

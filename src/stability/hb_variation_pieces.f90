@@ -236,27 +236,35 @@ contains
       real(wp), intent(in) :: times(:), z(:, :), v(:, :)
       type(event_t), allocatable, intent(out) :: events(:)
       type(event_t), allocatable :: list(:)
-      real(wp), dimension(self%places(i)%last_state - self%places(i)%first_state + 1) :: lower, lower_rate, upper, upper_rate
+      real(wp), dimension(self%places(i)%last_state - self%places(i)%first_state + 1) :: before_lower, before_upper, lower, &
+                                                                                         lower_rate, upper, upper_rate
       real(wp) :: margin
       integer :: k, n, pass, s, slider
 
       n = 0
       allocate (list(most_passes*size(times)*size(lower)))
       associate (place => self%places(i))
+         call bounds_of(z(1, place%first:place%last), v(1, place%first:place%last))
          do k = 2, size(times)
+            before_lower = lower_rate
+            before_upper = upper_rate
             call bounds_of(z(k, place%first:place%last), v(k, place%first:place%last))
             do s = 1, size(lower)
                slider = place%first_state + s - 1
                do pass = 1, most_passes
                   margin = 8.0_wp*epsilon(1.0_wp)*max(abs(lower(s)), abs(upper(s)))
                   if (self%slip(slider) == 0 .and. self%held(slider) < lower(s) - margin) then
-                     call note(1, time_of(1, .false.))
+                     call note(1, time_of(1, .false., times(k)))
                   else if (self%slip(slider) == 0 .and. self%held(slider) > upper(s) + margin) then
-                     call note(-1, time_of(-1, .false.))
+                     call note(-1, time_of(-1, .false., times(k)))
                   else if (self%slip(slider) == 1 .and. lower_rate(s) < 0.0_wp) then
-                     call note(0, time_of(1, .true.))
+                     call note(0, time_of(1, .true., times(k)))
                   else if (self%slip(slider) == -1 .and. upper_rate(s) > 0.0_wp) then
-                     call note(0, time_of(-1, .true.))
+                     call note(0, time_of(-1, .true., times(k)))
+                  else if (self%slip(slider) == 0 .and. before_lower(s) > 0.0_wp .and. lower_rate(s) < 0.0_wp) then
+                     if (.not. gives_way_at_turn(1)) exit
+                  else if (self%slip(slider) == 0 .and. before_upper(s) < 0.0_wp .and. upper_rate(s) > 0.0_wp) then
+                     if (.not. gives_way_at_turn(-1)) exit
                   else
                      exit
                   end if
@@ -295,14 +303,25 @@ contains
          if (slip /= 0) self%has_slipped(slider) = .true.
       end subroutine note
 
-      !> When a bound reaches the slider or, where that `stops`, the bound that pushes it turns back; leaves the bounds as they
-      !> are then.
-      real(wp) function time_of(side, stops)
+      !> A bound that turns between two looks may push the slider just there: however short, it forgets where it was.
+      logical function gives_way_at_turn(side) result(gives_way)
+         integer, intent(in) :: side
+         real(wp) :: turn
+
+         turn = time_of(side, .true., times(k))
+         gives_way = beyond(turn, side, .false.) > margin
+         if (gives_way) call note(side, time_of(side, .false., turn))
+      end function gives_way_at_turn
+
+      !> When, until a time, a bound reaches the slider or, where that `stops`, the bound that pushes it turns back; leaves the
+      !> bounds as they are then.
+      real(wp) function time_of(side, stops, until)
          integer, intent(in) :: side
          logical, intent(in) :: stops
+         real(wp), intent(in) :: until
          type(bracket_t) :: bracket
 
-         bracket = bracket_t(low=earliest(), high=times(k))
+         bracket = bracket_t(low=earliest(), high=until)
          bracket%value_high = beyond(bracket%high, side, stops)
          bracket%value_low = beyond(bracket%low, side, stops)
          do while (bracket%is_wide())

@@ -34,6 +34,14 @@ STOP = """
 &accuracy tolerance = 1e-3 /
 &curve parameter = 'tones%frequency', from = 0.3, to = 1.2, points = 300 /
 """
+KINK = """
+&structure type = 'chain', n_masses = 2, mass = 2.565, 2.139, coupling_stiffness = 2.008, 0.3647, 1.786, damping_mass = 0.00687 /
+&tones frequency = 0.45 /
+&load dof = 'x1', tuple = 1, cos = 0.385 /
+&law type = 'jenkins', dof = 'x2', stiffness = 10.0, limit = 0.0585 /
+&law type = 'elastic_stop', dof = 'x2', stiffness = 25.8, gap = 0.0103, two_sided = .true. /
+&curve parameter = 'tones%frequency', from = 0.423, to = 1.0 /
+"""
 RIDGE = "parameter = 'load(1)%cos', from = 0.18, to = 0.1, follow = 'fold'"
 UNUSED, PENDING, COLLAPSED = 17, 0, 10
 FOLD, GRAZE = 3, 11
@@ -49,6 +57,18 @@ def assert_same_bits(a, b, moving="tones_frequency"):
 @pytest.fixture(scope="module")
 def family(tmp_path_factory):
     return solve(FAMILY, tmp_path_factory.mktemp("family"))
+
+
+def test_a_curve_that_turns_at_a_kink_has_a_fold_there(tmp_path):
+    """A slider begins to slip a second time in the half period: the curve turns back with a corner, and what lies behind is no
+    stable motion although the slip is shorter than the looks for events."""
+    curve = solve(KINK, tmp_path)
+    value, kind, stable = read(curve, "tones_frequency", "curve_kind", "is_stable")
+    fold = int(np.argmax(kind == FOLD))
+    used = read(curve, "status") == 1
+    assert value[fold] == pytest.approx(0.5431146384, abs=1e-9) and value[fold] == pytest.approx(value[used].max(), abs=1e-9)
+    assert (stable[used][:25] == 1).sum() == 24
+    assert not (stable[used][fold:] == 1).any() and (stable[used][fold:] == -1).sum() > 30
 
 
 def test_a_curve_tells_what_it_found(tmp_path):
