@@ -61,7 +61,6 @@ module hb_certificate
       real(wp) :: impact = 0.0_wp                                     !! energy of the hardest impact against a rigid wall, relative
                                                                       !! to that of the motion there
       real(wp) :: power_in = 0.0_wp                                   !! mean power of the loads [W]
-      real(wp) :: power_damping = 0.0_wp                              !! mean loss in the structure [W]
       real(wp), allocatable :: power_laws(:)                          !! mean loss in each law, on the finer grid [W]
       type(mean_energy_t) :: energy                                   !! of the structure
       real(wp) :: combination_frequency = 0.0_wp                      !! smallest |k.omega| of low order [rad/s]
@@ -121,7 +120,8 @@ contains
       if (.not. allocated(error)) then
          allocate (c(structure%n_dofs, balance%harmonics%n_harmonics))
          call balance%all_dofs(u, c)
-         call find_structure_powers(self, structure, balance%frequencies, loads, c)
+         self%power_in = loads%power_into(c, balance%frequencies)
+         call new_mean_energy(self%energy, structure, c, balance%frequencies)
       end if
       if (associated(balance%cached_wide)) call balance%cached_wide%give_back(wide%stiffness)
       call wide%destroy()
@@ -171,7 +171,8 @@ contains
       allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
       allocate (self%power_laws(0))
       call near_commensurate(tones, self%combination, self%combination_frequency)
-      call find_structure_powers(self, structure, frequencies, loads, c)
+      self%power_in = loads%power_into(c, frequencies)
+      call new_mean_energy(self%energy, structure, c, frequencies)
    end subroutine certify_linear
 
    !> A box of about twice the order around the set.
@@ -601,25 +602,6 @@ contains
          end associate
       end do
    end function mean_power
-
-   !> Mean power of the loads and loss in the structure, over all its degrees of freedom: with c = a - i b and rate i w c,
-   !> Re(P* i w c)/2 and w**2 Re(c* D c)/2. Gyroscopic parts of D do no work.
-   subroutine find_structure_powers(self, structure, frequencies, loads, c)
-      type(certificate_t), intent(inout) :: self
-      type(structure_t), intent(in) :: structure
-      real(wp), intent(in) :: frequencies(:)
-      type(amplitudes_t), intent(in) :: loads
-      complex(wp), intent(in) :: c(:, :)
-      integer :: h
-
-      do h = 1, size(frequencies)
-         associate (w => frequencies(h))
-            self%power_in = self%power_in - 0.5_wp*w*aimag(dot_product(loads%of(h), c(:, h)))
-            self%power_damping = self%power_damping + structure%lost_power(c(:, h), w)
-         end associate
-      end do
-      call new_mean_energy(self%energy, structure, c, frequencies)
-   end subroutine find_structure_powers
 
    !> The combination k of low order that comes closest to k.omega = 0. Where it is tiny, the motion on the torus is slow
    !> along k and neither averages over time nor the truncated series can be trusted.

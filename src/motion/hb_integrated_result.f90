@@ -86,12 +86,7 @@ contains
          found%defects%complementarity = nan
          found%defects%slip = nan
          found%power_laws = spread(nan, 1, size(model%laws))
-         found%power_in = 0.0_wp
-         found%power_damping = 0.0_wp
-         do h = 1, size(w)
-            found%power_in = found%power_in - 0.5_wp*w(h)*aimag(dot_product(model%loads%of(h), c(:, h)))
-            found%power_damping = found%power_damping + model%structure%lost_power(c(:, h), w(h))
-         end do
+         found%power_in = model%loads%power_into(c, w)
          call new_mean_energy(found%energy, model%structure, c, w)
       end associate
    end subroutine keep_integrated

@@ -161,7 +161,7 @@ contains
       type(motion_result_t), intent(in) :: m
       real(wp) :: damping, loss, loss_factor
 
-      loss = m%certificate%power_damping
+      loss = m%certificate%energy%lost
       if (allocated(m%certificate%power_laws)) loss = loss + sum(m%certificate%power_laws)
       t%is_known = allocated(m%certificate%combination)
       damping = 0.0_wp
@@ -182,7 +182,7 @@ contains
          call t%real("slip_defect", "W", "", &
             "largest power that exact friction would take beyond the reaction of rigid friction", found%defects%slip)
          call t%real("power_in", "W", "", "mean power of the loads", found%power_in)
-         call t%real("power_damping", "W", "", "mean loss in the damping of the structure", found%power_damping)
+         call t%real("power_damping", "W", "", "mean loss in the damping of the structure", found%energy%lost)
          call t%real("power_laws", "W", "law", "mean loss in each law", found%power_laws)
          call t%real("energy_kinetic", "J", "", "mean kinetic energy of the structure", found%energy%kinetic)
          call t%real("energy_strain", "J", "", "mean strain energy of the structure", found%energy%strain)

@@ -283,7 +283,7 @@ contains
          if (is_missed(found%aliasing, limit%aliasing)) result%status = outcome%aliased
          if (found%impact > limit%impact .and. .not. model%normal_mode%is_asked) &   ! what moves freely for ever loses nothing
             result%status = outcome%impact                            ! no larger set cures that
-         if (.not. all(ieee_is_finite([found%power_in, found%power_damping, found%power_laws]))) &
+         if (.not. all(ieee_is_finite([found%power_in, found%energy%lost, found%power_laws]))) &
             result%status = outcome%not_finite
          result%is_near_commensurate = model%tones%n_tones > 1 .and. &
             found%combination_frequency < limit%commensurability*maxval(balance%omega)

@@ -21,6 +21,7 @@ module hb_amplitudes
       procedure :: is_zero => amplitudes_is_zero
       procedure :: is_zero_at => amplitudes_is_zero_at
       procedure :: of => amplitudes_of
+      procedure :: power_into => amplitudes_power_into
       procedure :: replace => amplitudes_replace
       procedure :: whole => amplitudes_whole
    end type amplitudes_t
@@ -69,6 +70,21 @@ contains
       end if
       self%values(:, k) = self%values(:, k) + values
    end subroutine amplitudes_add
+
+   !> Mean power [W] of these loads in a motion: sum over harmonics of Re(P* i w c)/2.
+   pure real(wp) function amplitudes_power_into(self, c, frequencies) result(power)
+      class(amplitudes_t), intent(in) :: self
+      complex(wp), intent(in) :: c(:, :)                              !! a - i b [m], (n_dofs, n_harmonics)
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
+      integer :: k
+
+      power = 0.0_wp
+      do k = 1, size(self%harmonics)
+         associate (h => self%harmonics(k))
+            power = power - 0.5_wp*frequencies(h)*aimag(dot_product(self%values(:, k), c(:, h)))
+         end associate
+      end do
+   end function amplitudes_power_into
 
    !> Adds other amplitudes of the same sizes, those of each harmonic times a factor.
    pure subroutine amplitudes_add_scaled(self, other, factors)

@@ -61,6 +61,8 @@ contains
 
       self%n = n
       self%n_rhs = n_rhs
+      allocate (self%rhs(n, n_rhs + 1))
+      if (n == 0) return
       self%entries = block
       allocate (self%s(block%n_entries), self%magnitude(block%n_entries))
       allocate (scale(n), source=1.0_wp)
@@ -86,7 +88,7 @@ contains
          call sort_by_column(self)
       end if
       self%probe = [(cmplx(cos(real(e, wp)), kind=wp), e=1, n)]
-      allocate (self%matrix(n_rows, n), self%rhs(n, n_rhs + 1), self%pivots(n), self%row_sum(n))
+      allocate (self%matrix(n_rows, n), self%pivots(n), self%row_sum(n))
    end subroutine new_block_solver
 
    !> Order of the entries by columns, and by rows in each.

@@ -1,8 +1,9 @@
-!> Energies of the structure in a motion x(t) = sum over harmonics of Re(c exp(i w t)), as means over the torus, and the damping
-!> that a loss of power means.
+!> Energies of the structure in a motion x(t) = sum over harmonics of Re(c exp(i w t)) and the power that it loses, as means over
+!> the torus, and the damping that a loss of power means.
 !>
 !> The mean of x'^T M x'/2 is w**2 c^H M c/4, that of x^T K x/2 is c^H K c/4, of a constant part twice that; a part that depends
-!> on the frequency stores Re(conj(a.c) Z b.c)/4. A linear oscillator with damping d that moves with amplitude a at frequency w
+!> on the frequency stores Re(conj(a.c) Z b.c)/4. With the rate i w c the damping takes w**2 Re(c^H D c)/2, of which gyroscopic
+!> parts have none, and such a part w Im(conj(a.c) Z b.c)/2. A linear oscillator with damping d that moves with amplitude a at frequency w
 !> loses P = d w**2 a**2/2, so that P/(2 w U) = d w/k is its loss factor and P/(4 T) = d/(2 m) its rate of decay; with several
 !> harmonics w U is their sum.
 module hb_mean_energy
@@ -16,6 +17,7 @@ module hb_mean_energy
    type :: mean_energy_t
       real(wp) :: kinetic = 0.0_wp                                    !! [J]
       real(wp) :: strain = 0.0_wp                                     !! [J]
+      real(wp) :: lost = 0.0_wp                                       !! [W]
       real(wp), private :: turning = 0.0_wp                           ! sum of |w| U [W]
    contains
       procedure :: loss_factor => mean_energy_loss_factor
@@ -47,6 +49,8 @@ contains
       complex(wp), intent(in) :: c(:, :)
       real(wp), intent(in) :: frequencies(:)
       real(wp), dimension(size(c, 1), 2*size(c, 2)) :: x, y
+      real(wp), dimension(size(c, 2)) :: damped, moved, strained
+      complex(wp) :: work
       real(wp) :: strain
       integer :: h, n
 
@@ -54,40 +58,51 @@ contains
       x(:, :n) = real(c)
       x(:, n + 1:) = aimag(c)
       if (allocated(structure%sparse)) then
-         call structure%sparse%mass%times(x, y)
+         associate (s => structure%sparse)
+            call s%mass%times(x, y)
+            moved = forms()
+            call s%damping%times(x, y)
+            damped = forms()
+            call s%stiffness%times(x, y)
+            strained = forms()
+         end associate
       else
-         call multiply(structure%mass)
+         moved = forms_in(structure%mass)
+         damped = forms_in(structure%damping)
+         strained = forms_in(structure%stiffness)
       end if
       do h = 1, n
-         self%kinetic = self%kinetic + 0.25_wp*frequencies(h)**2*form_of(h)
-      end do
-      if (allocated(structure%sparse)) then
-         call structure%sparse%stiffness%times(x, y)
-      else
-         call multiply(structure%stiffness)
-      end if
-      do h = 1, n
-         strain = 0.25_wp*(form_of(h) + real(structure%work_in_parts(c(:, h), frequencies(h))))
-         if (abs(frequencies(h)) <= 0.0_wp) strain = 2.0_wp*strain
-         self%strain = self%strain + strain
-         self%turning = self%turning + abs(frequencies(h))*strain
+         associate (w => frequencies(h))
+            work = structure%work_in_parts(c(:, h), w)
+            self%kinetic = self%kinetic + 0.25_wp*w**2*moved(h)
+            self%lost = self%lost + 0.5_wp*w**2*damped(h) + 0.5_wp*w*aimag(work)
+            strain = 0.25_wp*(strained(h) + real(work))
+            if (abs(w) <= 0.0_wp) strain = 2.0_wp*strain
+            self%strain = self%strain + strain
+            self%turning = self%turning + abs(w)*strain
+         end associate
       end do
 
    contains
 
-      subroutine multiply(matrix)
+      function forms_in(matrix)
          real(wp), intent(in) :: matrix(:, :)
+         real(wp) :: forms_in(n)
 
          associate (m => size(x, 1))
             call dgemm("N", "N", m, 2*n, m, 1.0_wp, matrix, m, x, m, 0.0_wp, y, m)
          end associate
-      end subroutine multiply
+         forms_in = forms()
+      end function forms_in
 
-      real(wp) function form_of(i)
-         integer, intent(in) :: i
+      function forms()
+         real(wp) :: forms(n)
+         integer :: i
 
-         form_of = dot_product(x(:, i), y(:, i)) + dot_product(x(:, n + i), y(:, n + i))
-      end function form_of
+         do i = 1, n
+            forms(i) = dot_product(x(:, i), y(:, i)) + dot_product(x(:, n + i), y(:, n + i))
+         end do
+      end function forms
    end subroutine add_energies
 
    !> Loss factor that a mean loss of power means; 0 of a structure that is not strained.

@@ -52,7 +52,6 @@ module hb_structure
       procedure :: find_dofs => structure_find_dofs
       procedure :: has_matrices_of => structure_has_matrices_of
       procedure :: mass_times => structure_mass_times
-      procedure :: lost_power => structure_lost_power
       procedure :: unpack => structure_unpack
       procedure :: work_in_parts => structure_work_in_parts
    end type structure_t
@@ -262,16 +261,6 @@ contains
          end do
       end do
    end function sparse_times
-
-   !> Mean power [W] that an amplitude loses: w**2 Re(c* D c)/2, and w/2 times the imaginary part of the work in parts.
-   pure real(wp) function structure_lost_power(self, c, frequency) result(power)
-      class(structure_t), intent(in) :: self
-      complex(wp), intent(in) :: c(:)                                 !! a - i b [m], (n_dofs)
-      real(wp), intent(in) :: frequency                               !! [rad/s]
-
-      power = 0.5_wp*frequency**2*real(dot_product(c, self%damping_times(c))) + &
-              0.5_wp*frequency*aimag(self%work_in_parts(c, frequency))
-   end function structure_lost_power
 
    !> Sum of conj(a.c) Z(w) b.c over the parts that depend on the frequency.
    pure complex(wp) function structure_work_in_parts(self, c, frequency) result(work)
