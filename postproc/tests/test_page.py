@@ -179,6 +179,9 @@ def test_page_fits_its_window_and_paper(tmp_path, chromium, width):
     chromium.wait("document.querySelector('#response svg').viewBox.baseVal.width <= document.documentElement.clientWidth")
     assert chromium.pdf().startswith(b"%PDF")
     assert chromium.run("document.querySelector('details').open") is True
+    chromium.call("Emulation.setEmulatedMedia", media="print")
+    assert chromium.run("getComputedStyle(document.getElementById('shape')).objectFit") == "contain"  # paper is not as wide
+    chromium.call("Emulation.setEmulatedMedia", media="")
     assert not chromium.errors
 
 

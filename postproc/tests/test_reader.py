@@ -125,6 +125,18 @@ def test_selection_by_lists_and_ranges(sweep):
             results.select({"law(1)%gap": "1e-3,9"})
 
 
+def test_the_nearest_of_many_values_are_named(tmp_path):
+    """A curve has hundreds of values that nobody knows by heart, and rows without a point at its end."""
+    path = single_tone_sweep(tmp_path / "curve.h5", [1] * 30)
+    with h5py.File(path, "r+") as file:
+        file["tones_frequency"][-1] = np.nan
+    with Results(path) as results:
+        with pytest.raises(ReaderError, match=r"= 1.5; nearest: 1.48276 \(point 14\), 1.51724 \(point 15\)$"):
+            results.point(at={"tones%frequency": "1.5"})
+        with pytest.raises(ReaderError, match=r"= five; values: 1, [^n]* 1.96552 \(29 in all\)$"):
+            results.point(at={"tones%frequency": "five"})
+
+
 @pytest.mark.parametrize(
     "value, text",
     [(1.5e-3, "1.5e-3"), (5e-4, "5.0e-4"), (50.0, "50"), (0.25, "0.25"), (0.0123, "0.0123"), (2.718281828, "2.71828"),

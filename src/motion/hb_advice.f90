@@ -219,6 +219,7 @@ contains
       else
          write (text, "(es8.1e2)") max(value, 1.0e-99_wp)
          text = adjustl(text)
+         if (value <= 0.0_wp) text = "0"
       end if
    end subroutine write_rounded
 end module hb_advice

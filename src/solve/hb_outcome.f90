@@ -75,8 +75,8 @@ module hb_outcome
       "Look for a load or stiffness out of proportion, a table that ends, or a law that divides by zero; "// &
          "nhbm check compares the derivatives of the laws.", &
       "Mend the cause, then nhbm resume --retry solves it again.", &
-      "Ask for a tolerance (&accuracy), or double the order of the harmonics; if the error is small enough for you, "// &
-         "raise &certificate truncation.", &
+      "Ask for a tolerance (&accuracy) or double the order; where a tolerance is asked for, raise its limits max_work and "// &
+         "max_harmonics. If the error is small enough for you, raise &certificate truncation, or the tolerance.", &
       "Ask for a tolerance (&accuracy), or double the samples at the same order; contact and friction need many more samples "// &
          "than harmonics.", &
       "Raise order and samples; a wall that is struck hard needs the highest orders of all.", &

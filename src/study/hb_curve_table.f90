@@ -6,6 +6,7 @@ module hb_curve_table
    use hb_kinds, only: wp
    use hb_outcome, only: is_solved, outcome_text
    use hb_parameter_path, only: identifier
+   use hb_results_record, only: message_of
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, to_text
    implicit none
@@ -120,13 +121,16 @@ contains
 
       function line_of(point) result(line)
          integer, intent(in) :: point
-         character(:), allocatable :: line
+         character(:), allocatable :: line, message
 
          associate (name => curve_kind_names(kind(point)))
             line = name(:max(7, len_trim(name)))
          end associate
          line = line//" at "//rounded%describe(point)//", point "//to_text(point - 1)
          if (.not. is_solved(status(point))) line = line//", "//outcome_text(status(point))
+         if (kind(point) /= curve_kind%start) return
+         message = message_of(path, point)                            ! such as that it begins at the other end
+         if (len(message) > 0) line = line//": "//message
       end function line_of
    end subroutine curve_lines
 

@@ -143,7 +143,7 @@ contains
       character(:), allocatable :: sign
 
       text = ""
-      if (ieee_is_finite(record%residual(point))) &
+      if (ieee_is_finite(record%residual(point)) .and. record%residual(point) > 0.0_wp) &      ! 0: from time integration
          text = " Its residual is "//rounded(record%residual(point))//" of the forces (asked for: "// &
                 rounded(limit("solver", "tolerance"))//")."
       if (is_solved(record%status(point))) then

@@ -163,14 +163,21 @@ contains
    function with_more_harmonics(run) result(text)
       type(run_t), intent(in) :: run
       character(:), allocatable :: text
-      integer, allocatable :: orders(:)
+      type(string_t), allocatable :: sets(:)
+      integer, allocatable :: orders(:), limits(:)
 
       text = ""
       orders = numbers_of(run, "harmonics", "order")
       if (size(orders) > 0) then
          text = solve_with(run, "harmonics%order="//list_of(2*max(orders, 1)))
       else if (numbers_are_absent(run, "harmonics", "tuples")) then
-         text = solve_with(run, "accuracy%max_work="//to_text(more*real_of(run, "accuracy", "max_work")))
+         allocate (sets(0))
+         limits = numbers_of(run, "accuracy", "max_harmonics")
+         if (size(limits) > 0) then
+            limits = min(more*limits, 1000000)
+            sets = [sets, string_t("accuracy%max_harmonics="//list_of(limits))]
+         end if
+         text = solve_with(run, "accuracy%max_work="//to_text(more*real_of(run, "accuracy", "max_work")), sets)
       end if
    end function with_more_harmonics
 

@@ -91,6 +91,19 @@ def test_a_curve_tells_what_it_found(tmp_path):
         assert results.outcome_text() == f"{results.used.size} of {results.used.size} points converged"
 
 
+def test_a_curve_says_that_it_begins_at_the_other_end(tmp_path):
+    """Nothing moves at the first end, where rest is unstable and the &start is no motion."""
+    (tmp_path / "pumped.nml").write_text(
+        "&structure type = 'chain', n_masses = 1, ends = 'fixed-free', mass = 0.3, coupling_stiffness = 120.0, damping_mass = 0.12 /\n"
+        "&tones frequency = 20.0 /\n&law type = 'parametric', dof = 'x1', tuple = 2, stiffness_cos = 30.0 /\n"
+        "&law type = 'cubic_spring', dof = 'x1', stiffness = 4.0e4 /\n&start dof = 'x1', tuple = 1, cos = 0.02 /\n"
+        "&curve parameter = 'tones%frequency', from = 20.0, to = 26.0 /\n"
+    )
+    for verb in (("solve", "pumped.nml"), ("info", "pumped.h5")):
+        told = run(*verb, cwd=tmp_path).stdout
+        assert "point 0: no motion was found at 20.0; the curve begins at the other end of its range" in told
+
+
 def test_curves_of_a_family_are_those_of_single_runs(family, tmp_path):
     alone = solve(CURVE, tmp_path, "--set", "load(1)%cos=0.12")
     for name, one, other in zip(SOLUTION, read(family, *SOLUTION), read(alone, *SOLUTION)):

@@ -214,8 +214,8 @@ def test_laws_compiled_by_numba():
     pytest.importorskip("numba")
     from nhbm.numba_laws import compiled
 
-    cubic_law = compiled(lambda q, v, p: p[0] * q * q * q, lambda q, v, p: (3 * p[0] * q * q, 0.0), odd=True)
-    damping = compiled(lambda q, v, p: p[0] * v * v * v, lambda q, v, p: (0.0, 3 * p[0] * v * v), velocity=True, odd=True)
+    cubic_law = compiled(lambda q, v, p: p[0] * q * q * q, lambda q, v, p: (3 * p[0] * q * q, 0.0), velocity=False, odd=True)
+    damping = compiled(lambda q, v, p: p[0] * v * v * v, lambda q, v, p: (0.0, 3 * p[0] * v * v), odd=True)
     found = []
     for laws in (
         (("cubic_spring", {"stiffness": 0.5}), ("cubic_damping", {"coefficient": 0.2})),

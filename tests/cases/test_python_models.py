@@ -62,6 +62,8 @@ def test_warm_starts_stay_on_the_branch():
 def test_what_is_wrong_is_said():
     with pytest.raises(ModelError, match="type = 'chian' is not known; did you mean 'chain'"):
         Model.from_namelist(DUFFING.replace("chain", "chian"))
+    with pytest.raises(ModelError, match="keys of &tones such as {'unknown': True}"):
+        Model(nhbm.Chain(n_masses=1), tones=[None])
     model = Model.from_namelist(DUFFING)
     with pytest.raises(ModelError, match="'law.stop.%gap'.*spring"):
         model["stop.gap"] = 0.1

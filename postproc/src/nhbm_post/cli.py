@@ -317,8 +317,8 @@ def _parser() -> argparse.ArgumentParser:
         "backbone",
         verbs.backbone,
         "frequency over amplitude or energy",
-        "Draws the frequency of an unknown tone over the amplitude or the energy of a normal mode (normal_mode%%amplitude or "
-        "normal_mode%%energy, whichever is swept), or over the peak of a degree of freedom (--over amplitude).",
+        "Draws the frequency of an unknown tone over the amplitude or the energy of a normal mode (normal_mode%amplitude or "
+        "normal_mode%energy, whichever is swept), or over the peak of a degree of freedom (--over amplitude).",
         several=True,
     )
     options.add_dof(sub)

@@ -374,7 +374,7 @@ class Results:
                 if not fits_this.any():
                     raise ReaderError(
                         f"{self.path}: no point with {parameter.label} = {wanted}; "
-                        f"values: {_values_text(parameter)}"
+                        f"{_values_text(parameter, wanted)}"
                     )
                 fits_one |= fits_this
             fits &= fits_one
@@ -710,9 +710,17 @@ def _strings(values: np.ndarray) -> list[str]:
     return [_text(value) for value in values]
 
 
-def _values_text(parameter: Parameter) -> str:
-    values = sorted({v for v in parameter.values.tolist()})
-    return list_text([number_text(v) for v in values])
+def _values_text(parameter: Parameter, wanted: object) -> str:
+    """The values that there are; of many numbers those next to the one that is wanted, with their points."""
+    values = sorted({v for v in parameter.values.tolist() if v == v})
+    try:
+        first, second, *more = sorted(values, key=lambda value: abs(value - float(wanted)))
+    except (TypeError, ValueError):
+        more = []
+    if len(more) <= 10:
+        return "values: " + list_text([number_text(v) for v in values])
+    where = parameter.values.tolist().index
+    return "nearest: " + ", ".join(f"{number_text(v)} (point {where(v)})" for v in sorted((first, second)))
 
 
 def _at_text(at: Mapping[str, object]) -> str:

@@ -48,7 +48,7 @@ class Model:
     structure : Builder, Structure, str or Path
         `nhbm.Beam(...)`, `nhbm.Chain(...)` and so on, sparse matrices, or the path of a model file.
     tones : array_like or dict
-        Base frequencies [rad/s], or keys of the group &tones.
+        Base frequencies [rad/s], or keys of the group &tones: ``{"hertz": 50.0}``, ``{"unknown": True}``.
     **groups : dict
         Further groups of the input by name, each a mapping of its keys: ``harmonics={"order": 9}``.
 
@@ -85,7 +85,12 @@ class Model:
         if isinstance(tones, Mapping):
             self._groups["tones"] = dict(tones)
         elif len(list(np.atleast_1d(tones))) > 0:
-            self._groups["tones"] = {"frequency": [float(omega) for omega in np.atleast_1d(tones)]}
+            try:
+                self._groups["tones"] = {"frequency": [float(omega) for omega in np.atleast_1d(tones)]}
+            except (TypeError, ValueError):
+                raise ModelError(
+                    f"tones are frequencies [rad/s] or keys of &tones such as {{'unknown': True}} or {{'hertz': 50.0}}, not {tones!r}"
+                ) from None
         for name, keys in groups.items():
             self.set(name, **keys)
 

@@ -9,14 +9,14 @@ from typing import Any
 from nhbm.laws import Law, LawSamples
 
 
-def compiled(force: Callable[..., float], slopes: Callable[..., Any], *, velocity: bool = False, **options: Any) -> Law:
+def compiled(force: Callable[..., float], slopes: Callable[..., Any], *, velocity: bool = True, **options: Any) -> Law:
     """A law of one coordinate from two functions of numbers that Numba can compile.
 
     Parameters
     ----------
     force : force(q, v, p), the force [N] at the displacement q [m] and velocity v [m/s]; p are the parameters of the input
     slopes : slopes(q, v, p), its derivatives (df/dq, df/dv)
-    velocity : whether the force depends on v; if not, v is 0
+    velocity : False where the force does not depend on v, which is then 0: less work
     options : of Law, such as odd=True
     """
     import importlib
