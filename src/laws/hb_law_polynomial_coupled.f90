@@ -1,28 +1,41 @@
 !> Polynomial of several degrees of freedom and their rates: each term c q_1**a_1 q_2**a_2 ... v_1**b_1 v_2**b_2 ... acts on
-!> one of them.
-!> Source: docs/why/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
+!> one of them. Terms come from lists, or from a table of text with a term a line, as the quadratic and cubic tensors of reduced
+!> models of geometric nonlinearity; they are kept, and evaluated, by the few factors that each has.
+!> Source: docs/why/theory.md, section 5.1; M. P. Mignolet, A. Przekop, S. A. Rizzi and S. M. Spottswood, J. Sound Vib. 332 (2013)
+!> 2437 (reduced models). Sign: f stands beside K q on the left-hand side.
 module hb_law_polynomial_coupled
-   use hb_error, only: error_t
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_checksum, only: checksum
+   use hb_error, only: annotate, error_t, fail
+   use hb_file_location, only: check_source
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
-   use hb_text, only: string_t, to_text
+   use hb_system, only: beside
+   use hb_text, only: parse_real, string_t, to_text
+   use hb_text_file, only: read_text_file
    implicit none
    private
    public :: new_polynomial_coupled, polynomial_coupled_t
 
    integer, parameter :: block_size = 256                             ! samples at a time
+   integer, parameter :: highest_exponent = 30
+   character(*), parameter :: blanks = " "//achar(9)//achar(13)
 
    type, extends(law_t) :: polynomial_coupled_t
       real(wp), allocatable :: coefficients(:)                        !! c, (n_terms)
       integer, allocatable :: acts_on(:)                              !! coordinate that feels the term, (n_terms)
-      integer, allocatable :: z_exponents(:, :)                       !! a, (n_terms, n_coordinates)
-      integer, allocatable :: v_exponents(:, :)                       !! b, (n_terms, n_coordinates)
+      integer, allocatable :: first(:)                                !! factor of each term, and one more, (n_terms + 1)
+      integer, allocatable :: coordinate(:)                           !! of each factor
+      integer, allocatable :: exponent(:)                             !! of each factor, > 0
+      logical, allocatable :: is_rate(:)                              !! of each factor: of the rate of the coordinate
+      character(:), allocatable, private :: file_mark                 ! of the file that gave them
    contains
       procedure :: read => polynomial_coupled_read
       procedure :: evaluate => polynomial_coupled_evaluate
       procedure :: potential => polynomial_coupled_potential
+      procedure :: mark => polynomial_coupled_mark
    end type polynomial_coupled_t
 
 contains
@@ -34,19 +47,93 @@ contains
       integer, intent(in) :: acts_on(:)                               !! (n_terms)
       integer, intent(in) :: z_exponents(:, :)                        !! (n_terms, n_coordinates), >= 0
       integer, intent(in) :: v_exponents(:, :)                        !! (n_terms, n_coordinates), >= 0
+      integer :: c, i
 
-      self%coefficients = coefficients
-      self%acts_on = acts_on
-      self%z_exponents = z_exponents
-      self%v_exponents = v_exponents
-      self%degree = max(1, maxval(sum(z_exponents, dim=2) + sum(v_exponents, dim=2)))
-      self%needs_velocity = any(v_exponents > 0)
-      self%has_potential = is_gradient(self)
-      self%is_odd = all(modulo(sum(z_exponents, dim=2) + sum(v_exponents, dim=2), 2) == 1 .or. abs(coefficients) <= 0.0_wp)
+      call begin(self, size(coefficients), count(z_exponents > 0) + count(v_exponents > 0))
+      do i = 1, size(coefficients)
+         self%coefficients(i) = coefficients(i)
+         self%acts_on(i) = acts_on(i)
+         self%first(i + 1) = self%first(i)
+         do c = 1, size(z_exponents, 2)
+            if (z_exponents(i, c) > 0) call add_factor(self, i, c, z_exponents(i, c), .false.)
+            if (v_exponents(i, c) > 0) call add_factor(self, i, c, v_exponents(i, c), .true.)
+         end do
+      end do
+      call describe(self, size(z_exponents, 2))
    end subroutine new_polynomial_coupled
+
+   !> Makes room for terms, of which there are none yet.
+   pure subroutine begin(self, n_terms, n_factors)
+      class(polynomial_coupled_t), intent(inout) :: self
+      integer, intent(in) :: n_terms, n_factors                       !! at most
+
+      if (allocated(self%first)) deallocate (self%coefficients, self%acts_on, self%first, self%coordinate, self%exponent, &
+                                             self%is_rate)
+      allocate (self%coefficients(n_terms), self%acts_on(n_terms), self%first(n_terms + 1))
+      allocate (self%coordinate(n_factors), self%exponent(n_factors), self%is_rate(n_factors))
+      self%first(1) = 1
+   end subroutine begin
+
+   !> One more factor of the last term.
+   pure subroutine add_factor(self, i, coordinate, exponent, is_rate)
+      class(polynomial_coupled_t), intent(inout) :: self
+      integer, intent(in) :: i                                        !! its number
+      integer, intent(in) :: coordinate, exponent
+      logical, intent(in) :: is_rate
+
+      associate (k => self%first(i + 1))
+         self%coordinate(k) = coordinate
+         self%exponent(k) = exponent
+         self%is_rate(k) = is_rate
+         k = k + 1
+      end associate
+   end subroutine add_factor
+
+   !> What follows from the terms.
+   pure subroutine describe(self, n_coordinates)
+      class(polynomial_coupled_t), intent(inout) :: self
+      integer, intent(in) :: n_coordinates
+      integer :: degree, i
+
+      self%degree = 1
+      self%needs_velocity = any(self%is_rate(:self%first(size(self%first)) - 1))
+      self%is_odd = .true.
+      do i = 1, size(self%coefficients)
+         degree = sum(self%exponent(self%first(i):self%first(i + 1) - 1))
+         self%degree = max(self%degree, degree)
+         self%is_odd = self%is_odd .and. (modulo(degree, 2) == 1 .or. abs(self%coefficients(i)) <= 0.0_wp)
+      end do
+      self%has_potential = is_gradient(self, n_coordinates)
+   end subroutine describe
 
    !> Reads a `&law type = 'polynomial_coupled'` group.
    subroutine polynomial_coupled_read(self, group, structure)
+      class(polynomial_coupled_t), intent(inout) :: self
+      type(properties_t), intent(inout) :: group
+      type(structure_t), intent(in) :: structure
+      character(*), parameter :: lists(4) = [character(22) :: "coefficients", "acts_on", "displacement_exponents", &
+                                             "velocity_exponents"]
+      character(:), allocatable :: file
+      type(error_t), allocatable :: error
+      integer :: i
+
+      self%has_potential = .true.                                     ! until it is known
+      call read_dofs(self, group, structure)
+      call group%get("file", file, required=.false.)
+      if (.not. allocated(file)) then
+         call read_lists(self, group, structure)
+         return
+      end if
+      do i = 1, size(lists)
+         if (group%given(trim(lists(i)))) call group%problem(trim(lists(i)), "give either 'file' or lists of terms, not both")
+      end do
+      if (.not. allocated(self%dofs)) return
+      call read_terms(self, trim(beside(group%file_name, file)), file, structure, error)
+      if (allocated(error)) call group%problem("file", error%message)
+   end subroutine polynomial_coupled_read
+
+   !> Terms from lists of coefficients and exponents.
+   subroutine read_lists(self, group, structure)
       class(polynomial_coupled_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
@@ -55,11 +142,9 @@ contains
       integer, allocatable :: acts_on(:), v_exponents(:, :), v_list(:), z_exponents(:, :), z_list(:)
       integer :: i
 
-      self%has_potential = .true.                                     ! until it is known
-      call read_dofs(self, group, structure)
-      call group%get("coefficients", coefficients)
+      call group%get("coefficients", coefficients, required=.true.)
       if (.not. (allocated(self%dofs) .and. allocated(coefficients))) return
-      call group%get("acts_on", names, n=size(coefficients))
+      call group%get("acts_on", names, n=size(coefficients), required=.true.)
       allocate (z_list(size(coefficients)*size(self%dofs)), v_list(size(coefficients)*size(self%dofs)), source=0)
       call group%get("displacement_exponents", z_list)
       call group%get("velocity_exponents", v_list)
@@ -75,7 +160,7 @@ contains
       end do
       call find_coordinates(self, names, group, structure, acts_on)
       if (allocated(acts_on)) call new_polynomial_coupled(self, coefficients, acts_on, z_exponents, v_exponents)
-   end subroutine polynomial_coupled_read
+   end subroutine read_lists
 
    !> Turns a list of exponents, term after term, into a table; not allocated when the list has another length.
    subroutine sort_by_term(group, key, list, n_terms, n_dofs, exponents)
@@ -119,13 +204,122 @@ contains
       end do
    end subroutine find_coordinates
 
+   !> Terms from a table: in each line the coefficient, the degree of freedom that feels the term, and those that are
+   !> multiplied, as `1.2e5 q1 q1 q1 q2`. What follows ! or # is a comment.
+   subroutine read_terms(self, path, name, structure, error)
+      class(polynomial_coupled_t), intent(inout) :: self
+      character(*), intent(in) :: path
+      character(*), intent(in) :: name                                !! of the file, as the input has it
+      type(structure_t), intent(in) :: structure
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: text
+      character(8) :: sum_of_bytes
+      integer :: last, line, n, start, width
+
+      call check_source(path, error)
+      if (.not. allocated(error)) call read_text_file(path, text, error)
+      if (allocated(error)) return
+      n = 1
+      do start = 1, len(text)
+         if (text(start:start) == new_line("a")) n = n + 1
+      end do
+      call begin(self, n, len(text)/2 + 1)
+      n = 0
+      line = 0
+      start = 1
+      do while (start <= len(text))
+         line = line + 1
+         width = index(text(start:), new_line("a")) - 1
+         if (width < 0) width = len(text) - start + 1
+         last = scan(text(start:start + width - 1), "!#") - 1
+         if (last < 0) last = width
+         if (verify(text(start:start + last - 1), blanks) > 0) then
+            n = n + 1
+            call read_term(self, text(start:start + last - 1), n, structure, error)
+            if (allocated(error)) then
+               call annotate(error, "'"//name//"', line "//to_text(line))
+               return
+            end if
+         end if
+         start = start + width + 1
+      end do
+      self%coefficients = self%coefficients(:n)
+      self%acts_on = self%acts_on(:n)
+      self%first = self%first(:n + 1)
+      self%coordinate = self%coordinate(:self%first(n + 1) - 1)
+      self%exponent = self%exponent(:self%first(n + 1) - 1)
+      self%is_rate = self%is_rate(:self%first(n + 1) - 1)
+      if (n == 0) call fail(error, "'"//name//"' has no terms; a line each, such as '1.2e5 q1 q1 q1 q2'")
+      write (sum_of_bytes, "(z8.8)") checksum(0, text)
+      self%file_mark = name//", CRC-32 "//sum_of_bytes//", "//to_text(len(text))//" bytes"
+      call describe(self, size(self%dofs))
+   end subroutine read_terms
+
+   !> One line of the table, without its comment.
+   subroutine read_term(self, line, i, structure, error)
+      class(polynomial_coupled_t), intent(inout) :: self
+      character(*), intent(in) :: line
+      integer, intent(in) :: i                                        !! number of the term
+      type(structure_t), intent(in) :: structure
+      type(error_t), allocatable, intent(out) :: error
+      integer :: exponents(size(self%dofs)), c, last, n, start
+      logical :: is_number
+
+      exponents = 0
+      n = 0
+      last = 0
+      do
+         start = last + verify(line(last + 1:), blanks)
+         if (start == last) exit
+         last = start + scan(line(start:)//" ", blanks) - 2
+         n = n + 1
+         if (n == 1) then
+            call parse_real(line(start:last), self%coefficients(i), is_number)
+            if (.not. (is_number .and. ieee_is_finite(self%coefficients(i)))) then
+               call fail(error, "'"//line(start:last)//"' is no number; a line has a number, the degree of freedom that feels "// &
+                         "the term, and those that are multiplied")
+               return
+            end if
+         else
+            do c = size(self%dofs), 1, -1                             ! of these first: there may be many others
+               if (structure%labels(self%dofs(c)) == line(start:last)) exit
+            end do
+            if (c == 0) c = findloc(self%dofs, structure%dof_index(line(start:last)), dim=1)
+            if (c == 0) then
+               call fail(error, "'"//line(start:last)//"' is none of 'dofs'")
+               return
+            end if
+            if (n == 2) self%acts_on(i) = c
+            if (n > 2) exponents(c) = exponents(c) + 1
+         end if
+      end do
+      if (n < 3) then
+         call fail(error, "a term needs a number, the degree of freedom that feels it, and at least one that is multiplied")
+      else if (any(exponents > highest_exponent)) then
+         call fail(error, "a degree of freedom stands more than "//to_text(highest_exponent)//" times")
+      end if
+      self%first(i + 1) = self%first(i)
+      do c = 1, size(exponents)
+         if (exponents(c) > 0) call add_factor(self, i, c, exponents(c), .false.)
+      end do
+   end subroutine read_term
+
+   !> The file of the terms, if there is one.
+   function polynomial_coupled_mark(self) result(text)
+      class(polynomial_coupled_t), intent(in) :: self
+      character(300) :: text
+
+      text = ""
+      if (allocated(self%file_mark)) text = self%file_mark
+   end function polynomial_coupled_mark
+
    subroutine polynomial_coupled_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(polynomial_coupled_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
       real(wp), intent(out), contiguous :: f(:, :)
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
-      real(wp) :: term(block_size)
-      integer :: b, first, i, last, n
+      real(wp) :: value(block_size)
+      integer :: first, i, k, last, n
 
       f = 0.0_wp
       if (present(df_dz)) df_dz = 0.0_wp
@@ -135,92 +329,114 @@ contains
          n = last - first + 1
          do i = 1, size(self%coefficients)
             associate (a => self%acts_on(i))
-               call find_term(self, i, z(first:last, :), v(first:last, :), 0, 0, term(1:n))
-               f(first:last, a) = f(first:last, a) + term(1:n)
-               do b = 1, size(z, 2)
-                  if (present(df_dz) .and. self%z_exponents(i, b) > 0) then
-                     call find_term(self, i, z(first:last, :), v(first:last, :), b, 0, term(1:n))
-                     df_dz(first:last, a, b) = df_dz(first:last, a, b) + term(1:n)
-                  end if
-                  if (present(df_dv) .and. self%v_exponents(i, b) > 0) then
-                     call find_term(self, i, z(first:last, :), v(first:last, :), 0, b, term(1:n))
-                     df_dv(first:last, a, b) = df_dv(first:last, a, b) + term(1:n)
-                  end if
+               call find_term(self, i, z(first:last, :), v(first:last, :), 0, value(1:n))
+               f(first:last, a) = f(first:last, a) + value(1:n)
+               do k = self%first(i), self%first(i + 1) - 1
+                  associate (b => self%coordinate(k))
+                     if (present(df_dz) .and. .not. self%is_rate(k)) then
+                        call find_term(self, i, z(first:last, :), v(first:last, :), k, value(1:n))
+                        df_dz(first:last, a, b) = df_dz(first:last, a, b) + value(1:n)
+                     else if (present(df_dv) .and. self%is_rate(k)) then
+                        call find_term(self, i, z(first:last, :), v(first:last, :), k, value(1:n))
+                        df_dv(first:last, a, b) = df_dv(first:last, a, b) + value(1:n)
+                     end if
+                  end associate
                end do
             end associate
          end do
       end do
    end subroutine polynomial_coupled_evaluate
 
-   !> Term i, or its derivative by displacement `by_z` or by rate `by_v` (0: by none).
-   pure subroutine find_term(self, i, z, v, by_z, by_v, term)
+   !> Term i, or its derivative by one of its factors (0: by none).
+   pure subroutine find_term(self, i, z, v, by_factor, value)
       class(polynomial_coupled_t), intent(in) :: self
-      integer, intent(in) :: i, by_z, by_v
+      integer, intent(in) :: i, by_factor
       real(wp), intent(in) :: z(:, :), v(:, :)
-      real(wp), intent(out) :: term(:)
-      integer :: c
+      real(wp), intent(out) :: value(:)
+      integer :: k
 
-      term = self%coefficients(i)
-      do c = 1, size(z, 2)
-         call multiply(term, z(:, c), self%z_exponents(i, c), c == by_z)
-         if (self%needs_velocity) call multiply(term, v(:, c), self%v_exponents(i, c), c == by_v)
+      value = self%coefficients(i)
+      do k = self%first(i), self%first(i + 1) - 1
+         if (self%is_rate(k)) then
+            call multiply(value, v(:, self%coordinate(k)), self%exponent(k), k == by_factor)
+         else
+            call multiply(value, z(:, self%coordinate(k)), self%exponent(k), k == by_factor)
+         end if
       end do
    end subroutine find_term
 
-   !> Multiplies by x**n, or by its derivative n x**(n - 1).
-   pure subroutine multiply(term, x, n, is_derivative)
-      real(wp), intent(inout) :: term(:)
+   !> Multiplies by x**n, n > 0, or by its derivative n x**(n - 1).
+   pure subroutine multiply(value, x, n, is_derivative)
+      real(wp), intent(inout) :: value(:)
       real(wp), intent(in) :: x(:)
       integer, intent(in) :: n
       logical, intent(in) :: is_derivative
 
       if (is_derivative) then
-         term = term*n*x**(n - 1)
-      else if (n > 0) then
-         term = term*x**n
+         if (n == 2) then
+            value = value*n*x
+         else if (n > 1) then
+            value = value*n*x**(n - 1)
+         end if
+      else if (n == 1) then
+         value = value*x
+      else
+         value = value*x**n
       end if
    end subroutine multiply
 
-   !> Whether the terms without a rate are a gradient: each derivative of the candidate below must give back the terms that
-   !> act on its coordinate.
-   pure logical function is_gradient(self)
+   !> Whether the terms without a rate are a gradient: of the terms that would come from one product of powers, those on each
+   !> coordinate must be what Euler's theorem makes of their sum. Products are sorted by their exponents, coordinate by coordinate.
+   pure logical function is_gradient(self, n_coordinates)
       class(polynomial_coupled_t), intent(in) :: self
+      integer, intent(in) :: n_coordinates
       real(wp), parameter :: digits = 1.0e-12_wp                      ! coefficients come from a file
-      integer :: exponents(size(self%z_exponents, 2)), a, b, i, k
-      real(wp) :: candidate, given, largest
+      integer, allocatable :: exponents(:, :), order(:), sorted(:)
+      real(wp) :: given(n_coordinates), largest, total
+      integer :: b, e, first, i, k, last
 
-      is_gradient = .true.
+      allocate (exponents(n_coordinates, size(self%coefficients)), source=0)
+      order = pack([(i, i=1, size(self%coefficients))], [(.not. has_rate(self, i), i=1, size(self%coefficients))])
       do i = 1, size(self%coefficients)
-         if (any(self%v_exponents(i, :) > 0)) cycle
-         exponents = self%z_exponents(i, :)
-         exponents(self%acts_on(i)) = exponents(self%acts_on(i)) + 1
-         do b = 1, size(exponents)
-            if (exponents(b) == 0) cycle
-            candidate = 0.0_wp
-            given = 0.0_wp
-            largest = 0.0_wp
-            do k = 1, size(self%coefficients)
-               if (any(self%v_exponents(k, :) > 0)) cycle
-               a = self%acts_on(k)
-               if (any(self%z_exponents(k, :) /= exponents - unit(a))) cycle
-               largest = max(largest, abs(self%coefficients(k)))
-               candidate = candidate + exponents(b)*self%coefficients(k)/sum(exponents)
-               if (a == b) given = given + self%coefficients(k)
-            end do
-            if (abs(candidate - given) > digits*largest) is_gradient = .false.
+         do k = self%first(i), self%first(i + 1) - 1
+            exponents(self%coordinate(k), i) = self%exponent(k)
          end do
+         exponents(self%acts_on(i), i) = exponents(self%acts_on(i), i) + 1
       end do
-
-   contains
-
-      pure function unit(place)
-         integer, intent(in) :: place
-         integer :: unit(size(exponents))
-
-         unit = 0
-         unit(place) = 1
-      end function unit
+      do b = 1, n_coordinates
+         allocate (sorted(0))
+         do e = 0, maxval(exponents(b, :))
+            sorted = [sorted, pack(order, exponents(b, order) == e)]
+         end do
+         call move_alloc(sorted, order)
+      end do
+      is_gradient = .true.
+      first = 1
+      do while (first <= size(order))
+         associate (product => exponents(:, order(first)))
+            given = 0.0_wp
+            total = 0.0_wp
+            largest = 0.0_wp
+            do last = first, size(order)
+               if (any(exponents(:, order(last)) /= product)) exit
+               associate (c => self%coefficients(order(last)), a => self%acts_on(order(last)))
+                  given(a) = given(a) + c
+                  total = total + c
+                  largest = max(largest, abs(c))
+               end associate
+            end do
+            if (any(abs(product*total/sum(product) - given) > digits*largest)) is_gradient = .false.
+         end associate
+         first = last
+      end do
    end function is_gradient
+
+   pure logical function has_rate(self, i)
+      class(polynomial_coupled_t), intent(in) :: self
+      integer, intent(in) :: i
+
+      has_rate = any(self%is_rate(self%first(i):self%first(i + 1) - 1))
+   end function has_rate
 
    !> Sum of z_a c z**a/(degree + 1) over the terms without a rate, a the coordinate on which each acts: by Euler's theorem on
    !> homogeneous functions the potential, where there is one.
@@ -228,20 +444,17 @@ contains
       class(polynomial_coupled_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :)
       real(wp), intent(out) :: energy(:), gradient(:, :)
-      real(wp) :: term(size(z, 1))
-      integer :: c, i
+      real(wp) :: value(size(z, 1))
+      integer :: i
 
       energy = 0.0_wp
       gradient = 0.0_wp
       do i = 1, size(self%coefficients)
-         if (any(self%v_exponents(i, :) > 0)) cycle
-         term = self%coefficients(i)
-         do c = 1, size(z, 2)
-            call multiply(term, z(:, c), self%z_exponents(i, c), .false.)
-         end do
+         if (has_rate(self, i)) cycle
+         call find_term(self, i, z, z, 0, value)
          associate (a => self%acts_on(i))
-            energy = energy + z(:, a)*term/(sum(self%z_exponents(i, :)) + 1)
-            gradient(:, a) = gradient(:, a) + term
+            energy = energy + z(:, a)*value/(sum(self%exponent(self%first(i):self%first(i + 1) - 1)) + 1)
+            gradient(:, a) = gradient(:, a) + value
          end associate
       end do
    end subroutine polynomial_coupled_potential
