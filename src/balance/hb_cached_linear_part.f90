@@ -49,7 +49,8 @@ contains
          call take_loads(self, structure, frequencies, loads, error)
          if (.not. allocated(error)) call move_alloc(self%linear, linear)
       else
-         if (allocated(self%linear)) deallocate (self%linear)
+         call move_alloc(self%linear, linear)
+         if (allocated(linear)) linear = linear_part_t()               ! room for the new one
          call make_linear(structure, coordinates, frequencies, loads, linear, error, wanted)
          self%n_condensed = self%n_condensed + size(frequencies)
          if (.not. structure%has_matrices_of(self%structure)) self%structure = structure
@@ -73,7 +74,7 @@ contains
 
       call new_dynamic_stiffness(stiffness, structure, coordinates, frequencies, loads, error, wanted)
       if (allocated(error)) return
-      allocate (linear)
+      if (.not. allocated(linear)) allocate (linear)
       call new_linear_part(linear, stiffness)
    end subroutine make_linear
 

@@ -175,7 +175,7 @@ contains
       integer :: h, k
 
       if (size(u, 2) == 1) then
-         call find_reaction_of_one(set, load_factor*self%load(1, :), self%condensed(1, 1, :), u(:, 1), reaction(:, 1))
+         call find_reaction_of_one(set, load_factor, self%load(1, :), self%condensed(1, 1, :), u(:, 1), reaction(:, 1))
          return
       end if
       do h = 1, set%n_harmonics
@@ -195,8 +195,9 @@ contains
    end subroutine linear_part_find_reaction
 
    !> The reaction of one degree of freedom, without the loops over blocks: in a product they would take a tenth of the time.
-   pure subroutine find_reaction_of_one(set, load, stiffness, u, reaction)
+   pure subroutine find_reaction_of_one(set, load_factor, load, stiffness, u, reaction)
       type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: load_factor
       complex(wp), intent(in) :: load(:), stiffness(:)                !! (n_harmonics)
       real(wp), intent(in), contiguous :: u(:)                        !! (n_coefficients)
       real(wp), intent(inout), contiguous :: reaction(:)              !! as u
@@ -205,10 +206,10 @@ contains
       do h = 1, set%n_harmonics
          associate (c => set%cos_at(h), s => set%sin_at(h), a => real(stiffness(h)), b => aimag(stiffness(h)))
             if (s > 0) then                                           ! (a + i b) (u_c - i u_s)
-               reaction(c) = real(load(h)) - (a*u(c) + b*u(s))
-               reaction(s) = -aimag(load(h)) - (a*u(s) - b*u(c))
+               reaction(c) = load_factor*real(load(h)) - (a*u(c) + b*u(s))
+               reaction(s) = -load_factor*aimag(load(h)) - (a*u(s) - b*u(c))
             else
-               reaction(c) = real(load(h)) - a*u(c)
+               reaction(c) = load_factor*real(load(h)) - a*u(c)
             end if
          end associate
       end do

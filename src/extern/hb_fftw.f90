@@ -70,6 +70,8 @@ module hb_fftw
       integer(int64) :: last_use = 0
    end type stored_plan_t
 
+   integer, parameter :: few = 120                                     ! numbers of a block that FFTW need not align beyond what all
+                                                                       ! memory is: its allocation takes longer than its transform
    integer, parameter :: is_real = 1, is_along_axis = 2                ! kinds of plans
    integer, parameter :: n_places = 128                               ! in the store, unless more are in use at once
    type(stored_plan_t), allocatable, save :: store(:)
@@ -92,7 +94,11 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       call self%destroy()
-      self%memory = fftw_alloc_real(max(1_c_size_t, int(n, c_size_t)*int(m, c_size_t)))
+      if (int(n, c_size_t)*int(m, c_size_t) <= few) then
+         allocate (self%values(n, m), source=0.0_wp)
+         return
+      end if
+      self%memory = fftw_alloc_real(int(n, c_size_t)*int(m, c_size_t))
       if (.not. c_associated(self%memory)) then
          call fail(error, "out of memory for samples of the torus")
          return
@@ -105,7 +111,11 @@ contains
    subroutine real_block_destroy(self)
       class(real_block_t), intent(inout) :: self
 
-      if (c_associated(self%memory)) call fftw_free(self%memory)
+      if (c_associated(self%memory)) then
+         call fftw_free(self%memory)
+      else if (associated(self%values)) then
+         deallocate (self%values)
+      end if
       self%memory = c_null_ptr
       nullify (self%values)
    end subroutine real_block_destroy
@@ -117,7 +127,11 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       call self%destroy()
-      self%memory = fftw_alloc_complex(max(1_c_size_t, int(n, c_size_t)*int(m, c_size_t)))
+      if (int(n, c_size_t)*int(m, c_size_t) <= few) then
+         allocate (self%values(n, m), source=(0.0_wp, 0.0_wp))
+         return
+      end if
+      self%memory = fftw_alloc_complex(int(n, c_size_t)*int(m, c_size_t))
       if (.not. c_associated(self%memory)) then
          call fail(error, "out of memory for the spectrum of the torus")
          return
@@ -130,7 +144,11 @@ contains
    subroutine complex_block_destroy(self)
       class(complex_block_t), intent(inout) :: self
 
-      if (c_associated(self%memory)) call fftw_free(self%memory)
+      if (c_associated(self%memory)) then
+         call fftw_free(self%memory)
+      else if (associated(self%values)) then
+         deallocate (self%values)
+      end if
       self%memory = c_null_ptr
       nullify (self%values)
    end subroutine complex_block_destroy

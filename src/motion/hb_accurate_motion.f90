@@ -50,7 +50,7 @@ module hb_accurate_motion
       type(model_t) :: here                                           ! the same on the set of a level
       integer :: iterations = 0, evaluations = 0, n_levels = 0, fallback = 0
       real(wp) :: work = 0.0_wp, work_beside = 0.0_wp                 ! as in a result
-      real(wp) :: setup_seconds = 0.0_wp, solver_seconds = 0.0_wp, certificate_seconds = 0.0_wp, certificate_cpu_seconds = 0.0_wp
+      real(wp) :: setup_seconds = 0.0_wp, solver_seconds = 0.0_wp, certificate_seconds = 0.0_wp
    contains
       procedure :: prepare => level_solver_prepare
       procedure :: take => level_solver_take
@@ -473,7 +473,6 @@ contains
          self%setup_seconds = self%setup_seconds + result%setup_seconds
          self%solver_seconds = self%solver_seconds + result%solver_seconds
          self%certificate_seconds = self%certificate_seconds + result%certificate_seconds
-         self%certificate_cpu_seconds = self%certificate_cpu_seconds + result%certificate_cpu_seconds
          if (allocated(error)) return
          call with_caution(model, result)
       end associate
@@ -494,7 +493,6 @@ contains
       result%setup_seconds = self%setup_seconds
       result%solver_seconds = self%solver_seconds
       result%certificate_seconds = self%certificate_seconds
-      result%certificate_cpu_seconds = self%certificate_cpu_seconds
    end subroutine level_solver_report
 
    !> Settles status and estimates of the last level, and adds what the levels went without.

@@ -168,7 +168,6 @@ contains
       integrated%setup_seconds = result%setup_seconds
       integrated%solver_seconds = result%solver_seconds
       integrated%certificate_seconds = result%certificate_seconds
-      integrated%certificate_cpu_seconds = result%certificate_cpu_seconds
       if (is_struck) then
          integrated%message = integrated%message//"; a wall is struck"
       else

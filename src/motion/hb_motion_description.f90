@@ -43,7 +43,7 @@ contains
       type(search_t), intent(inout), optional :: search               !! of a model with unknown tones
       class(bordered_problem_t), intent(inout), optional :: curve     !! on the balance, of a point of a curve
       complex(wp), allocatable :: c(:, :)
-      real(wp) :: begun, cpu_begun, cpu_ended
+      real(wp) :: begun
 
       allocate (c(model%structure%n_dofs, basis%harmonics%n_harmonics))
       call balance%all_dofs(u, c)
@@ -52,11 +52,8 @@ contains
       if (allocated(error)) return
       if (model%certificate%is_on .and. result%status == outcome%converged) then
          begun = wall_clock()
-         call cpu_time(cpu_begun)
          call keep_certificate(model, basis, balance, u, result, error, search, curve)
          result%certificate_seconds = wall_clock() - begun
-         call cpu_time(cpu_ended)
-         result%certificate_cpu_seconds = cpu_ended - cpu_begun
          if (allocated(error)) return
          call keep_outputs(model, basis, c, result)
       end if

@@ -53,7 +53,6 @@ module hb_motion_result
       real(wp) :: setup_seconds = 0.0_wp                !! of it, dynamic stiffness, plans, first guess
       real(wp) :: solver_seconds = 0.0_wp               !! of it, the iterations
       real(wp) :: certificate_seconds = 0.0_wp          !! of it, the certificate
-      real(wp) :: certificate_cpu_seconds = 0.0_wp      !! processor time of the certificate
       integer :: rank = 0                               !! that solved it
       integer :: n_harmonics = 0                        !! in the set of this point
       integer :: n_levels = 0                           !! sets solved until the tolerance was met, hb_accurate_motion; 0: one given

@@ -293,7 +293,11 @@ contains
       integer :: a, b, e, i
 
       associate (ll => blocks%ll, lr => blocks%lr, rl => blocks%rl, rr => blocks%rr)
-         half_bandwidth = max(0, maxval(abs(ll%row - ll%column)))
+         half_bandwidth = 0
+         do e = 1, ll%n_entries
+            half_bandwidth = max(half_bandwidth, abs(ll%row(e) - ll%column(e)))
+         end do
+         if (n_interior == 0) return
          part = [(i, i=1, n_interior)]                          ! each dof points to one of its part, the first to itself
          do e = 1, rr%n_entries
             a = first_of(part, rr%row(e))

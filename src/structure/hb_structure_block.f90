@@ -28,13 +28,15 @@ module hb_structure_block
 
 contains
 
-   !> Collects the entries of the block where mass, damping or stiffness is not zero, column by column.
+   !> Collects the entries of the block where mass, damping or stiffness is not zero, column by column; one of no rows or no columns
+   !> has no arrays.
    subroutine new_structure_block(self, structure, rows, columns)
       type(structure_block_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: rows(:), columns(:)                      !! numbers of degrees of freedom
       integer :: e, i, j, pass
 
+      if (size(rows) == 0 .or. size(columns) == 0) return
       if (allocated(structure%sparse)) then
          call collect_sparse(self, structure, rows, columns)
          call add_parts(self, structure, rows, columns)
@@ -183,6 +185,7 @@ contains
       complex(wp) :: dz_dw, z
       integer :: k
 
+      if (self%n_entries == 0) return
       s = cmplx(self%stiffness - frequency**2*self%mass, frequency*self%damping - drive*self%mass, wp)
       if (.not. allocated(self%parts)) return
       do k = 1, size(self%parts)
@@ -199,6 +202,7 @@ contains
       complex(wp) :: dz_dw, z
       integer :: k
 
+      if (self%n_entries == 0) return
       ds_dw = cmplx(-2.0_wp*frequency*self%mass, self%damping, wp)
       if (.not. allocated(self%parts)) return
       do k = 1, size(self%parts)
@@ -212,6 +216,7 @@ contains
       class(structure_block_t), intent(in) :: self
       complex(wp), intent(out) :: ds_ddrive(:)                        !! (n_entries)
 
+      if (self%n_entries == 0) return
       ds_ddrive = cmplx(0.0_wp, -self%mass, wp)
    end subroutine structure_block_drive_slope
 
@@ -223,6 +228,7 @@ contains
       complex(wp) :: dz_dw, z
       integer :: k
 
+      if (self%n_entries == 0) return
       magnitude = abs(self%stiffness) + frequency**2*abs(self%mass) + abs(frequency*self%damping)
       if (.not. allocated(self%parts)) return
       do k = 1, size(self%parts)

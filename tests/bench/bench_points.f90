@@ -164,7 +164,7 @@ contains
          seconds(part%solver) = result%solver_seconds
          seconds(part%certificate) = result%certificate_seconds
          seconds(part%total) = ended - begun - result%certificate_seconds
-         seconds(part%cpu) = cpu_ended - cpu_begun - result%certificate_cpu_seconds
+         seconds(part%cpu) = (cpu_ended - cpu_begun)*seconds(part%total)/(ended - begun)      ! its share of the processor
          seconds(part%recovery) = seconds(part%total) - seconds(part%setup) - seconds(part%solver)
       end associate
       if (repeat == 1) cost%result = result

@@ -30,7 +30,7 @@ except ImportError:
     from signal import signal as _signal
 
 API = 2
-_MAIN_THREAD = threading.main_thread().ident
+_MAIN_THREAD, _SIGINT = threading.main_thread().ident, int(signal.SIGINT)
 _KINDS: dict[int, Any] = {0: np.dtype(np.float64), 1: np.dtype(np.int32)}
 _ASK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
 _FILL = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
@@ -169,26 +169,28 @@ def input_keys() -> list[Key]:
 class _Interrupts:
     """Takes note of Ctrl-C while the library is at work, so that it ends soon, and has Python's handler do what it does then."""
 
-    def __init__(self, session: Session):
-        self._session = session
+    def __init__(self) -> None:
+        self.is_noted = False
+        self._handler: Any = None
 
     def __enter__(self) -> None:
-        self._handler = None
-        if threading.get_ident() == _MAIN_THREAD and callable(_getsignal(signal.SIGINT)):
-            self._handler = _signal(signal.SIGINT, self._note)
+        if threading.get_ident() == _MAIN_THREAD and callable(_getsignal(_SIGINT)):
+            self._handler = _signal(_SIGINT, self._note)
 
     def _note(self, number: int, frame: Any) -> None:
-        self._session._is_interrupted = True
+        self.is_noted = True
         if laws.is_running():  # one that never ends
             raise KeyboardInterrupt
 
     def __exit__(self, *error: Any) -> None:
-        if self._handler is None:
+        handler, self._handler = self._handler, None
+        if handler is None:
             return
-        _signal(signal.SIGINT, self._handler)
-        if self._session._is_interrupted and error[0] is None:
-            self._session._is_interrupted = False
-            self._handler(signal.SIGINT, None)
+        _signal(_SIGINT, handler)
+        if self.is_noted:
+            self.is_noted = False
+            if error[0] is None:
+                handler(_SIGINT, None)
 
 
 @dataclass
@@ -209,13 +211,13 @@ class Session:
     def __init__(self, structures: Callable[[str], Structure] | None = None) -> None:
         self._library, self._error = library(), _Error()
         self._handle, self._place = ctypes.c_void_p(self._library.nhbm_new()), ctypes.byref(self._error)
-        self._is_interrupted = False
+        self._interrupts = interrupts = _Interrupts()
         self._n_points = 1
         self._fault: BaseException | None = None
         self.dofs_of_sets: dict[str, str] = {}  # "disk1.x" of a set of one node, and the label of its degree of freedom
         self.empty: Any = None  # layout of a motion and a dataset without its values, for nhbm.dataset
         this: Any = weakref.ref(self)  # the library holds callbacks, which must not hold the session
-        self._ask = _ASK(lambda context: int(this()._is_interrupted))
+        self._ask = _ASK(lambda context: int(interrupts.is_noted))
         self._call("ask", self._ask, None)
         self._structures = structures or Structure.read
         self._fill = _FILL(lambda context, name, structure: this()._describe(name.decode(), structure))
@@ -252,7 +254,7 @@ class Session:
         if points != self._n_points:
             self._library.nhbm_points(self._handle, points)
             self._n_points = points
-        with _Interrupts(self):
+        with self._interrupts:
             code = self._library.nhbm_solve(self._handle, int(warm), self._place)
             self._tell(code)
 
@@ -263,18 +265,18 @@ class Session:
     def next(self) -> bool:
         """The next point of the curve becomes the motion found last; false behind its end."""
         is_point = ctypes.c_int(1)
-        with _Interrupts(self):
+        with self._interrupts:
             self._call("next", ctypes.byref(is_point))
         return bool(is_point.value)
 
     def integrate(self) -> None:
         """Integrates the model through time as the group &integration says; `time_column` has the record then."""
-        with _Interrupts(self):
+        with self._interrupts:
             self._call("integrate")
 
     def verify(self, n_periods: int = 0) -> None:
         """Integrates from the motion found last until it is clear whether it stays there; `time_column` has the verdict then."""
-        with _Interrupts(self):
+        with self._interrupts:
             self._call("verify", n_periods)
 
     def time_columns(self) -> list[str]:
