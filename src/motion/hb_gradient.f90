@@ -6,14 +6,16 @@
 !> where all is smooth, and of the first where contact or friction begins or ends for a part of a period that the step changes.
 !> Source: docs/why/theory.md, section 6.8.
 module hb_gradient
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_cancellation, only: work_is_over
    use hb_coordinates, only: coordinates_t
    use hb_document, only: document_t, parameter_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t
+   use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_level, only: level_t, put_on_level
+   use hb_level, only: carry, degree_of, level_t, needed_samples, put_on_level
    use hb_limit_cycle_search, only: fundamental
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
@@ -24,6 +26,7 @@ module hb_gradient
    use hb_phase, only: coefficient_form, shift_form
    use hb_problem, only: problem_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
+   use hb_tuple_choice, only: new_doubled_set
    implicit none
    private
    public :: find_gradient
@@ -80,7 +83,7 @@ contains
       end associate
       call differentiate(known, document, result%gradient, error)
       call give_up()
-      if (allocated(result%gradient%coefficients)) call refine_grid(known, document, result%gradient)
+      if (allocated(result%gradient%coefficients)) call refine(known, document, result%gradient)
 
    contains
 
@@ -129,37 +132,65 @@ contains
       end associate
    end subroutine differentiate_linear
 
-   !> Differentiates the same motion on finer grids. Where contact or friction changes is known to a sample, which hardly matters to
-   !> the motion and much to its derivatives: on a grid of one's own they are found until they change by less than the tolerance; a
-   !> grid that is given rules them, too, and the change is told.
-   subroutine refine_grid(known, document, gradient)
+   !> Differentiates the same motion in wider sets, corrected there, and on finer grids. A derivative needs tuples that the motion
+   !> hardly has, such as those that a load of amplitude zero would excite, and where contact or friction changes is known to a sample,
+   !> which hardly matters to the motion and much to its derivatives. What is free by tolerance is made wider and finer until the
+   !> derivatives change by less than the tolerance; a set that is given rules them, and so does a grid, whose change is told.
+   subroutine refine(known, document, gradient)
       type(known_t), intent(inout) :: known
       type(document_t), intent(in) :: document
       type(gradient_t), intent(inout) :: gradient
-      integer, parameter :: times = 4
       real(wp), parameter :: largest = 2.0e5_wp                       ! samples; motions have up to 10 times as many
       type(gradient_t) :: finer
       type(error_t), allocatable :: error
+      type(harmonics_t) :: own
+      type(level_t) :: next
       type(model_t) :: before
-      integer :: i, k
-      logical :: refines
+      integer :: k
+      logical :: is_exact, refines_set, refines_grid
 
       associate (model => known%model)
-         if (all([(model%laws(i)%law%degree > 0, i=1, size(model%laws))])) return
-         refines = model%accuracy%is_on .and. model%accuracy%refines_grid
-         do while (product(real(times*model%torus%n_samples, wp)) < largest)
+         own = model%harmonics
+         is_exact = degree_of(model) > 0
+         refines_set = model%accuracy%is_on .and. model%accuracy%grows_set
+         refines_grid = model%accuracy%is_on .and. model%accuracy%refines_grid
+         if (is_exact .and. .not. refines_set) return
+         gradient%estimate = ieee_value(1.0_wp, ieee_quiet_nan)       ! unless there is room to look
+         do
             before = model
-            call put_on_level(model, before, level_t(before%harmonics, times*before%torus%n_samples), error)
-            if (.not. allocated(error)) call differentiate(known, document, finer, error)
+            next = level_t(before%harmonics, before%torus%n_samples)
+            if (refines_set) call new_doubled_set(next%set, before%harmonics, error)
+            if (allocated(error)) return
+            if (is_exact .and. refines_grid) next%n_samples = needed_samples(next%set%highest, degree_of(model))
+            if (.not. is_exact) next%n_samples = 2*next%n_samples
+            if (product(real(next%n_samples, wp)) >= largest .or. any(next%n_samples <= 2*next%set%highest) .or. &
+                next%set%n_harmonics > model%accuracy%max_harmonics) return
+            call put_on_level(model, before, next, error)
+            if (allocated(error)) return
+            known%x = carry(before%harmonics, next%set, known%x, size(known%tones))
+            known%n = size(known%x) - size(known%tones)
+            deallocate (known%residual)
+            call differentiate(known, document, finer, error, corrects=refines_set)
             if (allocated(error) .or. .not. allocated(finer%coefficients)) return
+            finer%coefficients = in_set(finer%coefficients, next%set, own)
             finer%estimate = [(norm2(finer%coefficients(:, :, :, k) - gradient%coefficients(:, :, :, k))/ &
                                max(norm2(finer%coefficients(:, :, :, k)), tiny(1.0_wp)), k=1, size(finer%estimate))]
             gradient%estimate = finer%estimate
-            if (refines) gradient = finer
-            if (.not. refines .or. all(finer%estimate <= model%accuracy%tolerance)) return
+            if (refines_set .or. refines_grid) gradient = finer
+            if (.not. (refines_set .or. refines_grid) .or. all(finer%estimate <= model%accuracy%tolerance)) return
          end do
       end associate
-   end subroutine refine_grid
+   end subroutine refine
+
+   !> Coefficients of the tuples of another set, of which `set` has all.
+   pure function in_set(coefficients, set, other)
+      real(wp), intent(in) :: coefficients(:, :, :, :)                !! as those of hb_motion_result%gradient_t
+      type(harmonics_t), intent(in) :: set, other
+      real(wp), allocatable :: in_set(:, :, :, :)
+      integer :: h
+
+      in_set = coefficients(:, [(set%index_of(other%tuples(:, h)), h=1, other%n_harmonics)], :, :)
+   end function in_set
 
    !> Derivatives that are all zero.
    pure function zero_gradient(model) result(gradient)
@@ -173,11 +204,12 @@ contains
    end function zero_gradient
 
    !> Differentiates by each of the values; nothing is known where the tangent is singular.
-   subroutine differentiate(known, document, gradient, error)
+   subroutine differentiate(known, document, gradient, error, corrects)
       type(known_t), intent(inout) :: known
       type(document_t), intent(in) :: document
       type(gradient_t), intent(out) :: gradient
       type(error_t), allocatable, intent(out) :: error
+      logical, intent(in), optional :: corrects                       !! the motion by a step of Newton's method before
       type(model_problem_t), target :: here, moved
       type(bordered_problem_t), target :: with_frequencies
       class(problem_t), pointer :: problem
@@ -198,6 +230,9 @@ contains
          end if
          allocate (by_value(n), slope(size(known%x)))
          if (.not. allocated(known%residual)) allocate (known%residual(n))
+         if (present(corrects)) then
+            if (corrects) call correct(known, problem)
+         end if
          call here%residual(known%x(:n), known%residual)
          call new_tangent_solver(tangent, problem, known%x, is_lost, accuracy)
          do k = 1, size(by)
@@ -236,6 +271,26 @@ contains
                                 known%model%memory_limit, error)
       end subroutine put_on
    end subroutine differentiate
+
+   !> Corrects the motion by a step of Newton's method, unless that makes it worse.
+   subroutine correct(known, problem)
+      type(known_t), intent(inout) :: known
+      class(problem_t), intent(inout) :: problem
+      type(tangent_solver_t) :: tangent
+      real(wp), dimension(size(known%x)) :: r, r_after, step
+      logical :: is_lost
+
+      call problem%residual(known%x, r)
+      call new_tangent_solver(tangent, problem, known%x, is_lost, accuracy)
+      if (is_lost) return
+      step = r
+      call tangent%solve(problem, step, is_lost)
+      if (is_lost) return
+      call problem%residual(known%x - step, r_after)
+      if (.not. norm2(r_after/problem%r_scale) <= norm2(r/problem%r_scale)) return
+      known%x = known%x - step
+      known%model%tones%omega(known%tones) = known%x(known%n + 1:)
+   end subroutine correct
 
    !> Conditions for the phases of unknown tones: the sines that vanish, or no part along a shift of the motion.
    function phase_forms(known, problem) result(forms)

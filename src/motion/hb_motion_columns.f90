@@ -239,7 +239,7 @@ contains
       call t%real("frequency_gradient", "1", "gradient_value tone", "derivatives of the base frequencies likewise", &
          m%gradient%frequency)
       call t%real("gradient_estimate", "1", "gradient_value", &
-         "change of the derivatives of the coefficients on a grid of four times the samples of each tone, relative", &
+         "change of the derivatives of coefficients by twice the samples and, by tolerance, a set twice as wide; nan: not known", &
          m%gradient%estimate)
       call t%real("gradient_defect", "1", "gradient_value", &
          "how far the motion is from one with these derivatives a small step on; not small at a kink", m%gradient%defect)

@@ -118,3 +118,63 @@ def test_a_hundred_derivatives_are_those_of_differences():
             sides.append(model.response("x50 (1)", order=5))
         model[path] = value
         assert slopes[path] == pytest.approx((sides[0] - sides[1]) / (2e-5 * value), rel=1e-4, abs=1e-7), path
+
+
+def forced(law, tones, **groups):
+    chain = nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.05)
+    model = nhbm.Model(chain, tones=tones, stability={"method": "off"}, **groups)
+    model.load("x1", [1, 0][: len(tones)], cos=0.4)
+    model.law(law["type"], "x1", **{key: value for key, value in law.items() if key != "type"})
+    return model
+
+
+def transfer(law, slope, signals):
+    """Responses at the frequencies of small signals, by Hill's matrix of the equation linearised about a motion of order 60."""
+    motion = forced(law, [0.9], sampling={"samples": 4096}).solve(order=60)
+    j, n = np.arange(-40, 41), 8192
+    tau = 2 * np.pi * np.arange(n) / n
+    x = sum(c * np.cos(h * tau) + s * np.sin(h * tau) for h, (c, s) in enumerate(motion["coefficients"].values[0]))
+    k = np.fft.fft(slope(x)) / n
+    responses = []
+    for signal in signals:
+        w = 0.9 * j + signal
+        hill = np.diag(1 - w**2 + 0.05j * w) + k[(j[:, None] - j[None, :]) % n]
+        responses.append(np.linalg.solve(hill, j == 0)[40])
+    return responses
+
+
+@pytest.mark.parametrize(
+    ("law", "slope"),
+    [
+        ({"type": "cubic_spring", "stiffness": 0.1}, lambda x: 0.3 * x**2),
+        ({"type": "elastic_stop", "stiffness": 5.0, "gap": 0.5}, lambda x: 5.0 * (x > 0.5)),
+    ],
+)
+def test_response_to_a_small_signal_is_that_of_the_linearised_equation(law, slope):
+    """The load of the signal is zero, and the motion has none of the tuples that it would excite: its set alone is off by half."""
+    signals = [0.11, 0.53, 1.02, 1.97]
+    model = forced(law, [0.9, signals[0]])
+    model.load("x1", (0, 1), cos=0.0)
+    model.set("gradient", by=["load(2)%cos"])
+    found = model.sweep({"tones%frequency(2)": signals})
+    for point, exact in enumerate(transfer(law, slope, signals)):
+        motion = found.isel(point=point)
+        place = [tuple(row) for row in motion["tuples"].values].index((0, 1))
+        c, s = motion["gradient"].values[0, 0, place]
+        assert abs(c - 1j * s - exact) < 1e-2 * abs(exact)
+        assert motion["gradient_estimate"] < 1e-2
+
+
+def test_a_limit_cycle_responds_to_a_small_signal():
+    responses = {}
+    for amplitude in (0.0, 1e-3, -1e-3):
+        chain = nhbm.Chain(n_masses=1, ends="fixed-free", mass=1.0, coupling_stiffness=1.0, damping_mass=0.0)
+        model = nhbm.Model(chain, tones=[1.0, 0.41], stability={"method": "off"})
+        model.set("tones", unknown=[True, False])
+        model.load("x1", (0, 1), cos=amplitude)
+        model.law("van_der_pol", "x1", strength=0.5)
+        model.set("gradient", by=["load(1)%cos"])
+        motion = model.solve()
+        place = [tuple(row) for row in motion["tuple"].values].index((0, 1))
+        responses[amplitude] = motion["coefficients"].values[0, place], motion["gradient"].values[0, 0, place]
+    np.testing.assert_allclose(responses[0.0][1], (responses[1e-3][0] - responses[-1e-3][0]) / 2e-3, atol=1e-3)
