@@ -12,7 +12,8 @@ module hb_phase
    use hb_problem, only: problem_t
    implicit none
    private
-   public :: amplitude_form, coefficient_form, new_phase_problem, peak_form, peak_rate_form, phase_problem_t, shift_form, turn
+   public :: amplitude_form, coefficient_form, energy_row_t, new_phase_problem, peak_form, peak_rate_form, phase_problem_t, &
+      shift_form, turn
 
    type, extends(bordered_problem_t) :: phase_problem_t
       integer, allocatable :: tones(:)                                !! the unknown ones
@@ -23,10 +24,12 @@ module hb_phase
       procedure :: hold_above => phase_problem_hold_above
    end type phase_problem_t
 
-   !> The energy of a motion as a function of all unknowns.
+   !> The energy of a motion as a function of all unknowns; of a curve over the energy, relative to the value that moves.
    type, extends(row_t) :: energy_row_t
       type(energy_t) :: energy
-      integer, allocatable :: which(:)                                ! parameters of the balance among the unknowns
+      integer, allocatable :: which(:)                                ! parameters of the balance among the unknowns; another one
+                                                                      ! is none of its own
+      logical :: is_relative = .false.                                ! to the last unknown
    contains
       procedure :: value => energy_row_value
       procedure :: gradient => energy_row_gradient
@@ -99,9 +102,10 @@ contains
 
       energy_row_value = 0.0_wp
       select type (base)
-      type is (balance_t)
+      class is (balance_t)
          energy_row_value = self%energy%value(base, reshape(x(:base%n_unknowns), [base%harmonics%n_coefficients, base%n_dofs]))
       end select
+      if (self%is_relative) energy_row_value = energy_row_value/x(size(x))
    end function energy_row_value
 
    subroutine energy_row_gradient(self, base, x, gradient)
@@ -113,12 +117,15 @@ contains
 
       gradient = 0.0_wp
       select type (base)
-      type is (balance_t)
+      class is (balance_t)
          call self%energy%differentiate(base, reshape(x(:base%n_unknowns), [base%harmonics%n_coefficients, base%n_dofs]), by_u, &
                                         by_omega, by_xi)
-         by_parameter = [by_omega, by_xi]
+         by_parameter = [by_omega, by_xi, 0.0_wp]
          gradient = [by_u, by_parameter(self%which)]
       end select
+      if (.not. self%is_relative) return
+      gradient = gradient/x(size(x))
+      gradient(size(x)) = -self%value(base, x)/x(size(x))
    end subroutine energy_row_gradient
 
    ! Linear forms of the coefficients

@@ -5,7 +5,7 @@
 module hb_autonomous
    use hb_balance, only: balance_t, new_balance
    use hb_base_motion, only: base_motion_t, find_base_motion
-   use hb_basis, only: basis_t
+   use hb_basis, only: basis_t, whole_basis
    use hb_cancellation, only: work_is_over
    use hb_coordinates, only: coordinates_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
@@ -16,6 +16,7 @@ module hb_autonomous
    use hb_law_coordinates, only: laws_at
    use hb_limit_cycle_search, only: new_search, search_t
    use hb_model, only: model_t
+   use hb_model_basis, only: coordinates_of
    use hb_normal_mode, only: find_mode_of_energy, find_normal_mode
    use hb_outcome, only: outcome
    use hb_self_excitation, only: search_from_modes
@@ -23,7 +24,7 @@ module hb_autonomous
    use hb_torus, only: default_samples, new_torus, torus_t
    implicit none
    private
-   public :: autonomous_start_t, find_motion, find_start
+   public :: autonomous_start_t, find_energy, find_motion, find_start
 
    integer, parameter :: most_modes = 8                               ! from which one unknown tone is searched for
 
@@ -109,6 +110,20 @@ contains
       if (.not. allocated(error)) call new_balance(balance, set, grid, omega, stiffness, laws_at(coordinates, model%laws), &
                                                   model%planning, error)
    end subroutine new_base_balance
+
+   !> The energy of motions of a balance above that of the motion without the unknown tone.
+   subroutine find_energy(energy, model, balance, error)
+      type(energy_t), intent(out) :: energy
+      type(model_t), intent(in) :: model
+      type(balance_t), intent(inout) :: balance                       !! on the set of the model, with slopes of motions
+      type(error_t), allocatable, intent(out) :: error
+      type(autonomous_start_t) :: start
+
+      call find_start(start, model, whole_basis(model%harmonics, model%torus), coordinates_of(model), error)
+      if (.not. allocated(start%base%u)) return
+      if (allocated(error)) deallocate (error)                        ! modes are not needed
+      call new_energy(energy, model%structure, constant_load(model), balance, start%base%u)
+   end subroutine find_energy
 
    !> Modes from which the unknown tones start: nearest to the first guess of a frequency; without one, that of a normal mode
    !> by its number, else those that grow most, by frequency.

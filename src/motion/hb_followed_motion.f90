@@ -3,12 +3,14 @@
 !> The unknowns of the curve are those of the balance, frequencies that are unknown, the artificial damping of a normal mode, and
 !> the value that moves. Lengths are counted in the range of the value, and in the largest motion met so far.
 module hb_followed_motion
+   use hb_autonomous, only: find_energy
    use hb_basis, only: whole_basis
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_curve_events, only: find_extremes, find_stability, function_at
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_document, only: document_t
+   use hb_energy, only: energy_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_of_parity
    use hb_hysteretic_law, only: has_memory
@@ -23,7 +25,7 @@ module hb_followed_motion
    use hb_newton, only: solve_newton
    use hb_odd_symmetry, only: most_even
    use hb_outcome, only: outcome
-   use hb_phase, only: coefficient_form, peak_form, peak_rate_form, shift_form
+   use hb_phase, only: coefficient_form, energy_row_t, peak_form, peak_rate_form, shift_form
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
    use hb_thresholds, only: agreement, faint
@@ -76,6 +78,7 @@ module hb_followed_motion
       real(wp) :: estimate = huge(1.0_wp)                             !! of the error at the point of the curve; huge: not known
       integer :: n_levels = 1                                         !! that the last step has taken
       type(model_problem_t) :: problem
+      type(energy_t) :: energy                                        !! of its motions, where a normal mode has one
       type(model_problem_t), allocatable :: odd_problem               !! of odd motions alone, where the equations are odd
       integer, allocatable :: odd_places(:)                           !! of its unknowns among those of the problem
       type(curve_t) :: curve
@@ -154,6 +157,8 @@ contains
       self%level = level_t(level%set, level%n_samples)
       self%problem%which = [which, self%problem%own]
       self%weights = self%problem%x_scale
+      if (found%normal_mode%has_energy) call find_energy(self%energy, found, self%problem%balance_t, error)
+      if (allocated(error)) return
       call make_odd_problem(self, found, error)
       if (allocated(error)) return
       do i = 1, size(self%request%responses)
@@ -287,7 +292,9 @@ contains
       self%curve%x = x
       call border(self, direction/units**2)
       call self%put_conditions()
-      self%curve%problem%values = matmul(x, self%curve%problem%forms)
+      associate (problem => self%curve%problem, last => size(self%curve%problem%values))
+         problem%values(last) = dot_product(x, problem%forms(:, last))
+      end associate
       call self%curve%problem%rescale()
       corrector = self%problem%model%solver
       associate (u => x(:self%problem%n_unknowns))
@@ -331,7 +338,8 @@ contains
       if (is_there) x = there
    end subroutine followed_motion_land
 
-   !> Gives the curve the conditions for the phases of unknown tones, by the motion at hand, and for the amplitude of a normal mode.
+   !> Gives the curve the conditions for the phases of unknown tones, by the motion at hand, and for the amplitude or the energy of a
+   !> normal mode.
    subroutine followed_motion_put_conditions(self)
       class(followed_motion_t), intent(inout) :: self
       integer :: dof, h, i, n
@@ -341,7 +349,12 @@ contains
       scale = reshape(self%weights, shape(scale))
       associate (mode => self%problem%model%normal_mode, set => self%problem%model%harmonics, which => self%problem%which, &
                  forms => self%curve%problem%forms, n_dofs => self%problem%n_dofs)
-         if (mode%is_asked) then
+         if (mode%has_energy) then
+            forms(:n, 1) = shift_form(set, which(1), reshape(self%curve%x(:n), shape(scale)), scale)
+            self%curve%problem%row = energy_row_t(self%energy, which, .true.)
+            self%curve%problem%row_at = 2
+            self%curve%problem%values(2) = 1.0_wp
+         else if (mode%is_asked) then
             dof = self%problem%stiffness%coordinates%number_of(mode%dof)
             h = fundamental(set, which(1))
             if (mode%is_peak) then
@@ -352,6 +365,10 @@ contains
                forms(:n, 2) = coefficient_form(set, n_dofs, set%cos_at(h), dof)
             end if
             self%curve%problem%values(2) = mode%amplitude
+            if (self%problem%moves_mode) then
+               forms(size(forms, 1), 2) = -1.0_wp
+               self%curve%problem%values(2) = 0.0_wp
+            end if
          else
             do i = 1, size(which) - 1
                forms(:n, i) = shift_form(set, which(i), reshape(self%curve%x(:n), shape(scale)), scale)

@@ -2,7 +2,8 @@
 !> artificial damping.
 !>
 !> A value that is the frequency of a tone moves the balance; loads that grow with frequencies go along. Any other value is set in
-!> the document of the model, and what depends on it is made anew. The derivative of the residual by it is exact for frequencies,
+!> the document of the model, and what depends on it is made anew; amplitude or energy of a normal mode stand in equations added to
+!> the balance, which stays. The derivative of the residual by it is exact for frequencies,
 !> and for loads, which the residual is linear in; else a central difference, of what a condensed structure is made from before it
 !> is condensed. Source: docs/why/theory.md, section 6.7.
 module hb_model_problem
@@ -25,6 +26,7 @@ module hb_model_problem
    private
    public :: model_problem_t, moving_value_t, new_model_problem
 
+   character(*), parameter :: mode_group = "normal_mode"
    character(*), parameter :: several = "several"                     ! groups, in which values follow the one that moves
    real(wp), parameter :: apart = 1.0e-5_wp                           ! values of a central difference, relative to the range
 
@@ -49,6 +51,7 @@ module hb_model_problem
       integer :: own = 0                                              !! number of the moving value among the parameters
       integer, allocatable :: which(:)                                !! parameters that are unknown along a curve, the value last
       logical :: moves_frequency = .false.                            !! the value is that of a tone, and loads do not grow with it
+      logical :: moves_mode = .false.                                 !! the value is the amplitude or the energy of a normal mode
       character(:), allocatable :: error_text                         !! why the last value was refused
       real(wp) :: refused = 0.0_wp                                    !! that value
       type(moving_value_t), private :: moving
@@ -93,6 +96,7 @@ contains
       self%has_stiffness = .false.
       self%group = self%document%groups%holders(moving%parameter%i_group)%group%name
       if (document%drives(moving%parameter)) self%group = several
+      self%moves_mode = self%group == mode_group
       self%moves_frequency = self%group == "tones" .and. .not. model%has_inertia_loads
       self%omega_slopes = 0.0_wp*model%tones%omega
       self%xi = self%omega_slopes
@@ -138,7 +142,7 @@ contains
          else
             call new_dynamic_stiffness(stiffness, model%structure, coordinates, &
                model%harmonics%frequencies(model%tones%omega), model%loads, error, &
-               wanted_slopes_t(is_on=has_slopes, loads=model%load_slopes))
+               wanted_slopes_t(is_on=has_slopes, of_motion=model%normal_mode%has_energy, loads=model%load_slopes))
             if (allocated(error)) return
          end if
          call new_balance(self%balance_t, model%harmonics, model%torus, model%tones%omega, stiffness, &
@@ -160,7 +164,7 @@ contains
       class(model_problem_t), intent(inout) :: self
       type(error_t), allocatable :: error
 
-      if (self%moves_frequency) return                                ! they never change
+      if (self%moves_frequency .or. self%moves_mode) return           ! they never change
       call rebuild(self, error)
    end subroutine model_problem_renew
 
@@ -215,6 +219,16 @@ contains
 
       is_possible = .true.
       if (self%is_sound .and. abs(value - self%value) <= 0.0_wp) return
+      if (self%moves_mode) then
+         is_possible = self%is_sound .and. self%value*value > 0.0_wp
+         if (is_possible) then
+            self%value = value
+         else
+            self%error_text = "an amplitude or energy must not be 0"
+            self%refused = value
+         end if
+         return
+      end if
       self%value = value
       self%is_sound = .false.
       if (self%group == "tones") then
@@ -336,6 +350,7 @@ contains
          return
       end if
       derivative = 0.0_wp
+      if (self%moves_mode) return
       if (self%group == "tones") then
          do tone = 1, size(self%omega_slopes)
             if (abs(self%omega_slopes(tone)) <= 0.0_wp) cycle

@@ -1,5 +1,5 @@
 !> A problem with some of its parameters unknown: x = (unknowns of the base problem, these parameters), and as many further
-!> equations, each a linear form of all unknowns that has a given value. The last one may be any function instead.
+!> equations, each a linear form of all unknowns that has a given value. One of them may be any function instead.
 !>
 !> Products with the tangent and their preconditioner by block elimination:
 !>
@@ -28,7 +28,8 @@ module hb_bordered
       integer, allocatable :: which(:)                                !! parameters of the base problem that are unknown
       real(wp), allocatable :: forms(:, :)                            !! (n_unknowns, added equations)
       real(wp), allocatable :: values(:)                              !! of the forms, (added equations)
-      class(row_t), allocatable :: row                                !! has the last of the values; its form is found anew
+      class(row_t), allocatable :: row                                !! has one of the values; its form is found anew
+      integer :: row_at = 0                                           !! which of the values
       logical, allocatable :: is_held(:)                              !! unknowns of the base problem held at zero; none if not
                                                                       !! allocated
       real(wp), allocatable :: units_across(:)                     !! where another curve of solutions crosses: of lengths, in which
@@ -98,6 +99,7 @@ contains
       self%forms(:size(forms, 1), :) = forms
       self%values = values
       if (present(row)) self%row = row
+      self%row_at = size(values)
       allocate (self%border(self%n_base, size(which)))
       call self%rescale()
    end subroutine new_bordered_problem
@@ -109,7 +111,7 @@ contains
 
       self%x_scale = [self%base%x_scale, self%base%parameter_scales(self%which)]
       self%r_scale = [self%base%r_scale, (norm2(self%forms(:, i)*self%x_scale), i=1, size(self%values))]
-      if (allocated(self%row)) self%r_scale(self%n_unknowns) = abs(self%values(size(self%values)))
+      if (allocated(self%row)) self%r_scale(self%n_base + self%row_at) = abs(self%values(self%row_at))
    end subroutine bordered_rescale
 
    !> A vector of unknowns: those of the base problem, and the parameters at which it stands.
@@ -144,7 +146,7 @@ contains
       associate (n => self%n_base)
          call self%base%residual(x(:n), r(:n))
          r(n + 1:) = matmul(x, self%forms) - self%values
-         if (allocated(self%row)) r(self%n_unknowns) = self%row%value(self%base, x) - self%values(size(self%values))
+         if (allocated(self%row)) r(n + self%row_at) = self%row%value(self%base, x) - self%values(self%row_at)
          if (allocated(self%is_held)) then
             where (self%is_held) r(:n) = x(:n)*self%r_scale(:n)/self%x_scale(:n)
          end if
@@ -168,7 +170,7 @@ contains
          self%tangent_work = self%base%tangent_work
          jacobian(:n, :n) = block
          call take_failure(self)
-         if (allocated(self%row)) call self%row%gradient(self%base, x, self%forms(:, size(self%values)))
+         if (allocated(self%row)) call self%row%gradient(self%base, x, self%forms(:, self%row_at))
          jacobian(n + 1:, :) = transpose(self%forms)
          call self%find_border(x, self%border)
          jacobian(:n, n + 1:) = self%border
@@ -204,7 +206,7 @@ contains
       call self%move_to(x, is_ready)
       if (.not. is_ready) return
       call self%find_border(x, self%border)
-      if (allocated(self%row)) call self%row%gradient(self%base, x, self%forms(:, size(self%values)))
+      if (allocated(self%row)) call self%row%gradient(self%base, x, self%forms(:, self%row_at))
       call self%base%linearise(x(:self%n_base), is_ready)
       call take_failure(self)
    end subroutine bordered_linearise

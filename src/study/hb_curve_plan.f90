@@ -178,8 +178,9 @@ contains
          end if
       end if
       associate (name => document%groups%holders(self%moving%parameter%i_group)%group%name)
-         if (.not. any(moving_groups == name)) call fail(error, self%place//": parameter '"//shown(self%path)// &
-            "': a curve follows a number of &structure, &tones, &load or &law; give others to &sweep")
+         if (.not. any([character(len(moving_groups)) :: moving_groups, "normal_mode"] == name)) &
+            call fail(error, self%place//": parameter '"//shown(self%path)// &
+                      "': a curve follows a number of &structure, &tones, &load, &law or &normal_mode; give others to &sweep")
          if (name /= "tones" .and. self%moving%is_tied) &
             call fail(error, self%place//": tie: 'ratio' is for the frequency of a tone")
       end associate
@@ -229,14 +230,21 @@ contains
       type(document_t), intent(in) :: document
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: error_text
-      logical :: is_tones
+      logical :: is_mode, is_tones
 
       error_text = ""
-      is_tones = document%groups%holders(self%moving%parameter%i_group)%group%name == "tones"
+      associate (name => document%groups%holders(self%moving%parameter%i_group)%group%name)
+         is_tones = name == "tones"
+         is_mode = name == "normal_mode"
+      end associate
       if (.not. document%is_real(self%moving%parameter)) then
          error_text = "is no real number; only such can move by and by"
-      else if (model%normal_mode%is_asked .and. model%normal_mode%has_energy) then
+      else if (model%normal_mode%has_energy .and. .not. is_mode) then
          error_text = "a curve keeps the amplitude of a &normal_mode, not its energy"
+      else if (is_mode .and. document%drives(self%moving%parameter)) then
+         error_text = "no &tie may follow what a curve moves in &normal_mode"
+      else if (is_mode .and. min(self%from*self%start, self%to*self%start) <= 0.0_wp) then
+         error_text = "an amplitude or energy is not 0, and keeps its sign on a curve"
       else if (size(model%laws) == 0) then
          error_text = "a curve needs at least one &law; without any, a &sweep shows all there is"
       end if

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from nhbm_post.reader import Results
+from scipy.integrate import solve_ivp
 
 import shooting
 from program import ALL_CONVERGED, BAD_INPUT, INCOMPLETE, NOT_ALL_CONVERGED, read, run, solve
@@ -41,6 +42,13 @@ KINK = """
 &law type = 'jenkins', dof = 'x2', stiffness = 10.0, limit = 0.0585 /
 &law type = 'elastic_stop', dof = 'x2', stiffness = 25.8, gap = 0.0103, two_sided = .true. /
 &curve parameter = 'tones%frequency', from = 0.423, to = 1.0 /
+"""
+MODE = """
+&structure type = 'chain', n_masses = 2, ends = 'fixed', mass = 1.0, coupling_stiffness = 1.0 /
+&tones unknown = .true. /
+&harmonics order = 21, odd_only = .true. /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /
+&normal_mode mode = 1 /
 """
 RIDGE = "parameter = 'load(1)%cos', from = 0.18, to = 0.1, follow = 'fold'"
 UNUSED, PENDING, COLLAPSED = 17, 0, 10
@@ -367,6 +375,49 @@ def test_progress_counts_points_and_not_the_room_for_them(tmp_path):
     done = run("solve", "curve.nml", cwd=tmp_path)
     n_points = re.search(r"(\d+) of \1 points converged", done.stdout)[1]
     assert done.stderr.splitlines()[-1].startswith(f"{n_points} points, ") and "used all" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("keys", "says"),
+    [
+        ("from = 0.0, to = 5.0", "must be above 0"),
+        ("from = 1.0, to = 0.0", "is not 0, and keeps its sign"),
+        ("from = 1.0, to = 5.0 /\n&tie parameter = 'law(1)%stiffness', to = 'normal_mode%energy'", "no &tie may follow"),
+    ],
+)
+def test_what_is_wrong_with_a_curve_over_the_energy_is_said(tmp_path, keys, says):
+    (tmp_path / "bad.nml").write_text(MODE + f"&curve parameter = 'normal_mode%energy', {keys} /\n")
+    done = run("solve", "bad.nml", cwd=tmp_path)
+    assert done.status == BAD_INPUT and says in done.stderr, done.stderr
+
+
+def test_motions_on_a_tongue_repeat_in_time(tmp_path):
+    """Motions along the whole tongue, integrated over one period from where the balance has them."""
+    path = solve((INPUTS / "gallery" / "two_masses_tongue.nml").read_text().replace("order = 31", "order = 51"), tmp_path)
+    status, energies, omegas, coefficients = read(path, "status", "normal_mode_energy", "frequency", "coefficients")
+    orders = read(path, "tuple")[:, 0]
+    on_tongue = np.flatnonzero((status == 1) & (energies > 1000.0))
+    assert on_tongue.size > 60
+
+    def rate(t, y):
+        return [*y[2:], -2.0 * y[0] + y[1] - 0.5 * y[0] ** 3, y[0] - 2.0 * y[1]]
+
+    for point in on_tongue[::8]:
+        omega, cosines, sines = omegas[point, 0], *np.moveaxis(coefficients[point], -1, 0)
+        start = np.concatenate([cosines.sum(axis=1), omega * sines @ orders])
+        period = solve_ivp(rate, (0.0, 2.0 * np.pi / omega), start, method="DOP853", rtol=1e-12, atol=1e-12)
+        assert np.linalg.norm(period.y[:, -1] - start) < 1e-8 * np.linalg.norm(start), energies[point]
+
+
+def test_curves_over_the_energy_go_on_bit_by_bit(tmp_path):
+    text = MODE + "&curve parameter = 'normal_mode%energy', from = 3000.0, to = 5000.0, points = 100 /\n"
+    path = solve(text, tmp_path)
+    assert "fold" in Results(path).curve_kind()
+    broken = shutil.copy(path, tmp_path / "broken.h5")
+    with h5py.File(broken, "r+") as file:
+        file["status"][9:] = PENDING
+    assert run("resume", broken, cwd=tmp_path).status == ALL_CONVERGED
+    assert_same_bits(path, broken, "normal_mode_energy")
 
 
 @pytest.mark.parametrize(

@@ -182,6 +182,14 @@ def test_rotors_turn_with_their_tones():
         model.curve("structure%speed(1)", 60.0, 66.0)
 
 
+def test_curves_run_over_the_energy_of_a_mode():
+    model = Model(nhbm.Chain(n_masses=2, ends="fixed", mass=1.0, coupling_stiffness=1.0), tones={"unknown": True},
+                  normal_mode={"energy": 1.0})  # fmt: skip
+    model.law("cubic_spring", "x1", stiffness=0.5)
+    curve = model.curve("normal_mode%energy", 3000.0, 5000.0, tolerance=1e-6)
+    assert curve["normal_mode_energy"].values[curve["curve_kind"] == 3] == pytest.approx([4680.546293], rel=1e-8)
+
+
 def test_models_are_sent_with_their_values():
     """Pickled, with laws of Python and values set since; executors with `map`, that of Dask where it is there."""
     model = duffing(spring=True)
