@@ -17,6 +17,7 @@ module hb_normal_mode
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_text, only: to_text
+   use hb_thresholds, only: faint, rounding
    implicit none
    private
    public :: find_mode_of_energy, find_normal_mode, normal_mode_t
@@ -105,9 +106,14 @@ contains
       logical, intent(in) :: has_start
       real(wp), intent(inout) :: u(:, :)
 
+      real(wp) :: before
+
       if (has_start) then
+         before = size_of_fundamental()
          call solve_at(search, goal, 1.0_wp, search%config, .false., u)
-         if (search%report%status == outcome%converged) return
+         if (search%report%status == outcome%converged .and. &
+             size_of_fundamental() > max(faint*before, rounding*norm2(u))) return   ! else a motion of another mode
+         search%report%status = outcome%pending
       end if
       if (size(search%modes) == 0) then
          search%report%status = outcome%no_motion
@@ -115,6 +121,17 @@ contains
          return
       end if
       call continue_from_mode(search, goal, u)
+
+   contains
+
+      pure real(wp) function size_of_fundamental()
+         integer :: h
+
+         associate (set => search%balance%harmonics)
+            h = fundamental(set, search%tones(1))
+            size_of_fundamental = norm2(u([set%cos_at(h), set%sin_at(h)], :))
+         end associate
+      end function size_of_fundamental
    end subroutine find
 
    !> Follows the motions with artificial damping from a small one in the linear mode, until one has what is requested.
