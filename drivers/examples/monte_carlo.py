@@ -3,8 +3,8 @@
 usage: monte_carlo.py [SAMPLES [PROCESSES]]
 
 A mass on a spring, of frequency 1 rad/s, with a stop behind a gap and a slider: the gap is uniform between 0.8 and 1.6 mm, the
-friction limit lognormal about 0.1 mN with a spread of 30 %. Of each sample the largest amplitude over the frequency is found. Beside it
-the standard deviation to first order, from the derivatives of a single motion.
+friction limit lognormal about 0.1 mN with a spread of 30 %. Of each sample the largest amplitude over the frequency is found.
+Beside it the standard deviation to first order, from the derivatives of a single motion.
 """
 
 import functools

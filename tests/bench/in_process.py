@@ -58,7 +58,8 @@ def main() -> None:
     try:
         from nhbm.numba_laws import compiled
 
-        force = compiled(lambda q, v, p: p[0] * q * q * q, lambda q, v, p: (3 * p[0] * q * q, 0.0), velocity=False, odd=True, degree=3)
+        cubic = (lambda q, v, p: p[0] * q * q * q, lambda q, v, p: (3 * p[0] * q * q, 0.0))
+        force = compiled(*cubic, velocity=False, odd=True, degree=3)
         laws["Numba"] = force, {"parameters": [0.1]}
     except ImportError:
         pass

@@ -102,7 +102,8 @@ def test_a_curve_tells_what_it_found(tmp_path):
 def test_a_curve_says_that_it_begins_at_the_other_end(tmp_path):
     """Nothing moves at the first end, where rest is unstable and the &start is no motion."""
     (tmp_path / "pumped.nml").write_text(
-        "&structure type = 'chain', n_masses = 1, ends = 'fixed-free', mass = 0.3, coupling_stiffness = 120.0, damping_mass = 0.12 /\n"
+        "&structure type = 'chain', n_masses = 1, ends = 'fixed-free', mass = 0.3, coupling_stiffness = 120.0,\n"
+        "           damping_mass = 0.12 /\n"
         "&tones frequency = 20.0 /\n&law type = 'parametric', dof = 'x1', tuple = 2, stiffness_cos = 30.0 /\n"
         "&law type = 'cubic_spring', dof = 'x1', stiffness = 4.0e4 /\n&start dof = 'x1', tuple = 1, cos = 0.02 /\n"
         "&curve parameter = 'tones%frequency', from = 20.0, to = 26.0 /\n"

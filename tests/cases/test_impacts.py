@@ -7,7 +7,8 @@ from program import read, run
 from scipy.optimize import fsolve
 
 W, D, E = 2.6, 0.1, 0.8  # tone, damping, restitution of a unit mass on a unit spring under a unit load
-MODEL = """&structure type='chain', n_masses=1, ends='free', mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1 /
+MODEL = """&structure type='chain', n_masses=1, ends='free', mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0,
+           damping_mass=0.1 /
 &tones frequency={tone} /
 &load dof='x1', tuple={tuple}, cos=1.0 /
 &law type='rigid_wall', dof='x1', gap=0.0{law} /
@@ -19,7 +20,10 @@ def flight(t0, x0, v0, t):
     """Place and velocity at t of the mass that is free since t0."""
     z, steady = D / 2, 1 / (1 - W**2 + 1j * W * D)
     wd = np.sqrt(1 - z**2)
-    forced = lambda s: ((steady * np.exp(1j * W * s)).real, (1j * W * steady * np.exp(1j * W * s)).real)
+
+    def forced(s):
+        return (steady * np.exp(1j * W * s)).real, (1j * W * steady * np.exp(1j * W * s)).real
+
     a = x0 - forced(t0)[0]
     b = (v0 - forced(t0)[1] + z * a) / wd
     c, s, decay = np.cos(wd * (t - t0)), np.sin(wd * (t - t0)), np.exp(-z * (t - t0))

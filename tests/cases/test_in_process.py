@@ -195,7 +195,8 @@ def test_time_integration_has_the_bits_of_the_command(text, tmp_path):
 SCRIPT = """
 import numpy as np, nhbm
 {law}
-model = nhbm.Model(nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1), tones=[2.0])
+mass = nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1)
+model = nhbm.Model(mass, tones=[2.0])
 model.load("x1", 1, cos=0.1)
 {use}
 print("points", model.sweep({{"tones[0]": np.linspace(2.0, 3.0, 4)}}, workers=2).sizes["point"])

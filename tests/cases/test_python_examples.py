@@ -88,7 +88,7 @@ def test_fit_finds_the_stop_of_the_measurement():
 
 @pytest.mark.long  # seconds
 def test_a_dual_rotor_runs_up_with_its_rub():
-    """Before and behind the speed where the disk reaches the casing; the motion at a tenth of the tolerance is the same within it."""
+    """Before and behind the speed where the disk reaches the casing; the motion at a tenth of the tolerance agrees within it."""
     motions = dual_rotor.main(speeds=[350.0, 400.0, 430.0])
     assert motions.sizes["dof"] == 224 and motions.nhbm.is_converged.all()
     pushed = abs(motions["force_coefficients"]).sel(law_dof="n3.x").max(("harmonic", "component")).values

@@ -1,4 +1,4 @@
-"""Polynomials of several coordinates whose terms stand in a file: the same as from lists, what is wrong is named, changes are seen."""
+"""Polynomials of several coordinates whose terms stand in a file: as from lists, what is wrong is named, changes are seen."""
 
 import itertools
 import os
@@ -22,8 +22,8 @@ def table(terms):
 
 
 def oscillators(**law):
-    model = nhbm.Model(nhbm.Matrices(mass=np.eye(2), damping=np.diag([0.05, 0.1]), stiffness=np.diag([1.0, 4.0]), labels=["a", "b"]),
-                       tones=[1.3])  # fmt: skip
+    matrices = nhbm.Matrices(mass=np.eye(2), damping=np.diag([0.05, 0.1]), stiffness=np.diag([1.0, 4.0]), labels=["a", "b"])
+    model = nhbm.Model(matrices, tones=[1.3])
     model.load("a", 1, cos=0.3)
     model.law("polynomial_coupled", ["a", "b"], label="shape", **law)
     return model
@@ -41,7 +41,8 @@ def test_a_file_is_as_good_as_lists(tmp_path):
 
 
 @pytest.mark.parametrize("line, message", [
-    ("abc a a", "line 3: 'abc' is no number"), ("inf a a", "line 3: 'inf' is no number"), ("1.0 a c", "line 3: 'c' is none of 'dofs'"),
+    ("abc a a", "line 3: 'abc' is no number"), ("inf a a", "line 3: 'inf' is no number"),
+    ("1.0 a c", "line 3: 'c' is none of 'dofs'"),
     ("1.0 a", "line 3: a term needs a number"), ("1.0 a" + 31 * " b", "line 3: a degree of freedom stands more than 30 times"),
     ("", "has no terms"),
 ])  # fmt: skip

@@ -89,7 +89,8 @@ class Model:
                 self._groups["tones"] = {"frequency": [float(omega) for omega in np.atleast_1d(tones)]}
             except (TypeError, ValueError):
                 raise ModelError(
-                    f"tones are frequencies [rad/s] or keys of &tones such as {{'unknown': True}} or {{'hertz': 50.0}}, not {tones!r}"
+                    "tones are frequencies [rad/s] or keys of &tones such as {'unknown': True} or {'hertz': 50.0}, "
+                    f"not {tones!r}"
                 ) from None
         for name, keys in groups.items():
             self.set(name, **keys)
