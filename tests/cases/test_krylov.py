@@ -27,7 +27,12 @@ LOCATED = [3, 4, 7, 8, 9, 10, 11]  # fold, peak, branch, flip, torus, split, gra
 def solved(source: Path, method: str, folder: Path) -> tuple[np.ndarray, ...]:
     """Coefficients, statuses, and the branch of each point that may be elsewhere on its curve; 0: none."""
     result = folder / f"{method}.h5"
-    settings = (f"solver%method='{method}'", "certificate%is_on=.false.", "stability%method='off'")  # neither asks the solver
+    settings = (
+        f"solver%method='{method}'",
+        "solver%tolerance=1e-12",
+        "certificate%is_on=.false.",  # neither asks the solver
+        "stability%method='off'",
+    )
     options = [word for setting in settings for word in ("--set", setting)]
     done = run("solve", source, "--output", result, *options, cwd=folder)
     assert "converged" in done.stdout, done.stderr

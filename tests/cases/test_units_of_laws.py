@@ -53,7 +53,7 @@ LAWS = {
     "elastic_stop": {"dof": "'x1'", "stiffness": (5.0, *STIFFNESS), "gap": (0.3, *L)},
     "electrostatic": {
         "dof": "'x1'",
-        "coefficient": (0.5, 1, 3),
+        "coefficient": (0.5, 1, 2),
         "gap": (3.0, *L),
         "voltage": 1.2,
         "tuple": 2,
