@@ -143,9 +143,11 @@ contains
          tones%omega(which) = self%further(:n_unknown)
          if (found%normal_mode%is_asked) which = [which, tones%n_tones + which]
       end associate
-      if (found%accuracy%is_on) then
+      if (found%accuracy%is_on .or. any(level%n_samples /= found%torus%n_samples)) then
          call put_on_level(found, self%model, level, error)
          if (allocated(error)) return
+      end if
+      if (found%accuracy%is_on) then
          found%certificate%is_on = .true.
          found%certificate%truncation = found%accuracy%tolerance
          found%certificate%aliasing = found%accuracy%tolerance

@@ -29,19 +29,39 @@ module hb_gradient
    use hb_tuple_choice, only: new_doubled_set
    implicit none
    private
-   public :: find_gradient
+   public :: differentiable_t, find_gradient, keep_slope, refine, zero_gradient
 
    real(wp), parameter :: apart = 1.0e-5_wp                           ! a step, relative to the value: differences of its sides lose
                                                                       ! half of the digits at most, their errors are of its square
    real(wp), parameter :: accuracy = 1.0e-11_wp                       ! of solutions from products
 
-   !> The motion that is differentiated.
-   type :: known_t
+   !> A motion that may be differentiated on any set and grid.
+   type, abstract :: differentiable_t
+   contains
+      procedure(differentiate_on), deferred :: differentiate
+   end type differentiable_t
+
+   abstract interface
+      !> Its derivatives on a set and grid; nothing is known where a tangent is singular, or nothing is found.
+      subroutine differentiate_on(self, level, gradient, error)
+         import :: differentiable_t, error_t, gradient_t, level_t
+         class(differentiable_t), intent(inout) :: self
+         type(level_t), intent(in) :: level                           !! without unknowns
+         type(gradient_t), intent(out) :: gradient
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine differentiate_on
+   end interface
+
+   !> The motion of given values.
+   type, extends(differentiable_t) :: known_t
+      type(document_t) :: document                                    ! from which its model was read
       type(model_t) :: model                                          ! on its set and grid, at its frequencies
       integer, allocatable :: tones(:)                                ! unknown ones
       real(wp), allocatable :: x(:)                                   ! coefficients, then the unknown frequencies
       real(wp), allocatable :: residual(:)                            ! there, of the balance
       integer :: n = 0                                                ! coefficients
+   contains
+      procedure :: differentiate => known_differentiate
    end type known_t
 
 contains
@@ -56,19 +76,22 @@ contains
       type(error_t), allocatable :: error
       type(known_t) :: known
       type(coordinates_t) :: coordinates
+      type(level_t) :: own
       integer :: k, m
 
+      own = level_t(level%set, level%n_samples)
       associate (by => model%gradient%by, gradient => result%gradient)
          coordinates = coordinates_of(model)
          if (size(by) == 0 .or. .not. is_solved(result%status) .or. .not. allocated(result%coefficients)) return
          if (any(result%status == [outcome%time_domain, outcome%several])) return ! it is none of a balance
          if (coordinates%n > 0 .and. .not. allocated(unknowns)) return
+         known%document = document
          known%model = model
-         call put_on_level(known%model, model, level, error)
+         call put_on_level(known%model, model, own, error)
          call give_up()
          if (allocated(error)) return
          if (coordinates%n == 0) then
-            gradient = zero_gradient(known%model)
+            gradient = zero_gradient(known%model, known%model%harmonics)
             do k = 1, size(by)
                call differentiate_linear(known, document, k, gradient, error)
                if (allocated(error)) exit
@@ -81,9 +104,9 @@ contains
          known%tones = pack([(m, m=1, model%tones%n_tones)], model%tones%is_unknown)
          known%x = [unknowns(:known%n), known%model%tones%omega(known%tones)]
       end associate
-      call differentiate(known, document, result%gradient, error)
+      call differentiate(known, result%gradient, error)
       call give_up()
-      if (allocated(result%gradient%coefficients)) call refine(known, document, result%gradient)
+      if (allocated(result%gradient%coefficients)) call refine(known, known%model, own, result%gradient)
 
    contains
 
@@ -132,54 +155,45 @@ contains
       end associate
    end subroutine differentiate_linear
 
-   !> Differentiates the same motion in wider sets, corrected there, and on finer grids. A derivative needs tuples that the motion
+   !> Differentiates the same motion in wider sets and on finer grids. A derivative needs tuples that the motion
    !> hardly has, such as those that a load of amplitude zero would excite, and where contact or friction changes is known to a sample,
    !> which hardly matters to the motion and much to its derivatives. What is free by tolerance is made wider and finer until the
    !> derivatives change by less than the tolerance; a set that is given rules them, and so does a grid, whose change is told.
-   subroutine refine(known, document, gradient)
-      type(known_t), intent(inout) :: known
-      type(document_t), intent(in) :: document
+   subroutine refine(motion, model, own, gradient)
+      class(differentiable_t), intent(inout) :: motion
+      type(model_t), intent(in) :: model
+      type(level_t), intent(in) :: own                                !! of the derivatives at hand
       type(gradient_t), intent(inout) :: gradient
       real(wp), parameter :: largest = 2.0e5_wp                       ! samples; motions have up to 10 times as many
       type(gradient_t) :: finer
       type(error_t), allocatable :: error
-      type(harmonics_t) :: own
-      type(level_t) :: next
-      type(model_t) :: before
+      type(level_t) :: before, next
       integer :: k
       logical :: is_exact, refines_set, refines_grid
 
-      associate (model => known%model)
-         own = model%harmonics
-         is_exact = degree_of(model) > 0
-         refines_set = model%accuracy%is_on .and. model%accuracy%grows_set
-         refines_grid = model%accuracy%is_on .and. model%accuracy%refines_grid
-         if (is_exact .and. .not. refines_set) return
-         gradient%estimate = ieee_value(1.0_wp, ieee_quiet_nan)       ! unless there is room to look
-         do
-            before = model
-            next = level_t(before%harmonics, before%torus%n_samples)
-            if (refines_set) call new_doubled_set(next%set, before%harmonics, error)
-            if (allocated(error)) return
-            if (is_exact .and. refines_grid) next%n_samples = needed_samples(next%set%highest, degree_of(model))
-            if (.not. is_exact) next%n_samples = 2*next%n_samples
-            if (product(real(next%n_samples, wp)) >= largest .or. any(next%n_samples <= 2*next%set%highest) .or. &
-                next%set%n_harmonics > model%accuracy%max_harmonics) return
-            call put_on_level(model, before, next, error)
-            if (allocated(error)) return
-            known%x = carry(before%harmonics, next%set, known%x, size(known%tones))
-            known%n = size(known%x) - size(known%tones)
-            deallocate (known%residual)
-            call differentiate(known, document, finer, error, corrects=refines_set)
-            if (allocated(error) .or. .not. allocated(finer%coefficients)) return
-            finer%coefficients = in_set(finer%coefficients, next%set, own)
-            finer%estimate = [(norm2(finer%coefficients(:, :, :, k) - gradient%coefficients(:, :, :, k))/ &
-                               max(norm2(finer%coefficients(:, :, :, k)), tiny(1.0_wp)), k=1, size(finer%estimate))]
-            gradient%estimate = finer%estimate
-            if (refines_set .or. refines_grid) gradient = finer
-            if (.not. (refines_set .or. refines_grid) .or. all(finer%estimate <= model%accuracy%tolerance)) return
-         end do
-      end associate
+      is_exact = degree_of(model) > 0
+      refines_set = model%accuracy%is_on .and. model%accuracy%grows_set
+      refines_grid = model%accuracy%is_on .and. model%accuracy%refines_grid
+      if (is_exact .and. .not. refines_set) return
+      gradient%estimate = ieee_value(1.0_wp, ieee_quiet_nan)          ! unless there is room to look
+      next = own
+      do
+         before = next
+         if (refines_set) call new_doubled_set(next%set, before%set, error)
+         if (allocated(error)) return
+         if (is_exact .and. refines_grid) next%n_samples = needed_samples(next%set%highest, degree_of(model))
+         if (.not. is_exact) next%n_samples = 2*next%n_samples
+         if (product(real(next%n_samples, wp)) >= largest .or. any(next%n_samples <= 2*next%set%highest) .or. &
+             next%set%n_harmonics > model%accuracy%max_harmonics) return
+         call motion%differentiate(next, finer, error)
+         if (allocated(error) .or. .not. allocated(finer%coefficients)) return
+         finer%coefficients = in_set(finer%coefficients, next%set, own%set)
+         finer%estimate = [(norm2(finer%coefficients(:, :, :, k) - gradient%coefficients(:, :, :, k))/ &
+                            max(norm2(finer%coefficients(:, :, :, k)), tiny(1.0_wp)), k=1, size(finer%estimate))]
+         gradient%estimate = finer%estimate
+         if (refines_set .or. refines_grid) gradient = finer
+         if (.not. (refines_set .or. refines_grid) .or. all(finer%estimate <= model%accuracy%tolerance)) return
+      end do
    end subroutine refine
 
    !> Coefficients of the tuples of another set, of which `set` has all.
@@ -193,20 +207,38 @@ contains
    end function in_set
 
    !> Derivatives that are all zero.
-   pure function zero_gradient(model) result(gradient)
+   pure function zero_gradient(model, set) result(gradient)
       type(model_t), intent(in) :: model
+      type(harmonics_t), intent(in) :: set
       type(gradient_t) :: gradient
 
       associate (n => size(model%gradient%by))
-         allocate (gradient%coefficients(2, model%harmonics%n_harmonics, size(model%output%dofs), n), source=0.0_wp)
-         allocate (gradient%frequency(model%tones%n_tones, n), gradient%defect(n), gradient%estimate(n), source=0.0_wp)
+         allocate (gradient%coefficients(2, set%n_harmonics, size(model%output%dofs), n), source=0.0_wp)
+         allocate (gradient%frequency(model%tones%n_tones, n), source=0.0_wp)
+         allocate (gradient%position(n), gradient%defect(n), gradient%estimate(n), source=0.0_wp)
       end associate
    end function zero_gradient
 
+   !> Differentiates the motion on another set and grid, by a step of Newton's method from where it is.
+   subroutine known_differentiate(self, level, gradient, error)
+      class(known_t), intent(inout) :: self
+      type(level_t), intent(in) :: level
+      type(gradient_t), intent(out) :: gradient
+      type(error_t), allocatable, intent(out) :: error
+      type(model_t) :: before
+
+      before = self%model
+      call put_on_level(self%model, before, level, error)
+      if (allocated(error)) return
+      self%x = carry(before%harmonics, level%set, self%x, size(self%tones))
+      self%n = size(self%x) - size(self%tones)
+      deallocate (self%residual)
+      call differentiate(self, gradient, error, corrects=level%set%n_harmonics > before%harmonics%n_harmonics)
+   end subroutine known_differentiate
+
    !> Differentiates by each of the values; nothing is known where the tangent is singular.
-   subroutine differentiate(known, document, gradient, error, corrects)
+   subroutine differentiate(known, gradient, error, corrects)
       type(known_t), intent(inout) :: known
-      type(document_t), intent(in) :: document
       type(gradient_t), intent(out) :: gradient
       type(error_t), allocatable, intent(out) :: error
       logical, intent(in), optional :: corrects                       !! the motion by a step of Newton's method before
@@ -219,8 +251,8 @@ contains
       integer :: attempt, k
       logical :: is_found, is_lost
 
-      associate (by => known%model%gradient%by, n => known%n)
-         gradient = zero_gradient(known%model)
+      associate (by => known%model%gradient%by, document => known%document, n => known%n)
+         gradient = zero_gradient(known%model, known%model%harmonics)
          call put_on(here, by(1), 1.0_wp)
          if (allocated(error)) return
          problem => here
@@ -254,7 +286,7 @@ contains
          end do
       end associate
       is_lost = is_lost .or. work_is_over()
-      if (is_lost) deallocate (gradient%coefficients, gradient%frequency, gradient%defect, gradient%estimate)
+      if (is_lost) gradient = gradient_t()
       call here%destroy()
       call moved%destroy()
 
@@ -266,8 +298,8 @@ contains
          real(wp), intent(in) :: typical
          real(wp) :: at
 
-         call document%number_at(parameter, at, is_found)
-         call new_model_problem(problem, known%model, document, moving_value_t(parameter, typical), at, &
+         call known%document%number_at(parameter, at, is_found)
+         call new_model_problem(problem, known%model, known%document, moving_value_t(parameter, typical), at, &
                                 known%model%memory_limit, error)
       end subroutine put_on
    end subroutine differentiate

@@ -69,6 +69,7 @@ module hb_model_problem
       procedure :: set_parameters => model_problem_set_parameters
       procedure :: move_to_point => model_problem_move_to_point
       procedure :: parameter_derivative => model_problem_parameter_derivative
+      procedure :: document_here => model_problem_document_here
       procedure :: renew => model_problem_renew
       procedure :: roughness => model_problem_roughness
    end type model_problem_t
@@ -109,9 +110,8 @@ contains
             self%omega_slopes = self%omega_slopes(tone)*(model%tones%omega/model%tones%omega(tone))
             self%omega_at_zero = 0.0_wp
          end if
-      else if (moving%is_tied) then
-         self%ratios = model%tones%omega/model%tones%omega(max(1, moving%parameter%element(1)))
       end if
+      if (moving%is_tied) self%ratios = model%tones%omega/model%tones%omega(max(1, moving%parameter%element(1)))
       call rebuild(self, error)
    end subroutine new_model_problem
 
@@ -291,6 +291,15 @@ contains
          call self%document%set(tone, self%ratios(i)*value)
       end do
    end subroutine set_value
+
+   !> The document of the model at the present value, a frequency as well.
+   function model_problem_document_here(self) result(document)
+      class(model_problem_t), intent(inout) :: self
+      type(document_t) :: document
+
+      call set_value(self, self%value)
+      document = self%document
+   end function model_problem_document_here
 
    pure function model_problem_parameters(self, which) result(values)
       class(model_problem_t), intent(in) :: self

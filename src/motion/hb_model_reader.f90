@@ -315,8 +315,8 @@ contains
       group => document%optional_group("gradient")
       call group%get("by", paths)
       if (.not. allocated(paths)) return                              ! which has been reported
-      if (document%count("normal_mode") > 0 .or. self%callbacks%is_followed) then
-         call group%problem("by", "is for points and sweeps of motions; leave the group out with &curve and &normal_mode")
+      if (document%count("normal_mode") > 0) then
+         call group%problem("by", "is for motions; leave the group out with &normal_mode")
          return
       end if
       do i = 1, size(paths)

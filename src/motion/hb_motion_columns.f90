@@ -243,6 +243,10 @@ contains
          m%gradient%estimate)
       call t%real("gradient_defect", "1", "gradient_value", &
          "how far the motion is from one with these derivatives a small step on; not small at a kink", m%gradient%defect)
+      t%is_there = t%has_gradient .and. t%has_curve
+      call t%real("position_gradient", "1", "gradient_value", &
+         "derivatives of the value along the curve at a located point, such as a fold or peak; 0 at all others", &
+         m%gradient%position)
       t%is_there = .true.
    end subroutine gradient_columns
 

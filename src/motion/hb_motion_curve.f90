@@ -10,6 +10,7 @@ module hb_motion_curve
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
    use hb_curve_events, only: square_at
+   use hb_curve_gradient, only: find_curve_gradient
    use hb_curve_origin, only: find_direction, find_null_vector
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_curve_sets, only: settle, step_to_tolerance
@@ -551,6 +552,7 @@ contains
          if (allocated(result%stability%multipliers)) place%angle = angle_of_pair(result%stability%multipliers)
       end select
       result%curve = place
+      call find_curve_gradient(self, point, result)
    end subroutine tell
 
    !> Notes what a point has taken.

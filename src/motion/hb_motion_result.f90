@@ -31,6 +31,7 @@ module hb_motion_result
    type :: gradient_t
       real(wp), allocatable :: coefficients(:, :, :, :) !! (cos and sin, n_harmonics, n_dofs, values)
       real(wp), allocatable :: frequency(:, :)          !! [rad/s], (n_tones, values)
+      real(wp), allocatable :: position(:)              !! of the value along a curve, at a point that is located there (values)
       real(wp), allocatable :: estimate(:)              !! change of the coefficients' on a finer grid, relative (values)
       real(wp), allocatable :: defect(:)                !! what the equations are off by where value and motion have taken a small
                                                         !! step, relative to what the step of the value alone does

@@ -94,6 +94,47 @@ def test_motions_by_time_integration_have_none():
     assert "gradient" not in model.solve(order=9)
 
 
+def test_peaks_have_derivatives():
+    """Of the largest response and its frequency: a damper, and an oscillator that strikes its stop."""
+    for model, value, at, ends in ((damper(), "damper.limit", 0.035, (0.8, 1.1)), (stopped(), "stop.gap", 0.3, (0.9, 1.5))):
+        found = model.peak_gradient("x1 (1)", [value], "tones[0]", *ends, order=7)
+        sides = []
+        for side in (1.001, 0.999):
+            model[value] = side * at
+            sides.append(model.peak("x1 (1)", "tones[0]", *ends, order=7))
+        by_value, by_place = (np.array(sides[0]) - sides[1]) / (0.002 * at)
+        assert found.slopes[0] == pytest.approx(by_value, rel=1e-3)
+        assert found.at_slopes[0] == pytest.approx(by_place, rel=1e-3)
+
+
+def stopped():
+    chain = nhbm.Chain(n_masses=2, ends="fixed-free", mass=1.0, coupling_stiffness=1.0, damping_mass=0.05)
+    model = nhbm.Model(chain, tones=[0.3])
+    model.load("x1", 1, cos=0.4)
+    model.law("elastic_stop", "x2", stiffness=3.0, gap=0.3, label="stop")
+    return model
+
+
+def test_folds_and_bifurcations_move_with_a_value():
+    """Flips, a fold and tori of two masses and a stop, against those of two other gaps."""
+
+    def curve(gap, **groups):
+        model = stopped()
+        model["stop.gap"], model["tones[0]"] = gap, 0.45
+        for name, keys in groups.items():
+            model.set(name, **keys)
+        found = model.curve("tones[0]", 0.45, 0.3, order=7)
+        return found.isel(point=np.isin(found["curve_kind"], (3, 8, 9)))
+
+    here, above, below = curve(0.3, gradient={"by": ["law(stop)%gap"]}), curve(0.3001), curve(0.2999)
+    kinds = here["curve_kind"].values
+    assert set(kinds) == {3, 8, 9}
+    assert (kinds == above["curve_kind"].values).all() and (kinds == below["curve_kind"].values).all()
+    differences = (above["tones_frequency_1"].values - below["tones_frequency_1"].values) / 2e-4
+    np.testing.assert_allclose(here["position_gradient"].values[:, 0], differences, rtol=2e-3)
+    np.testing.assert_allclose(here["frequency_gradient"].values[:, 0, 0], here["position_gradient"].values[:, 0], rtol=1e-9)
+
+
 @pytest.mark.long  # seconds
 def test_a_hundred_derivatives_are_those_of_differences():
     """Of a chain of 50 masses with a stop at each, by the gaps and the stiffnesses of all; prints what they take (pytest -s)."""

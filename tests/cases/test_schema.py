@@ -20,7 +20,8 @@ INPUTS = {
     "given": TWO_TONES
     + "&output samples = 16, 16 /\n&certificate improvement_steps = 1 /\n"
     + "&sweep parameter = 'law(1)%gap', values = 0.1, 0.2 /\n",
-    "curve": ONE_TONE + "&harmonics order = 3 /\n&curve parameter = 'tones%frequency', from = 2.0, to = 2.1, points = 3 /\n",
+    "curve": ONE_TONE + "&harmonics order = 3 /\n&curve parameter = 'tones%frequency', from = 2.0, to = 2.1, points = 3 /\n"
+    + "&gradient by = 'law(1)%gap' /\n",
     "accuracy": ONE_TONE + "&accuracy tolerance = 1e-3, of = 'x1' /\n&gradient by = 'law(1)%gap' /\n",
 }
 

@@ -7,7 +7,8 @@ from nhbm.errors import ModelError
 
 __version__ = "0.1.0"
 _LATER = {  # what needs NumPy and more is imported when it is asked for
-    "Gradient": "model", "Model": "model", "NotConverged": "errors", "Peak": "model", "Law": "laws", "law": "laws",
+    "Gradient": "model", "Model": "model", "NotConverged": "errors", "Peak": "model", "PeakGradient": "model",
+    "Law": "laws", "law": "laws",
     "Beam": "groups", "Chain": "groups",
     "Jeffcott": "groups", "Matrices": "groups", "ModalBeam": "groups", "RotorStator": "groups", "Rotor": "rotors",
     "Session": "session", "Structure": "structure", "input_keys": "session",

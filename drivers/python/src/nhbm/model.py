@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,6 +28,15 @@ class Peak(NamedTuple):
 
     value: float
     at: float
+
+
+class PeakGradient(NamedTuple):
+    """The largest response of a curve, where it is, and the derivatives of both by values of the model in the order asked for."""
+
+    value: float
+    at: float
+    slopes: Any  # np.ndarray
+    at_slopes: Any  # np.ndarray
 
 
 class Gradient(NamedTuple):
@@ -414,23 +423,77 @@ class Model:
         Peak
             The response and the value of the parameter at which it is.
         """
+        found = [Peak(float("nan"), float("nan"))]
+        for session, value, at in self._highest(of, path, {"from": float(start), "to": float(stop), **keys}, tolerance, order, {}):
+            found.append(Peak(value, at))
+        return found[-1]
+
+    @documented
+    def peak_gradient(self, of: str, by: Iterable[str], path: str, start: float, stop: float, *, tolerance: float | None = None,
+                      order: int | None = None, **keys: Any) -> PeakGradient:  # fmt: skip
+        """Finds the largest response on a curve as `peak` does, with its derivatives: for optimisers that take them.
+
+        Parameters
+        ----------
+        of : str
+            A response, as for `response`.
+        by : iterable of str
+            Paths of the values, "wall.gap".
+        path : str
+            Path of the value that moves.
+        start, stop : float
+            Its range, in its unit.
+        {tolerance and order}
+        **keys
+            Of the group &curve.
+
+        Returns
+        -------
+        PeakGradient
+            The response, the value of the parameter at which it is, and the derivatives of both; those of the value are zero where
+            the response is largest at an end of the range. NaN, with the warning NotConverged, where there are none.
+
+        Examples
+        --------
+        >>> import nhbm
+        >>> model = nhbm.Model(nhbm.Chain(n_masses=1, mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0,
+        ...                               damping_mass=0.1, ends="free"), tones=[0.9])
+        >>> model.load("x1", 1, cos=0.1)
+        >>> model.law("cubic_spring", "x1", stiffness=0.5, label="spring")
+        >>> found = model.peak_gradient("x1 (1)", ["spring.stiffness"], "tones[0]", 0.8, 1.6, order=7)
+        >>> model["spring.stiffness"] = 0.5 + 1e-5
+        >>> further = model.peak("x1 (1)", "tones[0]", 0.8, 1.6, order=7)
+        >>> bool(abs((further.at - found.at) / 1e-5 - found.at_slopes[0]) < 1e-3 * found.at_slopes[0])
+        True
+        """
+        paths = [path_of(one) for one in ([by] if isinstance(by, str) else by)]
+        none = np.full(len(paths), np.nan)
+        found = [PeakGradient(float("nan"), float("nan"), none, none)]
+        groups, keys = {"gradient": {"by": paths}}, {"from": float(start), "to": float(stop), **keys}
+        for session, value, at in self._highest(of, path, keys, tolerance, order, groups):
+            moves = session.column("position_gradient").values
+            found.append(PeakGradient(value, at, dataset.gradient_of(session, of), none if moves is None else moves.copy()))
+        return found[-1]
+
+    def _highest(self, of: str, path: str, keys: dict[str, Any], tolerance: float | None, order: int | None,
+                 groups: dict[str, Any]) -> Iterator[tuple[Session, float, float]]:  # fmt: skip
+        """Points of a curve that have a larger response than all before: the session there, the response, the value that moves."""
         path = path_of(path)
-        groups = {
-            "curve": {"parameter": path, "from": float(start), "to": float(stop), "peak_of": of, **keys},
-            "stability": {"method": "off"},
-        }
+        groups = {"curve": {"parameter": path, "peak_of": of, **keys}, "stability": {"method": "off"}, **groups}
         if order is not None:
             groups["certificate"] = {"is_on": False}  # what is not returned is not made
         session = self._live(tolerance, order, groups).session
-        name, best = identifier(path), Peak(float("nan"), float("nan"))
+        best = -1.0
         session.begin_curve()
         while session.next():
-            if dataset.number(session, "status") in dataset.SOLVED:
-                value = dataset.response_of(session, of)
-                best = best if best.value >= value else Peak(value, float(session.column(name).values))
-        if best.value != best.value:
-            warnings.warn(session.message, NotConverged, stacklevel=2)
-        return best
+            if dataset.number(session, "status") not in dataset.SOLVED:
+                continue
+            value = dataset.response_of(session, of)
+            if value > best:
+                best = value
+                yield session, value, float(session.column(identifier(path)).values)
+        if best < 0.0:
+            warnings.warn(session.message, NotConverged, stacklevel=3)
 
     @documented
     def curve(self, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,

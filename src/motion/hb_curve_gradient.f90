@@ -1,0 +1,194 @@
+!> Derivatives of points of a curve by values of the input.
+!>
+!> Folds, peaks and the like move along the curve where a value changes. They are located again on the curves of both sides, next to
+!> where they are: in the plane across the curve, then along it to the zero of their function, hb_curve_events. All other points are
+!> held at their value along the curve, hb_gradient. Source: docs/why/theory.md, section 6.8.
+module hb_curve_gradient
+   use hb_bifurcation, only: bifurcation
+   use hb_cancellation, only: work_is_over
+   use hb_curve, only: event_t
+   use hb_curve_events, only: bifurcation_event_t, fold_event_t, response_event_t
+   use hb_curve_request, only: curve_kind
+   use hb_document, only: document_t, parameter_t
+   use hb_error, only: error_t
+   use hb_followed_motion, only: followed_motion_t, waiting_t
+   use hb_gradient, only: differentiable_t, find_gradient, keep_slope, refine, zero_gradient
+   use hb_kinds, only: wp
+   use hb_level, only: carry, level_t
+   use hb_model_reader, only: update_model
+   use hb_motion_result, only: gradient_t, motion_result_t
+   use hb_outcome, only: is_solved
+   implicit none
+   private
+   public :: find_curve_gradient
+
+   real(wp), parameter :: apart = 1.0e-4_wp                           ! a step, relative to the value: what is located to 1e-12
+                                                                      ! leaves 1e-8, and so does the square of the step
+
+   !> A located point.
+   type, extends(differentiable_t) :: located_t
+      class(followed_motion_t), pointer :: curve => null()
+      type(waiting_t) :: point
+   contains
+      procedure :: differentiate => located_differentiate
+   end type located_t
+
+   !> The same point where a value is another one.
+   type :: neighbour_t
+      real(wp) :: position = 0.0_wp                                   ! value along the curve
+      real(wp), allocatable :: frequency(:)                           ! [rad/s], (n_tones)
+      complex(wp), allocatable :: c(:, :)                             ! [m], (all dofs, n_harmonics)
+   end type neighbour_t
+
+contains
+
+   !> Adds the derivatives to the result of a point, where any are requested.
+   subroutine find_curve_gradient(curve, point, result)
+      class(followed_motion_t), intent(inout), target :: curve        !! near the point, on its set
+      type(waiting_t), intent(in) :: point
+      type(motion_result_t), intent(inout) :: result
+      type(document_t) :: document
+      type(error_t), allocatable :: error
+      type(located_t) :: located
+      real(wp), allocatable :: unknowns(:)
+      logical :: is_possible
+
+      if (size(curve%model%gradient%by) == 0 .or. .not. is_solved(result%status)) return
+      call curve%problem%move_to_point(point%x, is_possible)
+      if (.not. is_possible) return
+      associate (problem => curve%problem)
+         select case (point%kind)
+         case (curve_kind%branch, curve_kind%split, curve_kind%graze) ! others may have none there
+         case (curve_kind%fold, curve_kind%peak, curve_kind%minimum, curve_kind%amplitude, curve_kind%resonance, curve_kind%flip, &
+               curve_kind%torus)
+            located%curve => curve
+            located%point = point
+            call located%differentiate(curve%level, result%gradient, error)
+            if (allocated(result%gradient%coefficients)) call refine(located, problem%model, curve%level, result%gradient)
+         case default
+            document = problem%document_here()
+            unknowns = [point%x(:problem%n_unknowns), problem%omega]
+            call find_gradient(problem%model, document, curve%level, unknowns, result)
+         end select
+      end associate
+   end subroutine find_curve_gradient
+
+   !> Differences of the points on both sides; how far they are from a line tells a kink.
+   subroutine located_differentiate(self, level, gradient, error)
+      class(located_t), intent(inout) :: self
+      type(level_t), intent(in) :: level
+      type(gradient_t), intent(out) :: gradient
+      type(error_t), allocatable, intent(out) :: error
+      type(neighbour_t) :: sides(-1:1)
+      real(wp) :: step, value
+      integer :: k, side
+      logical :: is_found
+
+      associate (model => self%curve%problem%model)
+         gradient = zero_gradient(model, level%set)
+         do k = 1, size(model%gradient%by)
+            call self%curve%document%number_at(model%gradient%by(k), value, is_found)
+            step = apart*merge(abs(value), 1.0_wp, abs(value) > 0.0_wp)
+            do side = -1, 1
+               call locate(self, level, model%gradient%by(k), value + side*step, sides(side), is_found)
+               if (is_found .and. .not. work_is_over()) cycle
+               gradient = gradient_t()
+               return
+            end do
+            call keep_slope(gradient, model%output%dofs, k, (sides(1)%c - sides(-1)%c)/(2.0_wp*step))
+            gradient%frequency(:, k) = (sides(1)%frequency - sides(-1)%frequency)/(2.0_wp*step)
+            gradient%position(k) = (sides(1)%position - sides(-1)%position)/(2.0_wp*step)
+            gradient%defect(k) = norm2(abs(sides(1)%c - 2.0_wp*sides(0)%c + sides(-1)%c))/ &
+                                 max(norm2(abs(sides(1)%c - sides(-1)%c)), tiny(1.0_wp))
+         end do
+      end associate
+   end subroutine located_differentiate
+
+   !> Locates the point where a value of the input is a given one.
+   subroutine locate(self, level, parameter, value, neighbour, is_found)
+      class(located_t), intent(in) :: self
+      type(level_t), intent(in) :: level
+      type(parameter_t), intent(in) :: parameter
+      real(wp), intent(in) :: value
+      type(neighbour_t), intent(out) :: neighbour
+      logical, intent(out) :: is_found
+      class(event_t), allocatable :: event
+      type(followed_motion_t), target :: there
+      type(error_t), allocatable :: error
+      real(wp), allocatable :: x(:)
+      logical :: is_new
+
+      is_found = .false.
+      there%request = self%curve%request
+      there%model = self%curve%model
+      there%document = self%curve%document
+      there%further = self%curve%further
+      call there%document%set(parameter, value)
+      call update_model(there%model, there%document, is_new, error, there%request%available_memory)
+      there%model%solver%tolerance = min(there%model%solver%tolerance, 1.0e-12_wp)
+      if (.not. allocated(error)) call there%put_on(level, error)
+      if (.not. allocated(error)) then
+         associate (from => self%curve%level%set, n_further => size(there%problem%which))
+            x = carry(from, level%set, self%point%x, n_further)
+            call there%make_curve(x, carry(from, level%set, self%curve%curve%direction, n_further))
+         end associate
+         call make_event(there, self%point, event)
+         call find_zero(there, event, x, is_found)
+      end if
+      if (is_found) then
+         associate (problem => there%problem)
+            neighbour%position = x(size(x))
+            neighbour%frequency = problem%omega
+            allocate (neighbour%c(problem%model%structure%n_dofs, problem%harmonics%n_harmonics))
+            call problem%all_dofs(x(:problem%n_unknowns), neighbour%c)
+         end associate
+      end if
+      call there%destroy()
+   end subroutine locate
+
+   !> The function that is zero at a located point.
+   subroutine make_event(curve, point, event)
+      type(followed_motion_t), intent(inout), target :: curve
+      type(waiting_t), intent(in) :: point
+      class(event_t), allocatable, intent(out) :: event
+
+      select case (point%kind)
+      case (curve_kind%fold)
+         allocate (event, source=fold_event_t(point%kind))
+      case (curve_kind%flip)
+         allocate (event, source=bifurcation_event_t(point%kind, .false., 0.0_wp, curve%problem, bifurcation%doubling))
+      case (curve_kind%torus)
+         allocate (event, source=bifurcation_event_t(point%kind, .false., 0.0_wp, curve%problem, bifurcation%torus))
+      case default
+         allocate (event, source=response_event_t(point%kind, .false., 0.0_wp, curve%problem, &
+                                                  curve%request%responses(point%response)))
+      end select
+   end subroutine make_event
+
+   !> Goes along the curve to the zero of a function, by secants; x becomes it.
+   subroutine find_zero(curve, event, x, is_found)
+      type(followed_motion_t), intent(inout), target :: curve
+      class(event_t), intent(inout) :: event
+      real(wp), intent(inout) :: x(:)                                 !! near by
+      logical, intent(out) :: is_found
+      integer, parameter :: most_steps = 12
+      real(wp), parameter :: first_step = 1.0e-3_wp, farthest = 0.1_wp, near = 1.0e-11_wp   ! in units of lengths
+      real(wp) :: before, here, direction(size(x)), step
+      integer :: i
+
+      direction = curve%curve%direction
+      step = first_step
+      here = 0.0_wp
+      do i = 1, most_steps
+         call curve%find_on_plane(x, direction, is_found)
+         if (.not. is_found) return
+         before = here
+         here = event%value(curve%curve, x)
+         if (i > 1) step = -here*step/(here - before)
+         is_found = i > 1 .and. abs(step) <= near
+         if (is_found) return
+         if (.not. abs(step) <= farthest) return
+         x = x + step*direction
+      end do
+   end subroutine find_zero
+end module hb_curve_gradient
