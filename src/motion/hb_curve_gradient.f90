@@ -173,7 +173,8 @@ contains
       logical, intent(out) :: is_found
       integer, parameter :: most_steps = 12
       real(wp), parameter :: first_step = 1.0e-3_wp, farthest = 0.1_wp, near = 1.0e-11_wp   ! in units of lengths
-      real(wp) :: before, here, direction(size(x)), step
+      real(wp), parameter :: rough = 1.0e-7_wp                        ! likewise: what shrinks no more is left of a rough residual
+      real(wp) :: before, here, direction(size(x)), last_step, step
       integer :: i
 
       direction = curve%curve%direction
@@ -184,8 +185,9 @@ contains
          if (.not. is_found) return
          before = here
          here = event%value(curve%curve, x)
+         last_step = abs(step)
          if (i > 1) step = -here*step/(here - before)
-         is_found = i > 1 .and. abs(step) <= near
+         is_found = i > 1 .and. (abs(step) <= near .or. (abs(step) <= rough .and. abs(step) >= last_step))
          if (is_found) return
          if (.not. abs(step) <= farthest) return
          x = x + step*direction
