@@ -25,6 +25,17 @@ module hb_variation_pieces
       real(wp) :: held = 0.0_wp                                       ! its place
    end type event_t
 
+   !> The sliders of a law between two looks.
+   type :: slip_search_t
+      type(variation_t), pointer :: variation => null()
+      integer :: i = 0                                                ! law
+      integer :: s = 0, slider = 0                                    ! slider, among those of the law and among all
+      real(wp) :: times(2) = 0.0_wp                                   ! of the looks
+      real(wp), dimension(:), allocatable :: lower, upper, lower_rate, upper_rate   ! bounds where it was looked last
+      type(event_t), allocatable :: events(:)
+      integer :: n = 0                                                ! of these
+   end type slip_search_t
+
    !> Where a function changes its sign: by false position (Illinois), until numbers come to an end.
    type :: bracket_t
       real(wp) :: low, high                                           !! arguments
@@ -231,142 +242,168 @@ contains
 
    !> Follows the sliders of law i, and notes where each begins or ends to slip.
    subroutine find_slipping(self, i, times, z, v, events)
-      type(variation_t), intent(inout) :: self
+      type(variation_t), intent(inout), target :: self
       integer, intent(in) :: i
       real(wp), intent(in) :: times(:), z(:, :), v(:, :)
       type(event_t), allocatable, intent(out) :: events(:)
-      type(event_t), allocatable :: list(:)
-      real(wp), dimension(self%places(i)%last_state - self%places(i)%first_state + 1) :: before_lower, before_upper, lower, &
-                                                                                         lower_rate, upper, upper_rate
-      real(wp) :: margin
-      integer :: k, n, pass, s, slider
+      type(slip_search_t) :: search
+      real(wp), allocatable :: before_lower(:), before_upper(:)
+      integer :: k, n, s
 
-      n = 0
-      allocate (list(most_passes*size(times)*size(lower)))
+      search%variation => self
+      search%i = i
       associate (place => self%places(i))
-         call bounds_of(z(1, place%first:place%last), v(1, place%first:place%last))
+         n = place%last_state - place%first_state + 1
+         allocate (search%lower(n), search%upper(n), search%lower_rate(n), search%upper_rate(n))
+         allocate (search%events(most_passes*size(times)*n))
+         call find_bounds(search, z(1, place%first:place%last), v(1, place%first:place%last))
          do k = 2, size(times)
-            before_lower = lower_rate
-            before_upper = upper_rate
-            call bounds_of(z(k, place%first:place%last), v(k, place%first:place%last))
-            do s = 1, size(lower)
-               slider = place%first_state + s - 1
-               do pass = 1, most_passes
-                  margin = 8.0_wp*epsilon(1.0_wp)*max(abs(lower(s)), abs(upper(s)))
-                  if (self%slip(slider) == 0 .and. self%held(slider) < lower(s) - margin) then
-                     call note(1, time_of(1, .false., times(k)))
-                  else if (self%slip(slider) == 0 .and. self%held(slider) > upper(s) + margin) then
-                     call note(-1, time_of(-1, .false., times(k)))
-                  else if (self%slip(slider) == 1 .and. lower_rate(s) < 0.0_wp) then
-                     call note(0, time_of(1, .true., times(k)))
-                  else if (self%slip(slider) == -1 .and. upper_rate(s) > 0.0_wp) then
-                     call note(0, time_of(-1, .true., times(k)))
-                  else if (self%slip(slider) == 0 .and. before_lower(s) > 0.0_wp .and. lower_rate(s) < 0.0_wp) then
-                     if (.not. gives_way_at_turn(1)) exit
-                  else if (self%slip(slider) == 0 .and. before_upper(s) < 0.0_wp .and. upper_rate(s) > 0.0_wp) then
-                     if (.not. gives_way_at_turn(-1)) exit
-                  else
-                     exit
-                  end if
-                  call bounds_of(z(k, place%first:place%last), v(k, place%first:place%last))
-               end do
-               if (self%slip(slider) == 1) self%held(slider) = lower(s)
-               if (self%slip(slider) == -1) self%held(slider) = upper(s)
+            search%times = times(k - 1:k)
+            before_lower = search%lower_rate
+            before_upper = search%upper_rate
+            call find_bounds(search, z(k, place%first:place%last), v(k, place%first:place%last))
+            do s = 1, n
+               search%s = s
+               search%slider = place%first_state + s - 1
+               call follow_slider(search, before_lower(s), before_upper(s), z(k, place%first:place%last), &
+                                  v(k, place%first:place%last))
             end do
          end do
       end associate
-      events = list(:n)
-
-   contains
-
-      subroutine bounds_of(z, v)
-         real(wp), intent(in) :: z(:), v(:)
-
-         select type (law => self%laws(i)%law)
-         class is (hysteretic_law_t)
-            call law%bounds(z, v, lower, upper, lower_rate, upper_rate)
-         end select
-      end subroutine bounds_of
-
-      !> Notes an event at a time; one that ends a slip keeps the place of the slider there.
-      subroutine note(slip, time)
-         integer, intent(in) :: slip
-         real(wp), intent(in) :: time
-
-         n = n + 1
-         list(n)%time = time
-         list(n)%slider = slider
-         list(n)%slip = slip
-         if (slip == 0) self%held(slider) = merge(lower(s), upper(s), self%slip(slider) == 1)   ! as `time_of` left them
-         list(n)%held = self%held(slider)
-         self%slip(slider) = slip
-         if (slip /= 0) self%has_slipped(slider) = .true.
-      end subroutine note
-
-      !> A bound that turns between two looks may push the slider just there: however short, it forgets where it was.
-      logical function gives_way_at_turn(side) result(gives_way)
-         integer, intent(in) :: side
-         real(wp) :: turn
-
-         turn = time_of(side, .true., times(k))
-         gives_way = beyond(turn, side, .false.) > margin
-         if (gives_way) call note(side, time_of(side, .false., turn))
-      end function gives_way_at_turn
-
-      !> When, until a time, a bound reaches the slider or, where that `stops`, the bound that pushes it turns back; leaves the
-      !> bounds as they are then.
-      real(wp) function time_of(side, stops, until)
-         integer, intent(in) :: side
-         logical, intent(in) :: stops
-         real(wp), intent(in) :: until
-         type(bracket_t) :: bracket
-
-         bracket = bracket_t(low=earliest(), high=until)
-         bracket%value_high = beyond(bracket%high, side, stops)
-         bracket%value_low = beyond(bracket%low, side, stops)
-         do while (bracket%is_wide())
-            call bracket%narrow(beyond(bracket%middle, side, stops))
-         end do
-         time_of = bracket%middle
-         if (stops) call look(time_of)
-      end function time_of
-
-      !> How far the bound has pushed the slider at a time, or would have; where that `stops`, how fast it moves away.
-      real(wp) function beyond(time, side, stops)
-         real(wp), intent(in) :: time
-         integer, intent(in) :: side
-         logical, intent(in) :: stops
-
-         call look(time)
-         if (stops) then
-            beyond = merge(-lower_rate(s), upper_rate(s), side == 1)
-         else
-            beyond = merge(lower(s) - self%held(slider), self%held(slider) - upper(s), side == 1)
-         end if
-      end function beyond
-
-      !> The last event of this slider, or the last look.
-      real(wp) function earliest()
-         integer :: e
-
-         earliest = times(k - 1)
-         do e = n, 1, -1
-            if (list(e)%slider /= slider) cycle
-            earliest = max(earliest, list(e)%time)
-            exit
-         end do
-      end function earliest
-
-      subroutine look(time)
-         real(wp), intent(in) :: time
-         real(wp) :: v_there(1, self%n_coordinates), z_there(1, self%n_coordinates)
-
-         call self%motion%at(self%motion%phases([time]), z_there, v_there)
-         associate (place => self%places(i))
-            call bounds_of(z_there(1, place%first:place%last), v_there(1, place%first:place%last))
-         end associate
-      end subroutine look
+      events = search%events(:search%n)
    end subroutine find_slipping
+
+   !> Follows a slider from one look to the next, over the events between them.
+   subroutine follow_slider(search, lower_rate_before, upper_rate_before, z, v)
+      type(slip_search_t), intent(inout) :: search
+      real(wp), intent(in) :: lower_rate_before, upper_rate_before    !! of its bounds at the look before
+      real(wp), intent(in) :: z(:), v(:)                              !! of the law at this one
+      real(wp) :: margin
+      integer :: pass
+
+      associate (slip => search%variation%slip(search%slider), held => search%variation%held(search%slider), &
+                 lower => search%lower(search%s), lower_rate => search%lower_rate(search%s), &
+                 upper => search%upper(search%s), upper_rate => search%upper_rate(search%s), now => search%times(2))
+         do pass = 1, most_passes
+            margin = 8.0_wp*epsilon(1.0_wp)*max(abs(lower), abs(upper))
+            if (slip == 0 .and. held < lower - margin) then
+               call note(search, 1, time_of(search, 1, .false., now))
+            else if (slip == 0 .and. held > upper + margin) then
+               call note(search, -1, time_of(search, -1, .false., now))
+            else if (slip == 1 .and. lower_rate < 0.0_wp) then
+               call note(search, 0, time_of(search, 1, .true., now))
+            else if (slip == -1 .and. upper_rate > 0.0_wp) then
+               call note(search, 0, time_of(search, -1, .true., now))
+            else if (slip == 0 .and. lower_rate_before > 0.0_wp .and. lower_rate < 0.0_wp) then
+               if (.not. gives_way_at_turn(search, 1, margin)) exit
+            else if (slip == 0 .and. upper_rate_before < 0.0_wp .and. upper_rate > 0.0_wp) then
+               if (.not. gives_way_at_turn(search, -1, margin)) exit
+            else
+               exit
+            end if
+            call find_bounds(search, z, v)
+         end do
+         if (slip == 1) held = lower
+         if (slip == -1) held = upper
+      end associate
+   end subroutine follow_slider
+
+   !> Bounds between which the sliders of the law hold, and their rates.
+   subroutine find_bounds(search, z, v)
+      type(slip_search_t), intent(inout) :: search
+      real(wp), intent(in) :: z(:), v(:)
+
+      select type (law => search%variation%laws(search%i)%law)
+      class is (hysteretic_law_t)
+         call law%bounds(z, v, search%lower, search%upper, search%lower_rate, search%upper_rate)
+      end select
+   end subroutine find_bounds
+
+   !> Notes an event at a time; one that ends a slip keeps the place of the slider there.
+   subroutine note(search, slip, time)
+      type(slip_search_t), intent(inout) :: search
+      integer, intent(in) :: slip
+      real(wp), intent(in) :: time
+
+      associate (variation => search%variation, slider => search%slider)
+         if (slip == 0) variation%held(slider) = merge(search%lower(search%s), search%upper(search%s), &
+                                                       variation%slip(slider) == 1)          ! as `time_of` left them
+         search%n = search%n + 1
+         search%events(search%n) = event_t(time, slider, slip, variation%held(slider))
+         variation%slip(slider) = slip
+         if (slip /= 0) variation%has_slipped(slider) = .true.
+      end associate
+   end subroutine note
+
+   !> A bound that turns between two looks may push the slider just there: however short, it forgets where it was.
+   logical function gives_way_at_turn(search, side, margin) result(gives_way)
+      type(slip_search_t), intent(inout) :: search
+      integer, intent(in) :: side
+      real(wp), intent(in) :: margin
+      real(wp) :: turn
+
+      turn = time_of(search, side, .true., search%times(2))
+      gives_way = beyond(search, turn, side, .false.) > margin
+      if (gives_way) call note(search, side, time_of(search, side, .false., turn))
+   end function gives_way_at_turn
+
+   !> When, until a time, a bound reaches the slider or, where that `stops`, the bound that pushes it turns back; leaves the bounds as
+   !> they are then.
+   real(wp) function time_of(search, side, stops, until)
+      type(slip_search_t), intent(inout) :: search
+      integer, intent(in) :: side
+      logical, intent(in) :: stops
+      real(wp), intent(in) :: until
+      type(bracket_t) :: bracket
+
+      bracket = bracket_t(low=earliest(search), high=until)
+      bracket%value_high = beyond(search, bracket%high, side, stops)
+      bracket%value_low = beyond(search, bracket%low, side, stops)
+      do while (bracket%is_wide())
+         call bracket%narrow(beyond(search, bracket%middle, side, stops))
+      end do
+      time_of = bracket%middle
+      if (stops) call look(search, time_of)
+   end function time_of
+
+   !> How far the bound has pushed the slider at a time, or would have; where that `stops`, how fast it moves away.
+   real(wp) function beyond(search, time, side, stops)
+      type(slip_search_t), intent(inout) :: search
+      real(wp), intent(in) :: time
+      integer, intent(in) :: side
+      logical, intent(in) :: stops
+
+      call look(search, time)
+      associate (s => search%s, held => search%variation%held(search%slider))
+         if (stops) then
+            beyond = merge(-search%lower_rate(s), search%upper_rate(s), side == 1)
+         else
+            beyond = merge(search%lower(s) - held, held - search%upper(s), side == 1)
+         end if
+      end associate
+   end function beyond
+
+   !> The last event of the slider, or the look before.
+   pure real(wp) function earliest(search)
+      type(slip_search_t), intent(in) :: search
+      integer :: e
+
+      earliest = search%times(1)
+      e = findloc(search%events(:search%n)%slider, search%slider, dim=1, back=.true.)
+      if (e > 0) earliest = max(earliest, search%events(e)%time)
+   end function earliest
+
+   !> Finds the bounds at a time.
+   subroutine look(search, time)
+      type(slip_search_t), intent(inout) :: search
+      real(wp), intent(in) :: time
+      real(wp), dimension(1, search%variation%n_coordinates) :: v, z
+
+      associate (motion => search%variation%motion, place => search%variation%places(search%i))
+         call motion%at(motion%phases([time]), z, v)
+         call find_bounds(search, z(1, place%first:place%last), v(1, place%first:place%last))
+      end associate
+   end subroutine look
 
    !> Puts events into the order of time.
    pure subroutine sort(events)
