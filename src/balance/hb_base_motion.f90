@@ -25,6 +25,7 @@ module hb_base_motion
                                                                       !! travelling waves after the modes themselves
       logical, allocatable :: is_at_laws(:)                           !! whether a mode moves where laws act, (n_modes)
       integer :: n_linear = 0                                         !! modes themselves
+      logical :: is_undamped = .false.                                !! frequencies of the modes are those without damping
       type(report_t) :: report                                        !! of the balance without unknown tones
    end type base_motion_t
 
@@ -77,7 +78,8 @@ contains
             stiffness(dofs, dofs) = stiffness(dofs, dofs) + spread_both(df_dq)
          end associate
          call new_modes(self%modes, structure%mass, damping, stiffness, error)
-         if (.not. allocated(error)) call replace_creeping_modes(self%modes, structure%mass, damping, stiffness, error)
+         if (.not. allocated(error)) call replace_creeping_modes(self%modes, structure%mass, damping, stiffness, &
+                                                                 self%is_undamped, error)
          if (allocated(error)) return
          self%n_linear = self%modes%n_modes
          call add_travelling_waves(self%modes, structure%mass)
@@ -100,15 +102,17 @@ contains
    !> Damping or driving beyond the critical leaves a mode no frequency. Where that happens all modes are those without the
    !> symmetric part of the damping, with the growth that this gives their shapes: an unknown tone with artificial damping
    !> starts from these.
-   subroutine replace_creeping_modes(modes, mass, damping, stiffness, error)
+   subroutine replace_creeping_modes(modes, mass, damping, stiffness, is_replaced, error)
       type(modes_t), intent(inout) :: modes
       real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)
+      logical, intent(out) :: is_replaced
       type(error_t), allocatable, intent(out) :: error
       type(modes_t) :: without
       integer :: i
 
       call new_modes(without, mass, 0.5_wp*(damping - transpose(damping)), stiffness, error)
-      if (allocated(error) .or. without%n_modes <= modes%n_modes) return
+      is_replaced = .not. allocated(error) .and. without%n_modes > modes%n_modes
+      if (.not. is_replaced) return
       do i = 1, without%n_modes
          associate (q => without%shapes(:, i))
             without%growth(i) = without%growth(i) - 0.5_wp*real(dot_product(q, matmul(damping, q))/ &

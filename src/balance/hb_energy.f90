@@ -17,7 +17,7 @@ module hb_energy
    type :: energy_t
       type(structure_block_t), private :: matrices                    ! mass and stiffness of all degrees of freedom
       real(wp), allocatable, private :: load(:)                       ! constant [N], (all dofs)
-      real(wp), private :: at_rest = 0.0_wp                           ! [J]
+      real(wp) :: at_rest = 0.0_wp                                    !! [J], is taken off
    contains
       procedure :: value => energy_value
       procedure :: differentiate => energy_differentiate

@@ -23,6 +23,7 @@ module hb_normal_mode
    public :: find_mode_of_energy, find_normal_mode, normal_mode_t
 
    real(wp), parameter :: first_share = 1.0e-3_wp                     ! of the amplitude, where the way begins
+   real(wp), parameter :: of_rest = 1.0e-6_wp                         ! least energy, of that of the rest, whose rounding is 1e-16
    real(wp), parameter :: near = 1.0e-3_wp                            ! the goal, as a share of the amplitude, where the way ends
    integer, parameter :: most_steps = 400
 
@@ -41,6 +42,7 @@ module hb_normal_mode
    !> amplitude and a quarter of the energy.
    type :: goal_t
       real(wp) :: value = 0.0_wp                                      ! [m] or [J]
+      real(wp) :: share = first_share                                 ! of the amplitude, where the way begins
       integer :: dof = 0                                              ! of the amplitude, among those of the laws
       real(wp), allocatable :: forms(:, :)                            ! phase and amplitude, (coefficients of all dofs, 2)
       logical :: is_peak = .false.                                    ! these are rate and value where the phase is zero
@@ -97,6 +99,7 @@ contains
 
       goal%value = value
       goal%energy = energy
+      goal%share = min(1.0_wp, max(first_share, sqrt(of_rest*abs(energy%at_rest)/value)))
       call find(search, goal, has_start, u)
    end subroutine find_mode_of_energy
 
@@ -152,10 +155,10 @@ contains
       event%goal = goal
       event%balance => search%balance
       reached = 0.0_wp
-      call solve_at(search, goal, first_share, search%path_config(), .true., u)
+      call solve_at(search, goal, goal%share, search%path_config(), .true., u)
       is_found = .false.
       if (search%report%status == outcome%converged) then
-         reached = first_share
+         reached = goal%share
          point = point_of(search, search%phase%unknowns([u]))
          call begin_curve(search, point, curve)
          if (.not. allocated(goal%energy)) then                       ! the peak reports how deep a stop is pressed
@@ -205,6 +208,7 @@ contains
          omega = search%balance%omega
          xi = 0.0_wp
          omega(tone) = modes%frequency(mode)
+         if (.not. search%base%is_undamped) omega(tone) = hypot(omega(tone), modes%growth(mode))   ! xi takes the damping off
          xi(tone) = -modes%growth(mode)/modes%response(mode)
          call search%balance%move(omega, xi, error)
          if (allocated(error)) then
@@ -215,8 +219,8 @@ contains
          call scale_mode(search, goal, h, form)
          if (search%report%status == outcome%no_motion) return
          u = search%base%u
-         u(set%cos_at(h), :) = u(set%cos_at(h), :) + first_share*real(form)
-         u(set%sin_at(h), :) = u(set%sin_at(h), :) - first_share*aimag(form)
+         u(set%cos_at(h), :) = u(set%cos_at(h), :) + goal%share*real(form)
+         u(set%sin_at(h), :) = u(set%sin_at(h), :) - goal%share*aimag(form)
       end associate
    end subroutine start_on_mode
 

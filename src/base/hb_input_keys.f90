@@ -3,16 +3,17 @@
 !> A section of the table is a group, or a group and its type: "law", "law jenkins". Readers (hb_properties) take unit, default,
 !> limits and choices of a key from its row; so do pages and messages.
 module hb_input_keys
-   use hb_key_rows, only: key_row, row_of
+   use hb_key_rows, only: key_row, n_key_rows, row_of
    use hb_kinds, only: wp
    use hb_property_values, only: kind_of
-   use hb_text, only: parse_real, split, string_t
+   use hb_text, only: join, parse_real, split, string_t
    implicit none
    private
-   public :: choices_of, find_rule, limits_t, max_unit, rule_t
+   public :: choices_of, find_rule, groups_with, limits_t, max_unit, rule_t
 
    integer, parameter :: max_unit = 16
    integer, parameter :: max_choice = 24
+   integer, parameter :: max_groups = 3                     ! of one key: with more of them it is no hint
 
    !> Where each number of a key must be; what is not named limits nothing.
    type :: limits_t
@@ -74,6 +75,28 @@ contains
       allocate (choices(0))
       if (allocated(rule%choices)) choices = rule%choices
    end function choices_of
+
+   !> Where else a key stands, such as "&harmonics" or "&law type = 'jenkins'"; empty where nowhere, in many places, or here.
+   pure function groups_with(key, group, type) result(text)
+      character(*), intent(in) :: key
+      character(*), intent(in) :: group, type               !! without these; lower case
+      character(:), allocatable :: text, section, row
+      type(string_t), allocatable :: groups(:)
+      integer :: i, n
+
+      text = ""
+      allocate (groups(0))
+      do i = 1, n_key_rows()
+         row = key_row(i)
+         section = row(:index(row, " | ") - 1)
+         if (index(row, section//" | "//key//" | ") /= 1) cycle
+         if (section == group .or. section == group//" "//type) return
+         n = index(section, " ")
+         if (n > 0) section = section(:n - 1)//" type = '"//section(n + 1:)//"'"
+         groups = [groups, string_t("&"//section)]
+      end do
+      if (size(groups) <= max_groups) text = join(groups, ", ")
+   end function groups_with
 
    !> Takes a default that is a value; words that describe one say nothing here.
    pure subroutine read_default(text, rule)

@@ -5,7 +5,7 @@
 module hb_property_record
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
-   use hb_input_keys, only: find_rule, max_unit, rule_t
+   use hb_input_keys, only: find_rule, groups_with, max_unit, rule_t
    use hb_key_rows, only: row_of
    use hb_kinds, only: wp
    use hb_property_values, only: content_t, element_text, kind_of
@@ -138,10 +138,12 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(string_t), allocatable :: known(:)
       type(text_builder_t) :: lines
-      character(:), allocatable :: closest, keys
+      character(:), allocatable :: closest, keys, type
       integer :: i, n
 
       n = 0
+      type = ""
+      if (allocated(self%type)) type = self%type
       do i = 1, min(self%n_problems, max_problems)
          call add_line(lines, n, self%problems(i)%value)
       end do
@@ -162,7 +164,12 @@ contains
                   if (size(known) > 0) keys = "known keys: "//join(known, ", ")
                end if
                closest = closest_word(trim(content%names%names(i)), known)
-               if (closest /= "") closest = "did you mean '"//closest//"'? "
+               if (closest /= "") then
+                  closest = "did you mean '"//closest//"'? "
+               else
+                  closest = groups_with(trim(content%names%names(i)), self%name, type)
+                  if (closest /= "") closest = "it belongs to "//closest//"; "
+               end if
                call add_line(lines, n, place_at(self, content%keys(i)%line, .true.)//": unknown key '"// &
                              trim(content%names%names(i))//"'; "//closest//keys)
             end if

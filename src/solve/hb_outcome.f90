@@ -78,7 +78,7 @@ module hb_outcome
       "Ask for a tolerance (&accuracy) or double the order; where a tolerance is asked for, raise its limits max_work and "// &
          "max_harmonics. If the error is small enough for you, raise &certificate truncation, or the tolerance.", &
       "Ask for a tolerance (&accuracy), or double the samples at the same order; contact and friction need many more samples "// &
-         "than harmonics.", &
+         "than harmonics. Where a tolerance is asked for, leave &sampling to it, or raise max_work and max_samples.", &
       "Raise order and samples; a wall that is struck hard needs the highest orders of all.", &
       "Solve the model with fewer tones.", &
       "Integrate from a small disturbance: does it grow? If a large motion exists beside a stable rest, begin near it "// &

@@ -8,7 +8,7 @@ module hb_next_step
    use hb_properties, only: properties_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_system, only: file_kind, kind_of_file
-   use hb_text, only: parse_integer, string_t, to_text
+   use hb_text, only: lower, parse_integer, string_t, to_text
    use hb_tones, only: tones_t
    implicit none
    private
@@ -152,7 +152,7 @@ contains
       type(run_t), intent(in) :: run
       character(:), allocatable :: text
 
-      if (numbers_are_absent(run, "harmonics", "order") .and. numbers_are_absent(run, "harmonics", "tuples")) then
+      if (is_by_tolerance(run)) then
          text = solve_with(run, "accuracy%tolerance="// &
                            to_text(real_of(run, "accuracy", "tolerance")/more))
       else
@@ -163,23 +163,41 @@ contains
    function with_more_harmonics(run) result(text)
       type(run_t), intent(in) :: run
       character(:), allocatable :: text
-      type(string_t), allocatable :: sets(:)
-      integer, allocatable :: orders(:), limits(:)
+      integer, allocatable :: orders(:)
 
       text = ""
       orders = numbers_of(run, "harmonics", "order")
       if (size(orders) > 0) then
          text = solve_with(run, "harmonics%order="//list_of(2*max(orders, 1)))
-      else if (numbers_are_absent(run, "harmonics", "tuples")) then
-         allocate (sets(0))
-         limits = numbers_of(run, "accuracy", "max_harmonics")
-         if (size(limits) > 0) then
-            limits = min(more*limits, 1000000)
-            sets = [sets, string_t("accuracy%max_harmonics="//list_of(limits))]
-         end if
-         text = solve_with(run, "accuracy%max_work="//to_text(more*real_of(run, "accuracy", "max_work")), sets)
+      else if (is_by_tolerance(run)) then
+         text = with_more_work(run, "max_harmonics", 1000000)
       end if
    end function with_more_harmonics
+
+   !> More work for a tolerance, and a higher limit where it is given.
+   function with_more_work(run, key, most) result(text)
+      type(run_t), intent(in) :: run
+      character(*), intent(in) :: key
+      integer, intent(in) :: most                                     !! that the limit may be
+      character(:), allocatable :: text
+      type(string_t), allocatable :: sets(:)
+      integer, allocatable :: limits(:)
+
+      allocate (sets(0))
+      limits = numbers_of(run, "accuracy", key)
+      if (size(limits) > 0) then
+         limits = more*min(limits, most/more)
+         sets = [sets, string_t("accuracy%"//key//"="//list_of(limits))]
+      end if
+      text = solve_with(run, "accuracy%max_work="//to_text(more*real_of(run, "accuracy", "max_work")), sets)
+   end function with_more_work
+
+   !> Whether each point chooses its harmonics.
+   logical function is_by_tolerance(run)
+      type(run_t), intent(in) :: run
+
+      is_by_tolerance = numbers_are_absent(run, "harmonics", "order") .and. numbers_are_absent(run, "harmonics", "tuples")
+   end function is_by_tolerance
 
    function with_more_samples(run) result(text)
       type(run_t), intent(in) :: run
@@ -189,7 +207,13 @@ contains
 
       numbers = numbers_of(run, "sampling", "samples")
       oversampling = real_of(run, "sampling", "oversampling")
-      if (any(numbers > 0)) then
+      if (is_by_tolerance(run) .and. any(numbers > 0)) then
+         text = solve_with(run, "sampling%samples=0")
+      else if (is_by_tolerance(run) .and. oversampling > 0.0_wp) then
+         text = solve_with(run, "sampling%oversampling=0")
+      else if (is_by_tolerance(run)) then
+         text = with_more_work(run, "max_samples", 100000000)
+      else if (any(numbers > 0)) then
          text = solve_with(run, "sampling%samples="//list_of(2*numbers))
       else
          text = solve_with(run, "sampling%oversampling="//to_text(merge(2.0_wp*oversampling, 6.0_wp, oversampling > 0.0_wp)))
@@ -202,16 +226,17 @@ contains
       character(*), intent(in) :: first
       type(string_t), intent(in), optional :: others(:)
       character(:), allocatable :: command
+      type(string_t), allocatable :: sets(:)
       integer :: i
 
       command = ""
       if (is_swept(run, first)) return
-      command = "nhbm solve "//shell_word(run%names%input)//earlier(run)//" --set "//shell_word(first)
-      if (present(others)) then
-         do i = 1, size(others)
-            command = command//" --set "//shell_word(others(i)%value)
-         end do
-      end if
+      sets = [string_t(first)]
+      if (present(others)) sets = [sets, others]
+      command = "nhbm solve "//shell_word(run%names%input)//earlier(run, sets)
+      do i = 1, size(sets)
+         command = command//" --set "//shell_word(sets(i)%value)
+      end do
       command = command//" -o "//shell_word(beside_result(run, "_2"))
    end function solve_with
 
@@ -223,7 +248,7 @@ contains
 
       command = ""
       if (any(run%tones%is_unknown)) return
-      command = "nhbm integrate "//shell_word(run%names%input)//earlier(run)
+      command = "nhbm integrate "//shell_word(run%names%input)//earlier(run, [string_t ::])
       if (size(run%plan%parameters) > 0) command = command//" --point "//to_text(run%kind%first - 1)
       write (duration, "(es8.1e2)") 200.0_wp*two_pi/minval(run%tones%omega)
       if (real_of(run, "integration", "duration") <= 0.0_wp) command = command// &
@@ -316,17 +341,28 @@ contains
       command = solve_with(run, "tones%subharmonic="//to_text(n*max(1, values(1))), sets)
    end function with_lower_tones
 
-   !> Values that the run was started with.
-   function earlier(run) result(words)
+   !> Values that the run was started with and that nothing behind them sets again.
+   function earlier(run, later) result(words)
       type(run_t), intent(in) :: run
+      type(string_t), intent(in) :: later(:)                          !! path=value, behind those of the run
       character(:), allocatable :: words
-      integer :: i
+      type(string_t), allocatable :: sets(:)
+      integer :: i, k
 
       words = ""
+      sets = [run%names%overrides, later]
       do i = 1, size(run%names%overrides)
-         words = words//" --set "//shell_word(run%names%overrides(i)%value)
+         if (any([(path_of(sets(k)%value) == path_of(sets(i)%value), k=i + 1, size(sets))])) cycle
+         words = words//" --set "//shell_word(sets(i)%value)
       end do
    end function earlier
+
+   pure function path_of(assignment) result(path)
+      character(*), intent(in) :: assignment                          !! path=value
+      character(:), allocatable :: path
+
+      path = lower(trim(adjustl(assignment(:index(assignment//"=", "=") - 1))))
+   end function path_of
 
    function beside_result(run, ending) result(path)
       type(run_t), intent(in) :: run
