@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
 from program import read, run
-from scipy.optimize import fsolve
+from scipy.optimize import brentq, fsolve
 
 W, D, E = 2.6, 0.1, 0.8  # tone, damping, restitution of a unit mass on a unit spring under a unit load
 MODEL = """&structure type='chain', n_masses=1, ends='free', mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0,
@@ -83,3 +83,52 @@ def test_restitution_of_integration_is_that_of_walls_without_one(tmp_path):
     assert np.array_equal(own, common)
     assert np.array_equal(own, both)
     assert read(solve(tmp_path, "", sets, status=1), "status")[0] == IMPACT
+
+
+def next_impact(impact, guess):
+    """Time and velocity before it, next to that time."""
+    for _ in range(20):
+        x, u = flight(impact[0], 0.0, -E * impact[1], guess)
+        guess -= x / u
+    return np.array([guess, flight(impact[0], 0.0, -E * impact[1], guess)[1]])
+
+
+def multipliers(turn, impacts):
+    """Of an orbit of free flights between impacts: products of the derivatives of the maps between them, by differences."""
+    product, ways = np.eye(2), 1e-5 * np.eye(2)
+    for impact, (until, _) in zip(impacts, [*impacts[1:], impacts[0] + np.array([turn, 0.0])]):
+        sides = [(next_impact(impact + way, until), next_impact(impact - way, until)) for way in ways]
+        product = np.column_stack([(above - below) / 2e-5 for above, below in sides]) @ product
+    return np.linalg.eigvals(product)
+
+
+def test_the_period_doubles_as_shaw_and_holmes_say(tmp_path, monkeypatch):
+    """S. W. Shaw and P. J. Holmes, J. Sound Vib. 90 (1983) 129-155: orbits of one impact a turn lose their stability by a flip, and
+    those of two impacts in two turns follow; multipliers on both sides are those of the maps between impacts."""
+
+    def largest(w):
+        monkeypatch.setattr("test_impacts.W", w)
+        t0, v, turn = orbit()
+        return multipliers(turn, [np.array([t0, v])])
+
+    flip = brentq(lambda w: largest(w).real.min() + 1, 2.6, 2.7, xtol=1e-10)
+    for w in (2.0, flip - 1e-2):
+        expected = np.sort_complex(largest(w))
+        result = solve(tmp_path, f", restitution={E}", "&harmonics order=48 /\n", tone=w)
+        real, imaginary, stable = (a[0] for a in read(result, "multiplier_real", "multiplier_imag", "is_stable"))
+        assert stable == 1
+        np.testing.assert_allclose(np.sort_complex((real + 1j * imaginary)[:2]), expected, atol=1e-7)
+
+    w = flip + 2e-2
+    monkeypatch.setattr("test_impacts.W", w)
+    t0, v, turn = orbit()
+    impacts = [np.array([t0 + 0.02, v])]
+    for _ in range(400):  # to the orbit that attracts
+        impacts.append(next_impact(impacts[-1], impacts[-1][0] + turn))
+    assert abs(impacts[-1][0] - impacts[-2][0] - turn) > 1e-2  # it is not the one of an impact a turn
+    np.testing.assert_allclose(impacts[-1] - impacts[-3], [2 * turn, 0.0], atol=1e-10)
+    expected = multipliers(2 * turn, impacts[-2:])
+    result = solve(tmp_path, f", restitution={E}", "&harmonics order=96 /\n", tone=f"{w!r}, subharmonic=2", of=2)
+    real, imaginary, stable = (a[0] for a in read(result, "multiplier_real", "multiplier_imag", "is_stable"))
+    assert stable == 1
+    np.testing.assert_allclose(np.sort_complex((real + 1j * imaginary)[:2]), np.sort_complex(expected), atol=1e-6)
