@@ -200,3 +200,17 @@ def test_sections_of_theory_exist():
             missing = sorted(set(cited) - known)
             assert not missing, f"{path.relative_to(ROOT)} cites what docs/why/theory.md lacks: {', '.join(missing)}"
     assert n_cited > 10, "the pattern of citations no longer fits the source"
+
+
+def test_packages_have_one_version_and_one_license():
+    version = re.search(r"project\(nhbm VERSION (\S+)", (ROOT / "CMakeLists.txt").read_text())[1]
+    places = {
+        "pyproject.toml": rf'^version = "{version}"',
+        "CITATION.cff": rf"^version: {version}",
+        "packages/conda/meta.yaml": rf"^  version: {version}",
+        "drivers/python/src/nhbm/__init__.py": rf'^__version__ = "{version}"',
+    }
+    for name, line in places.items():
+        assert re.search(line, (ROOT / name).read_text(), re.M), name
+    for name in ("pyproject.toml", "CITATION.cff", "packages/conda/meta.yaml", "packages/spack/packages/nhbm/package.py"):
+        assert "GPL-3.0-or-later" in (ROOT / name).read_text(), name
