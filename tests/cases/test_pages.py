@@ -48,6 +48,12 @@ def test_links_lead_somewhere(page):
             assert anchor in anchors(file), f"{page.relative_to(ROOT)}: {target}: no such heading"
 
 
+def test_every_picture_is_shown():
+    pages = "".join(page.read_text(encoding="utf-8") for page in [*PAGES, *ROOT.glob("docs/**/*.md")])
+    unused = [picture.name for picture in ROOT.glob("docs/pictures/*.png") if picture.name not in pages]
+    assert not unused, f"no page shows {', '.join(unused)}"
+
+
 def test_index_lists_every_page():
     index = ROOT / "docs" / "README.md"
     listed = {(index.parent / name).resolve() for name in re.findall(r"\]\(([^)#]+)\)", index.read_text(encoding="utf-8"))}
