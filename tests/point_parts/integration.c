@@ -114,7 +114,6 @@ static void step_rigid(const problem_t *p, double t, double h, double *q, double
       if (p->kind[k] == rigid_wall) {
          int is_above = z >= par[1], is_below = par[2] > 0.0 && z <= -par[1];
          if (!(is_above && impulse > 0.0) && !(is_below && impulse < 0.0)) continue;
-         impulse *= 1.0 + par[0];
       } else if (p->kind[k] == coulomb_rigid) {
          impulse = clip(impulse, -h * par[0], h * par[0]);
       } else {

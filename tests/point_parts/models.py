@@ -42,7 +42,7 @@ class Law:
             "elastic_stop": f"stiffness={first!r}, gap={second!r}{both}",
             "jenkins": f"stiffness={first!r}, limit={second!r}",
             "coulomb_tanh": f"limit={first!r}, velocity={second!r}",
-            "rigid_wall": f"gap={second!r}{both}" + (f", restitution={first!r}" if first else ""),
+            "rigid_wall": f"gap={second!r}{both}",
             "coulomb_rigid": f"limit={first!r}",
             "quadratic_damping": f"coefficient={first!r}",
             "cubic_damping": f"coefficient={first!r}",
