@@ -8,6 +8,7 @@ from nhbm.errors import ModelError
 __version__ = "0.1.0"
 _LATER = {  # what needs NumPy and more is imported when it is asked for
     "Gradient": "model", "Model": "model", "NotConverged": "errors", "Peak": "model", "PeakGradient": "model",
+    "open_dataset": "dataset",
     "Law": "laws", "law": "laws",
     "Beam": "groups", "Chain": "groups",
     "Jeffcott": "groups", "Matrices": "groups", "ModalBeam": "groups", "RotorStator": "groups", "Rotor": "rotors",

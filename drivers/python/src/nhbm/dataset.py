@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +24,22 @@ SOLVED = (1, 7, 8, 9, 16, 18)  # a motion of the tones is stored, if not always 
 VERDICTS = "not_done", "agrees", "unstable", "differs", "undecided"
 _NAMES = {"tuples": "tuple"}
 AMPLITUDES = "x(t) = sum over h of cos_h cos(j_h.omega t) + sin_h sin(j_h.omega t), j_h = tuple[h, :]"
+
+
+def open_dataset(path: str | Path) -> xr.Dataset:
+    """Opens a result file, as `xarray.open_dataset` does; `dataset.nhbm` has amplitudes, motions over time and pictures.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file of `nhbm solve`. Needs h5netcdf or netCDF4: ``pip install nhbm[xarray]``.
+
+    Returns
+    -------
+    xarray.Dataset
+        All points of the run (docs/user/schema.md), read where they are used.
+    """
+    return xr.open_dataset(path)
 
 
 def motion_of(session: Session) -> xr.Dataset:
