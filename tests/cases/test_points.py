@@ -76,6 +76,20 @@ def test_integration_gets_past_a_corner_between_two_stops():
     assert integration.record(0.1, 100_000) is None
 
 
+@pytest.mark.parametrize(
+    ("kinds", "count"),
+    [
+        ("hertz,short_bearing,dynamic_stiffness,base", 8),
+        pytest.param("all", 24, marks=pytest.mark.long),  # 20 s
+    ],
+)
+def test_laws_that_are_named_are_held_against_integration(kinds, count):
+    """All are answered within the tolerance, and none that is called stable leaves its motion."""
+    words = ["--seed", "7", "--count", str(count), "--kinds", kinds, "--tolerance", "1e-2", "--title", " 1 tones, .*, (?!rigid)"]
+    done = subprocess.run([sys.executable, TESTS / "points", *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and "| above 1; above 3 | 0; 0 |" in done.stdout, done.stdout + done.stderr
+
+
 MODEL = """&structure type = 'beam', length = 1.0, bending_stiffness = 1750.0, mass_per_length = 7.8, n_elements = 2,
    damping_diagonal = 9.0 /
 &tones frequency = 25.0, 40.3 /

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 
@@ -10,12 +12,19 @@ KINDS = (
     "cubic_spring", "elastic_stop", "jenkins", "coulomb_tanh", "rigid_wall", "coulomb_rigid",
     "quadratic_damping", "cubic_damping", "polynomial", "piecewise_linear",
     "jenkins_2d", "jenkins_2d", "annular_clearance", "annular_clearance", "van_der_pol",
+    "hertz", "electrostatic", "bouc_wen", "maxwell", "parametric", "film_x", "film_y", "balls_x", "balls_y",
+    "contact_x", "contact_y", "contact_n",
 )  # fmt: skip
 RIGID = (4, 5)
 N_SOFT = 4  # kinds of a second law
 N_FIRST = 6  # kinds of models that are not wide
 PLANE = {"jenkins_2d": 10, "annular_clearance": 12}  # two laws in integration.c: x and y
 INTEGRATED_BY = {"jenkins_2d": "&integration method='runge_kutta_4', steps_per_period=1000 /\n"}  # cvode cannot
+LATER = (  # drawn where they are named: laws, and what is written as other groups
+    "hertz", "electrostatic", "bouc_wen", "parametric", "polynomial_coupled", "squeeze_film", "short_bearing", "rolling_bearing",
+    "contact_3d", "dynamic_stiffness", "restitution", "base",
+)  # fmt: skip
+LEAST_DOFS = {"polynomial_coupled": 2, "squeeze_film": 2, "short_bearing": 2, "rolling_bearing": 2, "contact_3d": 3}
 WIDE = ("quadratic_damping", "cubic_damping", "polynomial", "piecewise_linear", "iwan", *PLANE)
 
 
@@ -25,24 +34,21 @@ class Law:
 
     kind: int
     shape: np.ndarray
-    parameters: tuple[float, float, float]
+    parameters: tuple[float, ...]
     said: str | None = None  # the group of an input where it is not that of this law alone
 
     def text(self, labels: list[str]) -> str:
         if self.said is not None:
             return self.said
-        first, second, sides = self.parameters
-        used = np.flatnonzero(self.shape)
-        place = f"dof{'s' * (KINDS[self.kind] == 'cubic_damping')}='{labels[used[0]]}'"
-        if len(used) > 1 or self.shape[used[0]] != 1.0:
-            place = "dofs=" + ",".join(f"'{labels[i]}'" for i in used) + ", weights=" + _listed(self.shape[used])
+        first, second, sides = self.parameters[:3]
+        place = _place(labels, self.shape, "dofs" if KINDS[self.kind] == "cubic_damping" else "dof")
         both = ", two_sided=.true." if sides else ""
         keys = {
             "cubic_spring": f"stiffness={first!r}",
             "elastic_stop": f"stiffness={first!r}, gap={second!r}{both}",
             "jenkins": f"stiffness={first!r}, limit={second!r}",
             "coulomb_tanh": f"limit={first!r}, velocity={second!r}",
-            "rigid_wall": f"gap={second!r}{both}",
+            "rigid_wall": f"gap={second!r}{both}" + f", restitution={first!r}" * (first > 0),
             "coulomb_rigid": f"limit={first!r}",
             "quadratic_damping": f"coefficient={first!r}",
             "cubic_damping": f"coefficient={first!r}",
@@ -66,16 +72,17 @@ class Model:
     order: int
     laws: list[Law] = field(default_factory=list)
     loads: list[tuple[tuple[int, ...], np.ndarray, np.ndarray]] = field(default_factory=list)
+    base: str = ""  # the groups of the loads, where these are those of a base that moves
 
     def text(self) -> str:
         tones = _listed(self.omega)
         text = self.structure + f"&tones frequency={tones} /\n&harmonics order={self.order} /\n"
         text += "".join(law.text(self.labels) for law in self.laws)
-        for harmonic, cosine, sine in self.loads:
+        for harmonic, cosine, sine in [] if self.base else self.loads:
             for label, c, s in zip(self.labels, cosine, sine):
                 if c or s:
                     text += f"&load dof='{label}', tuple={_listed(harmonic)}, cos={float(c)!r}, sin={float(s)!r} /\n"
-        return text
+        return text + self.base
 
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies without damping [rad/s], decay rates [1/s] of all oscillatory motions."""
@@ -87,13 +94,19 @@ class Model:
     @property
     def title(self) -> str:
         laws = " and ".join(law.text(self.labels).split("'")[1] for law in self.laws if law.said != "")
+        laws = "base and " * bool(self.base) + laws
         return f"{len(self.mass)} dofs, {len(self.omega)} tones, order {self.order}, {laws}"
 
 
-def random_model(seed: int, number: int, is_wide: bool = False) -> Model:
-    """The model of a number; the same on every machine. Wide ones have up to three tones and more kinds of laws."""
+def random_model(seed: int, number: int, is_wide: bool = False, kinds: tuple[str, ...] = ()) -> Model:
+    """The model of a number; the same on every machine. Wide ones have up to three tones and more kinds of laws; of `kinds`,
+    some of LATER, the models have one after the other."""
     draw = np.random.default_rng([seed, number])
-    model = _structure(draw, int(draw.integers(1, 4)))
+    later = kinds[number % len(kinds)] if kinds else ""
+    least = LEAST_DOFS.get(later, 1)
+    model = _structure(draw, int(draw.integers(least, 4)))
+    while least > 1 and model.labels[0].startswith("q"):  # modes of a beam move each by itself
+        model = _structure(draw, int(draw.integers(least, 4)))
     lowest = np.sort(model.modes()[0])[0]
     model.omega = np.array([lowest * draw.uniform(0.4, 2.3)])
     if draw.random() < 0.4:
@@ -103,13 +116,18 @@ def random_model(seed: int, number: int, is_wide: bool = False) -> Model:
         model.omega = np.append(model.omega, model.omega[0] * draw.uniform(0.3, 2.6) * (1 + 1e-3 * np.sqrt(3)))
     model.order = int(draw.integers(*((5, 26), (3, 8), (2, 5))[len(model.omega) - 1]))
     _load(model, draw)
+    if later == "base":
+        _move_base(model, draw)
     shape = _coordinate(model, draw)
-    kind = int(draw.integers(0, N_FIRST + (len(WIDE) if is_wide else 0)))
-    if kind < N_FIRST:
-        model.laws.append(_law(model, draw, shape, kind))
+    if later:
+        model.laws += _later_laws(model, draw, shape, later)
     else:
-        model.laws += _wide_laws(model, draw, shape, WIDE[kind - N_FIRST])
-    if draw.random() < 0.25:
+        kind = int(draw.integers(0, N_FIRST + (len(WIDE) if is_wide else 0)))
+        if kind < N_FIRST:
+            model.laws.append(_law(model, draw, shape, kind))
+        else:
+            model.laws += _wide_laws(model, draw, shape, WIDE[kind - N_FIRST])
+    if draw.random() < 0.25 and later != "restitution":
         model.laws.append(_law(model, draw, _coordinate(model, draw), int(draw.integers(0, N_SOFT))))
     return model
 
@@ -237,6 +255,163 @@ def _wide_laws(model: Model, draw, shape: np.ndarray, name: str) -> list[Law]:
     if name == "polynomial":
         second = sign * first * amplitude * draw.uniform(0.0, 1.0)
     return [Law(KINDS.index(name), shape, (float(first), float(second), float(third)))]
+
+
+def _later_laws(model: Model, draw, shape: np.ndarray, name: str) -> list[Law]:
+    """A law of LATER; where integration.c has several for it, the first one has the words."""
+    if name in ("squeeze_film", "short_bearing", "rolling_bearing", "contact_3d"):
+        return _laws_of_a_journal(model, draw, name)
+    if name == "polynomial_coupled":
+        return _coupled(model, draw)
+    amplitude, speed, static = _scale(model, shape)
+    force = static * amplitude
+    tuple_ = np.eye(len(model.omega), dtype=int)[draw.integers(0, len(model.omega))] * int(draw.integers(1, 3))
+    phase = f"tuple={_listed(tuple_)}"
+    frequency = float(tuple_ @ model.omega)
+    place = _place(model.labels, shape, "dof")
+    soft = [_law(model, draw, _coordinate(model, draw), int(draw.integers(0, N_SOFT)))]
+    if name == "base":
+        return soft
+    if name == "restitution":
+        law = _law(model, draw, shape, RIGID[0])
+        return [replace(law, parameters=(float(draw.uniform(0.1, 0.95)), *law.parameters[1:]))]
+    if name == "hertz":
+        n = float(draw.choice([1.5, 10 / 9, draw.uniform(1.2, 3.0)]))
+        values = {
+            "stiffness": static * 10 ** draw.uniform(0.0, 2.0) * amplitude ** (1 - n),
+            "exponent": n,
+            "gap": amplitude * draw.uniform(-0.2, 0.9),
+            "dissipation": draw.choice([0.0, draw.uniform(0.0, 0.3) / speed]),
+        }
+        return [_said(model, shape, name, values)]
+    if name == "electrostatic":
+        gap, part, angle = amplitude * draw.uniform(1.5, 6.0), draw.uniform(0.0, 0.5), draw.uniform(0, 2 * np.pi)
+        values = {
+            "coefficient": draw.uniform(0.05, 0.5) * 4 * static * gap**3 / 27 / (1 + part**2 / 2),
+            "gap": gap, "voltage": 1.0, "voltage_cos": part * np.cos(angle), "voltage_sin": part * np.sin(angle),
+        }  # fmt: skip
+        return [_said(model, shape, name, values, frequency, phase)]
+    if name == "bouc_wen":
+        values = {
+            "stiffness": static * 10 ** draw.uniform(-0.5, 0.7),
+            "post_yield_ratio": draw.uniform(0.0, 0.5),
+            "yield_displacement": amplitude * draw.uniform(0.05, 0.8),
+            "exponent": draw.choice([1.0, 2.0, draw.uniform(1.0, 4.0)]),
+            "beta": draw.uniform(0.5, 1.0),
+        }
+        return [_said(model, shape, name, values)]
+    angle = draw.uniform(0, 2 * np.pi)
+    if name == "parametric":
+        change, loss = static * draw.uniform(0.05, 0.6), force / speed * draw.uniform(0.0, 0.02)
+        values = {
+            "stiffness_cos": change * np.cos(angle), "stiffness_sin": change * np.sin(angle), "damping_cos": loss,
+            "damping_sin": 0.0, "backlash": amplitude * draw.uniform(0.05, 0.5) * (draw.random() < 0.4),
+        }  # fmt: skip
+        return [_said(model, shape, name, values, frequency, phase), *soft[: int(draw.integers(0, 2))]]
+    moduli = static * 10 ** draw.uniform(-1.0, 0.5, int(draw.integers(1, 3)))  # dynamic_stiffness
+    times = 10 ** draw.uniform(-1.0, 1.0, len(moduli)) / model.omega[0]
+    said = f"&dynamic_stiffness type='maxwell', {place}, moduli={_listed(moduli)}, times={_listed(times)} /\n"
+    parts = [(float(k), float(t)) for k, t in zip(moduli, times)]
+    return soft + [Law(KINDS.index("maxwell"), shape, part, said * (i == 0)) for i, part in enumerate(parts)]
+
+
+def _said(model: Model, shape, name: str, values: dict, frequency: float | None = None, more: str = "") -> Law:
+    """A law whose parameters in integration.c are its keys in this order, perhaps with a frequency behind them."""
+    parameters = tuple(float(value) for value in values.values())
+    keys = ", ".join(f"{key}={value!r}" for key, value in zip(values, parameters))
+    keys = ", ".join(part for part in (_place(model.labels, shape, "dof"), keys, more) if part)
+    parameters += () if frequency is None else (frequency,)
+    return Law(KINDS.index(name), shape, parameters, f"&law type='{name}', {keys} /\n")
+
+
+def _laws_of_a_journal(model: Model, draw, name: str) -> list[Law]:
+    """Laws of two or three coordinates, degrees of freedom of the model."""
+    axes = np.eye(len(model.mass))
+    x, y, *rest = (int(i) for i in draw.permutation(len(model.mass)))
+    scales = [_scale(model, axes[i]) for i in (x, y)]
+    amplitude, speed = (float(np.hypot(*(scale[i] for scale in scales))) for i in (0, 1))
+    static = min(scale[2] for scale in scales)
+    labels = [model.labels[i] for i in (x, y, *rest[:1])]
+    said = f"dof='{labels[0]}', second_dofs='{labels[1]}', "
+    if name in ("squeeze_film", "short_bearing"):
+        clearance = amplitude * float(draw.uniform(0.3, 2.0))
+        viscosity = static * amplitude / speed * float(draw.uniform(0.05, 1.0)) * clearance**3 * 2 / np.pi
+        turns = float(draw.uniform(0.2, 1.5) * model.omega[0]) * (name == "short_bearing")
+        is_full = bool(draw.random() < 0.3)
+        said += f"viscosity={viscosity!r}, radius=1.0, length=1.0, clearance={clearance!r}, rotor_speed={turns!r}, "
+        said += f"film='{'full' if is_full else 'half'}'"
+        kind, law, parameters = "film", "short_bearing", (viscosity, clearance, turns, float(is_full))
+    elif name == "rolling_bearing":
+        n, exponent = int(draw.integers(5, 13)), float(draw.choice([1.5, 10 / 9]))
+        stiffness = float(static * 10 ** draw.uniform(-0.5, 1.0) * amplitude ** (1 - exponent) / n)
+        clearance = float(amplitude * draw.uniform(-0.3, 0.3))
+        passing = np.eye(len(model.omega), dtype=int)[-1] * int(draw.integers(1, 4))
+        said += f"n_balls={n}, stiffness={stiffness!r}, exponent={exponent!r}, clearance={clearance!r}, tuple={_listed(passing)}"
+        kind, law = "balls", name
+        parameters = (stiffness, exponent, clearance, float(n), float(passing @ model.omega))
+    else:
+        deep, _, below = _scale(model, axes[rest[0]])
+        stiffness, friction = float(static * 10 ** draw.uniform(-0.5, 1.0)), float(draw.uniform(0.2, 0.8))
+        preload = float(stiffness * amplitude * draw.uniform(0.05, 0.6) / friction)
+        normal = float(min(below * 10 ** draw.uniform(-1.0, 0.7), 5 * preload / deep))
+        said += f"normal_dofs='{labels[2]}', stiffness={stiffness!r}, friction_coefficient={friction!r}, "
+        said += f"normal_stiffness={normal!r}, preload={preload!r}"
+        kind, law, parameters = "contact", "jenkins_2d", (stiffness, friction, normal, preload)
+    words = f"&law type='{law}', {said} /\n" + INTEGRATED_BY.get(law, "")
+    first = KINDS.index(f"{kind}_x")
+    places = [axes[i] for i in ((x, y, rest[0]) if kind == "contact" else (x, y))]
+    return [Law(first + i, place, parameters, words * (i == 0)) for i, place in enumerate(places)]
+
+
+def _coupled(model: Model, draw) -> list[Law]:
+    """Forces c (u.q)**3 + b (u.q)**2, perhaps d (u.v)**3, along directions u, multiplied out."""
+    n = len(model.mass)
+    laws, terms = [], Counter()
+    for _ in range(int(draw.integers(1, 3))):
+        shape = draw.normal(size=n)
+        shape /= np.linalg.norm(shape)
+        amplitude, speed, static = _scale(model, shape)
+        third = float(static * 10 ** draw.uniform(-0.5, 1.0) / amplitude**2)
+        second = float(draw.choice([-1.0, 1.0]) * third * amplitude * draw.uniform(0.0, 1.0))
+        laws.append(Law(KINDS.index("polynomial"), shape, (third, second, 0.0), ""))
+        if draw.random() < 0.4:
+            damping = float(static * amplitude * draw.uniform(0.03, 0.5) / speed**3)
+            laws.append(Law(KINDS.index("cubic_damping"), shape, (damping, 0.0, 0.0), ""))
+    for law in laws:
+        is_rate = KINDS[law.kind] == "cubic_damping"
+        for degree, coefficient in ((3, law.parameters[0]), (2, law.parameters[1])):
+            for factors in product(range(n), repeat=degree) if coefficient else ():
+                powers = tuple(int(np.sum(np.array(factors) == i)) for i in range(n))
+                for acts_on in range(n):
+                    exponents = ((0,) * n, powers) if is_rate else (powers, (0,) * n)
+                    terms[(acts_on, *exponents)] += float(coefficient * law.shape[acts_on] * np.prod(law.shape[list(factors)]))
+    said = "dofs=" + ",".join(f"'{label}'" for label in model.labels)
+    said += "\n   coefficients=" + ",\n   ".join(repr(value) for value in terms.values())
+    said += "\n   acts_on=" + ",\n   ".join(f"'{model.labels[i]}'" for i, _, _ in terms)
+    said += "\n   displacement_exponents=" + ",\n   ".join(_listed(powers) for _, powers, _ in terms)
+    said += "\n   velocity_exponents=" + ",\n   ".join(_listed(powers) for _, _, powers in terms)
+    return [replace(laws[0], said=f"&law type='polynomial_coupled', {said} /\n"), *laws[1:]]
+
+
+def _move_base(model: Model, draw) -> None:
+    """Loads of a base that moves all degrees of freedom, by an acceleration or a displacement a tone."""
+    loads = []
+    for harmonic, _, _ in model.loads:
+        kind = draw.choice(["acceleration", "displacement"])
+        c, s = (float(value) for value in draw.normal(size=2))
+        w = float(np.dot(harmonic, model.omega))
+        loaded = model.mass @ np.ones(len(model.mass)) * (w**2 if kind == "displacement" else -1.0)
+        loads.append((harmonic, c * loaded, s * loaded))
+        for label in model.labels:
+            model.base += f"&load dof='{label}', tuple={_listed(harmonic)}, cos={c!r}, sin={s!r}, kind='base_{kind}' /\n"
+    model.loads = loads
+
+
+def _place(labels: list[str], shape: np.ndarray, key: str) -> str:
+    used = np.flatnonzero(shape)
+    if len(used) == 1 and shape[used[0]] == 1.0:
+        return f"{key}='{labels[used[0]]}'"
+    return "dofs=" + ",".join(f"'{labels[i]}'" for i in used) + ", weights=" + _listed(shape[used])
 
 
 def _listed(values) -> str:

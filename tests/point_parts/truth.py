@@ -8,16 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from point_parts.compiled import compiled
-from point_parts.models import RIGID, Model
+from point_parts.models import KINDS, RIGID, Law, Model
 
 NEARNESS = 1e-3  # of the second start, relative to the motion
 PERIODS_OF_SLIDERS = 20
-FIRST_ORDER = (*RIGID, 10)  # kinds: Moreau's rule, and sliders in a plane, which stay where they are for a step
+MEMORY = 10  # times as many of Bouc-Wen elements, which forget slowly
+FIRST_ORDER = (*RIGID, 10, 24)  # kinds: Moreau's rule, and sliders in a plane, which stay where they are for a step
 RIGID_STEP = 0.015  # of these, in radians of the fastest motion
 RIGID_STEP_OF_ERRORS = 0.003
 LOOKS = 64  # in a period of the slowest tone, for each tone in it
 NEXT, PARTED = 1e-8, 100.0  # distance of neighbours relative to the motion, and how many times that they are apart when they part
 AT_REST = 1e-6  # motion of a coordinate relative to that of all degrees of freedom
+N_PARAMETERS = 6  # of a law in integration.c
 SMALLEST = 2e-2  # motion of a coordinate relative to the largest one: where it sticks it keeps what the second start adds
 
 
@@ -115,6 +117,9 @@ def _integration(library, model: Model, motion: Motion, q, v, bound, rigid_step=
         elif law.kind in (6, 7):
             speed = np.abs(motion.frequencies * (motion.amplitudes @ w)).sum()
             fastest = max(fastest, law.parameters[0] * (law.kind - 4) * speed ** (law.kind - 5) * (w @ k))
+        elif law.kind > 14:
+            added, rate = _steepest(law, np.abs(motion.amplitudes @ w).sum(), w @ k)
+            fastest = max(np.sqrt(fastest**2 + added * (w @ k)), rate)
     period = 2 * np.pi / model.omega.min()
     looks = int(LOOKS * np.ceil(model.omega.max() / model.omega.min()))
     stride = int(np.ceil(fastest * period / looks / (rigid_step if is_rigid else 0.08)))
@@ -133,7 +138,7 @@ def _integration(library, model: Model, motion: Motion, q, v, bound, rigid_step=
         "kind": np.array([law.kind for law in model.laws], dtype=np.int32),
         "shape": shape,
         "kick": kick,
-        "parameters": np.array([law.parameters for law in model.laws]),
+        "parameters": np.array([(*law.parameters, *(0.0,) * (N_PARAMETERS - len(law.parameters))) for law in model.laws]),
     }
     arrays = {name: np.ascontiguousarray(values) for name, values in arrays.items()}
     pointers = {name: values.ctypes.data for name, values in arrays.items()}
@@ -152,14 +157,52 @@ def _integration(library, model: Model, motion: Motion, q, v, bound, rigid_step=
     return first * step + step * stride * np.arange(len(out)), out
 
 
+def _steepest(law: Law, reach: float, kick: float) -> tuple[float, float]:
+    """Largest stiffness of a law in a motion up to `reach`, and a rate [rad/s] that steps have to follow as well."""
+    q = law.parameters
+    name = KINDS[law.kind]
+    if name == "hertz":
+        deep = max(reach - q[2], 0.0)
+        return q[0] * q[1] * deep ** (q[1] - 1), 0.2 * q[0] * deep ** q[1] * q[3] * kick
+    if name == "electrostatic":
+        return 2 * q[0] * (abs(q[2]) + np.hypot(q[3], q[4])) ** 2 / max(q[1] - reach, 0.1 * q[1]) ** 3, abs(q[5])
+    if name == "maxwell":
+        return q[0], 0.2 / q[1]
+    if name == "parametric":
+        return np.hypot(q[0], q[1]), max(abs(q[5]), 0.2 * np.hypot(q[2], q[3]) * kick)
+    if name in ("film_x", "film_y"):
+        share = min(reach / q[1], 0.9)
+        return 0.0, 0.2 * np.pi * q[0] / q[1] ** 3 * (1 + 2 * share**2) / (1 - share**2) ** 2.5 * kick
+    if name in ("balls_x", "balls_y"):
+        return q[3] * q[0] * q[1] * max(reach - q[2], 0.0) ** (q[1] - 1), abs(q[4])
+    return (q[2] if name == "contact_n" else q[0]), 0.0  # bouc_wen, contact_x and contact_y
+
+
 def _sliders(model: Model, motion: Motion, shape, period, looks) -> np.ndarray:
-    """Places of the sliders at t = 0 on the motion."""
+    """Places of the sliders, and what else laws remember, at t = 0 on the motion."""
     places = np.zeros(len(model.laws))
-    if not any(law.kind in (2, 10) for law in model.laws):
+    names = [KINDS[law.kind] for law in model.laws]
+    for k, law in enumerate(model.laws):
+        if names[k] == "maxwell":
+            places[k] = (motion.amplitudes @ law.shape / (1 + 1j * motion.frequencies * law.parameters[1])).sum().real
+    if not any(name in ("jenkins", "jenkins_2d", "bouc_wen", "contact_x") for name in names):
         return places
     times = np.arange(-PERIODS_OF_SLIDERS * 4 * looks, 1) * period / (4 * looks)
     paths = motion.at(times) @ shape.T
     for k, law in enumerate(model.laws):
+        if names[k] == "bouc_wen":
+            is_periodic = len(model.omega) == 1
+            n = 4 * looks if is_periodic else MEMORY * len(times)
+            path = motion.at(np.arange(-n, 1) * period / (4 * looks)) @ law.shape
+            places[k] = _yielded(law.parameters, np.diff(path).tolist(), 2000 if is_periodic else 1)
+        if names[k] == "contact_x":
+            stiffness, friction, normal, preload = law.parameters
+            reaches = friction / stiffness * np.maximum(preload + normal * paths[:, k + 2], 0.0)
+            for z, reach in zip(paths[:, k : k + 2], reaches):
+                leash = z - places[k : k + 2]
+                length = np.hypot(*leash)
+                if length > reach:
+                    places[k : k + 2] = z - leash * reach / length
         if law.kind not in (2, 10):
             continue
         reach = law.parameters[1] / law.parameters[0]
@@ -170,6 +213,20 @@ def _sliders(model: Model, motion: Motion, shape, period, looks) -> np.ndarray:
             if length > reach:
                 places[pair] = z - leash * reach / length
     return places
+
+
+def _yielded(parameters, steps: list[float], times: int) -> float:
+    """What a Bouc-Wen element remembers after it went its steps so often, or until it comes back to where it was."""
+    _, _, yields, exponent, beta = parameters
+    place = 0.0
+    for _ in range(times):
+        before = place
+        for step in steps:
+            share = min(1.0, (abs(place) / yields) ** exponent)
+            place += step * (1 - share * (1 - beta + (beta if place * step > 0 else -beta)))
+        if abs(place - before) < 1e-9 * yields:
+            break
+    return place
 
 
 def _difference(model: Model, motion: Motion, times, integrated) -> float:
