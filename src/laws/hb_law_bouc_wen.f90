@@ -1,11 +1,11 @@
 !> Bouc-Wen hysteresis, f = k (a z + (1 - a) w): the hysteretic displacement w follows dw/dz = 1 - |w/z_y|**n (gamma + beta
 !> sgn(w dz)) with gamma = 1 - beta, so that k is the stiffness at rest and loading ends at w = z_y.
 !>
-!> State: z - w, what has yielded. Along a piece of the path that does not turn u = w/z_y, positive in the direction of loading, obeys
-!> du/dy = E(u) = 1 - r |u|**n over the way y = |dz|/z_y, with r = 1 while it loads and r = 1 - 2 beta while it unloads. Each piece
+!> State: z - w, what has yielded. Along a piece of the path that does not turn u = w/z_y, positive in the direction of loading,
+!> obeys du/dy = E(u) = 1 - r |u|**n over the way y = |dz|/z_y, with r = 1 while it loads and r = 1 - 2 beta while it unloads. Each piece
 !> is solved to rounding for any n: next to u = 0, where |u|**n need not be smooth, by the power series of y(u); elsewhere
-!> in v = -log|E|, with dv/dy = r n |u|**(n - 1) sgn(u), by Newton's method, which integrates dy/dv by Gauss's points from iterate to
-!> iterate. As nothing depends on y itself, du/dy at the end is E there and du/du_start the ratio of E at both ends.
+!> in v = -log|E|, with dv/dy = r n |u|**(n - 1) sgn(u), by Newton's method, which integrates dy/dv by Gauss's points from iterate
+!> to iterate. As nothing depends on y itself, du/dy at the end is E there and du/du_start the ratio of E at both ends.
 !> Source: Y.-K. Wen, J. Eng. Mech. Div. ASCE 102 (1976) 249; F. Ikhouane and J. Rodellar, Systems with Hysteresis, Wiley
 !> 2007 (normalised form); S. Erlicher and N. Point, C. R. Mecanique 332 (2004) 51 (beta >= gamma: no loop gives energy);
 !> docs/why/theory.md, section 5.5. Sign: f stands beside K q on the left-hand side.

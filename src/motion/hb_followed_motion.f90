@@ -340,8 +340,8 @@ contains
       if (is_there) x = there
    end subroutine followed_motion_land
 
-   !> Gives the curve the conditions for the phases of unknown tones, by the motion at hand, and for the amplitude or the energy of a
-   !> normal mode.
+   !> Gives the curve the conditions for the phases of unknown tones, by the motion at hand, and for the amplitude or the energy of
+   !> a normal mode.
    subroutine followed_motion_put_conditions(self)
       class(followed_motion_t), intent(inout) :: self
       integer :: dof, h, i, n

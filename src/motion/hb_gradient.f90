@@ -155,10 +155,10 @@ contains
       end associate
    end subroutine differentiate_linear
 
-   !> Differentiates the same motion in wider sets and on finer grids. A derivative needs tuples that the motion
-   !> hardly has, such as those that a load of amplitude zero would excite, and where contact or friction changes is known to a sample,
-   !> which hardly matters to the motion and much to its derivatives. What is free by tolerance is made wider and finer until the
-   !> derivatives change by less than the tolerance; a set that is given rules them, and so does a grid, whose change is told.
+   !> Differentiates the same motion in wider sets and on finer grids. A derivative needs tuples that the motion hardly has, such as
+   !> those that a load of amplitude zero would excite, and where contact or friction changes is known to a sample, which hardly
+   !> matters to the motion and much to its derivatives. What is free by tolerance is made wider and finer until the derivatives
+   !> change by less than the tolerance; a set that is given rules them, and so does a grid, whose change is told.
    subroutine refine(motion, model, own, gradient)
       class(differentiable_t), intent(inout) :: motion
       type(model_t), intent(in) :: model

@@ -123,7 +123,8 @@ contains
    end subroutine integrate_first
 
    !> The last way: where the balance has found no motion, or one that strikes walls whose restitution is given, the model is
-   !> integrated, and what that ends in is the answer: the balance solved from there, the motion integrated, or what there is instead.
+   !> integrated, and what that ends in is the answer: the balance solved from there, the motion integrated, or what there is
+   !> instead.
    subroutine fallback_by_integration(model, result, unknowns)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(inout) :: result

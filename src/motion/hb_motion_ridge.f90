@@ -53,8 +53,8 @@ contains
       end if
    end subroutine new_motion_curve
 
-   !> Follows a whole curve along the first value at the start of the second: its highest peak, or first point of another kind, is where to
-   !> begin.
+   !> Follows a whole curve along the first value at the start of the second: its highest peak, or first point of another kind, is
+   !> where to begin.
    subroutine motion_ridge_begin(self, model, document, request, result, error)
       class(motion_ridge_t), intent(inout), target :: self
       type(model_t), intent(inout) :: model                           !! at the start

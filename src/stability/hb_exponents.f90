@@ -17,8 +17,9 @@ module hb_exponents
 
    integer, parameter :: n_periods = 100                              ! on which averages are taken
    integer, parameter :: usual_most_periods = 800
-   real(wp), parameter :: overrun = 10.0_wp                           ! of the limit by work that was not foreseen: balls of a bearing,
-                                                                      ! whose slopes have kinks, take 3.5 times what is expected
+   real(wp), parameter :: overrun = 10.0_wp                           ! of the limit by work that was not foreseen: balls of a
+                                                                      ! bearing, whose slopes have kinks, take 3.5 times what is
+                                                                      ! expected
    real(wp), parameter :: clear_early = 10.0_wp                       ! of the spread, from zero, before all `n_periods`
 
    !> Somebody who carries disturbances along a motion.

@@ -347,8 +347,8 @@ contains
       if (gives_way) call note(search, side, time_of(search, side, .false., turn))
    end function gives_way_at_turn
 
-   !> When, until a time, a bound reaches the slider or, where that `stops`, the bound that pushes it turns back; leaves the bounds as
-   !> they are then.
+   !> When, until a time, a bound reaches the slider or, where that `stops`, the bound that pushes it turns back; leaves the bounds
+   !> as they are then.
    real(wp) function time_of(search, side, stops, until)
       type(slip_search_t), intent(inout) :: search
       integer, intent(in) :: side

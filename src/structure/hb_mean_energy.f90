@@ -3,8 +3,8 @@
 !>
 !> The mean of x'^T M x'/2 is w**2 c^H M c/4, that of x^T K x/2 is c^H K c/4, of a constant part twice that; a part that depends
 !> on the frequency stores Re(conj(a.c) Z b.c)/4. With the rate i w c the damping takes w**2 Re(c^H D c)/2, of which gyroscopic
-!> parts have none, and such a part w Im(conj(a.c) Z b.c)/2. A linear oscillator with damping d that moves with amplitude a at frequency w
-!> loses P = d w**2 a**2/2, so that P/(2 w U) = d w/k is its loss factor and P/(4 T) = d/(2 m) its rate of decay; with several
+!> parts have none, and such a part w Im(conj(a.c) Z b.c)/2. A linear oscillator with damping d that moves with amplitude a at
+!> frequency w loses P = d w**2 a**2/2, so that P/(2 w U) = d w/k is its loss factor and P/(4 T) = d/(2 m) its rate of decay; with several
 !> harmonics w U is their sum.
 module hb_mean_energy
    use hb_kinds, only: wp
