@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
 from program import read, run
+from scipy.linalg import expm
 from scipy.optimize import brentq, fsolve
 
 W, D, E = 2.6, 0.1, 0.8  # tone, damping, restitution of a unit mass on a unit spring under a unit load
@@ -85,6 +86,35 @@ def test_restitution_of_integration_is_that_of_walls_without_one(tmp_path):
     assert read(solve(tmp_path, "", sets, status=1), "status")[0] == IMPACT
 
 
+def closed_orbit(w):
+    """Time after and velocity before the one impact in each turn, and the matrix of a turn from before an impact to before the
+    next, in closed form: free flights from wall to wall, forced by the load, as of Shaw and Holmes."""
+    flow = expm(np.array([[0.0, 1.0], [-1.0, -D]]) * 2 * np.pi / w)
+    steady = 1 / (1 - w**2 + 1j * w * D)
+    along = np.linalg.solve(np.eye(2) - flow, flow @ [0.0, E] + [0.0, 1.0])  # forced state at the impact over the velocity
+    v = abs(steady) / np.hypot(along[0], along[1] / w)
+    t0 = (np.arctan2(-along[1] / w, along[0]) - np.angle(steady)) / w % (2 * np.pi / w)
+    before, after = np.cos(w * t0) - D * v, np.cos(w * t0) + D * E * v  # accelerations
+    return t0, v, flow @ np.array([[-E, 0.0], [(after + E * before) / v, -E]])
+
+
+@pytest.mark.parametrize("w", [pytest.param(2.0, marks=pytest.mark.long), 2.6])
+def test_orbits_have_their_closed_form(w, tmp_path, monkeypatch):
+    monkeypatch.setattr("test_impacts.W", w)
+    t0, v, turn = closed_orbit(w)
+    assert flight(t0, 0.0, -E * v, t0 + 2 * np.pi / w) == pytest.approx((0.0, v), abs=1e-12)
+    nodes, weights = leggauss(400)
+    t = t0 + (nodes + 1) * np.pi / w
+    x = flight(t0, 0.0, -E * v, t)[0]
+    more = "&harmonics order=12 /\n&integration steps_per_period=20000 /\n"
+    found, real, imaginary = (
+        a[0] for a in read(solve(tmp_path, f", restitution={E}", more, w), "coefficients", "multiplier_real", "multiplier_imag")
+    )
+    lines = np.array([(2 if k else 1) * (weights * x) @ np.exp(1j * k * w * t) / 2 for k in range(13)])
+    assert np.abs(found[0, :, 0] + 1j * found[0, :, 1] - lines).max() < 1e-8 * np.abs(lines).max()
+    np.testing.assert_allclose(np.sort_complex((real + 1j * imaginary)[:2]), np.sort_complex(np.linalg.eigvals(turn)), atol=1e-8)
+
+
 def next_impact(impact, guess):
     """Time and velocity before it, next to that time."""
     for _ in range(20):
@@ -112,6 +142,7 @@ def test_the_period_doubles_as_shaw_and_holmes_say(tmp_path, monkeypatch):
         return multipliers(turn, [np.array([t0, v])])
 
     flip = brentq(lambda w: largest(w).real.min() + 1, 2.6, 2.7, xtol=1e-10)
+    assert np.linalg.eigvals(closed_orbit(flip)[2]).min() == pytest.approx(-1.0, abs=1e-8)
     for w in (2.0, flip - 1e-2):
         expected = np.sort_complex(largest(w))
         result = solve(tmp_path, f", restitution={E}", "&harmonics order=48 /\n", tone=w)
