@@ -41,7 +41,8 @@ module hb_normal_mode
    !> What the motion is to have: an amplitude with its condition for the phase, or an energy. Half way there is half of the
    !> amplitude and a quarter of the energy.
    type :: goal_t
-      real(wp) :: value = 0.0_wp                                      ! [m] or [J]
+      real(wp) :: value = 0.0_wp                                      ! [m] or [J], beyond the rest
+      real(wp) :: rest = 0.0_wp                                       ! amplitude of the base motion [m]
       real(wp) :: share = first_share                                 ! of the amplitude, where the way begins
       integer :: dof = 0                                              ! of the amplitude, among those of the laws
       real(wp), allocatable :: forms(:, :)                            ! phase and amplitude, (coefficients of all dofs, 2)
@@ -71,7 +72,6 @@ contains
       type(goal_t) :: goal
       integer :: h
 
-      goal%value = amplitude
       goal%dof = dof
       goal%is_peak = is_peak
       associate (set => search%balance%harmonics, tone => search%tones(1), n_dofs => size(u, 2))
@@ -85,6 +85,13 @@ contains
             goal%forms(:, 2) = coefficient_form(set, n_dofs, set%cos_at(h), dof)
          end if
       end associate
+      goal%rest = dot_product(goal%forms(:, 2), reshape(search%base%u, [size(u)]))
+      goal%value = amplitude - goal%rest
+      if (abs(goal%value) <= rounding*abs(amplitude)) then
+         search%report%status = outcome%no_motion
+         search%message = "the amplitude is the displacement at rest"
+         return
+      end if
       call find(search, goal, has_start, u)
    end subroutine find_normal_mode
 
@@ -188,7 +195,7 @@ contains
       if (allocated(goal%energy)) then
          search%message = "continuation from the linear mode ended at an energy of "//to_text(reached**2*goal%value)
       else
-         search%message = "continuation from the linear mode ended at amplitude "//to_text(reached*goal%value)
+         search%message = "continuation from the linear mode ended at amplitude "//to_text(goal%rest + reached*goal%value)
       end if
       if (allocated(point%u)) u = point%u
    end subroutine continue_from_mode
@@ -237,7 +244,7 @@ contains
             value = goal%energy%value(self%balance, reshape(x(:n), [self%balance%harmonics%n_coefficients, self%balance%n_dofs]))
             value = sign(sqrt(abs(value)/goal%value), value) - 1.0_wp
          else
-            value = dot_product(goal%forms(:n, 2), x(:n))/goal%value - 1.0_wp
+            value = (dot_product(goal%forms(:n, 2), x(:n)) - goal%rest)/goal%value - 1.0_wp
          end if
       end associate
    end function goal_event_value
@@ -304,7 +311,8 @@ contains
                                 goal%energy)
       else
          call search%set_scales(abs(share*goal%value))
-         call new_phase_problem(search%phase, search%balance, search%tones, .true., goal%forms, [0.0_wp, share*goal%value])
+         call new_phase_problem(search%phase, search%balance, search%tones, .true., goal%forms, &
+                                [0.0_wp, goal%rest + share*goal%value])
          if (goal%is_peak) search%phase%peak_dof = goal%dof
       end if
       x = search%phase%unknowns([u])
