@@ -4,6 +4,7 @@ module hb_curve_plan
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
+   use hb_law, only: hold_t
    use hb_model, only: model_t
    use hb_model_reader, only: moving_groups
    use hb_properties, only: properties_t
@@ -223,6 +224,19 @@ contains
       end do
    end subroutine curve_plan_make_request
 
+   !> Whether a wall has its law of impact.
+   logical function has_restitution(model)
+      type(model_t), intent(in) :: model
+      type(hold_t) :: hold
+      integer :: i
+
+      has_restitution = .false.
+      do i = 1, size(model%laws)
+         if (model%laws(i)%law%is_multiplier) hold = model%laws(i)%law%hold()
+         has_restitution = has_restitution .or. hold%restitution >= 0.0_wp
+      end do
+   end function has_restitution
+
    !> Fails where the model has no curve along these values.
    subroutine check_model(self, model, document, error)
       class(curve_plan_t), intent(in) :: self
@@ -247,6 +261,8 @@ contains
          error_text = "an amplitude or energy is not 0, and keeps its sign on a curve"
       else if (size(model%laws) == 0) then
          error_text = "a curve needs at least one &law; without any, a &sweep shows all there is"
+      else if (has_restitution(model)) then
+         error_text = "motions that strike a wall with a restitution are no balances to follow; a &sweep finds them one by one"
       end if
       if (is_tones .and. len(error_text) == 0) then
          if (model%tones%is_unknown(max(1, self%moving%parameter%element(1)))) error_text = "this frequency is found, not given"
