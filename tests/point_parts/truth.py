@@ -194,7 +194,7 @@ def _sliders(model: Model, motion: Motion, shape, period, looks) -> np.ndarray:
             is_periodic = len(model.omega) == 1
             n = 4 * looks if is_periodic else MEMORY * len(times)
             path = motion.at(np.arange(-n, 1) * period / (4 * looks)) @ law.shape
-            places[k] = _yielded(law.parameters, np.diff(path).tolist(), 2000 if is_periodic else 1)
+            places[k] = _yielded(law.parameters, float(path[0]), np.diff(path).tolist(), 2000 if is_periodic else 1)
         if names[k] == "contact_x":
             stiffness, friction, normal, preload = law.parameters
             reaches = friction / stiffness * np.maximum(preload + normal * paths[:, k + 2], 0.0)
@@ -215,15 +215,20 @@ def _sliders(model: Model, motion: Motion, shape, period, looks) -> np.ndarray:
     return places
 
 
-def _yielded(parameters, steps: list[float], times: int) -> float:
-    """What a Bouc-Wen element remembers after it went its steps so often, or until it comes back to where it was."""
+def _yielded(parameters, place: float, steps: list[float], times: int) -> float:
+    """What a Bouc-Wen element, first at `place` as a spring would be, remembers after it went its steps so often, or until it
+    comes back to where it was."""
     _, _, yields, exponent, beta = parameters
-    place = 0.0
+    place = min(yields, max(-yields, place))
+
+    def gained(at: float, step: float) -> float:
+        share = min(1.0, (abs(at) / yields) ** exponent)
+        return step * (1 - share * (1 - beta + (beta if at * step > 0 else -beta)))
+
     for _ in range(times):
         before = place
         for step in steps:
-            share = min(1.0, (abs(place) / yields) ** exponent)
-            place += step * (1 - share * (1 - beta + (beta if place * step > 0 else -beta)))
+            place += gained(place + gained(place, step) / 2, step)
         if abs(place - before) < 1e-9 * yields:
             break
     return place
