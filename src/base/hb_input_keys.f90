@@ -9,7 +9,7 @@ module hb_input_keys
    use hb_text, only: join, parse_real, split, string_t
    implicit none
    private
-   public :: choices_of, find_rule, groups_with, limits_t, max_unit, rule_t
+   public :: choices_of, find_groups, find_rule, limits_t, max_unit, rule_t
 
    integer, parameter :: max_unit = 16
    integer, parameter :: max_choice = 24
@@ -77,10 +77,11 @@ contains
    end function choices_of
 
    !> Where else a key stands, such as "&harmonics" or "&law type = 'jenkins'"; empty where nowhere, in many places, or here.
-   pure function groups_with(key, group, type) result(text)
+   pure subroutine find_groups(key, group, type, text)
       character(*), intent(in) :: key
       character(*), intent(in) :: group, type               !! without these; lower case
-      character(:), allocatable :: text, section, row
+      character(:), allocatable, intent(out) :: text
+      character(:), allocatable :: section, row
       type(string_t), allocatable :: groups(:)
       integer :: i, n
 
@@ -96,7 +97,7 @@ contains
          groups = [groups, string_t("&"//section)]
       end do
       if (size(groups) <= max_groups) text = join(groups, ", ")
-   end function groups_with
+   end subroutine find_groups
 
    !> Takes a default that is a value; words that describe one say nothing here.
    pure subroutine read_default(text, rule)

@@ -5,7 +5,7 @@
 module hb_property_record
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
-   use hb_input_keys, only: find_rule, groups_with, max_unit, rule_t
+   use hb_input_keys, only: find_groups, find_rule, max_unit, rule_t
    use hb_key_rows, only: row_of
    use hb_kinds, only: wp
    use hb_property_values, only: content_t, element_text, kind_of
@@ -167,7 +167,7 @@ contains
                if (closest /= "") then
                   closest = "did you mean '"//closest//"'? "
                else
-                  closest = groups_with(trim(content%names%names(i)), self%name, type)
+                  call find_groups(trim(content%names%names(i)), self%name, type, closest)
                   if (closest /= "") closest = "it belongs to "//closest//"; "
                end if
                call add_line(lines, n, place_at(self, content%keys(i)%line, .true.)//": unknown key '"// &
