@@ -4,11 +4,12 @@
 add_library(hb_warnings INTERFACE)
 # Bindings of abstract types have arguments that not every law or structure uses. A text that is cut is an error, and so is a
 # function of C that no header declares: its pointers would lose their upper half. Not asked for:
-# implicit interfaces, for which gfortran takes functions of the same module that give lengths.
+# implicit interfaces, for which gfortran takes functions of the same module that give lengths; calls of functions left out, and
+# descriptors of arrays that are set where they are allocated, which it takes for unset ones.
 target_compile_options(hb_warnings INTERFACE
    $<$<COMPILE_LANG_AND_ID:Fortran,GNU>:-std=f2018 -Wall -Wextra -Werror=character-truncation
-      -Wno-unused-dummy-argument -Wno-compare-reals -Wno-maybe-uninitialized
-      $<$<NOT:$<CONFIG:Debug>>:-Wno-uninitialized -Wno-function-elimination>>
+      -Wno-unused-dummy-argument -Wno-compare-reals -Wno-maybe-uninitialized -Wno-uninitialized
+      -Wno-function-elimination>
    $<$<COMPILE_LANG_AND_ID:Fortran,LLVMFlang>:-std=f2018>
    $<$<COMPILE_LANG_AND_ID:C,GNU,Clang>:-std=c11 -Wall -Wextra -Wpedantic -Wconversion
       -Werror=implicit-function-declaration -Werror=int-conversion>)
@@ -52,4 +53,5 @@ endif()
 set(HB_LONG_LINES $<$<Fortran_COMPILER_ID:GNU>:-ffree-line-length-none>)
 
 # For sources that call kernels and have none: compiled in half of the time, to the same numbers.
-set(HB_STEERING_FLAGS $<$<AND:$<CONFIG:Release>,$<Fortran_COMPILER_ID:GNU>>:-O1>)
+set(HB_STEERING_FLAGS $<$<AND:$<CONFIG:Release>,$<Fortran_COMPILER_ID:GNU>>:-O1>
+   $<$<AND:$<CONFIG:Debug>,$<Fortran_COMPILER_ID:GNU>>:-O0>)

@@ -61,10 +61,10 @@ module hb_session
    end type session_cancellation_t
 
    abstract interface
-      integer(c_int) function wants_end(context) bind(c)
+      integer(c_int) function ask_caller(context) bind(c)
          import :: c_int, c_ptr
          type(c_ptr), value :: context
-      end function wants_end
+      end function ask_caller
 
       subroutine told(context, progress) bind(c)
          import :: c_ptr, progress_t
@@ -457,7 +457,7 @@ contains
    logical function session_cancellation_wants_end(self) result(wants)
       class(session_cancellation_t), intent(inout) :: self
       real(wp), parameter :: interval = 0.05_wp
-      procedure(wants_end), pointer :: ask
+      procedure(ask_caller), pointer :: caller
       procedure(told), pointer :: tell
       real(wp) :: now
 
@@ -472,7 +472,7 @@ contains
          call tell(self%told_context, self%progress)
       end if
       if (.not. c_associated(self%ask)) return
-      call c_f_procpointer(self%ask, ask)
-      wants = ask(self%context) /= 0
+      call c_f_procpointer(self%ask, caller)
+      wants = caller(self%context) /= 0
    end function session_cancellation_wants_end
 end module hb_session

@@ -116,10 +116,10 @@ contains
          v = -log(beginning)
          call rise(self%exponent, -unloading, 1.0_wp, -log(1.0_wp + edge), v, rest)
          by_piece = exp(-v)
-         u = -((by_piece - 1.0_wp)/(-unloading))**(1.0_wp/self%exponent)
+         u = -raised((by_piece - 1.0_wp)/(-unloading), 1.0_wp/self%exponent)
       end if
       if (rest > 0.0_wp .and. (u < 0.0_wp .or. by_piece >= edge)) then
-         last = edge**(1.0_wp/self%exponent)
+         last = raised(edge, 1.0_wp/self%exponent)
          rest = rest + series(self, u) - series(self, last)
          if (rest > 0.0_wp) then
             u = last
@@ -142,7 +142,7 @@ contains
          if (beginning < edge) beginning = by_piece
          call rise(self%exponent, 1.0_wp, sign(1.0_wp, by_piece), huge(1.0_wp), v, rest)
          by_piece = sign(exp(-v), by_piece)
-         u = (1.0_wp - by_piece)**(1.0_wp/self%exponent)
+         u = raised(1.0_wp - by_piece, 1.0_wp/self%exponent)
       end if
       w = u/direction
       by_start = 1.0_wp
@@ -154,8 +154,25 @@ contains
       class(bouc_wen_t), intent(in) :: self
       real(wp), intent(in) :: u
 
-      rate_at = 1.0_wp - merge(1.0_wp, 1.0_wp - 2.0_wp*self%beta, u > 0.0_wp)*abs(u)**self%exponent
+      rate_at = 1.0_wp - merge(1.0_wp, 1.0_wp - 2.0_wp*self%beta, u > 0.0_wp)*raised(abs(u), self%exponent)
    end function rate_at
+
+   !> x**power of x >= 0, without logarithms for the powers that are usual.
+   elemental real(wp) function raised(x, power)
+      real(wp), intent(in) :: x, power
+
+      if (abs(power - 1.0_wp) <= 0.0_wp) then
+         raised = x
+      else if (abs(power - 2.0_wp) <= 0.0_wp) then
+         raised = x*x
+      else if (abs(power - 0.5_wp) <= 0.0_wp) then
+         raised = sqrt(x)
+      else if (abs(power) <= 0.0_wp) then
+         raised = 1.0_wp
+      else
+         raised = x**power
+      end if
+   end function raised
 
    !> The way y from 0 to u, the sum of u (r |u|**n)**k/(n k + 1), for |r| |u|**n <= `edge`.
    pure real(wp) function series(self, u)
@@ -214,7 +231,7 @@ contains
       elemental real(wp) function slope(v)
          real(wp), intent(in) :: v
 
-         slope = n*r*(abs(1.0_wp - sign_of_rate*exp(-v))/r)**(1.0_wp - 1.0_wp/n)
+         slope = n*r*raised(abs(1.0_wp - sign_of_rate*exp(-v))/r, 1.0_wp - 1.0_wp/n)
       end function slope
    end subroutine rise
 

@@ -99,7 +99,7 @@ contains
       logical, intent(in) :: is_full
       real(wp), intent(out) :: force(2), by_x(2, 2), by_w(2, 2)
       real(wp) :: angle, e, ends(2), first, frame(2, 2), moments(3), own(2), s, second, slopes(4), weight
-      integer :: k
+      integer :: k, side
 
       frame(:, 1) = [1.0_wp, 0.0_wp]
       if (norm2(x) > 0.0_wp) frame(:, 1) = x/norm2(x)
@@ -116,13 +116,15 @@ contains
       end if
       moments = 0.0_wp                                                ! of first**a second**b, a + b = 2, b rises
       slopes = 0.0_wp                                                 ! a + b = 3
-      do k = 1, 2*size(nodes)
-         angle = 0.5_wp*(sum(ends) + sign(nodes((k + 1)/2), real(2*modulo(k, 2) - 1, wp))*(ends(2) - ends(1)))
-         weight = 0.5_wp*weights((k + 1)/2)*(ends(2) - ends(1))
-         first = 2.0_wp*sin(0.5_wp*angle)**2 - (1.0_wp - e)           ! e + cos(gamma)
-         second = -s*sin(angle)
-         moments = moments + weight*[first**2, first*second, second**2]
-         slopes = slopes + weight*[first**3, first**2*second, first*second**2, second**3]
+      do k = 1, size(nodes)
+         weight = 0.5_wp*weights(k)*(ends(2) - ends(1))
+         do side = 1, -1, -2
+            angle = 0.5_wp*(sum(ends) + side*nodes(k)*(ends(2) - ends(1)))
+            first = 2.0_wp*sin(0.5_wp*angle)**2 - (1.0_wp - e)        ! e + cos(gamma)
+            second = -s*sin(angle)
+            moments = moments + weight*[first**2, first*second, second**2]
+            slopes = slopes + weight*[first**3, first**2*second, first*second**2, second**3]
+         end do
       end do
       moments = moments/s**5
       slopes = 3.0_wp*slopes/s**7

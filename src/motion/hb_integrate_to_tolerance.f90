@@ -144,6 +144,7 @@ contains
       is_struck = model%lacks_impacts_of(result%status)
       if (settled%status == outcome%pending .or. .not. (is_struck .or. allocated(integrated%coefficients))) then
          if (allocated(settled%message)) result%message = settled%message
+         if (is_struck .and. settled%is_out_of_work) result%status = outcome%out_of_budget
          return
       end if
       estimate_before = estimate_of(result)
@@ -209,8 +210,8 @@ contains
    end subroutine start_on
 
    !> Integrates with candidates in a box, then in the next one of twice the order where they leave too much, and keeps what matters
-   !> of the best of them. Lines beyond a small box look as if the motion did not repeat, so a larger box has the last word. Without
-   !> a motion there is only what is said of it.
+   !> of the best of them. Lines beyond a small box look as if the motion did not repeat, so a larger box has the last word where
+   !> there are several tones. Without a motion there is only what is said of it.
    subroutine integration(model, settled, result, found)
       type(model_t), intent(in), target :: model
       type(steady_motion_t), intent(out) :: settled
@@ -256,12 +257,15 @@ contains
       self%work = self%work + settled%work
       settled%work = self%work
       if (allocated(self%error)) then
-         if (self%n_levels == 0) self%settled%message = "integration: "//self%error%message
+         if (self%n_levels > 0) return
+         self%settled%message = "integration: "//self%error%message
+         self%settled%is_out_of_work = settled%is_out_of_work
          return
       end if
       if (self%n_found == 0) self%settled = settled
       is_solved = any(settled%status == [outcome%time_domain, outcome%several])
-      self%is_ended = .not. (is_solved .or. any(settled%status == [outcome%subharmonic, outcome%broadband]))
+      self%is_ended = .not. (is_solved .or. any(settled%status == [outcome%subharmonic, outcome%broadband]) .and. &
+                             .not. shows_returns(self%model))
       if (work_is_over() .or. .not. is_solved) return
       result = self%result
       call keep_lines(self%here, self%coordinates, self%room, settled, result, found)
@@ -302,12 +306,21 @@ contains
       is_over = self%is_ended .or. work_is_over()
    end function refined_record_is_over
 
+   !> Whether the first box shows how the motion returns: lines beyond it are multiples of the only tone, and leave nothing from
+   !> one period to the next where samples are a whole part of it.
+   pure logical function shows_returns(model)
+      type(model_t), intent(in) :: model
+
+      shows_returns = model%tones%n_tones == 1 .and. model%integration%step <= 0.0_wp
+   end function shows_returns
+
    !> What a box leaves may be lines of the next one, for which no work is left: nothing is known of the motion.
    subroutine leave_open(settled, n_candidates)
       type(steady_motion_t), intent(inout) :: settled
       integer, intent(in) :: n_candidates
 
       settled%status = outcome%pending
+      settled%is_out_of_work = .true.
       settled%message = "time integration over "//to_text(settled%n_periods)//" periods of the slowest tone: "// &
                         to_text(n_candidates)//" tuples leave "//rounded(settled%spread)// &
                         " of the worst quarter, and there is no work left for more; raise &solver fallback_work"

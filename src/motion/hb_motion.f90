@@ -159,6 +159,7 @@ contains
       else if (settled%status == outcome%pending) then
          if (allocated(result%message)) settled%message = settled%message//"; "//result%message
          result%message = settled%message
+         if (is_struck .and. settled%is_out_of_work) result%status = outcome%out_of_budget
       else
          call forget_motion(result)
          if (allocated(unknowns)) deallocate (unknowns)

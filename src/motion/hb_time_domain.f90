@@ -32,7 +32,7 @@ module hb_time_domain
       real(wp) :: change_by_steps = 0.0_wp                            !! of it, with fixed steps: by the last ones half as long
       real(wp) :: left_out = 0.0_wp                                   !! of the motion beyond the set, relative; of fits 0
       integer :: n_periods = 0                                        !! of the slowest tone, in all
-      logical :: is_out_of_work = .false.                             !! before anything was known
+      logical :: is_out_of_work = .false.                             !! before its end
       real(wp) :: work = 0.0_wp                                       !! from counts, see hb_solver_types
    end type steady_motion_t
 

@@ -80,7 +80,7 @@ contains
       real(wp) :: before, norm, norm_of_b
       integer :: slow_from
 
-      slow_from = huge(1)/4
+      slow_from = huge(1)
       if (present(fewer_than)) slow_from = (3*fewer_than)/2           ! with a margin: a pace is no promise
       self%is_slow = .false.
       self%n_products = 0

@@ -59,6 +59,7 @@ module hb_integrated_motion
    real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm
    real(wp), parameter :: falling = 0.5_wp                            ! spread relative to the one before
    real(wp), parameter :: kick = 1.0e-6_wp                            ! of the length of the system, at the start
+   character(*), parameter :: more_work = ", raise &solver fallback_work"
    character(*), parameter :: ended = "time integration was ended before its time"
    real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the length of the system
 
@@ -271,9 +272,12 @@ contains
             settled%is_out_of_work = next%is_out_of_work
             if (next%is_out_of_work .and. allocated(settled%message)) then
                deallocate (error)                                     ! what there is may be enough, unless it was reported but once
-               if (settled%status /= outcome%time_domain) settled%status = outcome%pending
+               if (settled%status == outcome%time_domain) exit
+               settled%status = outcome%pending
+               settled%message = settled%message//"; no work is left to see more"//more_work
                exit
             end if
+            if (next%is_out_of_work) error%message = error%message//more_work
             settled%work = settled%work + look*(system%laws%n_looks - n_looks)
             n_looks = system%laws%n_looks
             if (allocated(error)) return
