@@ -1,5 +1,6 @@
 """Case tests: the program as users run it. NHBM=/path/to/nhbm python3 -m pytest tests/cases"""
 
+import signal
 import sys
 from pathlib import Path
 
@@ -9,3 +10,4 @@ sys.path[:0] = [str(ROOT / "postproc" / "src"), str(ROOT / "drivers" / "python" 
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "long: takes seconds even on a fast machine")
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell ignores in what it starts in the background
