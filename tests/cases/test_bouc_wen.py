@@ -34,7 +34,7 @@ def period_map(exponent):
     return start, sorted(multipliers, key=abs)
 
 
-@pytest.mark.parametrize("exponent", [1.0, 1.7, 3.0])
+@pytest.mark.parametrize("exponent", [1.0, pytest.param(1.7, marks=pytest.mark.long), pytest.param(3.0, marks=pytest.mark.long)])
 def test_multipliers_are_those_of_the_period_map(exponent):
     model = mass(exponent)
     model.set("sampling", samples=1024)

@@ -310,7 +310,9 @@ def test_motions_without_damping_make_no_torus(tmp_path):
         assert "torus" not in results.curve_kind() and "end" in results.curve_kind()
 
 
-@pytest.mark.parametrize(("share", "responses"), [(0.33, "'x1', 'x1 (1)'"), (0.72, "'x1'")])
+@pytest.mark.parametrize(
+    ("share", "responses"), [(0.33, "'x1', 'x1 (1)'"), pytest.param(0.72, "'x1'", marks=pytest.mark.long)]
+)
 def test_wavy_curves_go_on_bit_by_bit(tmp_path, share, responses):
     """What is reported of a wavy top depends on what was reported before."""
     path = solve(ONE_STOP.replace("peak_of = 'x1'", f"peak_of = {responses}"), tmp_path)

@@ -115,6 +115,7 @@ def stopped():
     return model
 
 
+@pytest.mark.long  # seconds
 def test_folds_and_bifurcations_move_with_a_value():
     """Flips, a fold and tori of two masses and a stop, against those of two other gaps."""
 

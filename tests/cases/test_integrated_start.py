@@ -69,6 +69,7 @@ def test_integration_goes_to_the_stable_one_of_three_motions(tmp_path):
     assert low < 0.6 and high > 2.0
 
 
+@pytest.mark.long  # seconds
 def test_what_dies_out_is_no_guess(tmp_path):
     """Damped everywhere: time integration has nothing to say, and the search from the mode ends as without it."""
     law = "&law type='van_der_pol', dof='x1', strength=0.1 /\n"

@@ -103,11 +103,17 @@ def thief(folder, values):
     (folder / "case.nml").write_text(MODEL + THIEF + sweep)
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
+LOST = {"deleted": (1, "deleted"), "moved": (2, "moved"), "replaced": (3, "replaced"), "cut": (4, "cut off"),
+        "emptied": (5, "cut off"), "zeros": (6, "changed")}  # fmt: skip
+
+
 @pytest.mark.parametrize(
-    "how, says",
-    [(1, "deleted"), (2, "moved"), (3, "replaced"), (4, "cut off"), (5, "cut off"), (6, "changed")],
-    ids=["deleted", "moved", "replaced", "cut", "emptied", "zeros"],
+    ("how", "says", "ranks"),
+    [
+        pytest.param(*LOST[name], ranks, id=f"{name}-{ranks}", marks=[pytest.mark.long] * (ranks == 2 and name != "moved"))
+        for name in LOST
+        for ranks in (None, 2)
+    ],
 )
 def test_file_that_is_lost_under_the_run_is_told(how, says, ranks, tmp_path):
     thief(tmp_path, [0.1, 0.2, how, 0.3])

@@ -17,15 +17,14 @@ def test_examples_of_docstrings(module):
     assert found.attempted > 0 and found.failed == 0
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/user/library.md"])
-def test_examples_of_the_pages_run(page, tmp_path, monkeypatch):
-    """The lines of a page one after the other, as a reader would type them."""
+def test_examples_of_the_library_run(tmp_path, monkeypatch):
+    """The lines of the page one after the other, as a reader would type them."""
     matplotlib = pytest.importorskip("matplotlib")
     matplotlib.use("Agg")
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs/user/library.md").read_text(encoding="utf-8"), re.DOTALL)
     names = {}
     for block in blocks:
         if "nhbm" in block and "open_dataset" not in block:
             exec(block, names)
-    assert names["motion" if page.endswith("library.md") else "curve"].nhbm.is_converged.all()
+    assert names["motion"].nhbm.is_converged.all()

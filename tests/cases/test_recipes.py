@@ -16,7 +16,7 @@ ALONE = [ROOT / "README.md", ROOT / "docs" / "user" / "cheat_sheet.md", ROOT / "
 PAGES = [*ALONE, *sorted(page for page in ROOT.glob("docs/*/*.md") if page.parent.name in ("howto", "start") and blocks_of(page))]
 LONG = {  # pages that take seconds
     "cheat_sheet", "finite_element_bracket", "finite_elements", "find_folds", "friction_damper", "isola", "optimise_damper",
-    "own_matrices", "peak_over_gap", "period_doubling", "pictures", "time_signal",
+    "own_matrices", "peak_over_gap", "period_doubling", "pictures", "small_signal", "time_signal",
 }  # fmt: skip
 MOST_WORDS = {"howto": 450, "start": 1200, "README.md": 1000}
 

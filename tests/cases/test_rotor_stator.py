@@ -145,6 +145,7 @@ def test_limit_cycle_is_stable(cycle):
     assert multipliers[-2] < 0.9
 
 
+@pytest.mark.long  # seconds of SciPy
 def test_small_limit_cycle_is_unstable():
     """The one that inputs/rotor_stator/rotating.nml finds from a small wave: disk and casing in opposition."""
     states, period, multipliers = limit_cycle(0.0, 0.909, 1.0138, 0.646, 0.3886, np.pi)

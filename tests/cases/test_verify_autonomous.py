@@ -32,7 +32,8 @@ def solved_and_verified(source: Path, folder: Path, *options) -> tuple[Path, str
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.long] * (name == "two_masses_energy")) for name in AUTONOMOUS]
+    "name",
+    [pytest.param(name, marks=[pytest.mark.long] * (name in ("duffing_backbone", "two_masses_energy"))) for name in AUTONOMOUS],
 )
 def test_motions_with_tones_of_their_own_stay(tmp_path, name):
     result, text = solved_and_verified(INPUTS / "autonomous" / f"{name}.nml", tmp_path)
