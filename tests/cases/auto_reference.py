@@ -1,6 +1,6 @@
 """Folds, period doublings and Neimark-Sacker points of public cases by AUTO (PyPI: xpplab), beside those of curves of nhbm.
 
-usage: python tests/cases/auto_reference.py [CASE...]        prints the table of docs/why/curves.md; NHBM names the program
+usage: python tests/cases/auto_reference.py [CASE...]        prints the table of docs/why/validation.md; NHBM names the program
 
 AUTO's collocation gets a force cos(w t) from two further equations with a stable limit cycle, u = cos(w t), v = sin(w t). It starts
 from time integration of a period, behind the transient. The models are those of the examples of NLvib, pyHarm and CoSTAR,

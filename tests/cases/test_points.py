@@ -136,10 +136,10 @@ def test_a_campaign_goes_on_from_what_it_kept(tmp_path):
     for row in (
         "`converged` | 2",
         "`time_domain` | 1",
-        "of the 3 of these that are an answer: told to be unstable, or one of many | 1",
-        "that leave their motion when integrated | 1: 1 unstable",
-        "not told, and stay when integrated | 2",
-        "their true error over tolerance: median; 95 %; largest | 2.1; 3.8; 4",
+        "answers among these, 3: reported unstable, or one of several motions | 1",
+        "time integration diverges from the motion | 1: 1 unstable",
+        "not reported so, and time integration remains on the motion | 2",
+        "true error over tolerance of these: median; 95 %; largest | 2.1; 3.8; 4",
         "above 1; above 3 | 1; 1",
         "processor seconds of the program: median; 95 %; largest | 2.5; 51; 60",
     ):
