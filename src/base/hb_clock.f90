@@ -8,7 +8,7 @@ module hb_clock
 
 contains
 
-   !> Gives the seconds since a fixed moment [s]; for differences. Works before `start_mpi`.
+   !> Returns the seconds since a fixed moment [s], for differences. Works before `start_mpi`.
    real(wp) function wall_clock()
       integer(int64) :: ticks, ticks_per_second
 

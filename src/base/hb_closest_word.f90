@@ -1,12 +1,12 @@
-!> The known word that was probably meant by a misspelt one, or by one that had another name once.
-!> Source of the distance: Damerau-Levenshtein, restricted to one swap of neighbours at a place.
+!> The known word that is closest to a misspelt or former one. Source of the distance: Damerau-Levenshtein, restricted
+!> to one swap of neighbours per position.
 module hb_closest_word
    use hb_text, only: lower, string_t
    implicit none
    private
    public :: closest_word
 
-   ! Names of keys, groups, values, statuses, verbs and columns before 0.1.0: whoever gives one is told the present name
+   ! Names of keys, groups, values, statuses, verbs and columns before 0.1.0; messages suggest the present name.
    character(*), parameter :: names(2, 16) = reshape([character(28) :: &
       "march", "integrate", &                               ! the verb
       "march", "integration", &                             ! the group and the value
@@ -27,7 +27,7 @@ module hb_closest_word
 
    integer, parameter :: max_word = 63                      !! longest word that is examined
 
-   !> The known word that was probably meant by `word`, ignoring case; empty when none is close.
+   !> Returns the known word that was probably meant by `word`, ignoring case; empty if none is close.
    interface closest_word
       module procedure closest_string, closest_of_words
    end interface closest_word
@@ -45,7 +45,7 @@ contains
    pure function closest_of_words(word, known) result(closest)
       character(*), intent(in) :: word
       character(*), intent(in) :: known(:)
-      character(len(known)) :: closest                       !! with blanks behind it
+      character(len(known)) :: closest                       !! padded with blanks
       type(string_t) :: words(size(known))
       integer :: i
 
@@ -65,7 +65,7 @@ contains
       if (i > 0) length = len_trim(known(i)%value)
    end function closest_length
 
-   !> Index of the first of the known words that are closest, 0 when none is close.
+   !> Index of the closest known word, the first of several; 0 if none is close.
    pure integer function closest_index(word, known)
       character(*), intent(in) :: word
       type(string_t), intent(in) :: known(:)
@@ -87,8 +87,8 @@ contains
       end do
    end function closest_index
 
-   !> Edit distance (insert, delete, replace, swap of neighbours), or huge() when the words are not close;
-   !> close is at most one edit in three letters, or a beginning of three letters and more.
+   !> Edit distance (insert, delete, replace, swap of neighbours), or huge() if the words are not close. Close means
+   !> at most one edit per three letters, or a common beginning of at least three letters.
    pure integer function distance_if_close(word, known) result(distance)
       character(*), intent(in) :: word, known
       integer :: rows(-1:max_word, 0:2)                     !! last, last but one and current row, rotating

@@ -1,23 +1,25 @@
-!> A document: the groups of properties that an input consists of, by name and number, from a file or from a program.
+!> A document: the groups of properties of an input, by name and number, from a file or from a program.
 !>
-!> A file is read by hb_namelist; a caller with numbers does
+!> hb_namelist reads documents from files. A caller with numbers writes
 !>
 !>     call new_document(document)
 !>     law => document%add("law")
 !>     call law%set("type", "cubic_spring")
 !>
-!> and whoever reads from it
+!> and the reader calls
 !>
 !>     call document%expect_groups(["newton", "law   "], error)
 !>     group => document%optional_group("newton")
 !>     call group%get("tolerance", tolerance)                    ! as often as needed, no check in between
 !>     call document%finish(error)                               ! all problems of all groups at once
 !>
-!> A parameter is a handle to one value: its path is looked up once, setting it is a store. The document records which groups
-!> have changed since `accept_changes`. A tie lets one value follow another: `follow_ties` brings all up to date.
+!> A parameter is a handle to one value: its path is looked up once, and setting it is a store. The document records
+!> which groups have changed since `accept_changes`. A tie makes one value follow another; `follow_ties` updates all
+!> of them.
 !>
-!> The variable that holds a document needs the attribute `target`. Pointers to its groups stay valid until an
-!> assignment changes it or it is deallocated. Assignment makes a deep copy; parameters are those of the copy as well.
+!> The variable that contains a document needs the attribute `target`. Pointers to its groups are valid until an
+!> assignment changes it or it is deallocated. Assignment makes a deep copy; parameters are valid for the copy as
+!> well.
 module hb_document
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
@@ -34,31 +36,31 @@ module hb_document
 
    integer, parameter :: max_lines = 200                    !! of a message
 
-   !> One value of a document: a handle that takes numbers, or words.
+   !> Handle to one value of a document, which stores numbers or words.
    type :: parameter_t
       integer :: i_group = 0                                !! position in the list of groups
       character(max_name) :: key = ""
-      integer :: element(2) = 0                             !! indices, 0 where there are none
-      integer :: line = 0                                   !! where its values come from, as in `value_t`
+      integer :: element(2) = 0                             !! indices, 0 if there are none
+      integer :: line = 0                                   !! source line of its values, as in `value_t`
    contains
       procedure :: hides => parameter_hides
    end type parameter_t
 
-   !> A value that follows another one: offset + factor times it.
+   !> A value that follows another one: offset + factor times the other.
    type :: tie_t
-      type(parameter_t) :: parameter                        !! that follows
-      type(parameter_t) :: to                               !! the one that it follows
+      type(parameter_t) :: parameter                        !! the one that follows
+      type(parameter_t) :: to                               !! the one that is followed
       real(wp) :: factor = 1.0_wp
       real(wp) :: offset = 0.0_wp
    end type tie_t
 
-   !> The groups, and the names that they may have.
+   !> The groups and their permitted names.
    type :: document_t
-      character(:), allocatable :: file_name                !! for messages; empty: from no file
+      character(:), allocatable :: file_name                !! for messages; empty if not from a file
       type(groups_t) :: groups
-      type(tie_t), allocatable :: ties(:)                   !! in their order, where there are any
+      type(tie_t), allocatable :: ties(:)                   !! in their order, if there are any
       type(string_t), allocatable, private :: known(:)      !! names that may occur
-      integer, private :: reading = 1                       !! the present one
+      integer, private :: reading = 1                       !! number of the present reading
    contains
       generic :: set => set_number, set_word
       procedure :: accept_changes => document_accept_changes
@@ -86,7 +88,7 @@ module hb_document
 
 contains
 
-   !> A document without groups.
+   !> Creates a document without groups.
    pure subroutine new_document(self, file_name)
       type(document_t), intent(out) :: self
       character(*), intent(in), optional :: file_name       !! for messages
@@ -96,7 +98,7 @@ contains
       call new_groups(self%groups)
    end subroutine new_document
 
-   !> Adds a group of a name and gives it.
+   !> Adds a group of the given name and returns it.
    function document_add(self, name) result(group)
       class(document_t), target, intent(inout) :: self
       character(*), intent(in) :: name
@@ -106,7 +108,7 @@ contains
       group => self%groups%holders(self%groups%n)%group
    end function document_add
 
-   !> Begins another reading: a group that is opened in it has not been requested anything yet.
+   !> Begins another reading: a group that is opened in it has no requested keys yet.
    pure subroutine document_begin(self)
       class(document_t), intent(inout) :: self
 
@@ -121,7 +123,8 @@ contains
       n = self%groups%count(name)
    end function document_count
 
-   !> The i-th group of a name in the order of the input, null when there are fewer. `finish` reports its unknown keys.
+   !> Returns the i-th group of a name in the order of the input, null if there are fewer. `finish` reports its
+   !> unknown keys.
    function document_group(self, name, i) result(group)
       class(document_t), target, intent(inout) :: self
       character(*), intent(in) :: name
@@ -136,7 +139,7 @@ contains
       group%reading = self%reading
    end function document_group
 
-   !> The i-th group of a name if a value in it has changed since `accept_changes`, else null.
+   !> Returns the i-th group of a name if a value in it has changed since `accept_changes`, null otherwise.
    function document_changed_group(self, name, i) result(group)
       class(document_t), target, intent(inout) :: self
       character(*), intent(in) :: name
@@ -147,8 +150,8 @@ contains
       if (self%groups%holders(self%groups%position_of(name, i))%group%has_changed) group => self%group(name, i)
    end function document_changed_group
 
-   !> The only group of a name, added without keys when there is none, so that defaults are read from it.
-   !> A second group of the name is a problem that `finish` reports.
+   !> Returns the only group of a name. A missing group is added without keys, so that defaults are read from it;
+   !> `finish` reports a second group of the name.
    function document_optional_group(self, name) result(group)
       class(document_t), target, intent(inout) :: self
       character(*), intent(in) :: name
@@ -161,7 +164,7 @@ contains
       if (allocated(error)) call group%problem_as_is(error%message)
    end function document_optional_group
 
-   !> The only group of a name; fails when there is none or more than one.
+   !> Returns the only group of a name; fails if there is none or more than one.
    subroutine document_required_group(self, name, group, error)
       class(document_t), target, intent(inout) :: self
       character(*), intent(in) :: name
@@ -178,7 +181,7 @@ contains
       group => self%group(name, 1)
    end subroutine document_required_group
 
-   !> Fails when the file has groups of other names than these; the message names all of them.
+   !> Fails if the file has groups of other names than these; the message names all of them.
    pure subroutine document_expect_groups(self, names, error)
       class(document_t), intent(inout) :: self
       character(*), intent(in) :: names(:)
@@ -216,7 +219,7 @@ contains
                 lines%text()//new_line("a")//self%file_name//": known groups: "//join(self%known, ", "))
    end subroutine document_expect_groups
 
-   !> Looks up the value at `path`, which names a group by its number or label. A single group that there is not is added.
+   !> Looks up the value at `path`, which names a group by its number or label. A missing single group is added.
    pure subroutine document_resolve(self, path, parameter, error)
       class(document_t), intent(inout) :: self
       character(*), intent(in) :: path                      !! like law(2)%gap, see `path_help`
@@ -228,7 +231,7 @@ contains
       call split_path(trim(adjustl(path)), name, selector, key_with_index)
       call split_index(key_with_index, key, parameter%element(1), parameter%element(2), is_good)
       if (.not. (is_good .and. is_name(name))) then
-         call fail(error, "is no path to a key; "//path_help)
+         call fail(error, "is not a path to a key; "//path_help)
          return
       end if
       parameter%key = key
@@ -245,7 +248,7 @@ contains
       call select_group(self%groups, name, selector, parameter%i_group, error)
    end subroutine document_resolve
 
-   !> Sets a parameter, in place of all values of its key unless it is an element.
+   !> Sets a parameter. Unless it is an element, the number replaces all values of its key.
    pure subroutine document_set_number(self, parameter, number)
       class(document_t), intent(inout) :: self
       type(parameter_t), intent(in) :: parameter
@@ -274,7 +277,7 @@ contains
       end associate
    end subroutine document_set_word
 
-   !> Gives the number that a parameter has; not found where the input gives it none, or a word.
+   !> Returns the number of a parameter; not found if the input has none or a word.
    pure subroutine document_number_at(self, parameter, number, is_found)
       class(document_t), intent(in) :: self
       type(parameter_t), intent(in) :: parameter
@@ -309,7 +312,7 @@ contains
       end associate
    end subroutine document_number_at
 
-   !> Brings the values that follow others to where they belong.
+   !> Updates the values that follow others.
    pure subroutine document_follow_ties(self)
       class(document_t), intent(inout) :: self
       real(wp) :: number
@@ -340,11 +343,11 @@ contains
       end do
    end function document_drives
 
-   !> Fails for a parameter that follows another one: nothing else may move it.
+   !> Fails if a parameter follows another one, because nothing else may change it.
    pure subroutine document_refuse_tied(self, parameter, path, error)
       class(document_t), intent(in) :: self
       type(parameter_t), intent(in) :: parameter
-      character(*), intent(in) :: path                      !! of it, for the message
+      character(*), intent(in) :: path                      !! of the parameter, for the message
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
@@ -353,13 +356,13 @@ contains
          associate (tie => self%ties(i))
             if (.not. (parameter%hides(tie%parameter) .or. tie%parameter%hides(parameter))) cycle
             call fail(error, "'"//trim(path)//"' follows '"//trim(self%groups%holders(tie%to%i_group)%group%name)//"%"// &
-                      trim(tie%to%key)//"' by &tie number "//to_text(i)//"; move that, or leave the &tie out")
+                      trim(tie%to%key)//"' by &tie number "//to_text(i)//"; vary that, or remove the &tie")
             return
          end associate
       end do
    end subroutine document_refuse_tied
 
-   !> Whether values of a parameter leave nothing of those of another: the same key, as a whole or the same element.
+   !> Whether the values of a parameter replace all of those of another: the same key as a whole, or the same element.
    pure logical function parameter_hides(self, other) result(hides)
       class(parameter_t), intent(in) :: self
       type(parameter_t), intent(in) :: other
@@ -368,8 +371,8 @@ contains
          (all(self%element == 0) .or. all(self%element == other%element))
    end function parameter_hides
 
-   !> Unit of a parameter with blanks behind it, as its reader declares it, 1 for an integer; empty when it does not, or has not
-   !> read it yet.
+   !> Unit of a parameter, padded with blanks, as its reader declares it; 1 for an integer; empty if it is not
+   !> declared or has not been read yet.
    pure function document_unit_of(self, parameter) result(unit)
       class(document_t), intent(in) :: self
       type(parameter_t), intent(in) :: parameter
@@ -388,7 +391,7 @@ contains
       end associate
    end function document_unit_of
 
-   !> Whether the reader of a parameter takes it as a real number; false until it has been read.
+   !> Whether the reader of a parameter reads it as a real number; false until it has been read.
    pure logical function document_is_real(self, parameter) result(is_real)
       class(document_t), intent(in) :: self
       type(parameter_t), intent(in) :: parameter
@@ -403,7 +406,7 @@ contains
       end associate
    end function document_is_real
 
-   !> How many tones the input has, where a parameter is the frequency of them all; else 0.
+   !> Number of tones of the input if a parameter is the frequency of all of them, 0 otherwise.
    pure integer function document_n_tones_of(self, parameter) result(n_tones)
       class(document_t), intent(in) :: self
       type(parameter_t), intent(in) :: parameter
@@ -417,7 +420,8 @@ contains
       end associate
    end function document_n_tones_of
 
-   !> Whether a value in a group of a name has changed since `accept_changes`, or with `others`, in a group of another name.
+   !> Whether a value in a group of a name has changed since `accept_changes`; with `others`, in a group of another
+   !> name.
    pure logical function document_has_changed(self, names, others) result(has_changed)
       class(document_t), intent(in) :: self
       character(*), intent(in) :: names(:)                  !! lower case
@@ -435,7 +439,7 @@ contains
       end do
    end function document_has_changed
 
-   !> Takes the marks of changes away.
+   !> Removes the markers of changes.
    pure subroutine document_accept_changes(self)
       class(document_t), intent(inout) :: self
       integer :: i
@@ -468,7 +472,7 @@ contains
          n_groups = n_groups + 1
          if (n_groups > 1) call lines%add(new_line("a"))
          if (n_groups > max_lines) then
-            call lines%add(self%file_name//": and more problems in the groups that follow")
+            call lines%add(self%file_name//": and further errors in the groups that follow")
             exit
          end if
          call lines%add(problem%message)
@@ -476,7 +480,7 @@ contains
       if (n_groups > 0) call fail(error, lines%text())
    end subroutine document_finish
 
-   !> Fails when there is more than one group of the name.
+   !> Fails if there is more than one group of the name.
    pure subroutine check_single(self, name, error)
       class(document_t), intent(in) :: self
       character(*), intent(in) :: name
@@ -500,7 +504,7 @@ contains
       end do
    end function is_known
 
-   !> Fails with what is close to the name of a missing group: among the known names, else among those of the file.
+   !> Fails with the closest name for a missing group: among the known names, otherwise among those of the file.
    pure subroutine fail_with_advice(message, self, name, error)
       character(*), intent(in) :: message
       class(document_t), intent(in) :: self
@@ -525,7 +529,7 @@ contains
       call fail(error, message//";"//close//list//join(known, ", "))
    end subroutine fail_with_advice
 
-   !> Names of the groups that there are, the first twenty.
+   !> Names of the existing groups, the first twenty.
    pure subroutine names_in_file(self, known)
       class(document_t), intent(in) :: self
       type(string_t), allocatable, intent(out) :: known(:)

@@ -8,7 +8,7 @@ module hb_error
    public :: annotate, error_t, fail
 
    type :: error_t
-      character(:), allocatable :: message                            !! what, where, and what would be right
+      character(:), allocatable :: message                            !! what is wrong, where, and what would be correct
    end type error_t
 
 contains
@@ -22,7 +22,7 @@ contains
       error%message = message
    end subroutine fail
 
-   !> Puts `place` before the message of an error that is passed on; does nothing when there is none.
+   !> Prepends `place` to the message of an error that is passed on; does nothing without an error.
    pure subroutine annotate(error, place)
       type(error_t), allocatable, intent(inout) :: error
       character(*), intent(in) :: place

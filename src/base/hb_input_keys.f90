@@ -1,7 +1,7 @@
-!> The table of input keys: each key is described once, in src/input_keys.txt (whose head describes its columns).
+!> The table of input keys: each key is described once, in src/input_keys.txt, whose header describes the columns.
 !>
-!> A section of the table is a group, or a group and its type: "law", "law jenkins". Readers (hb_properties) take unit, default,
-!> limits and choices of a key from its row; so do pages and messages.
+!> A section of the table is a group, or a group and its type: "law", "law jenkins". Readers (hb_properties), pages
+!> and messages use unit, default, limits and choices of a key from its row.
 module hb_input_keys
    use hb_key_rows, only: key_row, n_key_rows, row_of
    use hb_kinds, only: wp
@@ -13,30 +13,30 @@ module hb_input_keys
 
    integer, parameter :: max_unit = 16
    integer, parameter :: max_choice = 24
-   integer, parameter :: max_groups = 3                     ! of one key: with more of them it is no hint
+   integer, parameter :: max_groups = 3                     ! that have the same key; with more of them a hint is not useful
 
-   !> Where each number of a key must be; what is not named limits nothing.
+   !> Limits of each number of a key; the defaults limit nothing.
    type :: limits_t
-      real(wp) :: minimum = -huge(1.0_wp), maximum = huge(1.0_wp)     !! which itself may be
-      real(wp) :: above = -huge(1.0_wp)                               !! which itself may not be
+      real(wp) :: minimum = -huge(1.0_wp), maximum = huge(1.0_wp)     !! inclusive
+      real(wp) :: above = -huge(1.0_wp)                               !! exclusive
    end type limits_t
 
-   !> What the table says of a key.
+   !> The entry of the table for a key.
    type :: rule_t
-      integer :: kind = kind_of%none                        !! of its values; none: the table does not have the key
+      integer :: kind = kind_of%none                        !! of its values; none: the key is not in the table
       logical :: is_required = .false.
       character(max_unit) :: unit = ""
       real(wp), allocatable :: numbers(:)                   !! default, or
-      character(:), allocatable :: word                     !! neither where the reader has a default of its own
+      character(:), allocatable :: word                     !! neither if the reader has its own default
       type(limits_t) :: limits
       character(max_choice), allocatable :: choices(:)
    end type rule_t
 
 contains
 
-   !> Gives the rule for a key of a group, whose type comes first.
+   !> Returns the rule for a key of a group; a rule for the type of the group has precedence.
    pure subroutine find_rule(group, type, key, rule)
-      character(*), intent(in) :: group, type, key          !! lower case; the type is empty where there is none
+      character(*), intent(in) :: group, type, key          !! lower case; the type is empty if there is none
       type(rule_t), intent(out) :: rule
       type(string_t), allocatable :: cells(:)
       integer :: i
@@ -63,7 +63,7 @@ contains
       end associate
    end subroutine find_rule
 
-   !> The words that a key accepts, in the order of the table; none where it has no choices.
+   !> The words that a key accepts, in the order of the table; none if it has no choices.
    pure function choices_of(group, key, type) result(choices)
       character(*), intent(in) :: group, key
       character(*), intent(in), optional :: type
@@ -76,7 +76,8 @@ contains
       if (allocated(rule%choices)) choices = rule%choices
    end function choices_of
 
-   !> Where else a key stands, such as "&harmonics" or "&law type = 'jenkins'"; empty where nowhere, in many places, or here.
+   !> Where else a key exists, such as "&harmonics" or "&law type = 'jenkins'"; empty if nowhere, in many groups, or
+   !> here.
    pure subroutine find_groups(key, group, type, text)
       character(*), intent(in) :: key
       character(*), intent(in) :: group, type               !! without these; lower case
@@ -99,7 +100,7 @@ contains
       if (size(groups) <= max_groups) text = join(groups, ", ")
    end subroutine find_groups
 
-   !> Takes a default that is a value; words that describe one say nothing here.
+   !> Reads a default that is a value; a description in words is ignored.
    pure subroutine read_default(text, rule)
       character(*), intent(in) :: text
       type(rule_t), intent(inout) :: rule
@@ -124,7 +125,7 @@ contains
       end select
    end subroutine read_default
 
-   !> Takes the words of a range that has nothing but words in quotes.
+   !> Reads the words of a range that consists of quoted words only.
    pure subroutine read_choices(text, rule)
       character(*), intent(in) :: text
       type(rule_t), intent(inout) :: rule
@@ -146,7 +147,8 @@ contains
       if (len(text) > 1) is_quoted = text(1:1) == "'" .and. index(text(2:), "'") == len(text) - 1
    end function is_quoted
 
-   !> Takes the limits of a range: its parts like `>= 0`, `> 0`, `<= 1`, `1 to 100`; others are for people.
+   !> Reads the limits of a range from parts like `>= 0`, `> 0`, `<= 1`, `1 to 100`; other parts are for readers of
+   !> the table.
    pure subroutine read_limits(text, limits)
       character(*), intent(in) :: text
       type(limits_t), intent(inout) :: limits

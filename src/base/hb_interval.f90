@@ -1,4 +1,4 @@
-!> Search in an ascending table, shared by the laws that are given by one.
+!> Search in an ascending table, shared by the laws that are defined by a table.
 module hb_interval
    use hb_kinds, only: wp
    implicit none
@@ -25,7 +25,7 @@ contains
       end do
    end function interval_of
 
-   !> Whether every node is above the one before.
+   !> Whether every node is greater than the previous one.
    pure logical function is_ascending(nodes)
       real(wp), intent(in) :: nodes(:)
 

@@ -1,4 +1,4 @@
-!> Function given by points (x_i, y_i), joined by a monotone cubic: no overshoot between points, one continuous slope.
+!> Function through given points (x_i, y_i) by a monotone cubic: no overshoot between points, and a continuous slope.
 !>
 !> Beyond the points it continues with the slope of the end, or stays constant.
 !> Source: Fritsch and Carlson, SIAM J. Numer. Anal. 17 (1980) 238-246: three-point slopes, limited to the circle of radius
@@ -22,12 +22,12 @@ module hb_monotone_cubic
 
 contains
 
-   !> The cubic through points.
+   !> Creates the cubic through given points.
    pure subroutine new_monotone_cubic(self, nodes, values, is_constant_beyond)
       type(monotone_cubic_t), intent(out) :: self
       real(wp), intent(in) :: nodes(:)                                !! ascending, at least two
       real(wp), intent(in) :: values(:)                               !! as nodes
-      logical, intent(in) :: is_constant_beyond                       !! else it continues with the slope of the end
+      logical, intent(in) :: is_constant_beyond                       !! otherwise it continues with the slope of the end
 
       self%nodes = nodes
       self%values = values
@@ -67,7 +67,7 @@ contains
       have_other_signs = (a > 0.0_wp .and. b < 0.0_wp) .or. (a < 0.0_wp .and. b > 0.0_wp)
    end function have_other_signs
 
-   !> Value and slope at a place.
+   !> Value and slope at `x`.
    pure subroutine monotone_cubic_at(self, x, value, slope)
       class(monotone_cubic_t), intent(in) :: self
       real(wp), intent(in) :: x
@@ -79,7 +79,7 @@ contains
    !> Cubic with value and slope given at both ends, in t = (x - x_i)/(x_(i+1) - x_i).
    pure subroutine monotone_cubic_on_interval(self, interval, x, value, slope)
       class(monotone_cubic_t), intent(in) :: self
-      integer, intent(in) :: interval                                 !! as `interval_of` counts
+      integer, intent(in) :: interval                                 !! as returned by `interval_of`
       real(wp), intent(in) :: x
       real(wp), intent(out) :: value, slope
       real(wp) :: secant, t, width

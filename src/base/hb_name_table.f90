@@ -10,7 +10,7 @@ module hb_name_table
    type :: name_table_t
       integer :: n = 0                                      !! number of names
       character(max_name), allocatable :: names(:)          !! (capacity), the first n are in use
-      integer, allocatable, private :: slots(:)             !! position of a name, 0 where free
+      integer, allocatable, private :: slots(:)             !! position of a name, 0 if free
    contains
       procedure :: add => name_table_add
       procedure :: find => name_table_find
@@ -28,7 +28,7 @@ contains
       position = self%slots(slot_of(self, name))
    end function name_table_find
 
-   !> Adds a name that is not yet in the table; its position is `n` afterwards.
+   !> Adds a name that is not in the table; its position is `n` afterwards.
    pure subroutine name_table_add(self, name)
       class(name_table_t), intent(inout) :: self
       character(*), intent(in) :: name
@@ -53,7 +53,7 @@ contains
       self%slots(slot_of(self, name)) = self%n
    end subroutine name_table_add
 
-   !> Slot that holds a name, or the free one where it belongs; half of the slots at least are free.
+   !> Slot of a name, or the free slot for it; at least half of the slots are free.
    pure integer function slot_of(self, name) result(slot)
       class(name_table_t), intent(in) :: self
       character(*), intent(in) :: name

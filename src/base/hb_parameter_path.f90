@@ -1,4 +1,4 @@
-!> Paths to parameters of a document, such as law(2)%gap: their parts, and which group they name.
+!> Paths to parameters of a document, such as law(2)%gap: their parts, and the group that they name.
 module hb_parameter_path
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
@@ -17,7 +17,7 @@ module hb_parameter_path
 
 contains
 
-   !> Cuts name(selector)%key into its parts; the selector is empty without brackets, the key in a wrong path.
+   !> Splits name(selector)%key into its parts; the selector is empty without brackets, the key in an invalid path.
    pure subroutine split_path(path, name, selector, key)
       character(*), intent(in) :: path
       character(:), allocatable, intent(out) :: name, selector, key
@@ -38,7 +38,7 @@ contains
       if (len(selector) > 0) key = trim(adjustl(path(close + 2:)))
    end subroutine split_path
 
-   !> Cuts the index (i) or (i, j) off a key.
+   !> Separates the index (i) or (i, j) from a key.
    pure subroutine split_index(key, name, i, j, is_good)
       character(*), intent(in) :: key                       !! such as frequency(2)
       character(:), allocatable, intent(out) :: name        !! lower case
@@ -72,7 +72,7 @@ contains
    !> Number of the group that a path names; fails when there is none, or more than one.
    pure subroutine select_group(groups, name, selector, i_group, error)
       type(groups_t), intent(in) :: groups
-      character(*), intent(in) :: name                      !! of groups that there are, lower case
+      character(*), intent(in) :: name                      !! of existing groups, lower case
       character(*), intent(in) :: selector                  !! number, label, or empty for the only one
       integer, intent(out) :: i_group
       type(error_t), allocatable, intent(out) :: error
@@ -138,13 +138,13 @@ contains
          text = text//quote(shown(labels(i)%value))
       end do
       if (n == 0) then
-         message = message//" none has one, use their numbers"
+         message = message//" none has one; use their numbers"
       else
          message = message//" labels: "//text
       end if
    end subroutine add_labels
 
-   !> Value of the key `label` of a group, empty when it has none.
+   !> Returns the value of the key `label` of a group, empty if it has none.
    pure subroutine get_label(group, label)
       type(properties_t), intent(in) :: group
       character(:), allocatable, intent(out) :: label
@@ -163,7 +163,7 @@ contains
       label = trim(label)
    end subroutine get_label
 
-   !> Gives a path in lower case with one underscore for every run of other characters, none at the ends.
+   !> Returns a path in lower case with one underscore for every run of other characters, none at the ends.
    pure function identifier(path) result(name)
       character(*), intent(in) :: path
       character(identifier_length(path)) :: name

@@ -1,4 +1,4 @@
-!> Text that comes from files and command lines, made safe for a terminal: control characters are shown, not sent.
+!> Text from files and command lines, made safe for a terminal: control characters are shown, not sent.
 module hb_printable
    implicit none
    private
@@ -6,9 +6,9 @@ module hb_printable
 
 contains
 
-   !> Gives a text with each control character but the end of a line in the form `\x1b`: those of ASCII and of Unicode (U+0080 to
-   !> U+009F), what turns the direction of writing (U+202A to U+202E, U+2066 to U+2069), and bytes that are no UTF-8, which
-   !> terminals of other encodings may take for such.
+   !> Returns a text with each control character except the end of a line in the form `\x1b`: those of ASCII and of
+   !> Unicode (U+0080 to U+009F), those that change the direction of writing (U+202A to U+202E, U+2066 to U+2069), and
+   !> bytes that are not UTF-8, which terminals of other encodings may interpret as control characters.
    pure function printable(text) result(shown)
       character(*), intent(in) :: text
       character(printable_length(text)) :: shown
@@ -50,11 +50,11 @@ contains
       end do
    end subroutine write_printable
 
-   !> How many bytes the character has that begins at a byte; negative where it must not be sent, 0 where it is no UTF-8.
+   !> Number of bytes of the character that begins at a byte; negative if it must not be sent, 0 if it is not UTF-8.
    pure integer function bytes_of_character(text, i) result(n)
       character(*), intent(in) :: text
       integer, intent(in) :: i
-      integer, parameter :: lowest(4) = [0, 128, 2048, 65536]         ! code that needs so many bytes
+      integer, parameter :: lowest(4) = [0, 128, 2048, 65536]         ! smallest code that needs as many bytes
       integer :: code, k
 
       code = ichar(text(i:i))

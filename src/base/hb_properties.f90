@@ -1,15 +1,15 @@
 !> Properties: one group of named values, from which laws, structures and settings are read.
 !>
-!> They are filled by a namelist file (hb_namelist) or by a caller with numbers:
+!> A namelist file (hb_namelist) or a caller with numbers fills them:
 !>
 !>     call law%set("gap", 1.5e-3_wp)
 !>     call law%get("gap", gap)
 !>     call law%finish(error)
 !>
-!> `get` takes the value of a key when it is there, else its default. Default, unit, limits, choices and whether the key must be
-!> given are those of the table of keys (hb_input_keys); where the table has no default, it is what the variable holds. Problems
-!> are collected instead of returning an error at every call. `finish` reports all of them at once, together with the keys that no
-!> reader requested. After a problem the value is the default.
+!> `get` returns the value of a key if it is given, otherwise its default. Default, unit, limits, choices and whether
+!> the key is required are taken from the table of keys (hb_input_keys); if the table has no default, the variable
+!> keeps its value. Problems are collected instead of returning an error at every call: `finish` reports all of them
+!> at once, together with the keys that no reader requested. After a problem the value is the default.
 module hb_properties
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_closest_word, only: closest_word
@@ -46,7 +46,7 @@ module hb_properties
 
 contains
 
-   !> A group without values; `file_name` is empty and `line` 0 for one that comes from no file.
+   !> Creates a group without values; `file_name` is empty and `line` 0 if it is not from a file.
    pure subroutine new_properties(self, name, file_name, line)
       type(properties_t), intent(out) :: self
       character(*), intent(in) :: name                      !! lower case
@@ -58,12 +58,12 @@ contains
       self%line = line
    end subroutine new_properties
 
-   !> Takes a real; NaN and infinity are problems. `required` and `unit`, where they are given, take the place of the table's.
+   !> Reads a real; NaN and infinity are problems. `required` and `unit`, if present, override the table.
    pure subroutine properties_get_real(self, key, value, required, unit)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       real(wp), intent(inout) :: value
-      logical, intent(in), optional :: required             !! the key must be there
+      logical, intent(in), optional :: required             !! the key must be given
       character(*), intent(in), optional :: unit
       real(wp), allocatable :: numbers(:)
       integer :: i_asked
@@ -74,7 +74,7 @@ contains
       if (present(unit)) self%asked(i_asked)%unit = unit
    end subroutine properties_get_real
 
-   !> Takes an integer.
+   !> Reads an integer.
    pure subroutine properties_get_integer(self, key, value, required)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -87,7 +87,7 @@ contains
       value = nint(numbers(1))
    end subroutine properties_get_integer
 
-   !> Takes a truth.
+   !> Reads a logical.
    pure subroutine properties_get_logical(self, key, value)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -99,7 +99,7 @@ contains
       value = numbers(1) > 0.0_wp
    end subroutine properties_get_logical
 
-   !> Takes a word; one of several choices may be in any case, and comes out as the table has it.
+   !> Reads a word; a choice may have any case and is returned as spelt in the table.
    pure subroutine properties_get_word(self, key, value, required)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -112,10 +112,10 @@ contains
       if (allocated(words)) value = words(1)%value
    end subroutine properties_get_word
 
-   !> Takes a word that is one of several choices, by its number in the table.
+   !> Reads a word that is one of several choices, as its number in the table.
    pure subroutine properties_choose(self, key, choice)
       class(properties_t), intent(inout) :: self
-      character(*), intent(in) :: key                       !! that has a default in the table
+      character(*), intent(in) :: key                       !! with a default in the table
       integer, intent(out) :: choice
       type(string_t), allocatable :: words(:)
       integer :: i_asked
@@ -124,7 +124,7 @@ contains
       choice = findloc(self%asked(i_asked)%rule%choices == words(1)%value, .true., dim=1)
    end subroutine properties_choose
 
-   !> Takes a list of reals of any length, or of length `n`.
+   !> Reads a list of reals of any length, or of length `n`.
    pure subroutine properties_get_reals(self, key, value, n, required)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -135,7 +135,7 @@ contains
       call take_numbers(self, key, kind_of%number, list_of(n), value, required)
    end subroutine properties_get_reals
 
-   !> Takes a list of integers of any length, or of length `n`.
+   !> Reads a list of integers of any length, or of length `n`.
    pure subroutine properties_get_integers(self, key, value, n, required)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -149,7 +149,7 @@ contains
       if (allocated(numbers)) value = nint(numbers)
    end subroutine properties_get_integers
 
-   !> Takes a list of truths of any length.
+   !> Reads a list of logicals of any length.
    pure subroutine properties_get_logicals(self, key, value)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -161,7 +161,7 @@ contains
       if (allocated(numbers)) value = numbers > 0.0_wp
    end subroutine properties_get_logicals
 
-   !> Takes a list of words of any length, or of length `n`; choices as for one word.
+   !> Reads a list of words of any length, or of length `n`; choices as for one word.
    pure subroutine properties_get_words(self, key, value, n, required)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -172,7 +172,7 @@ contains
       call take_words(self, key, list_of(n), value, required)
    end subroutine properties_get_words
 
-   !> Takes a real matrix of `n` rows and `m` columns, listed row by row, or element by element as key(i, j).
+   !> Reads a real matrix of `n` rows and `m` columns, listed row by row, or element by element as key(i, j).
    pure subroutine properties_get_matrix(self, key, value, n, m, required)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -187,7 +187,7 @@ contains
       if (size(numbers) == n*m) value = reshape(numbers, [n, m], order=[2, 1])
    end subroutine properties_get_matrix
 
-   !> Sets a key to one value, a real, integer, truth or word, in place of the values that it had.
+   !> Sets a key to one value (real, integer, logical or word), which replaces all its values.
    pure subroutine properties_set_one(self, key, value)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -204,7 +204,7 @@ contains
       end select
    end subroutine properties_set_one
 
-   !> Sets a key to a list of reals, integers, truths or words.
+   !> Sets a key to a list of reals, integers, logicals or words.
    pure subroutine properties_set_list(self, key, value)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -235,9 +235,9 @@ contains
       call self%set(key, row_by_row(value))
    end subroutine properties_set_matrix
 
-   ! What is said where a value is not what the table wants
+   ! Messages for values that do not comply with the table
 
-   !> Whether a value is of the kind that is wanted, finite and within the limits.
+   !> Whether a value has the required kind, is finite and within the limits.
    pure logical function suits(value, kind, limits)
       type(value_t), intent(in) :: value
       integer, intent(in) :: kind
@@ -249,7 +249,7 @@ contains
                          (value%number > limits%above .or. limits%above <= -huge(1.0_wp))
    end function suits
 
-   !> What is wrong with a value that does not suit, with blanks behind it.
+   !> Error text for a value that does not comply, padded with blanks.
    pure function error_text(value, kind, limits) result(text)
       type(value_t), intent(in) :: value
       integer, intent(in) :: kind
@@ -284,7 +284,7 @@ contains
       end function limit_text
    end function error_text
 
-   !> What a key needs, for messages, with blanks behind it.
+   !> The requirement of a key, for messages, padded with blanks.
    pure function what(kind, extents) result(text)
       integer, intent(in) :: kind
       integer, intent(in) :: extents(:)                     !! as for `pick`
@@ -306,7 +306,8 @@ contains
 
    ! Reading
 
-   !> Takes the numbers of a key in the place of the default: all of them, or none after a problem. Keeps what is used.
+   !> Replaces the default by the numbers of a key: all of them, or none after a problem. Stores the values that are
+   !> used.
    pure subroutine take_numbers(self, key, kind, extents, numbers, required, i)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -314,7 +315,7 @@ contains
       integer, intent(in) :: extents(:)                     !! as for `pick`
       real(wp), allocatable, intent(inout) :: numbers(:)    !! row by row; not allocated: no default
       logical, intent(in), optional :: required
-      integer, intent(out), optional :: i                   !! position among what was requested
+      integer, intent(out), optional :: i                   !! position among the requested keys
       real(wp), allocatable :: found(:)
       integer, allocatable :: order(:)
       integer :: i_asked, i_key, k
@@ -347,8 +348,8 @@ contains
       end associate
    end subroutine take_numbers
 
-   !> Puts the default of the table in place of the reader's: once for each value that there was, or must be. What must be given and
-   !> is one number is 0 after a problem.
+   !> Replaces the default of the reader by that of the table, once for each value that exists or is required. A
+   !> required single number is 0 after a problem.
    pure subroutine put_default(rule, extents, numbers)
       type(rule_t), intent(in) :: rule
       integer, intent(in) :: extents(:)                     !! as for `pick`
@@ -367,14 +368,14 @@ contains
       end if
    end subroutine put_default
 
-   !> Takes the words of a key in the place of the default, as `take_numbers` does.
+   !> Replaces the default by the words of a key, as `take_numbers` does.
    pure subroutine take_words(self, key, extents, words, required, i_asked)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       integer, intent(in) :: extents(:)                     !! as for `pick`
       type(string_t), allocatable, intent(inout) :: words(:)
       logical, intent(in), optional :: required
-      integer, intent(out), optional :: i_asked             !! position among what was requested
+      integer, intent(out), optional :: i_asked             !! position among the requested keys
       type(string_t), allocatable :: found(:)
       character(:), allocatable :: problem
       integer, allocatable :: order(:)
@@ -407,7 +408,7 @@ contains
       end associate
    end subroutine take_words
 
-   !> Takes one word, as the table spells it.
+   !> Reads one word, as the table spells it.
    pure subroutine take_word(self, i_value, rule, word, problem)
       class(properties_t), intent(in) :: self
       integer, intent(in) :: i_value
@@ -436,7 +437,8 @@ contains
       problem = "is not known;"//problem//" known: "//join(rule%choices, ", ")
    end subroutine take_word
 
-   !> Requests a key; `order` tells its values, and is not allocated when there are none or they are too few or too many.
+   !> Requests a key; `order` contains the positions of its values, and is not allocated if there are none, too few or
+   !> too many.
    pure subroutine find(self, key, kind, extents, required, i_asked, i_key, order)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -465,7 +467,7 @@ contains
 
    pure logical function must_be_given(rule, required)
       type(rule_t), intent(in) :: rule
-      logical, intent(in), optional :: required             !! in place of what the rule says
+      logical, intent(in), optional :: required             !! overrides the rule
 
       must_be_given = rule%is_required
       if (present(required)) must_be_given = required

@@ -1,4 +1,4 @@
-!> The groups of a document: a list in the order of the input, and those of a name by their number.
+!> The groups of a document: a list in the order of the input, and the groups of each name by their number.
 module hb_property_groups
    use hb_name_table, only: name_table_t
    use hb_properties, only: new_properties, properties_t
@@ -9,19 +9,19 @@ module hb_property_groups
 
    integer, parameter :: max_groups = 100000
 
-   !> Keeps a group at one address while the list of groups grows.
+   !> Holds a group at a fixed address while the list of groups grows.
    type :: holder_t
       type(properties_t), allocatable :: group
    end type holder_t
 
-   !> The list; `append` as often as needed, then `sort` before groups are requested by name.
+   !> The list; `append` any number of groups, then `sort` before groups are requested by name.
    type :: groups_t
       integer :: n = 0
       type(holder_t), allocatable :: holders(:)             !! (capacity), file order, then added ones
       type(name_table_t) :: names                           !! of the groups, each name once
       integer, allocatable, private :: n_of(:)              !! groups of a name, (names%n)
-      integer, allocatable, private :: first_of(:)          !! where a name begins in `order`, (names%n)
-      integer, allocatable, private :: order(:)             !! groups, those of a name together, (n)
+      integer, allocatable, private :: first_of(:)          !! start of each name in `order`, (names%n)
+      integer, allocatable, private :: order(:)             !! groups, those of one name together, (n)
       integer, allocatable, private :: name_of(:)           !! number of the name of each group, (capacity)
    contains
       procedure :: add => groups_add
@@ -33,19 +33,19 @@ module hb_property_groups
 
 contains
 
-   !> Empty list.
+   !> Creates an empty list.
    pure subroutine new_groups(self)
       type(groups_t), intent(out) :: self
 
       allocate (self%holders(8), self%name_of(8), self%n_of(0), self%first_of(0), self%order(0))
    end subroutine new_groups
 
-   !> Appends a group without values; the groups before it keep their addresses.
+   !> Appends a group without values; the addresses of the previous groups do not change.
    pure subroutine groups_append(self, name, file_name, line)
       class(groups_t), intent(inout) :: self
       character(*), intent(in) :: name                      !! lower case
       character(*), intent(in) :: file_name
-      integer, intent(in) :: line                           !! 0: not in the file
+      integer, intent(in) :: line                           !! 0 if not in the file
       type(holder_t), allocatable :: larger(:)
       integer, allocatable :: larger_name_of(:)
       integer :: i, i_name
@@ -70,14 +70,14 @@ contains
       call new_properties(self%holders(self%n)%group, name, file_name, line)
    end subroutine groups_append
 
-   !> Appends a group that is not in the file; the list stays sorted.
+   !> Appends a group that is not in the file; the list remains sorted.
    pure subroutine groups_add(self, name, file_name)
       class(groups_t), intent(inout) :: self
       character(*), intent(in) :: name                      !! lower case
       character(*), intent(in) :: file_name
 
       call self%append(name, file_name, 0)
-      if (self%names%n > size(self%n_of)) then ! the first of its name stands at the end of `order`
+      if (self%names%n > size(self%n_of)) then ! the first of its name is at the end of `order`
          self%n_of = [self%n_of, 1]
          self%first_of = [self%first_of, self%n]
          self%order = [self%order, self%n]

@@ -1,7 +1,7 @@
-!> Which value of a key stands at which index of a single value, a list or a matrix.
+!> Maps the values of a key to the indices of a single value, a list or a matrix.
 !>
-!> A key has listed values, single elements like key(2) or key(1, 2), or both where an override changes
-!> elements of a list. `pick` puts the numbers of the values in the order of the indices.
+!> A key has listed values, single elements like key(2) or key(1, 2), or both if an override changes elements of a
+!> list. `pick` returns the numbers of the values in the order of the indices.
 module hb_property_order
    use hb_kinds, only: int64
    use hb_property_record, only: key_problem, record_t, value_problem
@@ -15,7 +15,7 @@ module hb_property_order
 
 contains
 
-   !> Picks the values of a key that holds a single value, a list or a matrix.
+   !> Selects the values of a key that is a single value, a list or a matrix.
    pure subroutine pick(self, i_key, extents, order)
       class(record_t), intent(inout) :: self
       integer, intent(in) :: i_key
@@ -32,7 +32,7 @@ contains
       associate (key => self%content%keys(i_key))
          n_found = n
          if (size(extents) == 2) n_found = merge(key%n_listed, key%n_elements, key%head > 0)
-         n_needed = product(int(extents, int64))            ! below 0: any
+         n_needed = product(int(extents, int64))            ! negative: any
          problem = ""
          if (size(extents) == 0 .and. n /= 1) problem = "has "//number_of(int(n), "value")//", needs one"
          if (size(extents) == 2 .and. n_found /= n_needed .and. (key%head > 0 .or. n_needed > max_values)) &
@@ -63,7 +63,7 @@ contains
       if (allocated(order)) deallocate (order)
    end subroutine pick
 
-   !> Checks the indices of single elements; reports how many places listed values and elements take.
+   !> Checks the indices of single elements; returns the number of positions of listed values and elements.
    pure subroutine check_elements(self, i_key, extents, name, n, is_good)
       class(record_t), intent(inout) :: self
       integer, intent(in) :: i_key
@@ -99,7 +99,7 @@ contains
       if (problem /= "") call value_problem(self, i_key, i_value, element, problem)
    end subroutine check_elements
 
-   !> Indices of the element at place `k` of what `pick` returns: 0 where it has none.
+   !> Indices of the element at position `k` of the result of `pick`: 0 for those that it does not have.
    pure function element_at(k, extents) result(element)
       integer, intent(in) :: k
       integer, intent(in) :: extents(:)                     !! as for `pick`
@@ -110,7 +110,7 @@ contains
       if (size(extents) == 2) element = [(k - 1)/extents(2) + 1, mod(k - 1, extents(2)) + 1]
    end function element_at
 
-   !> Puts the listed values of a key into the first places of `order`.
+   !> Stores the listed values of a key in the first positions of `order`.
    pure subroutine fill_listed(self, i_key, order)
       class(record_t), intent(in) :: self
       integer, intent(in) :: i_key
@@ -128,7 +128,7 @@ contains
       end do
    end subroutine fill_listed
 
-   !> Puts the elements of a key to their places in `order`; over listed values they come from an override.
+   !> Stores the elements of a key at their positions in `order`; over listed values they come from an override.
    pure subroutine fill_elements(self, i_key, extents, order, is_good)
       class(record_t), intent(inout) :: self
       integer, intent(in) :: i_key
@@ -154,7 +154,7 @@ contains
       end do
    end subroutine fill_elements
 
-   !> Describes how large a matrix is.
+   !> Text for the size of a matrix.
    pure function matrix_text(n, m) result(text)
       integer, intent(in) :: n, m
       character(length_of(n) + len(" rows and ") + length_of(m) + len(" columns")) :: text

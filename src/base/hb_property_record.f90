@@ -1,7 +1,7 @@
 !> The keys that readers request from one group of properties, the values used, and the problems found.
 !>
-!> Readers of values `ask` for a key, store the value that is used, given or default, and add problems; `finish` reports all
-!> problems at once, together with the given keys that no reader requested.
+!> Readers of values `ask` for a key, store the value that is used (given or default) and add problems; `finish`
+!> reports all problems at once, together with the given keys that no reader requested.
 module hb_property_record
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
@@ -14,14 +14,14 @@ module hb_property_record
    private
    public :: ask, asked_t, key_problem, missing_key, record_t, value_problem
 
-   integer, parameter :: max_problems = 50                  !! more are counted, not reported
+   integer, parameter :: max_problems = 50                  !! further ones are counted, not reported
 
-   !> What was requested, and the values used.
+   !> A requested key and the values used.
    type :: asked_t
       integer :: i_key = 0
       type(rule_t), allocatable :: rule                     !! for the key, from the table of keys
       character(max_unit) :: unit = ""
-      integer :: kind = 0                                   !! of the values: one of `kind_of`, `none` while there are none
+      integer :: kind = 0                                   !! of the values: one of `kind_of`, `none` if there are none
       real(wp), allocatable :: numbers(:)                   !! values, or
       type(string_t), allocatable :: words(:)
       integer :: row_length = 1                             !! of a matrix
@@ -29,15 +29,15 @@ module hb_property_record
 
    type :: record_t
       character(:), allocatable :: name                     !! of the group, lower case
-      character(:), allocatable :: file_name                !! where it comes from; empty: from no file
-      integer :: line = 0                                   !! where it begins; 0: not in the file
+      character(:), allocatable :: file_name                !! source; empty if not from a file
+      integer :: line = 0                                   !! first line; 0 if not in the file
       integer :: number = 1                                 !! position among the groups of its name
-      logical :: is_repeated = .false.                      !! there are more groups of its name
-      integer :: reading = 0                                !! in which somebody opened it last; 0: never
-      logical :: has_changed = .false.                      !! a value has been set since the marks were taken away
+      logical :: is_repeated = .false.                      !! there are several groups of its name
+      integer :: reading = 0                                !! number of the last reading that opened it; 0: never
+      logical :: has_changed = .false.                      !! a value has been set since the markers were removed
       type(content_t) :: content
-      type(asked_t), allocatable :: asked(:)                !! (capacity), in the order of asking
-      character(:), allocatable, private :: type            !! for which the rules of `asked` are
+      type(asked_t), allocatable :: asked(:)                !! (capacity), in the order of the requests
+      character(:), allocatable, private :: type            !! for which the rules of `asked` are valid
       integer :: n_asked = 0
       type(string_t), allocatable, private :: problems(:)
       integer, private :: n_problems = 0
@@ -68,10 +68,10 @@ contains
       class(record_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
 
-      call fail(error, place_at(self, 0, .true.)//": nothing reads this group")
+      call fail(error, place_at(self, 0, .true.)//": this group is not read")
    end subroutine record_nobody_reads
 
-   !> Place of the group for messages, like `beam.nml:12: &law(2)`.
+   !> Position of the group for messages, like `beam.nml:12: &law(2)`.
    pure function record_place(self) result(place)
       class(record_t), intent(in) :: self
       character(place_length(self, self%line, .false.)) :: place
@@ -79,8 +79,8 @@ contains
       place = place_at(self, self%line, .false.)
    end function record_place
 
-   !> Adds a problem with a key that the reader cannot see; its line is the line of the key, or of the group
-   !> when the key is not given or empty.
+   !> Adds a problem with a key that the reader itself cannot detect; the line is that of the key, or of the group if
+   !> the key is not given or empty.
    pure subroutine record_problem(self, key, text)
       class(record_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -101,7 +101,7 @@ contains
       end if
    end subroutine record_problem
 
-   !> Has `finish` say nothing of keys that the table has: what they are for is not known after a problem.
+   !> Suppresses messages on keys of the table in `finish`, because after a problem their use is not known.
    pure subroutine record_pass_over_keys(self)
       class(record_t), intent(inout) :: self
       integer :: i
@@ -111,7 +111,7 @@ contains
       end do
    end subroutine record_pass_over_keys
 
-   !> Adds a problem whose text has a place already.
+   !> Adds a problem whose text already contains its position.
    pure subroutine record_problem_as_is(self, text)
       class(record_t), intent(inout) :: self
       character(*), intent(in) :: text
@@ -119,7 +119,7 @@ contains
       call add_problem(self, text)
    end subroutine record_problem_as_is
 
-   !> Begins another reading: nothing has been asked, nothing is wrong.
+   !> Begins another reading without requests and problems.
    pure subroutine record_forget(self)
       class(record_t), intent(inout) :: self
       integer :: i
@@ -132,7 +132,8 @@ contains
       if (allocated(self%content%keys)) self%content%keys%has_problem = .false.
    end subroutine record_forget
 
-   !> Reports all problems, keys given twice and keys of the file that no reader requested or said anything about, one per line.
+   !> Reports all problems, keys given twice, and keys of the file that no reader requested or commented on, one per
+   !> line.
    pure subroutine record_finish(self, error)
       class(record_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
@@ -160,7 +161,7 @@ contains
             else
                if (.not. allocated(known)) then
                   call known_keys(self, known)
-                  keys = "no key is known here"
+                  keys = "this group has no keys"
                   if (size(known) > 0) keys = "known keys: "//join(known, ", ")
                end if
                closest = closest_word(trim(content%names%names(i)), known)
@@ -180,7 +181,7 @@ contains
       if (n > 0) call fail(error, lines%text())
    end subroutine record_finish
 
-   !> Reports the first problem alone: without a known type nothing can be said of the other keys.
+   !> Reports the first problem only: without a known type no other key can be checked.
    pure subroutine record_tell_first(self, error)
       class(record_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
@@ -188,7 +189,7 @@ contains
       call fail(error, self%problems(1)%value)
    end subroutine record_tell_first
 
-   !> Notes that a key is requested. `i_key` is 0 when it is not given.
+   !> Records the request of a key. `i_key` is 0 if it is not given.
    pure subroutine ask(self, key, i_asked, i_key)
       class(record_t), intent(inout) :: self
       character(*), intent(in) :: key
@@ -226,7 +227,7 @@ contains
       if (.not. self%content%is_given(i_key)) i_key = 0
    end subroutine ask
 
-   !> Makes room for what is asked; the results of keys by now is of no use where the group has become one of another type.
+   !> Allocates the list of requests; earlier requests are discarded if the type of the group has changed.
    pure subroutine begin_reading(self)
       class(record_t), intent(inout) :: self
       character(:), allocatable :: type
@@ -247,11 +248,11 @@ contains
       self%type = type
    end subroutine begin_reading
 
-   !> Adds the problem that a key is not given which must be.
+   !> Adds the problem that a required key is missing.
    pure subroutine missing_key(self, key, what)
       class(record_t), intent(inout) :: self
       character(*), intent(in) :: key
-      character(*), intent(in) :: what                      !! it needs
+      character(*), intent(in) :: what                      !! the requirement
 
       call add_problem(self, self%place()//": missing key '"//lower(trim(key))//"', which needs "//what)
    end subroutine missing_key
@@ -272,7 +273,7 @@ contains
    pure subroutine value_problem(self, i_key, i_value, element, text)
       class(record_t), intent(inout) :: self
       integer, intent(in) :: i_key, i_value
-      integer, intent(in) :: element(2)                     !! its indices, 0 for those that it has not
+      integer, intent(in) :: element(2)                     !! its indices, 0 for missing ones
       character(*), intent(in) :: text
       character(:), allocatable :: value
 
@@ -281,7 +282,7 @@ contains
                        element_text(trim(self%content%names%names(i_key)), element(1), element(2))//" = "//shown(value)//" "//text)
    end subroutine value_problem
 
-   !> Keys asked for, in alphabetical order.
+   !> Requested keys, in alphabetical order.
    pure subroutine known_keys(self, known)
       class(record_t), intent(in) :: self
       type(string_t), allocatable, intent(out) :: known(:)
@@ -303,7 +304,7 @@ contains
       end do
    end subroutine known_keys
 
-   !> Place of a line of the group; a key without line was set from outside, one of a negative line by a sweep.
+   !> Position of a line of the group; line 0 is a key set from outside, a negative line a key set by a sweep.
    pure function place_at(self, line, is_key) result(place)
       class(record_t), intent(in) :: self
       integer, intent(in) :: line

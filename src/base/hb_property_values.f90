@@ -1,7 +1,7 @@
 !> Keys of one group of properties and the values given for them: numbers, logicals and words, with their line in the file.
 !>
-!> Values that were read from a text keep their spelling, as spans of it; repeat counts stay counts, so that memory is
-!> linear in the size of a file. Values set from numbers have no spelling and no line.
+!> Values read from a text are stored as spans of it, and repeat counts as counts, so that memory is linear in the
+!> size of the file. Values set from numbers have no spelling and no line.
 module hb_property_values
    use hb_kinds, only: int64, wp
    use hb_name_table, only: name_table_t
@@ -12,9 +12,9 @@ module hb_property_values
 
    integer, parameter :: max_values = 1000000               !! of one key, repeat counts included
 
-   !> What a value is. A whole number will do for an integer and for a real.
+   !> Kinds of values. A whole number is valid as an integer and as a real.
    type :: kinds_t
-      integer :: none = 0                                   !! spelt in a way that means nothing
+      integer :: none = 0                                   !! invalid spelling
       integer :: number = 1
       integer :: whole = 2
       integer :: truth = 3                                  !! 1 for true, 0 for false
@@ -22,35 +22,35 @@ module hb_property_values
    end type kinds_t
    type(kinds_t), parameter :: kind_of = kinds_t()
 
-   !> One value, or equal values in a row.
+   !> One value, or a run of equal values.
    type :: value_t
       real(wp) :: number = 0.0_wp
       integer :: kind = 0                                   !! one of `kind_of`
-      integer :: first = 1, last = 0                        !! span of the spelling, without quotes; none when it is not spelt
-      integer :: line = 0                                   !! 0: set from outside; below 0: by the group &sweep of that line
+      integer :: first = 1, last = 0                        !! span of the spelling, without quotes; empty if there is none
+      integer :: line = 0                                   !! 0: set from outside; negative: set by the group &sweep of that line
       integer :: count = 1                                  !! repeat count
-      integer :: i = 0, j = 0                               !! element index, 0 where there is none
+      integer :: i = 0, j = 0                               !! element index, 0 if there is none
       integer :: next = 0                                   !! next value of the key, 0 after the last
    end type value_t
 
-   integer, parameter :: in_words = -1                      !! `last` of a word that stands in `words`, at `first`
+   integer, parameter :: in_words = -1                      !! `last` of a word that is stored in `words`, at `first`
 
    !> One key: a chain of listed values, a chain of single elements, or (set from outside) both.
    type :: key_t
       integer :: line = 0                                   !! of its first appearance; from outside as above
-      integer :: second_line = 0                            !! line where the key is wrongly given again
-      logical :: has_problem = .false.                      !! its reader has said what is wrong with it
+      integer :: second_line = 0                            !! line of a second, invalid definition
+      logical :: has_problem = .false.                      !! its reader has reported a problem
       logical :: is_real = .false.                          !! has been read as real numbers
       integer :: head = 0, tail = 0                         !! listed values
       integer :: n_listed = 0                               !! their number, repeat counts included
       integer :: element_head = 0, element_tail = 0         !! values of elements
       integer :: n_elements = 0
-      integer :: asked = 0                                  !! position in the owner's list of asked keys
+      integer :: asked = 0                                  !! position in the owner's list of requested keys
    end type key_t
 
    !> Keys and values of one group.
    type :: content_t
-      character(:), allocatable :: spelling                 !! what the spans of values are in
+      character(:), allocatable :: spelling                 !! text that contains the spans of values
       type(string_t), allocatable :: words(:)               !! set from outside
       type(name_table_t) :: names                           !! of the keys
       type(key_t), allocatable :: keys(:)                   !! (capacity), names%n in use
@@ -70,7 +70,7 @@ module hb_property_values
 
 contains
 
-   !> A number set from outside; without a fraction it will do for an integer as well.
+   !> Creates a number set from outside; without a fraction it is also valid as an integer.
    elemental type(value_t) function number_value(number) result(value)
       real(wp), intent(in) :: number
 
@@ -128,12 +128,12 @@ contains
       end associate
    end subroutine content_add_value
 
-   !> Gives a key other values from outside: one element, or a list in place of all that it had.
+   !> Replaces values of a key from outside: one element, or the whole list.
    pure subroutine content_put(self, name, values, has_changed)
       class(content_t), intent(inout) :: self
       character(*), intent(in) :: name                      !! lower case
-      type(value_t), intent(in) :: values(:)                !! a list, or one with an index
-      logical, intent(inout) :: has_changed                 !! becomes true where a value differs from before
+      type(value_t), intent(in) :: values(:)                !! a list, or one value with an index
+      logical, intent(inout) :: has_changed                 !! set to true if a value changes
       type(key_t) :: emptied
       integer :: i_key, i_value, k, n
       logical :: is_element
@@ -162,7 +162,7 @@ contains
          return
       end if
       if (.not. is_element) self%keys(i_key)%n_listed = sum(values%count)
-      do k = 1, n                                           ! in their places: nothing grows when a value is set again and again
+      do k = 1, n                                           ! in place: nothing grows when a value is set repeatedly
          associate (old => self%values(i_value))
             has_changed = has_changed .or. old%kind /= values(k)%kind .or. old%count /= values(k)%count .or. &
                           old%kind == kind_of%word .or. old%kind == kind_of%none .or. &
@@ -175,12 +175,13 @@ contains
       end do
    end subroutine content_put
 
-   !> The present values of a key in the place of given ones: the first of them, and how many there are, or more than are given.
+   !> Finds the present values of a key that given ones replace: the first of them and their number; more than given
+   !> if the key has more.
    pure subroutine find_present(self, i_key, values, is_element, i_value, n)
       class(content_t), intent(in) :: self
       integer, intent(in) :: i_key
       type(value_t), intent(in) :: values(:)
-      logical, intent(in) :: is_element                     !! the one value has an index
+      logical, intent(in) :: is_element                     !! the single value has an index
       integer, intent(out) :: i_value, n
 
       associate (key => self%keys(i_key))
@@ -205,13 +206,13 @@ contains
       end associate
    end subroutine find_present
 
-   !> Gives a key words from outside, in place of all values that it had.
+   !> Replaces all values of a key by words from outside.
    pure subroutine content_put_words(self, name, words, has_changed, element, line)
       class(content_t), intent(inout) :: self
       character(*), intent(in) :: name                      !! lower case
       type(string_t), intent(in) :: words(:)
       logical, intent(inout) :: has_changed
-      integer, intent(in), optional :: element(2)           !! of the one word, 0 for indices that it has not
+      integer, intent(in), optional :: element(2)           !! of the single word, 0 for missing indices
       integer, intent(in), optional :: line                 !! as in `value_t`
       type(value_t) :: values(size(words))
       type(string_t), allocatable :: longer(:)
@@ -251,7 +252,7 @@ contains
       call self%put(name, values, has_changed)
    end subroutine content_put_words
 
-   !> Takes the only key of `other` in the place of the same key: all its values, or one element.
+   !> Copies the only key of `other`: all its values, or one element.
    pure subroutine content_take(self, other, has_changed)
       class(content_t), intent(inout) :: self
       type(content_t), intent(in) :: other
@@ -284,8 +285,8 @@ contains
       if (i_key > 0) is_given = self%keys(i_key)%head > 0 .or. self%keys(i_key)%element_head > 0
    end function content_is_given
 
-   !> Adds to a message where a value of a key of real numbers looks like the first half of a number with a decimal comma:
-   !> `1,5e-3` is two values.
+   !> Adds advice to a message if a value of a key of real numbers looks like the first half of a number with a
+   !> decimal comma: `1,5e-3` is two values.
    pure subroutine content_add_comma_advice(self, i_key, message)
       class(content_t), intent(in) :: self
       integer, intent(in) :: i_key
@@ -297,7 +298,7 @@ contains
       do while (i > 0)
          associate (value => self%values(i))
             comma = value%last + 1
-            first = 0                                       ! of the value behind
+            first = 0                                       ! of the next value
             if (value%next > 0) first = self%values(value%next)%first
             if (first == comma + 1 .and. value%kind == kind_of%whole .and. value%last >= value%first) then
                last = self%values(value%next)%last
@@ -312,7 +313,7 @@ contains
       end do
    end subroutine content_add_comma_advice
 
-   !> A word, without its quotes, doubled quotes made single.
+   !> Returns a word without its quotes, doubled quotes made single.
    pure subroutine content_get_word(self, i_value, word)
       class(content_t), intent(in) :: self
       integer, intent(in) :: i_value                        !! of the kind `word`
@@ -340,7 +341,7 @@ contains
       word = word(1:n)
    end subroutine content_get_word
 
-   !> A value for a message: as it was spelt, else its number.
+   !> Returns a value for a message: its spelling, otherwise its number.
    pure subroutine content_get_shown(self, i_value, text)
       class(content_t), intent(in) :: self
       integer, intent(in) :: i_value
@@ -362,7 +363,7 @@ contains
       end associate
    end subroutine content_get_shown
 
-   !> Key with an index behind it, for messages; indices of 0 are left out.
+   !> Key with its index, for messages; indices of 0 are omitted.
    pure function element_text(key, i, j) result(text)
       character(*), intent(in) :: key
       integer, intent(in) :: i, j

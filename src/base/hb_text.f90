@@ -1,7 +1,7 @@
-!> Work with text: numbers to text and back, lists of words.
+!> Text utilities: numbers to text and back, lists of words.
 !>
-!> Functions of texts declare the length of their result: gfortran keeps lengths of deferred results in static memory, which threads
-!> would share.
+!> Functions that return texts declare the length of their result, because gfortran stores lengths of deferred results
+!> in static memory, which threads would share.
 module hb_text
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_is_nan, ieee_negative_inf, ieee_positive_inf, &
       ieee_quiet_nan, ieee_value
@@ -22,7 +22,7 @@ module hb_text
       character(:), allocatable :: value
    end type string_t
 
-   !> Text that grows piece by piece at a cost linear in its final length.
+   !> Text that is built piece by piece at a cost linear in its final length.
    type :: text_builder_t
       character(:), allocatable, private :: buffer
       integer(int64), private :: length = 0
@@ -31,12 +31,12 @@ module hb_text
       procedure :: text => text_builder_text
    end type text_builder_t
 
-   !> Value as text; a real in the shortest form found that `parse_real` reads back to the same double.
+   !> Converts a value to text; a real in the shortest form found that `parse_real` converts back to the same double.
    interface to_text
       module procedure integer_text, int64_text, real_text, logical_text
    end interface to_text
 
-   !> Members of a list with `separator` between them; trailing blanks of a character array do not count.
+   !> Joins the members of a list with `separator`; trailing blanks of a character array are ignored.
    interface join
       module procedure join_strings, join_words
    end interface join
@@ -100,8 +100,8 @@ contains
       length = len(shortest)
    end function real_length
 
-   !> Fifteen digits are tried first: whatever has a form of at most 15 digits is found by them (not so for
-   !> tiny numbers of reduced precision, which begin with one digit). Plain form from 0.01 to below 1e6.
+   !> Tries fifteen digits first, which find every form of at most 15 digits (except for subnormal numbers, which
+   !> begin with one digit). Plain form from 0.01 to below 1e6.
    pure subroutine write_real(value, text)
       real(wp), intent(in) :: value
       character(:), allocatable, intent(out) :: text
@@ -149,7 +149,7 @@ contains
       if (sign(1.0_wp, value) < 0.0_wp) text = "-"//text
    end subroutine write_real
 
-   !> Changes A to Z into a to z and nothing else, so UTF-8 passes unharmed.
+   !> Converts A to Z to lower case and changes nothing else, so that UTF-8 is preserved.
    pure function lower(text) result(changed)
       character(*), intent(in) :: text
       character(len(text)) :: changed
@@ -216,7 +216,7 @@ contains
       end do
    end function join_words
 
-   !> Puts single quotes round a text and doubles those inside, as a Fortran namelist wants it.
+   !> Encloses a text in single quotes and doubles those inside, as required in a Fortran namelist.
    pure function quote(text) result(quoted)
       character(*), intent(in) :: text
       character(len(text) + 2 + n_quotes(text)) :: quoted
@@ -242,7 +242,7 @@ contains
       n_quotes = count([(text(i:i) == "'", i=1, len(text))])
    end function n_quotes
 
-   !> Cuts a text at every `separator`; n separators give n + 1 parts, of which any may be empty.
+   !> Splits a text at every `separator`; n separators give n + 1 parts, of which any may be empty.
    pure subroutine split(text, separator, parts)
       character(*), intent(in) :: text
       character(*), intent(in) :: separator                 !! not empty
@@ -266,9 +266,9 @@ contains
       parts(i)%value = text(first:)
    end subroutine split
 
-   !> Reads a whole token as a real: sign, digits, point, exponent with e or d. `ok` is false and `value` zero
-   !> for anything else and for numbers beyond huge(); `nan` and `inf` are recognised, the caller decides
-   !> about them. The range is settled before the runtime converts, which would raise an overflow exception.
+   !> Reads a whole token as a real: sign, digits, point, exponent with e or d. `ok` is false and `value` zero for
+   !> anything else and for numbers beyond huge(); `nan` and `inf` are recognised, and the caller decides about them.
+   !> The range is checked before the conversion by the runtime library, which would raise an overflow exception.
    pure subroutine parse_real(token, value, ok)
       character(*), intent(in) :: token
       real(wp), intent(out) :: value
@@ -289,7 +289,7 @@ contains
       call parse_special(token(i:), is_negative, value, ok)
       if (ok) return
 
-      ! The number is +-0.kept * 10**scale_10 with a first kept digit other than zero.
+      ! The number is +-0.kept * 10**scale_10, where the first digit of `kept` is not zero.
       call read_digits(token, i, kept, n, n_digits, scale_10, is_sticky)
       if (n_digits == 0) return
 
@@ -318,7 +318,7 @@ contains
    pure subroutine parse_special(word, is_negative, value, ok)
       character(*), intent(in) :: word
       logical, intent(in) :: is_negative
-      real(wp), intent(inout) :: value                      !! stays where it is none of them
+      real(wp), intent(inout) :: value                      !! unchanged if it is none of them
       logical, intent(out) :: ok
 
       ok = .false.
@@ -335,14 +335,15 @@ contains
       end select
    end subroutine parse_special
 
-   !> Digits with at most one point, from place i on: 0.kept * 10**scale_10 with a first kept digit other than zero.
+   !> Reads digits with at most one point, from position i on: 0.kept * 10**scale_10 with a first digit other than
+   !> zero.
    pure subroutine read_digits(token, i, kept, n, n_digits, scale_10, is_sticky)
       character(*), intent(in) :: token
-      integer, intent(inout) :: i                           !! then the place behind them
+      integer, intent(inout) :: i                           !! on return the position after them
       character(*), intent(out) :: kept
-      integer, intent(out) :: n, n_digits                   !! kept ones, all of them
+      integer, intent(out) :: n, n_digits                   !! stored digits, all digits
       integer(int64), intent(out) :: scale_10
-      logical, intent(out) :: is_sticky                     !! one of those that are not kept is not zero
+      logical, intent(out) :: is_sticky                     !! one of the digits that are not stored is not zero
       logical :: after_point
 
       kept = ""
@@ -373,7 +374,7 @@ contains
       end do
    end subroutine read_digits
 
-   !> An exponent with its letter, or nothing at all.
+   !> Reads an exponent with its letter, or an empty text.
    pure subroutine parse_exponent(token, exponent_10, ok)
       character(*), intent(in) :: token
       integer(int64), intent(out) :: exponent_10            !! not above 10**13
@@ -395,8 +396,8 @@ contains
       ok = .true.
    end subroutine parse_exponent
 
-   !> Reads a whole token as an integer: sign and digits; `ok` is false and `value` zero otherwise and when
-   !> the number does not fit.
+   !> Reads a whole token as an integer: sign and digits; `ok` is false and `value` zero otherwise and if the number
+   !> does not fit.
    pure subroutine parse_integer(token, value, ok)
       character(*), intent(in) :: token
       integer, intent(out) :: value
@@ -447,10 +448,10 @@ contains
       if (allocated(self%buffer)) text = self%buffer(1:self%length)
    end function text_builder_text
 
-   !> A number of things: `1 point`, `2 points`.
+   !> A count with its noun: `1 point`, `2 points`.
    pure function number_of(n, word) result(text)
       integer, intent(in) :: n
-      character(*), intent(in) :: word                                !! of one of them
+      character(*), intent(in) :: word                                !! singular
       character(length_of(n) + 1 + len(word) + merge(0, 1, n == 1)) :: text
 
       text = to_text(n)//" "//word//"s"
@@ -465,7 +466,7 @@ contains
       is_name = index(letters, text(1:1)) > 0 .and. verify(text, letters//"0123456789_") == 0
    end function is_name
 
-   !> Text of the file as a message may show it: without control characters, long ones cut (not inside UTF-8).
+   !> Text of the file for a message: without control characters, and shortened if long (not inside UTF-8).
    pure function shown(text) result(clean)
       character(*), intent(in) :: text
       character(shown_length(text) + merge(3, 0, shown_length(text) < len(text))) :: clean
@@ -491,8 +492,8 @@ contains
       end do
    end function shown_length
 
-   !> Text of at most `n_bytes`: a longer one ends at the end of a word, or of a character where that would leave less than half,
-   !> with an ellipsis.
+   !> Text of at most `n_bytes`: a longer one ends at the end of a word, or of a character if that would leave less
+   !> than half, with an ellipsis.
    pure function shortened(text, n_bytes) result(short)
       character(*), intent(in) :: text
       integer, intent(in) :: n_bytes

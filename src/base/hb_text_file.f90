@@ -1,4 +1,4 @@
-!> Files of text, whole.
+!> Text files, read as a whole.
 module hb_text_file
    use hb_error, only: error_t, fail
    use hb_kinds, only: int64
@@ -11,7 +11,7 @@ module hb_text_file
 
 contains
 
-   !> Reads a whole file as it is, byte by byte; fails for what is no readable file of at most 16 MiB.
+   !> Reads a whole file byte by byte; fails if it is not a readable regular file of at most 16 MiB.
    subroutine read_text_file(path, text, error)
       character(*), intent(in) :: path
       character(:), allocatable, intent(out) :: text

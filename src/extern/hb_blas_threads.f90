@@ -1,5 +1,5 @@
-!> How many threads BLAS works with, and in which memory. Points are spread over ranks, and the matrices of one are small: more
-!> threads than one only wait for each other, and their sums may be rounded in another order.
+!> Number of threads and working memory of BLAS. Points are distributed over ranks, and the matrices of a point are
+!> small: several threads only wait for each other, and may change the order of summation and thus the rounding.
 !> Source of the interfaces: hb_blas.h.
 module hb_blas_threads
    use, intrinsic :: iso_c_binding, only: c_int
@@ -9,7 +9,7 @@ module hb_blas_threads
    public :: n_blas_threads, take_blas_memory, use_one_blas_thread
 
    interface
-      !> Has OpenBLAS work with one thread, unless the user's environment requests a number (OPENBLAS_NUM_THREADS,
+      !> Makes OpenBLAS use one thread, unless the user's environment requests a number (OPENBLAS_NUM_THREADS,
       !> GOTO_NUM_THREADS, OMP_NUM_THREADS).
       subroutine use_one_blas_thread() bind(c, name="hb_use_one_blas_thread")
       end subroutine use_one_blas_thread
@@ -18,7 +18,7 @@ module hb_blas_threads
          import :: c_int
       end function hb_take_blas_memory
 
-      !> Threads that OpenBLAS works with; 0 with another library.
+      !> Number of threads of OpenBLAS; 0 with another library.
       integer(c_int) function n_blas_threads() bind(c, name="hb_n_blas_threads")
          import :: c_int
       end function n_blas_threads
@@ -26,7 +26,7 @@ module hb_blas_threads
 
 contains
 
-   !> Has BLAS take the memory that it works in, before its first call; fails where a limit leaves too little.
+   !> Makes BLAS allocate its working memory before its first call; fails if a limit leaves too little.
    subroutine take_blas_memory(error)
       type(error_t), allocatable, intent(out) :: error
 

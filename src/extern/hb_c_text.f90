@@ -1,4 +1,4 @@
-!> Strings of C as texts of Fortran.
+!> Conversion of C strings to Fortran texts.
 module hb_c_text
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_pointer, c_ptr, c_size_t
    implicit none
@@ -14,7 +14,7 @@ module hb_c_text
 
 contains
 
-   !> Gives a copy of a string that ends with a null; nothing where there is none.
+   !> Returns a copy of a null-terminated string; not allocated for a null pointer.
    function c_text(address) result(text)
       type(c_ptr), intent(in) :: address
       character(c_length(address)) :: text

@@ -1,4 +1,4 @@
-!> Cancellation: whether long work ends before it is done, and where it reports its progress.
+!> Cancellation: ends long work early, and receives reports of its progress.
 !>
 !> A cancellation token limits the processor time of a point. Types that extend it end a point for other reasons, such as a signal
 !> (`wants_end`), or show progress (`note_level`, `note_progress`). A decision to end holds until the next point begins, so that all
@@ -15,8 +15,8 @@ module hb_cancellation
 
    type :: verdict_t
       integer :: go_on = 0
-      integer :: timed_out = 1                                        !! the point has had its time
-      integer :: interrupted = 2                                      !! the run ends; the point has to be solved again
+      integer :: timed_out = 1                                        !! the point has used its time
+      integer :: interrupted = 2                                      !! the run ends; the point must be solved again
    end type verdict_t
    type(verdict_t), parameter :: verdict = verdict_t()
 
@@ -28,8 +28,8 @@ module hb_cancellation
       integer :: verdict = verdict%go_on
       real(wp), private :: cpu_end = huge(1.0_wp)                     ! processor time at which the point has to end [s]
       integer, private :: n_entered = 0
-      type(place_t), private :: place                                 ! to which the thread points
-      type(c_ptr), private :: outer = c_null_ptr                      ! place of the cancellation within which this one was entered
+      type(place_t), private :: place                                 ! the pointer of the thread
+      type(c_ptr), private :: outer = c_null_ptr                      ! the cancellation within which this one was entered
    contains
       procedure :: begin => cancellation_begin
       procedure :: enter => cancellation_enter
@@ -54,10 +54,10 @@ module hb_cancellation
 
 contains
 
-   !> Begins a point that may take `time_limit`.
+   !> Begins a point with a limit of `time_limit`.
    subroutine cancellation_begin(self, time_limit)
       class(cancellation_t), intent(inout) :: self
-      real(wp), intent(in) :: time_limit                              !! of the processor [s], huge for any
+      real(wp), intent(in) :: time_limit                              !! processor time [s], huge() for no limit
       real(wp) :: now
 
       if (self%verdict /= verdict%interrupted) self%verdict = verdict%go_on
@@ -67,9 +67,10 @@ contains
       self%cpu_end = now + time_limit
    end subroutine cancellation_begin
 
-   !> Makes this the cancellation of the thread. Where it was not entered yet a point begins with it; else its clock continues.
+   !> Makes this the cancellation of the thread. If it was not entered yet, a point begins; otherwise its clock
+   !> continues.
    subroutine cancellation_enter(self, time_limit)
-      class(cancellation_t), intent(inout), target :: self            !! stays where it is until it is left
+      class(cancellation_t), intent(inout), target :: self            !! must not move until it is left
       real(wp), intent(in) :: time_limit                              !! as that of `begin`
 
       if (self%n_entered == 0) then
@@ -81,7 +82,7 @@ contains
       self%n_entered = self%n_entered + 1
    end subroutine cancellation_enter
 
-   !> Undoes one `enter`.
+   !> Reverts one `enter`.
    subroutine cancellation_leave(self)
       class(cancellation_t), intent(inout) :: self
 
@@ -91,7 +92,7 @@ contains
       self%outer = c_null_ptr
    end subroutine cancellation_leave
 
-   !> Whether the point shall end; `verdict` then says why.
+   !> Whether the point must end; `verdict` then gives the reason.
    recursive logical function cancellation_is_over(self) result(is_over)
       class(cancellation_t), intent(inout) :: self
       type(place_t), pointer :: outer
@@ -111,7 +112,7 @@ contains
       is_over = self%verdict /= verdict%go_on
    end function cancellation_is_over
 
-   !> Takes note of a level that was solved: here whatever this was entered within does.
+   !> Records a level that was solved; here by passing it to the enclosing cancellation.
    recursive subroutine cancellation_note_level(self, level, n_unknowns, estimate)
       class(cancellation_t), intent(inout) :: self
       integer, intent(in) :: level, n_unknowns
@@ -123,25 +124,26 @@ contains
       call outer%cancellation%note_level(level, n_unknowns, estimate)
    end subroutine cancellation_note_level
 
-   !> Takes note of how far the work is; does nothing here.
+   !> Records the progress of the work; does nothing here.
    subroutine cancellation_note_progress(self, n_done, n_steps)
       class(cancellation_t), intent(inout) :: self
       integer, intent(in) :: n_done, n_steps
    end subroutine cancellation_note_progress
 
-   !> Whether something else than the point demands its end; nothing does.
+   !> Whether an external reason demands the end of the point; never here.
    logical function cancellation_wants_end(self)
       class(cancellation_t), intent(inout) :: self
 
       cancellation_wants_end = .false.
    end function cancellation_wants_end
 
-   !> Whether the work of this thread shall end. Takes a tenth of a microsecond, with a limit on processor time half a one.
+   !> Whether the work of this thread must end. Takes a tenth of a microsecond, with a limit on processor time half a
+   !> microsecond.
    logical function work_is_over()
       work_is_over = verdict_on_work() /= verdict%go_on
    end function work_is_over
 
-   !> Reports a level of adaptive refinement that was solved, to the cancellation that this thread has entered.
+   !> Reports a solved level of adaptive refinement to the current cancellation of this thread.
    subroutine note_level(level, n_unknowns, estimate)
       integer, intent(in) :: level, n_unknowns
       real(wp), intent(in) :: estimate                                !! of the error, relative
@@ -154,7 +156,7 @@ contains
       call place%cancellation%note_level(level, n_unknowns, estimate)
    end subroutine note_level
 
-   !> Reports how far the work of this thread is, to the cancellation that it has entered.
+   !> Reports the progress of the work of this thread to its current cancellation.
    subroutine note_progress(n_done, n_steps)
       integer, intent(in) :: n_done, n_steps
       type(c_ptr) :: current
@@ -166,7 +168,7 @@ contains
       call place%cancellation%note_progress(n_done, n_steps)
    end subroutine note_progress
 
-   !> Why the work of this thread shall end; `go_on` where it shall not, or where nothing watches over it.
+   !> Why the work of this thread must end; `go_on` if it need not, or if there is no cancellation.
    integer function verdict_on_work() result(found)
       type(c_ptr) :: current
       type(place_t), pointer :: place

@@ -1,4 +1,4 @@
-!> Checksums by which damage to stored numbers is seen. Source of the interface: hb_checksum.h.
+!> Checksums that detect damage to stored numbers. Source of the interface: hb_checksum.h.
 module hb_checksum
    use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_funptr, c_int, c_int32_t, c_loc, c_long_long, c_null_char, &
       c_ptr, c_size_t
@@ -8,7 +8,7 @@ module hb_checksum
    private
    public :: bytes_in, checksum, checksum_rows, library_fingerprint
 
-   !> The bytes of values, in their place.
+   !> The bytes of values, without a copy.
    interface bytes_in
       module procedure bytes_in_integers, bytes_in_reals
    end interface bytes_in
@@ -36,7 +36,7 @@ module hb_checksum
       end function hb_checksum_of_library
    end interface
 
-   !> Goes on with a checksum, 0 at the beginning, over further values, as they stand in the memory.
+   !> Continues a checksum, 0 at the beginning, over further values in memory order.
    interface checksum
       module procedure checksum_bytes, checksum_integers, checksum_reals, checksum_text
    end interface checksum
@@ -74,8 +74,8 @@ contains
       sum = hb_add_to_checksum(int(so_far, c_int32_t), c_loc(text), len(text, c_size_t))
    end function checksum_text
 
-   !> Goes on with the checksum of each row over its bytes in a part of a file, where rows follow each other; `ok` is false where
-   !> that cannot be read.
+   !> Continues the checksum of each row over its bytes in a part of a file in which rows are contiguous; `ok` is
+   !> false if it cannot be read.
    subroutine checksum_rows(path, offset, row_bytes, checksums, ok)
       character(*), intent(in) :: path
       integer(int64), intent(in) :: offset, row_bytes
@@ -86,7 +86,7 @@ contains
          size(checksums, kind=c_long_long), checksums) == 0
    end subroutine checksum_rows
 
-   !> Fingerprint of a shared library, by a function of it that is loaded: its checksum and length.
+   !> Fingerprint of a shared library, identified by a loaded function: its checksum and length.
    function library_fingerprint(address) result(text)
       type(c_funptr), intent(in) :: address
       character(60) :: text

@@ -7,13 +7,13 @@ module hb_crash_detection
    private
    public :: begin_point, crash_location_t, detect_crashes, end_cancellation, end_point
 
-   !> What is noted of a crash, and where: bytes of the file, of the first row each.
+   !> What is recorded for a crash, and where: byte offsets of the first rows in the file.
    type :: crash_location_t
-      integer(int64) :: status_offset = -1             !! rows of four bytes, least significant first; negative: nothing is noted
+      integer(int64) :: status_offset = -1             !! rows of four bytes, least significant first; negative: nothing is recorded
       integer(int64) :: message_offset = -1            !! rows of `message_length` bytes; negative: no message
       integer :: message_length = 0                    !! at most 512
-      integer :: status = 0                            !! that a crashed point gets
-      integer :: exit_status = 1                       !! of the process, where it is exit() that ends it within a point
+      integer :: status = 0                            !! status of a crashed point
+      integer :: exit_status = 1                       !! exit status if exit() ends the process within a point
    end type crash_location_t
 
    type, bind(c) :: hb_crash_location_t
@@ -33,19 +33,19 @@ module hb_crash_detection
          integer(c_long_long), value :: row
       end subroutine hb_begin_point
 
-      !> No point is being solved any more.
+      !> Marks the end of the present point.
       subroutine end_point() bind(c, name="hb_end_point")
       end subroutine end_point
 
-      !> Ends what `detect_crashes` has begun; safe to call twice.
+      !> Reverts `detect_crashes`; safe to call twice.
       subroutine end_cancellation() bind(c, name="hb_end_cancellation")
       end subroutine end_cancellation
    end interface
 
 contains
 
-   !> Has crashes noted in the file at `path` from here on, by this rank for its own points. Where the place is not known or
-   !> the file cannot be opened once more, a crash is what it is without: nothing else depends on it.
+   !> Records crashes in the file at `path` from now on, by this rank for its own points. If the location is not known
+   !> or the file cannot be opened a second time, crashes are not recorded; nothing else changes.
    subroutine detect_crashes(path, place)
       character(*), intent(in) :: path
       type(crash_location_t), intent(in) :: place
@@ -56,7 +56,7 @@ contains
          int(place%exit_status, c_int)))
    end subroutine detect_crashes
 
-   !> Point `i`, from 1, is being solved from here on.
+   !> Marks the beginning of point `i`, counted from 1.
    subroutine begin_point(i)
       integer, intent(in) :: i
 

@@ -1,5 +1,6 @@
-!> FFTW 3 behind a few types: aligned memory, batched real n-dimensional plans, complex ones along an axis, wisdom. The
-!> only module that calls FFTW. Threads may solve a model each: access to the store of plans and planning hold a lock (hb_lock.h).
+!> FFTW 3 behind a few types: aligned memory, batched real n-dimensional plans, complex plans along an axis, wisdom.
+!> The only module that calls FFTW. Each thread may solve a model of its own: access to the store of plans and
+!> planning are protected by a lock (hb_lock.h).
 !>
 !> Source of the interfaces: FFTW 3.3 manual, chapter "Calling FFTW from Modern Fortran".
 module hb_fftw
@@ -13,8 +14,8 @@ module hb_fftw
 
    include 'fftw3.f03'
 
-   !> Effort spent on the choice of an algorithm. `estimate` times nothing, so that every run and every MPI rank gets
-   !> the same plan and therefore bitwise the same numbers; the others are reproducible only with a wisdom file.
+   !> Effort of the choice of an algorithm. `estimate` measures nothing, so that every run and every MPI rank gets the
+   !> same plan and therefore bitwise the same numbers; the others are reproducible only with a wisdom file.
    type :: planning_t
       integer :: estimate = int(FFTW_ESTIMATE)
       integer :: measure = int(FFTW_MEASURE)
@@ -38,7 +39,7 @@ module hb_fftw
       procedure :: destroy => complex_block_destroy
    end type complex_block_t
 
-   !> A pair of plans, spectrum -> samples and samples -> spectrum, that the store keeps.
+   !> A pair of plans, spectrum -> samples and samples -> spectrum, owned by the store.
    type :: plan_pair_t
       type(c_ptr), private :: backward = c_null_ptr
       type(c_ptr), private :: forward = c_null_ptr
@@ -61,17 +62,18 @@ module hb_fftw
       procedure :: to_spectrum => axis_plan_to_spectrum
    end type axis_plan_t
 
-   !> A pair of plans as it is kept from model to model: planning takes longer than many a solution.
+   !> A pair of plans in the store, reused from model to model, because planning takes longer than many solutions.
    type :: stored_plan_t
-      integer, allocatable :: key(:)                                  ! kind, flags, n_batch, n_samples or what shapes an axis
+      integer, allocatable :: key(:)                                  ! kind, flags, n_batch, n_samples or the shape of an axis
       type(c_ptr) :: backward = c_null_ptr
       type(c_ptr) :: forward = c_null_ptr
       integer :: n_users = 0
       integer(int64) :: last_use = 0
    end type stored_plan_t
 
-   integer, parameter :: few = 120                                     ! numbers of a block that FFTW need not align beyond what all
-                                                                       ! memory is: its allocation takes longer than its transform
+   integer, parameter :: few = 120                                     ! size of a block for which the default alignment of
+                                                                       !! memory suffices: aligned allocation takes longer than
+                                                                       !! its transform
    integer, parameter :: is_real = 1, is_along_axis = 2                ! kinds of plans
    integer, parameter :: n_places = 128                               ! in the store, unless more are in use at once
    type(stored_plan_t), allocatable, save :: store(:)
@@ -153,20 +155,20 @@ contains
       nullify (self%values)
    end subroutine complex_block_destroy
 
-   !> Gives the memory of real numbers as complex ones, two neighbours in each.
+   !> Returns the memory of real numbers as complex ones, two neighbours in each.
    function two_together(values) result(pairs)
-      real(wp), intent(in), contiguous, target :: values(:)           !! an even number of them
+      real(wp), intent(in), contiguous, target :: values(:)           !! an even number of elements
       complex(wp), pointer, contiguous :: pairs(:)
 
       call c_f_pointer(c_loc(values), pairs, [size(values)/2])
    end function two_together
 
-   !> Plans `n_batch` real transforms of shape `n_samples` (first axis fastest), out of place, both ways.
+   !> Plans `n_batch` real transforms of shape `n_samples` (first axis fastest), out of place, in both directions.
    !>
-   !> Samples of one transform are contiguous, (product(n_samples), n_batch); its spectrum is the half that FFTW keeps,
-   !> (n_samples(1)/2 + 1, n_samples(2), ...), (n_spectrum, n_batch). The arrays given are overwritten while planning;
-   !> arrays used later must come from `new_real_block` and `new_complex_block`. Plans outlive their users: the next of the
-   !> same shape finds them made.
+   !> Samples of one transform are contiguous, (product(n_samples), n_batch); its spectrum is the half that FFTW
+   !> stores, (n_samples(1)/2 + 1, n_samples(2), ...), (n_spectrum, n_batch). The given arrays are overwritten during
+   !> planning; arrays used later must come from `new_real_block` and `new_complex_block`. Plans remain in the store
+   !> for the next user of the same shape.
    subroutine new_fft_plan(self, n_samples, n_batch, effort, samples, spectrum, error)
       type(fft_plan_t), intent(inout) :: self
       integer, intent(in) :: n_samples(:)
@@ -191,11 +193,13 @@ contains
       call unlock_store()
    end subroutine new_fft_plan
 
-   !> Plans complex transforms of length `n` along the middle axis of arrays (leading, n, n_outer), out of place, both ways, for
-   !> the first `n_inner` places of the leading axis, whose extent may differ between spectrum and samples.
+   !> Plans complex transforms of length `n` along the middle axis of arrays (leading, n, n_outer), out of place, in
+   !> both directions, for the first `n_inner` positions of the leading axis, whose extent may differ between spectrum
+   !> and samples.
    !>
-   !> Executed from any other place of the leading axis they transform the `n_inner` columns from there on. What is executed
-   !> later must be aligned to 16 bytes, as each column of the blocks of this module is. Plans outlive their users.
+   !> Executed from any other position of the leading axis they transform the `n_inner` columns from there on. Arrays
+   !> used later must be aligned to 16 bytes, as each column of the blocks of this module is. Plans remain in the
+   !> store.
    subroutine new_axis_plan(self, n, n_inner, n_outer, lead_spectrum, lead_samples, effort, error)
       type(axis_plan_t), intent(inout) :: self
       integer, intent(in) :: n, n_inner, n_outer
@@ -242,7 +246,7 @@ contains
       end subroutine plan_axis
    end subroutine new_axis_plan
 
-   !> Hands out the plans of a place of the store; fails where there is none.
+   !> Returns the plans of a slot of the store and marks them as in use; fails if there are none.
    subroutine borrow(self, slot, error)
       class(plan_pair_t), intent(inout) :: self
       integer, intent(in) :: slot
@@ -260,7 +264,7 @@ contains
       self%forward = store(slot)%forward
    end subroutine borrow
 
-   !> Place of a pair of plans in the store, 0 where it is not there.
+   !> Slot of a pair of plans in the store, 0 if it is not there.
    pure integer function slot_of(key)
       integer, intent(in) :: key(:)
 
@@ -274,8 +278,8 @@ contains
       slot_of = 0
    end function slot_of
 
-   !> Puts a pair into a free place of the store, or into that of the pair not used for longest; where all are in use, into a
-   !> new one. The place is 0 where the pair was not planned.
+   !> Stores a pair in a free slot, or in that of the pair not used for longest; if all are in use, in a new one. The
+   !> slot is 0 if planning failed.
    subroutine keep(key, backward, forward, slot)
       integer, intent(in) :: key(:)
       type(c_ptr), intent(in) :: backward, forward
@@ -349,7 +353,7 @@ contains
       call fftw_execute_dft_c2r(self%backward, spectrum, samples)
    end subroutine fft_plan_to_samples
 
-   !> Transforms samples to spectra, unnormalised (sum of samples * exp(-i j tau)); the samples stay as they are.
+   !> Transforms samples to spectra, unnormalised (sum of samples * exp(-i j tau)); the samples are preserved.
    subroutine fft_plan_to_spectrum(self, samples, spectrum)
       class(fft_plan_t), intent(in) :: self
       real(wp), intent(inout), contiguous :: samples(:, :)
@@ -358,8 +362,8 @@ contains
       call fftw_execute_dft_r2c(self%forward, samples, spectrum)
    end subroutine fft_plan_to_spectrum
 
-   !> Transforms spectra to samples along the axis (sum of spectrum * exp(+i j tau)), from columns that begin at the first
-   !> elements of both; the spectra stay as they are.
+   !> Transforms spectra to samples along the axis (sum of spectrum * exp(+i j tau)), from columns that begin at the
+   !> first elements of both; the spectra are preserved.
    subroutine axis_plan_to_samples(self, spectrum, samples)
       class(axis_plan_t), intent(in) :: self
       complex(wp), intent(inout) :: spectrum(*), samples(*)
@@ -367,7 +371,7 @@ contains
       call fftw_execute_dft(self%backward, spectrum, samples)
    end subroutine axis_plan_to_samples
 
-   !> Transforms samples to spectra along the axis (sum of samples * exp(-i j tau)); the samples stay as they are.
+   !> Transforms samples to spectra along the axis (sum of samples * exp(-i j tau)); the samples are preserved.
    subroutine axis_plan_to_spectrum(self, samples, spectrum)
       class(axis_plan_t), intent(in) :: self
       complex(wp), intent(inout) :: samples(*), spectrum(*)
@@ -375,7 +379,7 @@ contains
       call fftw_execute_dft(self%forward, samples, spectrum)
    end subroutine axis_plan_to_spectrum
 
-   !> Gives the plans back to the store; safe to call twice.
+   !> Returns the plans to the store; safe to call twice.
    subroutine plan_pair_destroy(self)
       class(plan_pair_t), intent(inout) :: self
 
@@ -389,8 +393,7 @@ contains
       self%forward = c_null_ptr
    end subroutine plan_pair_destroy
 
-   !> Forgets all plans not in use and what was learnt while planning, so that the next plans take as long as the
-   !> first ones.
+   !> Discards all plans not in use and all wisdom, so that the next plans take as long as the first ones.
    subroutine forget_plans()
       integer :: slot
 
@@ -404,7 +407,7 @@ contains
       call unlock_store()
    end subroutine forget_plans
 
-   !> Reads wisdom of earlier runs from a file; false when there is none that can be used.
+   !> Reads wisdom of earlier runs from a file; false if there is none that can be used.
    logical function import_wisdom(path)
       character(*), intent(in) :: path
 
@@ -413,7 +416,7 @@ contains
       call unlock_store()
    end function import_wisdom
 
-   !> Writes the wisdom gathered so far to a file; false when the file cannot be written.
+   !> Writes the accumulated wisdom to a file; false if the file cannot be written.
    logical function export_wisdom(path)
       character(*), intent(in) :: path
 

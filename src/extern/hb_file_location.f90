@@ -12,7 +12,7 @@ module hb_file_location
 
 contains
 
-   !> Fails where there is nothing to read under this name.
+   !> Fails if there is no readable file of this name.
    subroutine check_source(path, error)
       character(*), intent(in) :: path
       type(error_t), allocatable, intent(out) :: error
@@ -32,7 +32,7 @@ contains
       end if
    end subroutine check_source
 
-   !> Fails where a file of this name cannot or must not be made.
+   !> Fails if a file of this name cannot or must not be created.
    subroutine check_place(path, overwrite, error)
       character(*), intent(in) :: path
       logical, intent(in) :: overwrite
@@ -60,17 +60,17 @@ contains
       end if
    end subroutine check_place
 
-   !> Gives a finished file its name, atomically.
+   !> Gives a finished file its final name, atomically.
    subroutine put_in_place(temporary, path, overwrite, error)
       character(*), intent(in) :: temporary, path
       logical, intent(in) :: overwrite
       type(error_t), allocatable, intent(out) :: error
       logical :: ok
 
-      call check_place(path, overwrite, error)                        ! something may have taken the name meanwhile
+      call check_place(path, overwrite, error)                        ! the name may have been taken in the meantime
       if (allocated(error)) return
       if (.not. overwrite) then
-         ! another run may have made the file at this moment: link refuses then, and rename would not
+         ! another run may have created the file at this moment: link refuses then, rename would not
          call link_file(temporary, path, ok)
          if (ok) then
             call remove_file(temporary)
@@ -80,7 +80,7 @@ contains
             call fail(error, "exists; give --overwrite or another --output")
             return
          end if
-         ! a file system without links: rename after all
+         ! a file system without links: use rename
       end if
       call rename_file(temporary, path, ok)
       if (.not. ok) call fail(error, "'"//temporary//"' cannot be renamed to it; give another --output")

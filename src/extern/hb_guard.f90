@@ -11,10 +11,10 @@ module hb_guard
 
    integer(c_int), parameter :: bad_input = 2                         ! exit status, docs/user/running.md
    integer, parameter :: longest = 1000
-   real(wp), parameter :: seconds_at_least = 2.0_wp                   ! that any file may take; most take 0.01 s
-   real(wp), parameter :: bytes_per_second = 1.0e6_wp                 ! a hundredth of what computers read
-   real(wp), parameter :: bytes_at_least = 2.0_wp**29                 ! of memory, that reading any file may take
-   real(wp), parameter :: bytes_per_byte = 4.0_wp                     ! and more for long ones: entries and what is made of them
+   real(wp), parameter :: seconds_at_least = 2.0_wp                   ! for any file; most take 0.01 s
+   real(wp), parameter :: bytes_per_second = 1.0e6_wp                 ! a hundredth of the usual reading speed
+   real(wp), parameter :: bytes_at_least = 2.0_wp**29                 ! of memory, for any file
+   real(wp), parameter :: bytes_per_byte = 4.0_wp                     ! additional memory for large files: entries and derived data
 
    interface
       integer(c_int) function hb_raise_guard(text, exit_status, seconds, bytes) bind(c, name="hb_raise_guard")
@@ -36,12 +36,12 @@ module hb_guard
 
 contains
 
-   !> From here on a signal such as SIGSEGV or SIGBUS makes the process write `text`, cut to 1000 bytes, and end. Where the
-   !> system does not allow this, the signal does what it would have done.
+   !> From now on a signal such as SIGSEGV or SIGBUS makes the process write `text`, cut to 1000 bytes, and end. If
+   !> the system does not support this, the signal has its default effect.
    subroutine raise_guard(text, seconds, bytes)
-      character(*), intent(in) :: text                                !! what the user should know; `nhbm: ` comes before it
-      real(wp), intent(in), optional :: seconds                       !! of processor time after which the same happens; else never
-      real(wp), intent(in), optional :: bytes                         !! of memory that are to be had until it is lowered; else all
+      character(*), intent(in) :: text                                !! information for the user; `nhbm: ` is prepended
+      real(wp), intent(in), optional :: seconds !! processor time after which the process also ends; default: no limit
+      real(wp), intent(in), optional :: bytes !! memory that may be allocated until the handler is removed; default: no limit
       character(:), allocatable :: words
       integer(c_int) :: ignored
       real(c_double) :: limits(2)
@@ -53,7 +53,7 @@ contains
       ignored = hb_raise_guard("nhbm: "//words(:min(len(words), longest))//c_null_char, bad_input, limits(1), limits(2))
    end subroutine raise_guard
 
-   !> Has calls of the user libraries and their loader guarded from here on.
+   !> Protects calls of user libraries and their loader from now on.
    subroutine guard_outside_code()
       call cancellation_outside_code(guard_words, lower_guard)
    end subroutine guard_outside_code
@@ -64,10 +64,11 @@ contains
       call raise_guard(text)
    end subroutine guard_words
 
-   !> Raises a guard for an HDF5 file that this process reads by itself, with limits of time and memory by its size.
+   !> Installs the handler for an HDF5 file that this process reads by itself, with limits of time and memory by its
+   !> size.
    subroutine guard_file(path, text)
       character(*), intent(in) :: path
-      character(*), intent(in), optional :: text                      !! behind the path
+      character(*), intent(in), optional :: text                      !! after the path
       character(:), allocatable :: words
       integer(int64) :: size_of_file
       real(wp) :: n_bytes
@@ -80,7 +81,7 @@ contains
                        bytes_at_least + bytes_per_byte*n_bytes)
    end subroutine guard_file
 
-   !> Returns which entry of a guarded file is read, for the message.
+   !> Records which entry of a protected file is being read, for the message.
    subroutine name_guarded(entry)
       character(*), intent(in) :: entry
 
@@ -90,7 +91,7 @@ contains
       call hb_guard_entry(words, len(words, c_size_t))
    end subroutine name_guarded
 
-   !> Ends what `raise_guard` began.
+   !> Reverts `raise_guard`.
    subroutine lower_guard()
       call hb_lower_guard()
    end subroutine lower_guard

@@ -1,14 +1,15 @@
-!> HDF5 files in the few forms the program needs, with errors as values: the manual, files, and how datasets are made.
+!> HDF5 files in the few forms that the program needs, with errors as values: the manual, files, and the creation of
+!> datasets.
 !>
-!> In the order of use: `create_file` (one process) makes a file, `add` its datasets with their space on
-!> the disk, `make_scale`, `describe` and `set_attribute` describe them, `close` ends.
-!> `open_file_parallel` then opens it on all ranks, and `write` of a dataset puts raw data in place: it changes no
-!> metadata, so ranks need not agree on anything and a killed run leaves a sound file. Small datasets whose values are known
-!> are made by `put` in one go, and read by `get`.
+!> In the order of use: `create_file` (one process) creates a file, `add` adds its datasets and allocates their space
+!> on the disk, `make_scale`, `describe` and `set_attribute` describe them, `close` closes it. `open_file_parallel`
+!> then opens it on all ranks, and `write` of a dataset writes raw data in place: this changes no metadata, so ranks
+!> need no coordination and a killed run leaves a valid file. Small datasets with known values are written by `put`
+!> and read by `get`.
 !>
-!> Extents are given in the order of Fortran, fastest first: h5py, h5dump and xarray show them reversed.
-!> Datasets are contiguous, never compressed. Messages of the library are not printed but put into the error.
-!> Source: HDF5 1.10 Reference Manual; HDF5 Dimension Scale Specification.
+!> Extents have the order of Fortran, fastest first: h5py, h5dump and xarray show them reversed. Datasets are
+!> contiguous and not compressed. Messages of the library are not printed but included in the error. Source: HDF5 1.10
+!> Reference Manual; HDF5 Dimension Scale Specification.
 module hb_hdf5
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_loc, c_null_char, c_null_ptr, c_ptr
@@ -34,7 +35,7 @@ module hb_hdf5
    public :: bytes_of_kind, can_end_library, create_file, h5_dataset_t, h5_file_t, is_characters, is_integer
    public :: is_real, open_file, open_file_parallel
 
-   !> An open file. Results stand in its root group, models have groups of their own.
+   !> An open file. Results are in its root group, models in groups of their own.
    type, extends(h5_object_t) :: h5_file_t
       logical, private :: is_guarded = .false.           ! until it is closed
    contains
@@ -60,8 +61,7 @@ module hb_hdf5
 
 contains
 
-   !> Makes a new file for this process alone. An existing file is an error, or is replaced when `replace` is
-   !> true.
+   !> Creates a new file for this process alone. An existing file is an error, or is replaced if `replace` is true.
    subroutine create_file(self, path, replace, error)
       type(h5_file_t), intent(out) :: self
       character(*), intent(in) :: path
@@ -71,8 +71,9 @@ contains
       call open_as(self, path, merge(for_replacing, for_making, replace), error)
    end subroutine create_file
 
-   !> Opens a file by this process alone, for reading unless `for_writing` is true. Until it is closed the process ends with a
-   !> message when the library dies of the file, finds no end in it, or takes much more memory than the file has bytes.
+   !> Opens a file by this process alone, for reading unless `for_writing` is true. Until it is closed the process
+   !> ends with a message if the library crashes on the file, loops, or needs much more memory than the file has
+   !> bytes.
    subroutine open_file(self, path, error, for_writing, last_words)
       type(h5_file_t), intent(out) :: self
       character(*), intent(in) :: path
@@ -100,9 +101,9 @@ contains
       call open_as(self, path, for_changing, error, comm)
    end subroutine open_file_parallel
 
-   !> Makes or opens the file. Whatever is still open in it is closed with it; the library locks nothing, so that people
-   !> can look into the file of a run that continues; and the form of the file is the oldest that will do. That has no mark of
-   !> being open for writing, which a killed run would leave and which would keep readers out.
+   !> Creates or opens the file. Open objects are closed with it; the library does not lock it, so that others can
+   !> read the file of a running run; and the format is the oldest possible. The latter has no flag for being open for
+   !> writing, which a killed run would leave and which would lock readers out.
    subroutine open_as(self, path, purpose, error, comm)
       type(h5_file_t), intent(inout) :: self
       character(*), intent(in) :: path
@@ -135,7 +136,7 @@ contains
       call annotate(error, self%place)
    end subroutine open_as
 
-   !> Hands on what was written, so that other ranks read it after a barrier; collective.
+   !> Flushes written data, so that other ranks read them after a barrier; collective.
    subroutine file_flush(self, error)
       class(h5_file_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
@@ -160,7 +161,8 @@ contains
       self%is_guarded = .false.
    end subroutine file_close
 
-   !> Leaves the file open until the process ends, which has to do without the end of the library: see `can_end_library`.
+   !> Leaves the file open until the process ends, which must then end without closing the library: see
+   !> `can_end_library`.
    subroutine file_abandon(self)
       class(h5_file_t), intent(inout) :: self
 
@@ -169,16 +171,17 @@ contains
       self%id = no_id
    end subroutine file_abandon
 
-   !> Whether the library can be ended, which MPI does when that ends: it dies of a file that it could not write and close.
+   !> Whether the library can be closed, which MPI does at its end: it crashes on a file that it could not write and
+   !> close.
    logical function can_end_library()
       can_end_library = is_library_sound
    end function can_end_library
 
-   ! Making and opening datasets
+   ! Creating and opening datasets
 
-   !> Adds a dataset, its space taken on the disk: int32 filled with zero, float64 filled with NaN, or single bytes, all null, whose
-   !> first extent is the room for a string. Or `as_hole`, zero until it is written, which takes no space where the file system
-   !> knows holes.
+   !> Adds a dataset and allocates its space on the disk: int32 filled with zero, float64 filled with NaN, or single
+   !> bytes, all null, whose first extent is the length of a string. With `as_hole` it is zero until written and takes
+   !> no space on file systems with sparse files.
    !>
    !> Strings of fixed length would be shorter to describe, but netCDF-C before 4.9.1 crashes on them, and
    !> parallel HDF5 cannot write strings of any length.
@@ -203,8 +206,8 @@ contains
       if (is_copy) call h5tclose_f(type, status)
    end subroutine file_add
 
-   !> Adds a vector of strings of any length and writes it; blanks at the ends are dropped. For serial
-   !> files only: the library cannot write such strings in parallel.
+   !> Adds a vector of strings of any length and writes it; trailing blanks are dropped. For serial files only: the
+   !> library cannot write such strings in parallel.
    subroutine file_add_texts(self, name, values, dataset, error)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
@@ -233,7 +236,7 @@ contains
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
       integer, intent(in) :: extents(:)
-      type(c_ptr), intent(in), target :: addresses(:)  !! of the strings, which end with a null
+      type(c_ptr), intent(in), target :: addresses(:)  !! of the null-terminated strings
       type(h5_dataset_t), intent(out) :: dataset
       type(error_t), allocatable, intent(out) :: error
       integer(hid_t) :: text_type
@@ -293,13 +296,13 @@ contains
       call h5sclose_f(space, status)
    end subroutine add_dataset
 
-   !> Opens a dataset of the file. Fails where it claims more values than the file holds.
+   !> Opens a dataset of the file. Fails if it claims more values than the file contains.
    subroutine file_open_dataset(self, name, dataset, error, extents)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
       type(h5_dataset_t), intent(out) :: dataset
       type(error_t), allocatable, intent(out) :: error
-      integer, intent(in), optional :: extents(:)         !! that it has to have, fastest first; default: any
+      integer, intent(in), optional :: extents(:)         !! required extents, fastest first; default: any
       integer(hsize_t), allocatable :: max_extents(:)
       integer(hid_t) :: space
       integer :: class, n_dimensions, status
@@ -323,7 +326,7 @@ contains
       if (.not. allocated(error)) then
          call h5sclose_f(space, status)
          if (class == H5S_NULL_F) then
-            call fail(error, dataset%place//" holds nothing, not even a size")
+            call fail(error, dataset%place//" has no extents")
          else if (any(dataset%extents > huge(1))) then
             call fail(error, dataset%place//" has an axis of "//to_text(maxval(dataset%extents))//" entries")
          else if (present(extents)) then
@@ -334,12 +337,12 @@ contains
       if (allocated(error)) call dataset%close()
    end subroutine file_open_dataset
 
-   !> Notes the kind of the values. Fails where a dataset has more bytes than stand in the file, but for some that its owner may
-   !> have compressed.
+   !> Determines the kind of the values. Fails if a dataset claims more bytes than are in the file, except for a
+   !> limited number that its owner may have compressed.
    subroutine check_stored(dataset, error)
       type(h5_dataset_t), intent(inout) :: dataset
       type(error_t), allocatable, intent(out) :: error
-      real(wp), parameter :: most_compressed = 2.0_wp**26 ! bytes; of a run's columns a dozen are read together
+      real(wp), parameter :: most_compressed = 2.0_wp**26 ! bytes; a run reads a dozen columns at once
       integer(hid_t) :: value_type
       integer(hsize_t) :: n_stored
       integer(size_t) :: n_bytes
@@ -352,7 +355,7 @@ contains
       call check(status, "ask for the type", error, dataset%place)
       if (allocated(error)) return
       call h5dget_storage_size_f(dataset%id, n_stored, status)
-      if (status < 0) n_stored = 0                        ! it fails, too, where nothing is stored
+      if (status < 0) n_stored = 0                        ! also fails if nothing is stored
       associate (n_claimed => product(real(dataset%extents, wp))*real(n_bytes, wp))
          if (n_claimed - real(n_stored, wp) > most_compressed) call fail(error, dataset%place//" claims "// &
             to_text(nint(n_claimed/1.0e6_wp))//" MB, and "//to_text(nint(n_stored/1.0e6_wp))// &
@@ -360,14 +363,14 @@ contains
       end associate
    end subroutine check_stored
 
-   !> Whether there is something of a name in the file, or in a group of it that there is.
+   !> Whether the file, or an existing group of it, contains an object of the given name.
    logical function file_has(self, name) result(has)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name                    !! such as `mass/data`
       integer :: i, status
 
       has = .true.
-      do i = 1, len(name)                                ! the library wants each group on the way
+      do i = 1, len(name)                                ! the library requires each group on the path to be tested
          if (has .and. (i == len(name) .or. name(i:i) == "/")) &
             call h5lexists_f(self%id, name(:merge(i, i - 1, i == len(name))), has, status)
       end do
@@ -427,8 +430,8 @@ contains
       if (present(dataset)) dataset = made
    end subroutine file_put_text
 
-   !> Reads values in the order of the file: of a vector or a scalar; with `extents` (fastest first) of an array that has to have
-   !> these; with `row` only of this one, counted from 1. Does nothing after an error.
+   !> Reads values in the order of the file: of a vector or a scalar; with `extents` (fastest first) of an array that
+   !> must have these; with `row` only of this one, counted from 1. Does nothing after an error.
    subroutine file_get_real(self, name, values, error, extents, row)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
@@ -441,7 +444,7 @@ contains
       call open_for_get(self, name, dataset, n, error, extents, row)
       if (allocated(error)) return
       allocate (values(n), stat=status)
-      if (status /= 0) call fail(error, dataset%place//": there is no memory for its "//to_text(n)//" entries")
+      if (status /= 0) call fail(error, dataset%place//": not enough memory for its "//to_text(n)//" entries")
       if (.not. allocated(error)) call dataset%read(values, error, row)
       call dataset%close()
    end subroutine file_get_real
@@ -459,7 +462,7 @@ contains
       call open_for_get(self, name, dataset, n, error, extents, row)
       if (allocated(error)) return
       allocate (values(n), stat=status)
-      if (status /= 0) call fail(error, dataset%place//": there is no memory for its "//to_text(n)//" entries")
+      if (status /= 0) call fail(error, dataset%place//": not enough memory for its "//to_text(n)//" entries")
       if (.not. allocated(error)) call dataset%read(values, error, row)
       call dataset%close()
    end subroutine file_get_integer
@@ -498,7 +501,7 @@ contains
       call self%open_dataset(name, dataset, error)
       if (allocated(error)) return
       found = dataset%get_extents()
-      if (size(found) == 0) found = [1]                   ! a scalar is as good as a vector of one
+      if (size(found) == 0) found = [1]                   ! a scalar is accepted as a vector of one element
       n = product(found)
       if (present(row)) n = product(found(:size(found) - 1))
       if (present(extents)) then
@@ -509,7 +512,7 @@ contains
       if (allocated(error)) call dataset%close()
    end subroutine open_for_get
 
-   !> Fails where extents are others than expected.
+   !> Fails if extents differ from the expected ones.
    subroutine check_extents(place, found, extents, error)
       character(*), intent(in) :: place
       integer, intent(in) :: found(:), extents(:)

@@ -13,10 +13,10 @@ module hb_hdf5_attributes
    private
    public :: h5_object_t
 
-   !> What attributes can be given to: a file (its root group) or a dataset.
+   !> An object with attributes: a file (its root group) or a dataset.
    type :: h5_object_t
       integer(hid_t) :: id = no_id
-      character(:), allocatable :: place               ! how messages name it
+      character(:), allocatable :: place               ! name in messages
    contains
       generic :: get_attribute => get_integer_attribute, get_text_attribute
       generic :: set_attribute => set_integer_attribute, set_text_attribute
@@ -28,7 +28,7 @@ module hb_hdf5_attributes
 
 contains
 
-   !> Gives the object an attribute of one string, any length; for serial files only.
+   !> Sets an attribute of one string of any length; for serial files only.
    subroutine object_set_text_attribute(self, name, value, error)
       class(h5_object_t), intent(in) :: self
       character(*), intent(in) :: name
@@ -48,7 +48,7 @@ contains
       call h5tclose_f(text_type, status)
    end subroutine object_set_text_attribute
 
-   !> Gives the object an attribute of one integer or several.
+   !> Sets an attribute of one or several integers.
    subroutine object_set_integer_attribute(self, name, values, error)
       class(h5_object_t), intent(in) :: self
       character(*), intent(in) :: name
@@ -110,7 +110,7 @@ contains
       integer, intent(out) :: value
       type(error_t), allocatable, intent(out) :: error
       integer(hid_t) :: attribute
-      type(c_ptr) :: address                           ! the library wants variables for addresses
+      type(c_ptr) :: address                           ! the library requires variables for addresses
       integer, target :: found
       integer :: status
 
@@ -125,7 +125,7 @@ contains
       if (.not. allocated(error)) call h5aclose_f(attribute, status)
    end subroutine object_get_integer_attribute
 
-   !> Opens an attribute of one value: several would not fit into the memory that waits for it.
+   !> Opens an attribute of one value; several would exceed the memory of the caller.
    subroutine open_single(self, name, attribute, error)
       class(h5_object_t), intent(in) :: self
       character(*), intent(in) :: name

@@ -1,4 +1,5 @@
-!> Datasets of a file: their values, whole ones and rows that a rank reads or writes alone, and their dimension scales.
+!> Datasets of a file: their values (all, or rows that a rank reads or writes independently) and their dimension
+!> scales.
 module hb_hdf5_datasets
    use, intrinsic :: iso_c_binding, only: c_loc, c_null_ptr, c_ptr
    use, intrinsic :: iso_fortran_env, only: int64, int8
@@ -18,9 +19,10 @@ module hb_hdf5_datasets
 
    !> An open dataset; closed with its file at the latest.
    !>
-   !> `read` and `write` move values of any shape: all of the dataset, or with `first` rows (all indices but the slowest) that
-   !> follow each other, as many as there are values, independent of other ranks; of each row the first `n_used` along its second
-   !> axis, or along its only one. Values are integers, real numbers, or bytes of the kind that the dataset has.
+   !> `read` and `write` transfer values of any shape: the whole dataset, or with `first` contiguous rows (all indices
+   !> but the slowest), as many as there are values, independently of other ranks; with `n_used` only the first
+   !> `n_used` along the second axis of each row, or along its only one. Values are integers, reals, or bytes,
+   !> according to the kind of the dataset.
    type, extends(h5_object_t) :: h5_dataset_t
       integer(hsize_t), allocatable :: extents(:)      ! fastest first
       integer :: kind = is_real                        ! of the values, hb_hdf5_library
@@ -61,15 +63,15 @@ contains
       self%id = no_id
    end subroutine dataset_close
 
-   !> Gives the extents, fastest first; empty for a scalar.
+   !> Returns the extents, fastest first; empty for a scalar.
    pure function dataset_get_extents(self) result(extents)
       class(h5_dataset_t), intent(in) :: self
       integer, allocatable :: extents(:)
       extents = int(self%extents)
    end function dataset_get_extents
 
-   !> Gives the byte of the file where the values begin that then follow each other, int32 or float64 with the least
-   !> significant byte first (`value_size` 4, 8) or single bytes (1); -1 where the values stand there in another way.
+   !> Returns the offset in the file of values that are contiguous and stored as int32 or float64 with the least
+   !> significant byte first (`value_size` 4, 8) or as single bytes (1); -1 if they are stored in another form.
    function dataset_get_offset(self, value_size) result(offset)
       class(h5_dataset_t), intent(in) :: self
       integer, intent(in) :: value_size                !! [byte]
@@ -113,7 +115,7 @@ contains
       call transfer_values(self, .true., memory_t(is_real, c_loc(values), size(values, kind=hsize_t)), error, first, n_used)
    end subroutine dataset_read_reals
 
-   !> Reads values that are given as bytes: the dataset, or rows of it.
+   !> Reads values as bytes: the dataset, or rows of it.
    subroutine dataset_read_bytes(self, values, error, first, n_used)
       class(h5_dataset_t), intent(in) :: self
       integer(int8), intent(inout), contiguous, target :: values(..)
@@ -141,7 +143,7 @@ contains
       call transfer_values(self, .false., memory_t(is_real, c_loc(values), size(values, kind=hsize_t)), error, first, n_used)
    end subroutine dataset_write_reals
 
-   !> Writes values that are given as bytes: the dataset, or rows of it.
+   !> Writes values given as bytes: the dataset, or rows of it.
    subroutine dataset_write_bytes(self, values, error, first, n_used)
       class(h5_dataset_t), intent(in) :: self
       integer(int8), intent(in), contiguous, target :: values(..)
@@ -151,7 +153,7 @@ contains
                            error, first, n_used)
    end subroutine dataset_write_bytes
 
-   !> Writes or reads the values of the dataset: all of them, or rows that follow each other.
+   !> Writes or reads the values of the dataset: all of them, or contiguous rows.
    subroutine transfer_values(self, is_reading, memory, error, first, n_used)
       class(h5_dataset_t), intent(in) :: self
       logical, intent(in) :: is_reading
@@ -186,7 +188,7 @@ contains
       call h5sclose_f(in_file, status)
    end subroutine transfer_values
 
-   !> Selects rows that follow each other, and room for their values in memory; none for no values.
+   !> Selects contiguous rows in the file and memory for their values; an empty selection without values.
    subroutine select_rows(self, first, n_values, in_file, in_memory, error, n_used)
       class(h5_dataset_t), intent(in) :: self
       integer, intent(in) :: first
@@ -222,7 +224,7 @@ contains
       call check(status, "select rows of", error, self%place)
    end subroutine select_rows
 
-   !> Reads a row of bytes as text without the zeros behind it.
+   !> Reads a row of bytes as text without trailing zeros.
    subroutine dataset_read_text_row(self, row, text, error)
       class(h5_dataset_t), intent(in) :: self
       integer, intent(in) :: row                    !! from 1
@@ -257,7 +259,7 @@ contains
       call check(status, "read the text type", error)
       if (.not. allocated(error)) then
          if (.not. is_varying) then
-            call fail(error, "is no text of any length")
+            call fail(error, "is not text of variable length")
          else if (product(real(self%extents, wp)) > huge(1)) then
             call fail(error, "has more than "//to_text(huge(1))//" entries")
          else
@@ -280,7 +282,7 @@ contains
 
       allocate (addresses(product(self%extents)), stat=status)
       if (status /= 0) then
-         call fail(error, "there is no memory for its "//to_text(product(self%extents))//" entries")
+         call fail(error, "not enough memory for its "//to_text(product(self%extents))//" entries")
          return
       end if
       addresses = c_null_ptr
@@ -298,7 +300,7 @@ contains
             values(i) = c_text(addresses(i))
          end do
       else
-         call fail(error, "there is no memory for its "//to_text(size(addresses))//" texts of "//to_text(length)//" letters")
+         call fail(error, "not enough memory for its "//to_text(size(addresses))//" texts of "//to_text(length)//" letters")
       end if
       call h5dget_space_f(self%id, space, status)
       if (size(addresses) > 0) call h5dvlen_reclaim_f(text_type, space, H5P_DEFAULT_F, list, status)
@@ -318,8 +320,8 @@ contains
       call check(status, "make a dimension scale", error, self%place)
    end subroutine dataset_make_scale
 
-   !> Gives the dataset its unit, what it means and, if they are given, a scale for each dimension, which also names that;
-   !> nothing after an error.
+   !> Sets the unit and meaning of the dataset and, if present, a scale for each dimension, which also names the
+   !> dimension; does nothing after an error.
    subroutine dataset_describe(self, units, long_name, error, scales)
       class(h5_dataset_t), intent(in) :: self
       character(*), intent(in) :: units, long_name
@@ -350,8 +352,8 @@ contains
       is_attached = is_attached .and. status >= 0
    end function dataset_has_scale
 
-   !> Gives the number of a dimension in the order of the file: `h5ds`, unlike the rest of the Fortran
-   !> interface, does not reverse it.
+   !> Returns the number of a dimension in the order of the file: `h5ds`, unlike the rest of the Fortran interface,
+   !> does not reverse it.
    pure integer function file_index(self, i)
       class(h5_dataset_t), intent(in) :: self
       integer, intent(in) :: i

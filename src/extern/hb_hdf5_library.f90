@@ -1,4 +1,4 @@
-!> The HDF5 library itself: how it is started, its errors as values, spaces and types of text.
+!> The HDF5 library itself: initialisation, errors as values, dataspaces and text types.
 module hb_hdf5_library
    use, intrinsic :: iso_c_binding, only: c_bool, c_char, c_f_pointer, c_funloc, c_funptr, c_int, c_int64_t, c_loc, c_ptr
    use hb_c_text, only: c_text
@@ -15,7 +15,7 @@ module hb_hdf5_library
    ! Kinds of values: int32, float64, single bytes of text.
    integer, parameter :: is_integer = 1, is_real = 2, is_characters = 3
    integer, parameter :: bytes_of_kind(3) = [4, 8, 1]
-   integer, parameter :: max_cause = 512               ! characters kept of what the library says
+   integer, parameter :: max_cause = 512               ! maximum length of the library's message
    logical :: is_library_open = .false.
 
    !> H5E_error2_t of H5Epublic.h: one entry of the library's stack of errors.
@@ -25,14 +25,14 @@ module hb_hdf5_library
       type(c_ptr) :: procedure_name, file_name, description
    end type stack_entry_t
 
-   !> What the callback of `H5Ewalk2` fills.
+   !> Result of the callback of `H5Ewalk2`.
    type, bind(c) :: cause_t
       character(c_char) :: text(max_cause)
       integer(c_int) :: length = 0
    end type cause_t
 
    interface
-      !> Visits the stack of errors; the Fortran interface has only a way to print it.
+      !> Walks the error stack; the Fortran interface can only print it.
       integer(c_int) function h5ewalk2(stack, direction, visit, data) bind(c, name="H5Ewalk2")
          import :: c_funptr, c_int, c_int64_t, c_ptr
          integer(c_int64_t), value :: stack
@@ -41,7 +41,7 @@ module hb_hdf5_library
          type(c_ptr), value :: data
       end function h5ewalk2
 
-      !> Whether files are locked; the Fortran interface has it from HDF5 1.14 on.
+      !> Sets whether files are locked; available in the Fortran interface from HDF5 1.14 on.
       integer(c_int) function h5pset_file_locking(access, use_locking, ignore_when_disabled) &
          bind(c, name="H5Pset_file_locking")
          import :: c_bool, c_int, c_int64_t
@@ -52,7 +52,7 @@ module hb_hdf5_library
 
 contains
 
-   !> Starts the library unless it runs, and keeps it from printing.
+   !> Starts the library unless it runs, and suppresses its printing.
    subroutine start_library(error)
       type(error_t), allocatable, intent(out) :: error
       integer :: status
@@ -67,7 +67,7 @@ contains
       is_library_open = .true.
    end subroutine start_library
 
-   !> Has files that are opened with these access properties locked neither for reading nor for writing.
+   !> Disables file locking for files opened with these access properties.
    subroutine switch_locking_off(access, status)
       integer(hid_t), intent(in) :: access
       integer, intent(out) :: status
@@ -75,7 +75,7 @@ contains
       status = h5pset_file_locking(int(access, c_int64_t), .false._c_bool, .true._c_bool)
    end subroutine switch_locking_off
 
-   !> Raises an error for a negative status: the action, and the innermost cause that the library names.
+   !> Raises an error for a negative status: the action, and the innermost cause that the library reports.
    subroutine check(status, action, error, place)
       integer, intent(in) :: status
       character(*), intent(in) :: action
@@ -92,7 +92,7 @@ contains
       do i = 1, cause%length
          text = text//cause%text(i)
       end do
-      i = index(text, opening)                         ! what the operating system says, within much detail
+      i = index(text, opening)                         ! message of the operating system within the details
       if (i > 0) text = text(i + len(opening):)
       if (i > 0) text = text(:index(text//"'", "'") - 1)
       if (cause%length > 0) text = " ("//text//")"
@@ -100,7 +100,7 @@ contains
       if (present(place)) call annotate(error, place)
    end subroutine check
 
-   !> Callback of `H5Ewalk2`: keeps the description of the innermost entry.
+   !> Callback of `H5Ewalk2`: stores the description of the innermost entry.
    integer(c_int) function keep_innermost(depth, entry, data) bind(c)
       integer(c_int), value :: depth
       type(stack_entry_t), intent(in) :: entry
@@ -119,7 +119,7 @@ contains
       end do
    end function keep_innermost
 
-   !> Makes a dataspace; one of no extents is that of a scalar.
+   !> Creates a dataspace; without extents it is that of a scalar.
    subroutine new_space(space, extents, status)
       integer(hid_t), intent(out) :: space
       integer(hsize_t), intent(in) :: extents(:)       !! fastest first
@@ -132,7 +132,7 @@ contains
       end if
    end subroutine new_space
 
-   !> Makes the type of UTF-8 strings of any length.
+   !> Creates the type of UTF-8 strings of variable length.
    subroutine new_text_type(text_type, status)
       integer(hid_t), intent(out) :: text_type
       integer, intent(out) :: status
@@ -141,7 +141,8 @@ contains
       if (status >= 0) call h5tset_cset_f(text_type, H5T_CSET_UTF8_F, status)
    end subroutine new_text_type
 
-   !> Gives the type that values of a kind have in memory, and single bytes of text in a file, too; to be closed if it is a copy.
+   !> Returns the type of values of a kind in memory, for single bytes of text also in a file; to be closed if it is a
+   !> copy.
    subroutine memory_type(kind, type, is_copy, status)
       integer, intent(in) :: kind
       integer(hid_t), intent(out) :: type
@@ -158,8 +159,8 @@ contains
       end if
    end subroutine memory_type
 
-   !> Kind as which values of a type in a file are read, `is_real` where it is none of the three: the library refuses to convert
-   !> these. What is no text, or has another size, must not be read into the memory of text.
+   !> Kind in which values of a file type are read, `is_real` if it is none of the three, which the library refuses to
+   !> convert. Values that are not text, or of another size, must not be read into a text buffer.
    integer function kind_of_type(file_type) result(kind)
       integer(hid_t), intent(in) :: file_type
       integer(size_t) :: n_bytes

@@ -1,4 +1,4 @@
-!> LAPACK and BLAS: explicit interfaces of the routines that the project calls; the only declarations of them.
+!> LAPACK and BLAS: explicit interfaces of the routines that the project calls; their only declarations.
 !>
 !> Names and arguments are those of the reference (https://netlib.org/lapack); `info` < 0 is a wrong argument,
 !> `info` > 0 is described at each routine. Leading dimensions must be at least 1, also for empty matrices.

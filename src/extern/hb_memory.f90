@@ -1,4 +1,4 @@
-!> Memory that the operating system would still give to this process, and what this process has.
+!> Memory available to this process, and memory used by it.
 !>
 !> Source: proc(5) (MemAvailable), getrlimit(2) of Linux, and the control groups of its kernel (version 2, memory.max). A
 !> limit that the system does not report counts as none.
@@ -35,7 +35,7 @@ module hb_memory
 
 contains
 
-   !> Gives the bytes that all processes of this computer together could still take, huge() where nothing is known.
+   !> Returns the bytes that all processes of this computer together can still allocate, huge() if not known.
    real(wp) function available_memory()
       type(limits_t) :: limits
       real(wp) :: group, used
@@ -50,12 +50,12 @@ contains
 
    pure subroutine lower_to(limit, other)
       real(wp), intent(inout) :: limit
-      real(wp), intent(in) :: other                                   !! nothing unless positive
+      real(wp), intent(in) :: other                                   !! ignored unless positive
 
       if (other > 0.0_wp) limit = min(limit, other)
    end subroutine lower_to
 
-   !> The number behind the first word `key` of a file of the system, 0 where there is none.
+   !> The number after the first word `key` of a system file, 0 if there is none.
    real(wp) function number_in(path, key)
       character(*), intent(in) :: path, key
       character(200) :: line
@@ -78,8 +78,8 @@ contains
 
    ! Memory of this process. Source: Linux, proc(5); glibc, malloc_trim(3), mallopt(3).
 
-   !> Lets this process keep up to 64 MiB that is free for what it allocates next: a point allocates as much as the one before,
-   !> and pages that come fresh from the system have to be cleared by it first. Source of the numbers: glibc, malloc.h.
+   !> Lets this process retain up to 64 MiB of freed memory: each point allocates as much as the previous one, and new
+   !> pages from the system must first be cleared. Source of the numbers: glibc, malloc.h.
    subroutine keep_freed_memory()
       integer(c_int), parameter :: trim_threshold = -1, mmap_threshold = -3
       integer(c_int), parameter :: mebibyte = 1048576
@@ -89,14 +89,14 @@ contains
       ignored = c_mallopt(mmap_threshold, 32*mebibyte)
    end subroutine keep_freed_memory
 
-   !> Gives memory that is free in this process back to the system, so that what was done before is not counted.
+   !> Returns free memory of this process to the system, so that previous work is not counted.
    subroutine release_memory()
       integer(c_int) :: ignored
 
       ignored = c_malloc_trim(0_c_size_t)
    end subroutine release_memory
 
-   !> Lets `memory_peak` begin anew; where the system has no such thing, `ok` is false.
+   !> Resets `memory_peak`; `ok` is false if the system does not support it.
    subroutine reset_memory_peak(ok)
       logical, intent(out) :: ok
       integer :: status, unit
@@ -110,12 +110,12 @@ contains
       ok = ok .and. status == 0
    end subroutine reset_memory_peak
 
-   !> Gives the most memory [byte] that was in use since `reset_memory_peak`; 0 where it is not known.
+   !> Returns the largest memory [byte] in use since `reset_memory_peak`; 0 if not known.
    real(wp) function memory_peak()
       memory_peak = 1024*number_in("/proc/self/status", "VmHWM:")
    end function memory_peak
 
-   !> Gives the memory [byte] that is in use now; 0 where it is not known.
+   !> Returns the memory [byte] in use now; 0 if not known.
    real(wp) function memory_resident()
       memory_resident = 1024*number_in("/proc/self/status", "VmRSS:")
    end function memory_resident

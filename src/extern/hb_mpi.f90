@@ -1,9 +1,8 @@
 !> All calls of MPI.
 !>
-!> In the order of use: `start_mpi`, `world`, `rank_of` and `size_of`, the collective calls, a
-!> `work_counter_t` that hands out points, `stop_mpi`. All take the communicator as an argument, so that a
-!> test can give its own. Source: MPI: A Message-Passing Interface Standard 3.1, chapters 5 (collective) and
-!> 11 (one-sided).
+!> In the order of use: `start_mpi`, `world`, `rank_of` and `size_of`, the collective calls, a `work_counter_t` that
+!> distributes points, `stop_mpi`. All take the communicator as an argument, so that a test can pass its own. Source:
+!> MPI: A Message-Passing Interface Standard 3.1, chapters 5 (collective) and 11 (one-sided).
 module hb_mpi
    use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_null_char, c_ptr
    use, intrinsic :: iso_fortran_env, only: int64
@@ -22,7 +21,7 @@ module hb_mpi
       new_work_counter, no_info_handle, rank_of, ranks_on_node, share_error, size_of, start_mpi, stop_mpi, sum_over, &
       work_counter_t, world
 
-   !> Makes a communicator of what a caller has: an integer handle of the old `mpi` module, or a communicator.
+   !> Converts to a communicator: an integer handle of the old `mpi` module, or a communicator.
    interface as_comm
       module procedure as_comm_integer
       module procedure as_comm_same
@@ -35,7 +34,7 @@ module hb_mpi
       end subroutine hb_set_default
    end interface
 
-   !> Gives every rank the largest value of all ranks, an integer or a real number.
+   !> Returns the largest value of all ranks on every rank, an integer or a real number.
    interface max_over
       module procedure max_over_integer
       module procedure max_over_real
@@ -44,18 +43,18 @@ module hb_mpi
    integer, parameter :: n_slots = 3                                  ! integers in the window of an owner
    integer(MPI_ADDRESS_KIND), parameter :: next_slot = 0, done_slot = 1, failed_slot = 2
 
-   !> Counters that all ranks share: `next` gives each number of a counter once over all ranks, without a rank
-   !> that only serves.
+   !> Counters shared by all ranks: `next` returns each number of a counter once over all ranks, without a dedicated
+   !> server rank.
    !>
-   !> Beside each stand two tallies, of the points done and of those among them that failed, which any rank can
-   !> read at any time. A counter is held by one rank, its owner. On one node it lies in shared memory and is
-   !> reached while the owner computes; between nodes that needs a network with remote atomics, and without one
-   !> a request waits for the next MPI call of the owner, for example its own `next`.
+   !> Each counter has two tallies, of the points done and of those among them that failed, which any rank can read at
+   !> any time. A counter is stored on one rank, its owner. On one node it is in shared memory and can be accessed
+   !> while the owner computes; between nodes that needs a network with remote atomics, and without one a request
+   !> waits for the next MPI call of the owner, for example its own `next`.
    type :: work_counter_t
       private
-      integer, allocatable :: owners(:)                ! rank that holds each counter
+      integer, allocatable :: owners(:)                ! owner of each counter
       type(MPI_Win) :: window = MPI_WIN_NULL
-      type(comm_t) :: comm = MPI_COMM_NULL             ! own copy, so that errors here can be returned
+      type(comm_t) :: comm = MPI_COMM_NULL             ! own copy, so that errors can be returned
    contains
       procedure :: add_done => work_counter_add_done
       procedure :: destroy => work_counter_destroy
@@ -66,18 +65,18 @@ module hb_mpi
 
 contains
 
-   !> Starts MPI unless somebody has done so; works without mpirun too, as one rank.
+   !> Starts MPI unless it runs; also works without mpirun, as one rank.
    subroutine start_mpi()
       logical :: is_started
 
       call MPI_Initialized(is_started)
       if (is_started) return
-      ! OMPIO opens a shared file pointer not in use, by a semaphore of the machine with the name of the file: one that is
-      ! left over, whoever made it, would hang the run. ROMIO makes none before it is used.
+      ! OMPIO opens an unused shared file pointer through a semaphore of the machine with the name of the file: a
+      ! leftover one would hang the run. ROMIO creates none before it is used.
       call hb_set_default("OMPI_MCA_io"//c_null_char, "^ompio"//c_null_char)
       if (.not. is_launched()) then
-         ! Open MPI's helper process and its search for networks take half a second of a command. Without that process all share
-         ! one folder, which the first that ends removes: none is made.
+         ! Open MPI's helper process and its search for networks take half a second. Without that process all
+         ! processes share one folder, which the first that ends removes; therefore none is created.
          call hb_set_default("OMPI_MCA_ess_singleton_isolated"//c_null_char, "1"//c_null_char)
          call hb_set_default("OMPI_MCA_orte_create_session_dirs"//c_null_char, "0"//c_null_char)
          call hb_set_default("OMPI_MCA_pml"//c_null_char, "ob1"//c_null_char)
@@ -85,7 +84,7 @@ contains
       call MPI_Init()
    end subroutine start_mpi
 
-   !> Whether mpirun, srun or the like has started this process, with others perhaps.
+   !> Whether mpirun, srun or a similar launcher has started this process, possibly with others.
    logical function is_launched()
       character(*), parameter :: marks(4) = [character(20) :: "OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_STEP_ID"]
       integer :: i, status
@@ -110,7 +109,7 @@ contains
       is_running = is_started .and. .not. is_stopped
    end function is_running
 
-   !> Gives the communicator of all ranks.
+   !> Returns the communicator of all ranks.
    type(comm_t) function world()
       world = MPI_COMM_WORLD
    end function world
@@ -127,33 +126,33 @@ contains
       as_comm_same = comm
    end function as_comm_same
 
-   !> Gives the integer handle of a communicator, for libraries with an older interface.
+   !> Returns the integer handle of a communicator, for libraries with an older interface.
    pure integer function comm_handle(comm)
       type(comm_t), intent(in) :: comm
 
       comm_handle = comm%MPI_VAL
    end function comm_handle
 
-   !> Gives the integer handle of the empty info object, for libraries with an older interface.
+   !> Returns the integer handle of the empty info object, for libraries with an older interface.
    integer function no_info_handle()
       no_info_handle = MPI_INFO_NULL%MPI_VAL
    end function no_info_handle
 
-   !> Gives the number of this rank, from 0.
+   !> Returns the number of this rank, from 0.
    integer function rank_of(comm)
       type(comm_t), intent(in) :: comm
 
       call MPI_Comm_rank(comm, rank_of)
    end function rank_of
 
-   !> Gives the number of ranks.
+   !> Returns the number of ranks.
    integer function size_of(comm)
       type(comm_t), intent(in) :: comm
 
       call MPI_Comm_size(comm, size_of)
    end function size_of
 
-   !> Number of ranks that share the memory of this rank's computer.
+   !> Returns the number of ranks that share the memory of this rank's computer.
    integer function ranks_on_node(comm)
       type(comm_t), intent(in) :: comm
       type(comm_t) :: node
@@ -163,15 +162,14 @@ contains
       call MPI_Comm_free(node)
    end function ranks_on_node
 
-   !> Waits until all ranks are here; collective.
+   !> Waits for all ranks; collective.
    subroutine barrier(comm)
       type(comm_t), intent(in) :: comm
 
       call MPI_Barrier(comm)
    end subroutine barrier
 
-   !> Gives every rank the text of rank `root` (default 0); an unallocated text arrives unallocated.
-   !> Collective.
+   !> Copies the text of rank `root` (default 0) to every rank; an unallocated text remains unallocated. Collective.
    subroutine broadcast_text(comm, text, root)
       type(comm_t), intent(in) :: comm
       character(:), allocatable, intent(inout) :: text
@@ -190,7 +188,7 @@ contains
       if (length > 0) call MPI_Bcast(text, length, MPI_CHARACTER, source, comm)
    end subroutine broadcast_text
 
-   !> Gives every rank the integers of rank 0, as many as that has. Collective.
+   !> Copies the integers of rank 0 to every rank, as many as it has. Collective.
    subroutine broadcast_integers(comm, values)
       type(comm_t), intent(in) :: comm
       integer, allocatable, intent(inout) :: values(:)
@@ -206,7 +204,7 @@ contains
       call MPI_Bcast(values, n, MPI_INTEGER, 0, comm)
    end subroutine broadcast_integers
 
-   !> Gives every rank the sum of `value` over all ranks; collective.
+   !> Returns the sum of `value` over all ranks on every rank; collective.
    integer function sum_over(comm, value)
       type(comm_t), intent(in) :: comm
       integer, intent(in) :: value
@@ -214,7 +212,7 @@ contains
       call MPI_Allreduce(value, sum_over, 1, MPI_INTEGER, MPI_SUM, comm)
    end function sum_over
 
-   !> Gives every rank the largest `value` of all ranks; collective.
+   !> Returns the largest `value` of all ranks on every rank; collective.
    integer function max_over_integer(comm, value) result(largest)
       type(comm_t), intent(in) :: comm
       integer, intent(in) :: value
@@ -222,7 +220,7 @@ contains
       call MPI_Allreduce(value, largest, 1, MPI_INTEGER, MPI_MAX, comm)
    end function max_over_integer
 
-   !> Gives every rank the largest `value` of all ranks; collective.
+   !> Returns the largest `value` of all ranks on every rank; collective.
    real(wp) function max_over_real(comm, value) result(largest)
       type(comm_t), intent(in) :: comm
       real(wp), intent(in) :: value
@@ -230,18 +228,18 @@ contains
       call MPI_Allreduce(value, largest, 1, MPI_DOUBLE_PRECISION, MPI_MAX, comm)
    end function max_over_real
 
-   !> Gives rank 0 the values of all ranks, (n_values, n_ranks); elsewhere the table has no columns. Collective.
+   !> Returns the values of all ranks on rank 0, (n_values, n_ranks); elsewhere the table has no columns. Collective.
    subroutine gather_rows(comm, values, table)
       type(comm_t), intent(in) :: comm
-      real(wp), intent(in) :: values(:)                !! equally many on all ranks
+      real(wp), intent(in) :: values(:)                !! the same number on all ranks
       real(wp), allocatable, intent(out) :: table(:, :)
 
       allocate (table(size(values), merge(size_of(comm), 0, rank_of(comm) == 0)))
       call MPI_Gather(values, size(values), MPI_DOUBLE_PRECISION, table, size(values), MPI_DOUBLE_PRECISION, 0, comm)
    end subroutine gather_rows
 
-   !> Makes an error of any rank known on all: afterwards all ranks have the error of the lowest rank that had
-   !> one, or none has. Collective.
+   !> Shares an error of any rank: afterwards all ranks have the error of the lowest rank that had one, or none has.
+   !> Collective.
    subroutine share_error(comm, error)
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(inout) :: error
@@ -257,10 +255,10 @@ contains
       call fail(error, message)
    end subroutine share_error
 
-   !> Makes counters at 0 with empty tallies, shared by the ranks of `comm`; collective, as `destroy` is.
+   !> Creates counters at 0 with empty tallies, shared by the ranks of `comm`; collective, as `destroy` is.
    subroutine new_work_counter(self, owners, comm, error)
       type(work_counter_t), intent(out) :: self
-      integer, intent(in) :: owners(:)                 !! ranks, from 0, that hold a counter each; all different
+      integer, intent(in) :: owners(:)                 !! ranks, from 0, that store a counter each; all different
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
       integer, parameter :: bytes_per_integer = storage_size(1)/8
@@ -283,7 +281,7 @@ contains
       call share_error(comm, error)
       if (allocated(error)) return
 
-      ! From here on a failure is one of the machine and ends the run: next() has no way to return it.
+      ! From here on a failure is one of the machine and ends the run, because next() cannot return it.
       call MPI_Win_set_errhandler(self%window, MPI_ERRORS_ARE_FATAL)
       if (any(owners == rank)) then
          call MPI_Win_lock(MPI_LOCK_EXCLUSIVE, rank, 0, self%window)
@@ -295,7 +293,7 @@ contains
       call MPI_Win_lock_all(0, self%window)
    end subroutine new_work_counter
 
-   !> Gives the next `n` numbers of a counter, from 0, by the first of them; every number is given once over all ranks.
+   !> Returns the first of the next `n` numbers of a counter, from 0; every number is returned once over all ranks.
    integer function work_counter_next(self, counter, n) result(number)
       class(work_counter_t), intent(in) :: self
       integer, intent(in) :: counter                   !! from 1
@@ -312,11 +310,11 @@ contains
       integer, intent(in) :: failed                    !! points among them
       integer :: before
 
-      before = fetch_and_add(self, self%owners(counter), done_slot, done) ! first: nobody sees failed > done
+      before = fetch_and_add(self, self%owners(counter), done_slot, done) ! first: no rank sees failed > done
       if (failed > 0) before = fetch_and_add(self, self%owners(counter), failed_slot, failed)
    end subroutine work_counter_add_done
 
-   !> Reads how many points are done over all ranks, and how many of these failed; any rank, at any time.
+   !> Reads how many points are done over all ranks, and how many of them failed; any rank, at any time.
    subroutine work_counter_read_tallies(self, done, failed)
       class(work_counter_t), intent(in) :: self
       integer, intent(out) :: done, failed
@@ -330,7 +328,7 @@ contains
       end do
    end subroutine work_counter_read_tallies
 
-   !> Reads the tally of points done of one counter; any rank, at any time.
+   !> Reads the number of points done of one counter; any rank, at any time.
    integer function work_counter_n_done(self, counter)
       class(work_counter_t), intent(in) :: self
       integer, intent(in) :: counter                   !! from 1
@@ -343,7 +341,7 @@ contains
       integer, intent(in) :: owner
       integer(MPI_ADDRESS_KIND), intent(in) :: slot
       integer, intent(in) :: increment
-      integer, asynchronous :: addend, found           ! MPI may touch both until the flush
+      integer, asynchronous :: addend, found           ! MPI may access both until the flush
 
       addend = increment
       call MPI_Fetch_and_op(addend, found, MPI_INTEGER, owner, slot, MPI_SUM, self%window)

@@ -1,4 +1,4 @@
-!> Ordinary differential equations as an integrator with location of events takes them.
+!> Ordinary differential equations for an integrator with location of events.
 module hb_ode
    use hb_kinds, only: wp
    implicit none
@@ -7,7 +7,7 @@ module hb_ode
 
    !> Equations y' = rhs(t, y) with event functions.
    type, abstract :: ode_t
-      logical :: is_over = .false.                                    !! set by `rhs` where the integration shall end
+      logical :: is_over = .false.                                    !! set by `rhs` to end the integration
    contains
       procedure(rhs_of_ode), deferred :: rhs
       procedure(events_of_ode), deferred :: events

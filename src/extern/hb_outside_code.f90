@@ -1,5 +1,5 @@
-!> Calls of code from outside of nhbm, user libraries of laws and their loader, which may end the process. A program
-!> may set callbacks that run before and after each of them, such as a signal handler. To be set before threads start.
+!> Calls of external code, user libraries of laws and their loader, which may end the process. A program may set
+!> callbacks that run before and after each of them, such as a signal handler; set them before threads start.
 module hb_outside_code
    implicit none
    private
@@ -7,7 +7,7 @@ module hb_outside_code
 
    abstract interface
       subroutine begin_hook(text)
-         character(*), intent(in) :: text                             !! what the user should know if the process ends
+         character(*), intent(in) :: text                             !! information for the user if the process ends
       end subroutine begin_hook
 
       subroutine end_hook()
@@ -19,7 +19,7 @@ module hb_outside_code
 
 contains
 
-   !> Has `before_it` called before each such call, and `after_it` after it.
+   !> Sets the callbacks that run before and after each call of external code.
    subroutine cancellation_outside_code(before_it, after_it)
       procedure(begin_hook) :: before_it
       procedure(end_hook) :: after_it
@@ -28,14 +28,14 @@ contains
       after => after_it
    end subroutine cancellation_outside_code
 
-   !> A call of such code begins; `text` is what the user should know if the process ends within.
+   !> Marks the beginning of such a call; `text` informs the user if the process ends within it.
    subroutine begin_outside_code(text)
       character(*), intent(in) :: text
 
       if (associated(before)) call before(text)
    end subroutine begin_outside_code
 
-   !> It has come back.
+   !> Marks the return of the call.
    subroutine end_outside_code()
       if (associated(after)) call after()
    end subroutine end_outside_code

@@ -1,7 +1,8 @@
 !> Signals by which a user or a batch system ends a run: SIGINT, SIGTERM, SIGUSR1, SIGUSR2.
 !>
-!> Before there are points, a signal ends the process at once. Afterwards the handler of the first one only sets a flag, which
-!> `signal_caught` reads between two points; a second one ends the process. Source of the interface: hb_process.h.
+!> Before there are points, a signal ends the process at once. Afterwards the handler of the first one only sets a
+!> flag, which `signal_caught` reads between two points; a second one ends the process. Source of the interface:
+!> hb_process.h.
 module hb_signals
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char, c_ptr
    use hb_c_text, only: c_text
@@ -17,12 +18,12 @@ module hb_signals
          integer(c_int), value :: exit_status
       end function hb_catch_signals
 
-      !> From here on the first signal only takes a note; before, it ends the process at once.
+      !> From now on the first signal only sets a flag; before, it ends the process at once.
       subroutine wait_for_points() bind(c, name="hb_wait_for_points")
       end subroutine wait_for_points
 
-      !> Has a write fail, instead of ending the process, where the reader has closed the pipe or a limit on the size of files
-      !> is reached.
+      !> Makes a write fail, instead of ending the process, if the reader has closed the pipe or a limit on the size
+      !> of files is reached.
       subroutine survive_failed_writes() bind(c, name="hb_survive_failed_writes")
       end subroutine survive_failed_writes
 
@@ -42,8 +43,8 @@ module hb_signals
 
 contains
 
-   !> Catches signals from here on; one that ends the process does so with `exit_status`, and, where that is a second one, `text`
-   !> as a line on standard error, cut to 1000 bytes.
+   !> Catches signals from now on; one that ends the process does so with `exit_status`, and a second one also writes
+   !> `text` as a line to standard error, cut to 1000 bytes.
    subroutine catch_signals(text, exit_status, error)
       character(*), intent(in) :: text
       integer, intent(in) :: exit_status
@@ -53,19 +54,19 @@ contains
          call fail(error, "cannot catch signals")
    end subroutine catch_signals
 
-   !> Names a file in the making, which a signal that ends the process removes; an empty name when it is made.
+   !> Names a temporary file that a signal which ends the process removes; an empty name once it is complete.
    subroutine note_unfinished(path)
       character(*), intent(in) :: path
 
       call hb_note_unfinished(path//c_null_char)
    end subroutine note_unfinished
 
-   !> Whether a signal has asked this process to end.
+   !> Whether a signal has requested the end of this process.
    logical function signal_caught()
       signal_caught = hb_caught_signal() /= 0
    end function signal_caught
 
-   !> Name of the first signal that was caught, such as SIGTERM; `no signal` before.
+   !> Name of the first signal caught, such as SIGTERM; `no signal` before.
    function signal_name() result(name)
       character(:), allocatable :: name
 

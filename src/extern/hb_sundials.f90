@@ -1,9 +1,9 @@
 !> CVODE of SUNDIALS behind one type: ordinary differential equations by multistep methods of variable order and step, with
 !> location of events. The only module that calls SUNDIALS.
 !>
-!> In the order of use: extend `hb_ode%ode_t`, `new_cvode`, `restart` (also after each event), `advance` as often as wanted,
-!> `destroy`. Source: A. C. Hindmarsh et al., SUNDIALS: Suite of nonlinear and differential/algebraic equation solvers, ACM Trans.
-!> Math. Software 31 (2005) 363-396; user documentation for CVODE 6.4.
+!> In the order of use: extend `hb_ode%ode_t`, `new_cvode`, `restart` (also after each event), `advance` any number of
+!> times, `destroy`. Source: A. C. Hindmarsh et al., SUNDIALS: Suite of nonlinear and differential/algebraic equation
+!> solvers, ACM Trans. Math. Software 31 (2005) 363-396; user documentation for CVODE 6.4.
 module hb_sundials
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_pointer, c_funloc, c_funptr, c_int, c_int64_t, &
@@ -18,22 +18,22 @@ module hb_sundials
    private
    public :: cvode_t, has_cvode, new_cvode
 
-   logical, parameter :: has_cvode = .true.                           !! of this build
+   logical, parameter :: has_cvode = .true.                           !! in this build
 
    integer(c_int), parameter :: adams = 1, backward_differences = 2   ! CV_ADAMS, CV_BDF
    integer(c_int), parameter :: to_given_time = 1                     ! CV_NORMAL
    integer(c_int), parameter :: root_found = 2                        ! CV_ROOT_RETURN
    integer(c_int), parameter :: warning = 99                          ! CV_WARNING
    integer(c_int), parameter :: recoverable = 1, unrecoverable = -1   ! of a right-hand side: any > 0, any < 0
-   integer, parameter :: looks_between = 32                           ! evaluations, until it is asked whether the work is over
+   integer, parameter :: looks_between = 32                           ! evaluations between two checks of the cancellation
 
-   !> What the callbacks get to see.
+   !> Data of the callbacks.
    type :: handle_t
       class(ode_t), pointer :: ode => null()
       integer :: n = 0, n_events = 0
       logical :: is_stuck = .false.                                   ! steps no longer change the time
       integer :: n_rhs = 0                                            ! evaluations so far, modulo the range of integers
-      character(:), allocatable :: message                            ! the last one of the library
+      character(:), allocatable :: message                            ! the last message of the library
    end type handle_t
 
    type :: cvode_t
@@ -41,7 +41,7 @@ module hb_sundials
       type(handle_t), pointer :: handle => null()
       type(c_ptr) :: context = c_null_ptr, memory = c_null_ptr, y = c_null_ptr
       type(c_ptr) :: nonlinear_solver = c_null_ptr, linear_solver = c_null_ptr, matrix = c_null_ptr
-      real(wp), pointer, contiguous, public :: values(:) => null()    !! y where the integration is; may be changed before `restart`
+      real(wp), pointer, contiguous, public :: values(:) => null()    !! y at the present time; may be changed before `restart`
    contains
       procedure :: restart => cvode_restart
       procedure :: advance => cvode_advance
@@ -205,10 +205,11 @@ module hb_sundials
 
 contains
 
-   !> Integrator of `n` equations: Adams methods with functional iteration, or backward differences with a dense Jacobian.
+   !> Creates an integrator of `n` equations: Adams methods with functional iteration, or backward differences with a
+   !> dense Jacobian.
    subroutine new_cvode(self, ode, n, directions, is_stiff, error)
       type(cvode_t), intent(out) :: self
-      class(ode_t), intent(in), target :: ode                         !! stays the caller's, who may change it between calls
+      class(ode_t), intent(in), target :: ode                         !! owned by the caller, who may change it between calls
       integer, intent(in) :: n                                        !! equations, >= 1
       integer, intent(in) :: directions(:)                            !! of each event: -1 falling, 1 rising, 0 both
       logical, intent(in) :: is_stiff
@@ -252,7 +253,7 @@ contains
       if (flag /= 0) call fail(error, "cvode: "//self%handle%message)
    end subroutine new_cvode
 
-   !> Starts anew from `values` at time t; nothing of the past is used.
+   !> Restarts from `values` at time t; discards the history.
    subroutine cvode_restart(self, t, error)
       class(cvode_t), intent(inout) :: self
       real(wp), intent(in) :: t
@@ -308,7 +309,7 @@ contains
       nullify (self%values)
    end subroutine cvode_destroy
 
-   ! What CVODE calls
+   ! Callbacks of CVODE
 
    integer(c_int) function call_rhs(t, y, dydt, data) bind(c)
       real(c_double), value :: t
@@ -360,6 +361,6 @@ contains
 
       call c_f_pointer(data, handle)
       handle%message = c_text(message)
-      handle%is_stuck = handle%is_stuck .or. code == warning          ! t + h = t; others are switched off
+      handle%is_stuck = handle%is_stuck .or. code == warning          ! t + h = t; other warnings are disabled
    end subroutine keep_message
 end module hb_sundials

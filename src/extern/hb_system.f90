@@ -9,23 +9,23 @@ module hb_system
       is_same_file, is_terminal, kind_of_file, library_place, link_file, process_id, release_file, remove_file, rename_file, &
       sync_file, take_file, utc_now
 
-   !> What a name stands for; links are followed.
+   !> Kinds of file names; links are followed.
    type :: file_kind_t
       integer :: none = 0
       integer :: regular = 1                           !! with at least one byte
-      integer :: empty = 2                             !! regular, too
+      integer :: empty = 2                             !! also regular
       integer :: folder = 3
       integer :: device_or_pipe = 4                    !! or a socket
-      integer :: lost_link = 5                         !! to what is not there
+      integer :: lost_link = 5                         !! to a missing file
    end type file_kind_t
 
    type(file_kind_t), parameter :: file_kind = file_kind_t()
    integer, parameter, private :: longest = 4096                       ! path
 
-   !> A file that this process holds.
+   !> A file that this process locks or monitors.
    type :: held_file_t
       integer :: descriptor = -1
-      integer(c_long_long), private :: n_bytes = 0     ! when it began
+      integer(c_long_long), private :: n_bytes = 0     ! at the beginning
    end type held_file_t
 
    interface
@@ -142,28 +142,28 @@ contains
       is_terminal = c_isatty(2_c_int) == 1
    end function is_terminal
 
-   !> Whether there is a file of this name; `folder/.` is there when the folder is.
+   !> Whether a file of this name exists; `folder/.` exists if the folder does.
    logical function exists(path)
       character(*), intent(in) :: path
 
       inquire (file=path, exist=exists)
    end function exists
 
-   !> Describes what a name stands for, as `file_kind` lists.
+   !> Returns the kind of a file name, one of `file_kind`.
    integer function kind_of_file(path)
       character(*), intent(in) :: path
 
       kind_of_file = int(hb_kind_of_file(c_path(path)))
    end function kind_of_file
 
-   !> Whether both names stand for one file.
+   !> Whether both names refer to the same file.
    logical function is_same_file(one, other)
       character(*), intent(in) :: one, other
 
       is_same_file = hb_is_same_file(c_path(one), c_path(other)) /= 0
    end function is_same_file
 
-   !> Gives the name of the file that a link leads to, whether that is there or not; a name that is no link as it is.
+   !> Returns the target of a link, whether it exists or not; other names unchanged.
    subroutine follow_links(path, file)
       character(*), intent(in) :: path
       character(:), allocatable, intent(out) :: file
@@ -183,7 +183,7 @@ contains
       end do
    end subroutine follow_links
 
-   !> Gives a file a second name; unlike `rename_file` it fails where the name is taken.
+   !> Gives a file a second name; unlike `rename_file` it fails if the name is taken.
    subroutine link_file(old, new, ok)
       character(*), intent(in) :: old, new
       logical, intent(out) :: ok
@@ -191,7 +191,7 @@ contains
       ok = c_link(c_path(old), c_path(new)) == 0
    end subroutine link_file
 
-   !> Gives a file another name, and takes it from the file that may have it.
+   !> Renames a file and replaces an existing one of the new name.
    subroutine rename_file(old, new, ok)
       character(*), intent(in) :: old, new
       logical, intent(out) :: ok
@@ -199,7 +199,7 @@ contains
       ok = c_rename(c_path(old), c_path(new)) == 0
    end subroutine rename_file
 
-   !> Takes one name from a file; does nothing where there is none.
+   !> Removes one name of a file; does nothing if there is none.
    subroutine remove_file(path)
       character(*), intent(in) :: path
       integer(c_int) :: ignored
@@ -207,7 +207,7 @@ contains
       ignored = c_unlink(c_path(path))
    end subroutine remove_file
 
-   !> Makes a file unless it is there, and locks it for this process until `release_file` or the end of the process.
+   !> Creates a file if necessary, and locks it for this process until `release_file` or the end of the process.
    subroutine take_file(path, descriptor, error)
       character(*), intent(in) :: path
       integer, intent(out) :: descriptor               !! for `release_file`
@@ -224,8 +224,8 @@ contains
       end select
    end subroutine take_file
 
-   !> Opens a file that is being written, to see what becomes of it, and locks it where that does not get into the way of parallel
-   !> HDF5; fails where another process has the lock.
+   !> Opens a file that is being written, to monitor it, and locks it if that does not conflict with parallel HDF5;
+   !> fails if another process has the lock.
    subroutine hold_file(path, held, error)
       character(*), intent(in) :: path
       type(held_file_t), intent(out) :: held           !! for `check_held` and `release_file`
@@ -235,7 +235,7 @@ contains
       if (held%descriptor == -2) call fail(error, "another run is writing to it at this moment")
    end subroutine hold_file
 
-   !> Fails where somebody has deleted, replaced or cut the file since `hold_file`.
+   !> Fails if the file was deleted, replaced or truncated since `hold_file`.
    subroutine check_held(held, path, error)
       type(held_file_t), intent(in) :: held
       character(*), intent(in) :: path
@@ -249,7 +249,7 @@ contains
       end select
    end subroutine check_held
 
-   !> Whether a file can grow to `n_bytes`; also true where the system cannot tell.
+   !> Whether a file can grow to `n_bytes`; also true if the system cannot determine it.
    logical function has_space(descriptor, n_bytes)
       integer, intent(in) :: descriptor                !! of `take_file`; the file is empty, before and after
       integer(c_long_long), intent(in) :: n_bytes
@@ -257,21 +257,21 @@ contains
       has_space = hb_check_space(int(descriptor, c_int), n_bytes) == 0
    end function has_space
 
-   !> Says that a file is complete: from here on it is no longer taken for what a killed run has left.
+   !> Marks a file as complete: from now on it is no longer treated as a leftover of a killed run.
    subroutine finish_file(descriptor)
       integer, intent(in) :: descriptor                !! of `take_file`
 
       call hb_finish_file(int(descriptor, c_int))
    end subroutine finish_file
 
-   !> Ends a lock.
+   !> Releases a lock.
    subroutine release_file(descriptor)
       integer, intent(in) :: descriptor
 
       call hb_release_file(int(descriptor, c_int))
    end subroutine release_file
 
-   !> Has the system bring all data of a file to the disk.
+   !> Writes all data of a file to the disk.
    subroutine sync_file(path, ok)
       character(*), intent(in) :: path
       logical, intent(out) :: ok
@@ -279,7 +279,7 @@ contains
       ok = hb_sync_file(c_path(path)) == 0
    end subroutine sync_file
 
-   !> Gives the absolute path of the folder that a file stands in, with a slash and blanks at its end; empty where there is none.
+   !> Returns the absolute path of the folder of a file, with a slash and padded with blanks; empty if there is none.
    function folder_of(path) result(folder)
       character(*), intent(in) :: path                                !! of the file
       character(longest) :: folder
@@ -292,12 +292,12 @@ contains
       if (length > 1) folder = words(:length)//"/"
    end function folder_of
 
-   !> Gives the number of this process.
+   !> Returns the number of this process.
    integer function process_id()
       process_id = int(c_getpid())
    end function process_id
 
-   !> Gives the time of now in UTC, ISO 8601.
+   !> Returns the present time in UTC, ISO 8601.
    function utc_now() result(text)
       character(20) :: text
       character(21, c_char) :: bytes
@@ -315,10 +315,11 @@ contains
       c_path = path//c_null_char
    end function c_path
 
-   !> Path of a file that an input names, with blanks behind it: beside the input file if there is one of the name, else as it is.
+   !> Path of a file named in an input, padded with blanks: beside the input file if it exists there, otherwise as
+   !> given.
    function beside(input, name) result(path)
       character(*), intent(in) :: input                               !! path of the input file
-      character(*), intent(in) :: name                                !! as the input has it
+      character(*), intent(in) :: name                                !! as in the input
       character(len(input) + len(name) + 2) :: path
       logical :: exists
 
@@ -330,12 +331,12 @@ contains
       if (.not. exists) path = name
    end function beside
 
-   !> Path of a shared library that an input names, with blanks behind it. Code is never taken from the folder that the program
-   !> happens to run in: what is not beside the input is left to the loader as a name alone, which it looks for where the system
-   !> keeps libraries.
+   !> Path of a shared library named in an input, padded with blanks. Code is never loaded from the current folder of
+   !> the program: a library that is not beside the input is passed to the loader by name alone, which searches the
+   !> system folders.
    function library_place(input, name) result(path)
       character(*), intent(in) :: input                               !! path of the input file
-      character(*), intent(in) :: name                                !! as the input has it
+      character(*), intent(in) :: name                                !! as in the input
       character(len(input) + len(name) + 2) :: path
 
       path = beside(input, name)

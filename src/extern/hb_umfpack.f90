@@ -1,7 +1,7 @@
 !> UMFPACK: factors of sparse complex matrices of one pattern, analysed once (T. A. Davis, ACM Trans. Math. Softw. 30 (2004)).
 !>
-!> In the order of use: `analyse` with the pattern by columns, then for each set of values `factorise` and `solve` as often as
-!> wanted; `destroy` gives all memory back and may be called twice.
+!> In the order of use: `analyse` with the pattern by columns, then for each set of values `factorise` and `solve` any
+!> number of times; `destroy` frees all memory and may be called twice.
 module hb_umfpack
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_double_complex, c_int, c_loc, c_null_ptr, c_ptr
    use hb_kinds, only: wp
@@ -74,7 +74,8 @@ module hb_umfpack
 
 contains
 
-   !> Orders the rows and columns of a square matrix by its pattern, which is that of its transpose; false where memory is short.
+   !> Orders the rows and columns of a square matrix by its pattern, which is that of its transpose; false if memory
+   !> is insufficient.
    logical function umfpack_analyse(self, first, row) result(is_done)
       class(umfpack_t), intent(inout) :: self
       integer, intent(in) :: first(:)                                 !! (n + 1): column j has entries first(j) to first(j + 1) - 1
@@ -91,7 +92,7 @@ contains
                 == is_good
    end function umfpack_analyse
 
-   !> Factorises for the values of the entries, in the order of the pattern; false where the matrix is singular.
+   !> Factorises for the values of the entries, in the order of the pattern; false if the matrix is singular.
    logical function umfpack_factorise(self, value) result(is_done)
       class(umfpack_t), intent(inout), target :: self
       complex(wp), intent(in) :: value(:)
@@ -104,11 +105,11 @@ contains
                                    info) == is_good
    end function umfpack_factorise
 
-   !> Solves A x = b, or A**H x = b, in place, with one step of refinement or two.
+   !> Solves A x = b, or A**H x = b, in place, with one or two steps of refinement.
    subroutine umfpack_solve(self, b, of_transpose)
       class(umfpack_t), intent(in), target :: self
       complex(wp), intent(inout), contiguous, target :: b(:)          !! (n)
-      logical, intent(in) :: of_transpose                             !! the conjugate one
+      logical, intent(in) :: of_transpose                             !! conjugate transpose
       complex(c_double_complex), allocatable, target :: x(:)
       real(c_double) :: control(n_control), info(n_info)
       integer(c_int) :: status
@@ -120,7 +121,7 @@ contains
       b = x
    end subroutine umfpack_solve
 
-   !> Gives the memory of the library back.
+   !> Frees the memory of the library.
    subroutine umfpack_destroy(self)
       class(umfpack_t), intent(inout) :: self
 

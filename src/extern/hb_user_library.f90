@@ -16,8 +16,8 @@ module hb_user_library
    public :: any_number, api_version, dynamic_library_t, forget_law, give_law, law_info_t, law_samples_t, law_step_t, &
       load_user_library, open_library, user_library_t
 
-   !> A shared library. It stays loaded until the process ends, so that addresses stay valid in every copy of what holds them.
-   !> Source of the interfaces: POSIX.1-2017, dlopen, dlsym, dlerror.
+   !> A shared library. It remains loaded until the process ends, so that addresses are valid in every copy of their
+   !> holder. Source of the interfaces: POSIX.1-2017, dlopen, dlsym, dlerror.
    type :: dynamic_library_t
       type(c_ptr), private :: handle = c_null_ptr
    contains
@@ -82,7 +82,7 @@ module hb_user_library
       type(c_ptr) :: context = c_null_ptr
    end type law_step_t
 
-   !> A law that is loaded, and what it says of itself.
+   !> A loaded law and its properties.
    type :: user_library_t
       integer :: n_coordinates = any_number
       integer :: n_parameters = any_number
@@ -122,7 +122,7 @@ module hb_user_library
                                                 df_dz, df_dv) bind(c)
          import :: c_double, c_int, c_ptr
          integer(c_int), value :: n_samples, n_coordinates, stride, n_parameters
-         type(c_ptr), value :: z, v, parameters, f, df_dz, df_dv      ! NULL where there is none
+         type(c_ptr), value :: z, v, parameters, f, df_dz, df_dv      ! NULL if there is none
       end function evaluate_function
    end interface
 
@@ -151,8 +151,8 @@ module hb_user_library
 
 contains
 
-   !> Loads the law `name` from a library, or takes the one that the program has given; fails when the library does not load,
-   !> lacks a function, refuses, or is made for another version of the interface.
+   !> Loads the law `name` from a library, or the one registered by the program; fails if the library does not load,
+   !> lacks a function, refuses, or was built for another version of the interface.
    subroutine load_user_library(self, path, name, error)
       type(user_library_t), intent(out) :: self
       character(*), intent(in) :: path                                !! empty: the program itself
@@ -163,7 +163,8 @@ contains
       self%is_given = len(path) == 0
       if (self%is_given) then
          if (find_given_law(name//c_null_char, info, self%evaluate_function) == 0) &
-            call fail(error, "the program has given no law '"//name//"'; without a program around nhbm, 'library' names a file")
+            call fail(error, "the program has registered no law '"//name//"'; without a program around nhbm, "// &
+                    "'library' names a file")
       else
          call open_law(self, path, name, info, error)
       end if
@@ -225,16 +226,16 @@ contains
       if (.not. self%is_given) text = library_fingerprint(self%evaluate_function)
    end function user_library_fingerprint
 
-   !> Calls the user's function and gives its return code. It gets copies, so that it cannot change what others rely on, and
-   !> what it does not write stays NaN. Its floating-point exceptions do not stop the program: what they leave behind is seen in
-   !> the numbers.
+   !> Calls the user's function and returns its return code. The function gets copies, so that it cannot change data
+   !> of others, and values that it does not write remain NaN. Its floating-point exceptions do not stop the program;
+   !> their results are visible in the numbers.
    integer function user_library_evaluate(self, parameters, z, v, f, df_dz, df_dv, phases, frequencies, states, df_ds) result(code)
       class(user_library_t), intent(in) :: self
       real(wp), intent(in), contiguous :: parameters(:)
       real(wp), intent(in), contiguous :: z(:, :), v(:, :)            !! (n_samples, n_coordinates), v empty if not needed
       real(wp), intent(out), contiguous, target :: f(:, :)
       real(wp), intent(out), contiguous, optional, target :: df_dz(:, :, :), df_dv(:, :, :)
-      real(wp), intent(in), optional :: phases(:, :)                  !! [rad], (n_samples, n_tones), where they are needed
+      real(wp), intent(in), optional :: phases(:, :)                  !! [rad], (n_samples, n_tones), if needed
       real(wp), intent(in), optional :: frequencies(:)                !! [rad/s], (n_tones), where they are needed
       real(wp), intent(in), optional :: states(:, :)                  !! (n_samples, n_states), of a law that has them
       real(wp), intent(out), contiguous, optional, target :: df_ds(:, :, :)   !! (n_samples, n_coordinates, n_states)

@@ -1,4 +1,4 @@
-!> Model files (HDF5, docs/user/model.md): read whole, once, and refused with the name of the entry that is wrong.
+!> Model files (HDF5, docs/user/model.md): read whole, once, and refused with the name of the invalid entry.
 module hb_fe_model_file
    use hb_error, only: annotate, error_t, fail
    use hb_fe_model, only: fe_model_source_t, fe_model_t, most_speeds
@@ -32,8 +32,8 @@ contains
       call read_model_file(name, fe_model, error)
    end subroutine fe_model_file_fetch
 
-   !> Reads a model file. Fails for what is no model file, or one of a later form, and for entries that are missing, of a wrong size
-   !> or not finite.
+   !> Reads a model file. Fails if it is not a model file, or one of a later version, or if entries are missing, of a
+   !> wrong size or not finite.
    subroutine read_model_file(path, fe_model, error)
       character(*), intent(in) :: path
       type(fe_model_t), intent(out) :: fe_model
@@ -53,13 +53,13 @@ contains
       if (index(error%message, path) == 0) call annotate(error, "file '"//path//"'")
    end subroutine read_model_file
 
-   !> Whether a file is a model file; what cannot be opened as one is none.
+   !> Whether a file is a model file; false if it cannot be opened as one.
    logical function is_model_file(path)
       character(*), intent(in) :: path
       type(h5_file_t) :: file
       type(error_t), allocatable :: error, ignored
 
-      is_model_file = kind_of_file(path) == file_kind%regular         ! to open a pipe waits for who writes
+      is_model_file = kind_of_file(path) == file_kind%regular         ! opening a pipe would wait for its writer
       if (.not. is_model_file) return
       call open_file(file, path, error)
       is_model_file = .not. allocated(error)
@@ -70,7 +70,7 @@ contains
       end if
    end function is_model_file
 
-   !> Refuses a file of another form.
+   !> Refuses a file of another format.
    subroutine check_form(file, error)
       type(h5_file_t), intent(in) :: file
       type(error_t), allocatable, intent(out) :: error
@@ -79,10 +79,10 @@ contains
 
       call file%get_attribute("format", form, error)
       if (allocated(error)) then
-         call fail(error, "is no model file: it has no attribute 'format' that says '"//format_name//"'")
+         call fail(error, "is not a model file: it has no attribute 'format' with the value '"//format_name//"'")
          return
       else if (form /= format_name) then
-         call fail(error, "is no model file: its attribute 'format' says '"//form//"', not '"//format_name//"'")
+         call fail(error, "is not a model file: its attribute 'format' is '"//form//"', not '"//format_name//"'")
          return
       end if
       call file%get_attribute("schema_version", version, error)
@@ -155,7 +155,7 @@ contains
       call annotate(error, "matrix '"//name//"'")
    end subroutine read_matrix
 
-   !> Reads what belongs to each degree of freedom, and the sets, if there are nodes.
+   !> Reads the data of each degree of freedom, and the sets, if there are nodes.
    subroutine read_sets(file, fe_model, error)
       type(h5_file_t), intent(in) :: file
       type(fe_model_t), intent(inout) :: fe_model
@@ -226,7 +226,7 @@ contains
       if (n /= n_expected) call fail(error, "'"//name//"' has "//to_text(n)//" entries, expected "//to_text(n_expected))
    end subroutine check_size
 
-   !> Refuses starts of ranges that do not cover `n_entries` one after the other.
+   !> Refuses starts of ranges that do not cover `n_entries` contiguously.
    subroutine check_ranges(name, n_ranges, starts, n_entries, error)
       character(*), intent(in) :: name
       integer, intent(in) :: n_ranges, starts(:), n_entries

@@ -1,6 +1,6 @@
 !> The HDF5 file of a time integration: record, coefficients, and the state from which it can be continued.
 !>
-!> Made whole under another name and then put in place, by one process. docs/user/schema.md lists what is in it.
+!> One process writes it whole under a temporary name and then renames it. docs/user/schema.md lists its contents.
 module hb_integration_file
    use hb_error, only: annotate, error_t
    use hb_file_location, only: check_place, put_in_place
@@ -22,7 +22,7 @@ module hb_integration_file
    character(*), parameter :: amplitude_convention = "x(t) = sum over harmonics h of "// &
       "[ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], j_h = tuple[h, :]"
 
-   !> What a record was made from.
+   !> The origin of a record.
    type :: integration_origin_t
       character(:), allocatable :: title, method, input_text, input_complete
       real(wp), allocatable :: omega(:)                               !! base frequencies [rad/s]
@@ -32,7 +32,7 @@ module hb_integration_file
 
    type(h5_dataset_t), parameter :: no_scales(0) = [h5_dataset_t ::]
 
-   !> A file in the making, with the scales of its dimensions.
+   !> A file being written, with the scales of its dimensions.
    type :: writer_t
       type(h5_file_t) :: file
       type(h5_dataset_t) :: time, dof, coordinate, harmonic, tone, component, peak, state_dof, slider
@@ -187,7 +187,7 @@ contains
                       "coefficients of the largest lines", error)
    end subroutine write_assessment
 
-   !> Writes where several starts lead.
+   !> Writes the motions in which several starts end.
    subroutine write_motions(self, origin, structure, content, error)
       type(writer_t), intent(in) :: self
       type(integration_origin_t), intent(in) :: origin
@@ -233,7 +233,7 @@ contains
          "states of the laws with memory in the last state", error)
    end subroutine write_state
 
-   !> Writes what belongs to degrees of freedom, whose units are a list with blanks between.
+   !> Writes values of the degrees of freedom, whose units are a list separated by blanks.
    subroutine put_by_dof(self, name, values, scales, units, long_name, error)
       type(writer_t), intent(in) :: self
       character(*), intent(in) :: name
@@ -247,7 +247,7 @@ contains
       if (.not. allocated(error)) call dataset%set_attribute("dof_units", trim(units), error)
    end subroutine put_by_dof
 
-   !> The first unit where all are the same.
+   !> The first unit if all are equal.
    pure function common_unit(units)
       character(*), intent(in) :: units                               !! separated by blanks
       character(:), allocatable :: common_unit, remaining
@@ -285,10 +285,10 @@ contains
       pairs(2, :, :) = -aimag(amplitudes)
    end function as_pairs
 
-   !> Reads the last state of a record; fails unless it is one of the same structure and laws.
+   !> Reads the last state of a record; fails unless it has the same structure and laws.
    subroutine read_integration_state(path, state, error)
       character(*), intent(in) :: path
-      type(integration_state_t), intent(inout) :: state               !! of the sizes that are right
+      type(integration_state_t), intent(inout) :: state               !! with the correct sizes
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: error_in_close
       type(h5_file_t) :: file

@@ -1,4 +1,5 @@
-!> Namelist files: to documents and back. An own reader, because the compiler's runtime does not report which key is wrong.
+!> Conversion of namelist files to documents and back. An own reader, because the compiler's runtime library does not
+!> report which key is wrong.
 !>
 !>     call read_namelist(document, file_name, text, error)
 !>     call set_text(document, "law(2)%gap", "1.5e-3", error)    ! overrides, if any
@@ -23,7 +24,7 @@ module hb_namelist
 
 contains
 
-   !> Takes the text of a namelist file apart; fails with file and line where the syntax is wrong.
+   !> Parses the text of a namelist file; fails with file and line if the syntax is wrong.
    pure subroutine read_namelist(self, file_name, text, error)
       type(document_t), intent(out) :: self
       character(*), intent(in) :: file_name                 !! for messages
@@ -67,8 +68,8 @@ contains
       call self%groups%sort()
    end subroutine read_namelist
 
-   !> Gives the key at `path` another value, in namelist form; the path names a group by its number or label.
-   !> A single group that the file does not have is added.
+   !> Sets the key at `path` to another value in namelist form; the path names a group by its number or label. A
+   !> missing single group is added.
    pure subroutine set_text(self, path, value_text, error)
       class(document_t), intent(inout) :: self
       character(*), intent(in) :: path                      !! like law(2)%gap, see `path_help`
@@ -87,7 +88,7 @@ contains
       end if
       call split_path(trim(adjustl(path)), name, selector, key)
       if (.not. is_name(name) .or. len(key) == 0) then
-         call fail(error, place//"is no path to a key; "//path_help)
+         call fail(error, place//"is not a path to a key; "//path_help)
          return
       end if
       body = key//" = "//value_text//new_line("a")//"/"
@@ -112,9 +113,9 @@ contains
       end associate
    end subroutine set_text
 
-   !> The input after defaults and overrides: all groups that were read, with every key asked for. Reading it
-   !> again gives the same values; left out is what a namelist cannot express: values not allocated, empty
-   !> lists, NaN, infinity, strings of several lines.
+   !> The input after defaults and overrides: all groups that were read, with every requested key. Reading it again
+   !> gives the same values. Values that a namelist cannot express are omitted: values not allocated, empty lists,
+   !> NaN, infinity, strings of several lines.
    pure subroutine write_complete_text(self, text)
       type(document_t), intent(in) :: self
       character(:), allocatable, intent(out) :: text
@@ -149,7 +150,7 @@ contains
       call lines%add("/"//new_line("a"))
    end subroutine write_group
 
-   !> Values in namelist form; none where a namelist file cannot express one of them.
+   !> Values in namelist form; none if a namelist file cannot express one of them.
    pure subroutine texts_of(asked, texts)
       type(asked_t), intent(in) :: asked
       type(string_t), allocatable, intent(out) :: texts(:)
@@ -190,8 +191,8 @@ contains
       if (can_be_written) can_be_written = scan(word%value, achar(0)//achar(13)//new_line("a")) == 0
    end function can_be_written
 
-   !> Values in namelist form, a line for each row, four and more equal ones with a repeat count; nothing for
-   !> an empty list, which a namelist cannot express.
+   !> Values in namelist form, one line per row, four and more equal ones with a repeat count; nothing for an empty
+   !> list, which a namelist cannot express.
    pure subroutine write_list(words, row_length, text)
       type(string_t), intent(in) :: words(:)
       integer, intent(in) :: row_length

@@ -1,4 +1,4 @@
-!> What differs between two inputs, reported by group and key: for people who resume a run with a changed input.
+!> Differences between two inputs by group and key, for users who resume a run with a changed input.
 module hb_namelist_difference
    use hb_text, only: split, string_t, text_builder_t, to_text
    implicit none
@@ -12,13 +12,13 @@ module hb_namelist_difference
    type :: entry_t
       character(:), allocatable :: place                    !! such as &law(2): gap
       character(:), allocatable :: value
-      logical :: is_met = .false.                           !! the other input has a key of this place
+      logical :: is_met = .false.                           !! the other input has the same key
    end type entry_t
 
 contains
 
-   !> Gives a line for each key that has another value in two inputs, or that one of them lacks; empty where there is none.
-   !> Both are texts as `complete` of a document makes them.
+   !> Returns a line for each key whose value differs between two inputs, or that one of them lacks; empty if there is
+   !> none. Both are texts of `complete` of a document.
    function input_differences(one, other, name_of_one, name_of_other) result(text)
       character(*), intent(in) :: one, other
       character(*), intent(in) :: name_of_one, name_of_other !! for the lines
@@ -65,7 +65,7 @@ contains
       end subroutine add
    end function input_differences
 
-   !> Takes a text of `complete` apart: a group begins with & in the first column, a key in the fourth; other lines
+   !> Parses a text of `complete`: a group begins with & in the first column, a key in the fourth; other lines
    !> continue a value.
    pure subroutine read_entries(text, entries)
       character(*), intent(in) :: text
@@ -129,7 +129,7 @@ contains
       end do
    end function first_difference
 
-   !> A value for a message; of a long one the part round position `around`.
+   !> A value for a message; of a long one the part around position `around`.
    pure function shown(value, around) result(text)
       character(*), intent(in) :: value
       integer, intent(in), optional :: around

@@ -1,7 +1,7 @@
-!> Grammar of namelist files: finds the groups of a text and takes their bodies apart into keys and values.
+!> Grammar of namelist files: finds the groups of a text and parses their bodies into keys and values.
 !>
-!> A subset of Fortran's namelist input (F2018, 13.11) that refuses what is legal but nearly always a mistake:
-!> values left out, text behind the closing '/', strings over several lines, lists for one element.
+!> A subset of Fortran's namelist input (F2018, 13.11) that refuses what is legal but nearly always a mistake: omitted
+!> values, text after the closing '/', strings over several lines, lists for one element.
 module hb_namelist_parser
    use hb_kinds, only: wp
    use hb_parameter_path, only: index_help, split_index
@@ -17,7 +17,7 @@ module hb_namelist_parser
    character(*), parameter :: quote_marks = "'"//'"'
    character(*), parameter :: word_end = blanks//",/!=()&"//quote_marks
 
-   !> Where the parser stands, and what is wrong there.
+   !> Position of the parser, and the error there.
    type :: scan_t
       integer :: position = 1
       integer :: line = 1
@@ -31,7 +31,7 @@ module hb_namelist_parser
       character(:), allocatable :: key                      !! the latest one
       logical :: in_key = .false.                           !! there has been a key
       logical :: after_comma = .false.
-      integer :: i_key = 0                                  !! 0: values are passed over
+      integer :: i_key = 0                                  !! 0: values are skipped
       integer :: i = 0, j = 0                               !! element index of the key
       integer :: n_found = 0                                !! values of the key so far
       type(value_t) :: value                                !! the latest one
@@ -39,8 +39,8 @@ module hb_namelist_parser
 
 contains
 
-   !> Goes on to the next group: `name` is its name in lower case, empty when there are no more; the scan
-   !> stands behind the name.
+   !> Moves to the next group: `name` is its name in lower case, empty if there are no more; the position is after the
+   !> name.
    pure subroutine next_group(text, scan, name)
       character(*), intent(in) :: text
       type(scan_t), intent(inout) :: scan
@@ -96,7 +96,7 @@ contains
       end do
    end subroutine next_group
 
-   !> Takes the body of group `name` apart, from the scan's position to behind its '/' or '&end'.
+   !> Parses the body of group `name`, from the present position to after its '/' or '&end'.
    pure subroutine parse_body(text, scan, name, content)
       character(*), intent(in) :: text
       type(scan_t), intent(inout) :: scan
@@ -171,7 +171,7 @@ contains
       end associate
    end subroutine parse_body
 
-   !> Whether the word that ends at `last` is a key: '=' or an index follows; blanks between do not matter.
+   !> Whether the word that ends at `last` is a key: '=' or an index follows; blanks in between are ignored.
    pure logical function is_key(text, last)
       character(*), intent(in) :: text
       integer, intent(in) :: last
@@ -185,7 +185,7 @@ contains
       end do
    end function is_key
 
-   !> Checks that a key has got a value before the next one begins or the group ends.
+   !> Checks that a key has a value before the next one begins or the group ends.
    pure subroutine end_key(scan, body)
       type(scan_t), intent(inout) :: scan
       type(body_t), intent(in) :: body
@@ -195,7 +195,7 @@ contains
       end if
    end subroutine end_key
 
-   !> Reads a key, from the scan's position to `last`, with its index and '='.
+   !> Reads a key, from the present position to `last`, with its index and '='.
    pure subroutine begin_key(text, scan, body, content, last)
       character(*), intent(in) :: text
       type(scan_t), intent(inout) :: scan
@@ -237,7 +237,7 @@ contains
          associate (key => content%keys(body%i_key))
             if (key%second_line == 0) key%second_line = scan%line
          end associate
-         body%i_key = 0                                               ! its values are passed over
+         body%i_key = 0                                               ! its values are skipped
       end if
    end subroutine begin_key
 
@@ -261,13 +261,13 @@ contains
       scan%position = scan%position + close
    end subroutine read_index
 
-   !> Reads the value at the scan's position: a word that ends at `last`, a string, or a repeated one of them.
+   !> Reads the value at the present position: a word that ends at `last`, a string, or a repeated one of them.
    pure subroutine read_value(text, scan, body, last)
       character(*), intent(in) :: text
       type(scan_t), intent(inout) :: scan
       type(body_t), intent(inout) :: body
       integer, &
-            intent(in) :: last                           !! before the scan's position when no word is there
+            intent(in) :: last                           !! before the present position if there is no word
       integer :: star
       logical :: is_quote_next, ok
 
@@ -301,7 +301,7 @@ contains
       end associate
    end subroutine read_value
 
-   !> Describes what a word without quotes is: a number, a truth, or none of them.
+   !> Classifies a word without quotes: a number, a logical, or neither.
    pure subroutine classify(word, value)
       character(*), intent(in) :: word
       type(value_t), intent(inout) :: value
@@ -328,7 +328,7 @@ contains
       end select
    end subroutine classify
 
-   !> Reads the string in quotes at the scan's position; it ends in its line.
+   !> Reads the string in quotes at the present position; it must end in the same line.
    pure subroutine read_string(text, scan, body)
       character(*), intent(in) :: text
       type(scan_t), intent(inout) :: scan
@@ -398,7 +398,7 @@ contains
       end if
    end subroutine store_value
 
-   !> Notes what is wrong in which line; only the first counts.
+   !> Records an error and its line; only the first counts.
    pure subroutine stop_at(scan, line, problem)
       type(scan_t), intent(inout) :: scan
       integer, intent(in) :: line
@@ -409,7 +409,7 @@ contains
       scan%problem_line = line
    end subroutine stop_at
 
-   !> Position of the last character of the word that begins at `first`, first - 1 when none does.
+   !> Position of the last character of the word that begins at `first`, first - 1 if there is none.
    pure integer function word_last(text, first) result(last)
       character(*), intent(in) :: text
       integer, intent(in) :: first
@@ -421,7 +421,7 @@ contains
       end do
    end function word_last
 
-   !> Moves over blanks, line ends and comments.
+   !> Skips blanks, line ends and comments.
    pure subroutine skip_blanks(text, scan)
       character(*), intent(in) :: text
       type(scan_t), intent(inout) :: scan
@@ -437,7 +437,7 @@ contains
       end do
    end subroutine skip_blanks
 
-   !> Moves to the end of the line.
+   !> Skips the rest of the line.
    pure subroutine skip_comment(text, scan)
       character(*), intent(in) :: text
       type(scan_t), intent(inout) :: scan
@@ -448,7 +448,7 @@ contains
       end do
    end subroutine skip_comment
 
-   !> Whether nothing but blanks and a comment follows in the line from `first` on.
+   !> Whether only blanks and a comment follow in the line from `first` on.
    pure logical function rest_is_empty(text, first)
       character(*), intent(in) :: text
       integer, intent(in) :: first

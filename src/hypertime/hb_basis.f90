@@ -1,8 +1,9 @@
-!> A basis: which coefficients of a motion are unknowns, and on which grid its forces are sampled.
+!> A basis: the coefficients of a motion that are unknowns, and the grid on which its forces are sampled.
 !>
-!> Of the tuples of a motion some are unknowns, such as the odd ones of an odd motion; the coefficients of the others are zero.
-!> Vectors and amplitudes are restricted to the unknowns and expanded from them. Between two solutions a basis may grow or shrink:
-!> `transfer` takes coefficients from the tuples of one to those of the other. Source: docs/why/theory.md, section 2.
+!> Some of the tuples of a motion are unknowns, such as the odd ones of an odd motion; the coefficients of the others
+!> are zero. Vectors and amplitudes are restricted to the unknowns and expanded from them. Between two solutions a
+!> basis may grow or shrink: `transfer` copies coefficients from the tuples of one to those of the other. Source:
+!> docs/why/theory.md, section 2.
 module hb_basis
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_subset
@@ -16,7 +17,7 @@ module hb_basis
       type(harmonics_t) :: whole                                      !! tuples of the motion
       type(harmonics_t) :: harmonics                                  !! those whose coefficients are unknowns
       type(torus_t) :: torus                                          !! grid of the forces
-      integer, allocatable :: places(:)                               !! of `harmonics` among `whole`
+      integer, allocatable :: places(:)                               !! positions of `harmonics` in `whole`
    contains
       procedure :: is_whole => basis_is_whole
       procedure :: restrict => basis_restrict
@@ -27,7 +28,7 @@ module hb_basis
 
 contains
 
-   !> Basis of some tuples of a set. Fails where it has none.
+   !> Creates a basis of some tuples of a set. Fails if there are none.
    subroutine new_basis(self, whole, is_unknown, torus, error)
       type(basis_t), intent(out) :: self
       type(harmonics_t), intent(in) :: whole
@@ -42,7 +43,7 @@ contains
       call new_subset(self%harmonics, whole, self%places, error)
    end subroutine new_basis
 
-   !> All tuples of a set are unknowns.
+   !> Basis in which all tuples of a set are unknowns.
    pure function whole_basis(whole, torus) result(self)
       type(harmonics_t), intent(in) :: whole
       type(torus_t), intent(in) :: torus
@@ -62,7 +63,7 @@ contains
       basis_is_whole = size(self%places) == self%whole%n_harmonics
    end function basis_is_whole
 
-   !> Unknowns of a motion given by all of its coefficients.
+   !> Unknowns of a motion from all its coefficients.
    pure function basis_restrict(self, coefficients) result(u)
       class(basis_t), intent(in) :: self
       real(wp), intent(in) :: coefficients(:, :)                      !! (whole%n_coefficients, any)
@@ -75,7 +76,7 @@ contains
       end if
    end function basis_restrict
 
-   !> All coefficients of a motion given by its unknowns.
+   !> All coefficients of a motion from its unknowns.
    pure function basis_expand(self, u) result(coefficients)
       class(basis_t), intent(in) :: self
       real(wp), intent(in) :: u(:, :)                                 !! (harmonics%n_coefficients, any)
@@ -88,7 +89,7 @@ contains
       end if
    end function basis_expand
 
-   !> Unknowns of another basis as those of this one: what both have; the others are zero.
+   !> Unknowns of another basis converted to this one: those that both have; the others are zero.
    pure function basis_transfer(self, other, u) result(own)
       class(basis_t), intent(in) :: self
       type(basis_t), intent(in) :: other
@@ -98,21 +99,21 @@ contains
       call transfer_coefficients(other%harmonics, self%harmonics, u, own)
    end function basis_transfer
 
-   !> Memory that the basis takes, with its tables.
+   !> Memory [byte] of the basis and its tables.
    pure real(wp) function basis_bytes(self) result(bytes)
       class(basis_t), intent(in) :: self
 
       bytes = self%whole%bytes() + self%harmonics%bytes() + 4.0_wp*size(self%places)
    end function basis_bytes
 
-   !> Copies coefficients of the tuples that both sets have; the others of `to` become zero.
+   !> Copies coefficients of the tuples in both sets; the others of `to` become zero.
    pure subroutine transfer_coefficients(from_set, to_set, from, to)
       type(harmonics_t), intent(in) :: from_set, to_set
       real(wp), intent(in) :: from(:, :)                              !! (from_set%n_coefficients, any)
       real(wp), intent(out) :: to(:, :)                               !! (to_set%n_coefficients, any)
       integer :: h, k
 
-      if (from_set%n_harmonics == to_set%n_harmonics) then             ! most are: points of a sweep
+      if (from_set%n_harmonics == to_set%n_harmonics) then             ! the usual case: points of a sweep
          if (all(from_set%tuples == to_set%tuples)) then
             to = from
             return

@@ -60,10 +60,11 @@ contains
       end do
    end function average_at
 
-   !> Coefficients c - i s of x = sum c cos(w t) + s sin(w t) at given frequencies; at 0 the mean. Zero where the work ended first.
+   !> Coefficients c - i s of x = sum c cos(w t) + s sin(w t) at given frequencies; at 0 the mean. Zero if the work
+   !> was cancelled before.
    subroutine coefficients_at(x, start, step, frequencies, coefficients)
       real(wp), intent(in), contiguous :: x(:)                        !! (n_samples), at least 3
-      real(wp), intent(in) :: start, step                             !! [s], time of the first sample, distance of two
+      real(wp), intent(in) :: start, step                             !! [s], time of the first sample, sampling interval
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], of any sign
       complex(wp), intent(out) :: coefficients(:)                     !! as frequencies
       real(wp), allocatable :: weighted(:)

@@ -1,9 +1,10 @@
-!> Steps along time on the torus: from slice to slice of one tone, the phases of the others shifted by the ratio of tones.
+!> Steps along time on the torus: from slice to slice of one tone, with the phases of the others shifted by the ratio
+!> of tones.
 !>
-!> A slice holds the samples with one phase of the tone that leads; one step leads from each of its samples to the next
-!> slice. Going back along d tau/dt = omega from a sample, the other phases fall between samples of the slice before: what
-!> is known there is interpolated by cubics, with weights that are the same everywhere (semi-Lagrangian scheme; A. Staniforth
-!> and J. Cote, Monthly Weather Review 119 (1991) 2206-2223). Source: docs/why/theory.md, section 5.5.
+!> A slice contains the samples with one phase of the leading tone; one step leads from each of its samples to the
+!> next slice. Going back along d tau/dt = omega from a sample, the other phases fall between samples of the previous
+!> slice: values there are interpolated by cubics, with weights that are the same everywhere (semi-Lagrangian scheme;
+!> A. Staniforth and J. Cote, Monthly Weather Review 119 (1991) 2206-2223). Source: docs/why/theory.md, section 5.5.
 module hb_characteristic
    use hb_kinds, only: two_pi, wp
    use hb_torus, only: fast_size, torus_t
@@ -15,15 +16,15 @@ module hb_characteristic
    real(wp), parameter :: longest_way = 2.0_wp                        ! of any tone in one step, in its samples
 
    type :: characteristic_t
-      integer :: tone = 0                                             !! that leads
-      integer :: n_steps = 0                                          !! once around: slices of that tone, half of them
-                                                                      !! on half a torus
-      real(wp) :: closing = 1.0_wp                                    !! what states are multiplied by as the last step closes the
-                                                                      !! round: -1 on half a torus, whose motions are odd
+      integer :: tone = 0                                             !! leading tone
+      integer :: n_steps = 0                                          !! once around: slices of that tone, half of them on half
+                                                                      !! a torus
+      real(wp) :: closing = 1.0_wp                                    !! factor of the states as the last step closes the round:
+                                                                      !! -1 on half a torus, whose motions are odd
       integer :: n_slice = 0                                          !! samples of a slice
       real(wp) :: step = 0.0_wp                                       !! time from slice to slice [s]
-      integer, allocatable :: sample(:, :)                            !! (n_slice, n_steps) place among those of the torus
-      integer, allocatable :: neighbour(:, :)                         !! (n_neighbours, n_slice) within the slice before
+      integer, allocatable :: sample(:, :)                            !! (n_slice, n_steps) position among those of the torus
+      integer, allocatable :: neighbour(:, :)                         !! (n_neighbours, n_slice) within the previous slice
       real(wp), allocatable :: weight(:)                              !! (n_neighbours), their sum is 1
       real(wp), allocatable, private :: omega(:)                      ! [rad/s], (n_tones)
       real(wp), allocatable, private :: offset(:)                     ! to the start of a step, in samples, (n_tones)
@@ -34,13 +35,13 @@ module hb_characteristic
 
 contains
 
-   !> The tone that leads has the longest step in which no tone moves on by more than two samples: few interpolations, yet a
-   !> path between the ends of a step that they tell well.
+   !> The leading tone has the longest step in which no tone advances by more than two samples: few interpolations,
+   !> but the ends of a step still define the path in between well.
    subroutine new_characteristic(self, torus, omega, tone)
       type(characteristic_t), intent(out) :: self
-      type(torus_t), intent(in) :: torus                              !! half of one with a single tone alone
+      type(torus_t), intent(in) :: torus                              !! half a torus only with a single tone
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), > 0
-      integer, intent(in), optional :: tone                           !! that leads, instead
+      integer, intent(in), optional :: tone                           !! leading tone, given by the caller
       integer :: i, inner, outer, p
 
       associate (speed => omega*torus%n_samples)
@@ -66,14 +67,14 @@ contains
       call lay_out_neighbours(self, torus, omega)
    end subroutine new_characteristic
 
-   !> Samples of each tone, at least as many as given, with which steps along time lead from sample to sample, or nearly so: of the
-   !> memory that is carried along nothing is then lost to interpolation, step after step. The smallest such grid; the given one
-   !> where that has many more samples.
+   !> Samples of each tone, at least as many as given, with which steps along time lead from sample to sample, or
+   !> nearly so: repeated interpolation then loses nothing of the transported states. The smallest such grid; the
+   !> given one if that would have many more samples.
    pure function samples_along_time(least, omega) result(n_samples)
       integer, intent(in) :: least(:)                                 !! fast numbers, (n_tones)
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), > 0
       integer :: n_samples(size(least))
-      real(wp), parameter :: off = 0.02_wp                            ! of a way, from a whole number of samples
+      real(wp), parameter :: off = 0.02_wp                            ! of an offset, from a whole number of samples
       real(wp), parameter :: most_more = 2.0_wp                       ! samples
       real(wp) :: fewest, ideal
       integer :: best(size(least)), lead, m, n, steps
@@ -104,7 +105,7 @@ contains
       end do
    end function samples_along_time
 
-   !> Tensor product of one cubic per other tone.
+   !> Sets up the tensor product of one cubic per other tone.
    subroutine lay_out_neighbours(self, torus, omega)
       type(characteristic_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
@@ -151,7 +152,7 @@ contains
       end subroutine visit_tones
    end subroutine lay_out_neighbours
 
-   !> Weights of all neighbours: products of those of one node per tone but the one that leads, first tones fastest.
+   !> Weights of all neighbours: products of those of one node per tone except the leading one, first tones fastest.
    pure function product_of(by_node, leading) result(weight)
       real(wp), intent(in) :: by_node(:, :)                           !! (n_nodes, n_tones)
       integer, intent(in) :: leading
@@ -169,8 +170,9 @@ contains
       end do
    end function product_of
 
-   !> Derivatives of step and weights by base frequency m, with the tone that leads and the neighbours held. Where an offset ends
-   !> right on a sample, the neighbours change there too, and this is the derivative for a shorter way.
+   !> Derivatives of step and weights with respect to base frequency m, with the leading tone and the neighbours held
+   !> constant. If an offset ends exactly on a sample, the neighbours change there too, and this is the derivative for
+   !> a smaller offset.
    pure subroutine characteristic_frequency_slopes(self, m, step_slope, weight_slope)
       class(characteristic_t), intent(in) :: self
       integer, intent(in) :: m                                        !! tone
@@ -184,7 +186,7 @@ contains
       weight_slope = 0.0_wp
       do k = 1, size(self%omega)
          if (k == self%tone .or. (k /= m .and. m /= self%tone)) cycle
-         offset_slope = self%offset(k)/self%omega(m)                   ! offset_k is as omega_k/omega_leading
+         offset_slope = self%offset(k)/self%omega(m)                   ! offset_k is proportional to omega_k/omega_leading
          if (m == self%tone) offset_slope = -offset_slope
          do other = 1, size(self%omega)
             by_node(:, other) = cubic_weights(self%offset(other) - floor(self%offset(other)))
@@ -212,7 +214,7 @@ contains
                  -(x + 1.0_wp)*x*(x - 2.0_wp)/2.0_wp, (x + 1.0_wp)*x*(x - 1.0_wp)/6.0_wp]
    end function cubic_weights
 
-   !> Values at the starts of all steps that end in a slice, from those on the slice before.
+   !> Values at the starts of all steps that end in a slice, from those on the previous slice.
    pure subroutine characteristic_interpolate(self, before, values)
       class(characteristic_t), intent(in) :: self
       real(wp), intent(in) :: before(:, :)                            !! (n_slice, any)

@@ -23,8 +23,8 @@ module hb_harmonics
       logical :: has_zero = .false.
       integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics), the zero tuple first
       integer, allocatable :: highest(:)                              !! (n_tones) largest |j_m|
-      integer, allocatable :: cos_at(:)                               !! (n_harmonics) place of the cosine
-      integer, allocatable :: sin_at(:)                               !! (n_harmonics) place of the sine, 0 for the zero tuple
+      integer, allocatable :: cos_at(:)                               !! (n_harmonics) position of the cosine
+      integer, allocatable :: sin_at(:)                               !! (n_harmonics) position of the sine, 0 for the zero tuple
       integer, allocatable, private :: lookup(:)                      !! harmonic by linear key of the tuple
    contains
       procedure :: index_of => harmonics_index_of
@@ -36,7 +36,7 @@ module hb_harmonics
 
 contains
 
-   !> Set of all tuples with |j_m| <= orders(m); with `odd_only` just those whose entries sum to an odd number.
+   !> Creates the set of all tuples with |j_m| <= orders(m); with `odd_only` only those whose entries have an odd sum.
    subroutine new_box(self, orders, odd_only, error)
       type(harmonics_t), intent(out) :: self
       integer, intent(in) :: orders(:)                                !! (n_tones), >= 0
@@ -46,7 +46,7 @@ contains
       call enumerate(self, orders, huge(1), odd_only, error)
    end subroutine new_box
 
-   !> Set of all tuples with sum |j_m| <= order; with `odd_only` just those whose entries sum to an odd number.
+   !> Creates the set of all tuples with sum |j_m| <= order; with `odd_only` only those whose entries have an odd sum.
    subroutine new_diamond(self, n_tones, order, odd_only, error)
       type(harmonics_t), intent(out) :: self
       integer, intent(in) :: n_tones                                  !! >= 1
@@ -58,7 +58,7 @@ contains
       call enumerate(self, [(order, m=1, n_tones)], order, odd_only, error)
    end subroutine new_diamond
 
-   !> Set given tuple by tuple; of j and -j either may be given, twice the same is an error.
+   !> Creates a set from a list of tuples; of j and -j either may be given, both are an error.
    subroutine new_harmonics(self, tuples, error)
       type(harmonics_t), intent(out) :: self
       integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
@@ -76,7 +76,7 @@ contains
       do h = 1, n_tuples
          self%tuples(:, h) = canonical_sign(tuples(:, h))*tuples(:, h)
       end do
-      do h = 2, n_tuples                                               ! the zero tuple goes first
+      do h = 2, n_tuples                                               ! the zero tuple comes first
          if (all(self%tuples(:, h) == 0)) then
             self%tuples(:, 2:h) = self%tuples(:, 1:h - 1)
             self%tuples(:, 1) = 0
@@ -86,7 +86,7 @@ contains
       call index_coefficients(self, error)
    end subroutine new_harmonics
 
-   !> Those tuples of a set whose entries sum to an even (`parity` 0) or an odd number (1).
+   !> The tuples of a set whose entries have an even (`parity` 0) or an odd sum (1).
    subroutine new_of_parity(self, set, parity, error)
       type(harmonics_t), intent(out) :: self
       type(harmonics_t), intent(in) :: set
@@ -97,8 +97,8 @@ contains
       call new_subset(self, set, pack([(h, h=1, set%n_harmonics)], modulo(sum(set%tuples, dim=1), 2) == parity), error)
    end subroutine new_of_parity
 
-   !> Some tuples of a set, in their order; its largest entries stay, so that what is chosen by them, such as grids, is that of the
-   !> whole set.
+   !> Some tuples of a set, in their order; the largest entries are those of the whole set, so that choices based on
+   !> them, such as grids, are the same.
    subroutine new_subset(self, set, kept, error)
       type(harmonics_t), intent(out) :: self
       type(harmonics_t), intent(in) :: set
@@ -115,7 +115,7 @@ contains
       call index_coefficients(self, error, set%highest)
    end subroutine new_subset
 
-   !> Fills the set with the tuples of a box cut by sum |j_m| <= largest_sum.
+   !> Fills the set with the tuples of a box truncated by sum |j_m| <= largest_sum.
    subroutine enumerate(self, orders, largest_sum, odd_only, error)
       type(harmonics_t), intent(inout) :: self
       integer, intent(in) :: orders(:), largest_sum
@@ -129,13 +129,13 @@ contains
       end if
       if (exceeds_largest_box(orders)) then
          call fail(error, "the set of harmonics would have about "//to_text(anint(product(2*real(orders, wp) + 1)/2))// &
-                   " tuples, or lie in a box of so many, more than "//to_text(largest_set/2)//"; lower the order")
+                   " tuples, or be in a box of that size, more than "//to_text(largest_set/2)//"; lower the order")
          return
       end if
       self%n_tones = size(orders)
-      do pass = 1, 2                                                   ! count, then keep
+      do pass = 1, 2                                                   ! count, then store
          n_kept = 0
-         j = 0                                                        ! after it come those of canonical sign alone
+         j = 0                                                        ! only tuples of canonical sign follow it
          box: do
             if (is_kept(j)) then
                n_kept = n_kept + 1
@@ -168,7 +168,7 @@ contains
          if (is_kept .and. odd_only) is_kept = mod(sum(abs(tuple)), 2) == 1
       end function is_kept
 
-      !> Next tuple in the order of an odometer, last entry fastest; false after the last one.
+      !> Next tuple in odometer order, last entry fastest; false after the last one.
       logical function advanced(tuple)
          integer, intent(inout) :: tuple(:)
          integer :: m
@@ -185,11 +185,11 @@ contains
       end function advanced
    end subroutine enumerate
 
-   !> Derives from the tuples all that is looked up later.
+   !> Derives all lookup tables from the tuples.
    subroutine index_coefficients(self, error, highest)
       type(harmonics_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
-      integer, intent(in), optional :: highest(:)                     !! (n_tones), else those of the tuples
+      integer, intent(in), optional :: highest(:)                     !! (n_tones), otherwise those of the tuples
       integer :: h, key
 
       self%highest = maxval(abs(self%tuples), dim=2)
@@ -221,14 +221,14 @@ contains
       end if
    end subroutine index_coefficients
 
-   !> Whether the box |j_m| <= orders(m) has more tuples than a set may lie in.
+   !> Whether the box |j_m| <= orders(m) has more tuples than permitted.
    pure logical function exceeds_largest_box(orders)
       integer, intent(in) :: orders(:)                                !! (n_tones), >= 0
 
       exceeds_largest_box = product(2*real(orders, wp) + 1) > real(largest_set, wp)
    end function exceeds_largest_box
 
-   !> Number of the harmonic with this tuple (or its negative), 0 when it is not in the set.
+   !> Number of the harmonic with this tuple (or its negative), 0 if it is not in the set.
    pure integer function harmonics_index_of(self, tuple)
       class(harmonics_t), intent(in) :: self
       integer, intent(in) :: tuple(:)                                 !! (n_tones)
@@ -254,7 +254,7 @@ contains
       end associate
    end function harmonics_amplitude
 
-   !> Writes the complex amplitude c = a - i b of harmonic h; the zero tuple keeps its real part.
+   !> Stores the complex amplitude c = a - i b of harmonic h; only the real part for the zero tuple.
    pure subroutine harmonics_set_amplitude(self, u, h, c)
       class(harmonics_t), intent(in) :: self
       real(wp), intent(inout) :: u(:)                                 !! (n_coefficients)

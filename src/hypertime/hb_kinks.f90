@@ -19,17 +19,17 @@ module hb_kinks
    private
    public :: kink_grid_t, kink_slopes_t, new_kink_grid
 
-   integer, parameter :: most_tones = 24                              ! of a grid of three samples each that can be held
+   integer, parameter :: most_tones = 24                              ! of a grid of at least three samples each
    integer, parameter :: before = 1, left = 2, right = 3, beyond = 4  ! samples around a cell, from left to right
 
-   !> Derivatives of the corrections, by the sample itself and by its neighbours.
+   !> Derivatives of the corrections with respect to the sample itself and its neighbours.
    type :: kink_slopes_t
       integer :: n = 0                                                !! samples with corrections, in use of the arrays
       integer, allocatable :: row(:)                                  !! the sample, (any)
-      integer, allocatable :: column(:, :)                            !! which one a neighbour is, negative where it counts with the
-                                                                      !! other sign; (0:n_parts, any), 0 the sample itself, others
-                                                                      !! as `shift`
-      real(wp), allocatable :: value(:, :)                            !! slope [N/m], as column; not by its sign
+      integer, allocatable :: column(:, :)                            !! index of a neighbour, negative if it counts with the
+                                                                      !! opposite sign; (0:n_parts, any), 0 the sample itself,
+                                                                      !! others as `shift`
+      real(wp), allocatable :: value(:, :)                            !! slope [N/m], as column; without the sign
       integer, allocatable, private :: place(:)                       ! of each sample in the arrays, 0: none; (n_samples)
    contains
       procedure :: forget => kink_slopes_forget
@@ -38,13 +38,13 @@ module hb_kinks
 
    !> The neighbours on a grid.
    type :: kink_grid_t
-      integer :: n_parts = 0                                          !! neighbours on which a correction depends, but itself
-      integer, allocatable, private :: n(:)                           ! (n_tones) samples that are stored
+      integer :: n_parts = 0 !! neighbours on which a correction depends, without the sample itself
+      integer, allocatable, private :: n(:)                           ! (n_tones) stored samples
       integer, allocatable, private :: whole(:)                       ! (n_tones) samples of the whole torus
       integer, allocatable, private :: stride(:)                      ! (n_tones)
       logical, private :: is_half = .false.
       integer, allocatable, private :: mirror(:)                      ! samples of lower tones half a period later, on half a grid
-      real(wp), allocatable, private :: line(:), beside(:, :)         ! samples with what follows beyond the ends
+      real(wp), allocatable, private :: line(:), beside(:, :)         ! samples with their continuation beyond the ends
    contains
       procedure :: correct => kink_grid_correct
       procedure :: shift => kink_grid_shift
@@ -54,7 +54,7 @@ module hb_kinks
       procedure, private :: find_share => kink_grid_find_share
    end type kink_grid_t
 
-   !> A sample near another one, the sign with which it counts.
+   !> A sample near another one, and its sign.
    type :: neighbour_t
       integer :: sample
       real(wp) :: sign
@@ -62,7 +62,7 @@ module hb_kinks
 
 contains
 
-   !> Prepares the corrections of functions on a grid; on half of one they change their sign half a period later.
+   !> Prepares the corrections of functions on a grid; on half a grid they change their sign half a period later.
    pure subroutine new_kink_grid(self, torus)
       type(kink_grid_t), intent(out) :: self
       type(torus_t), intent(in) :: torus
@@ -103,19 +103,20 @@ contains
       steps(1 + (part - 1)/4) = along(1 + modulo(part - 1, 4))
    end function kink_grid_shift
 
-   !> Adds what sampling misses of a function of z to its samples f, and reports how that depends on the samples of z.
+   !> Adds the sampling errors of a function of z to its samples f, and their derivatives with respect to the samples
+   !> of z.
    subroutine kink_grid_correct(self, z, places, jumps, f, slopes)
       class(kink_grid_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: z(:)                        !! [m], (n_samples)
-      real(wp), intent(in) :: places(:)                               !! where the slope jumps [m]
-      real(wp), intent(in) :: jumps(:)                                !! by how much, as z rises [N/m], as places
+      real(wp), intent(in) :: places(:)                               !! positions of the jumps of the slope [m]
+      real(wp), intent(in) :: jumps(:)                                !! their sizes, as z rises [N/m], as places
       real(wp), intent(inout), contiguous :: f(:)                     !! [N], (n_samples)
       type(kink_slopes_t), intent(inout), optional :: slopes          !! are added to
       type(neighbour_t) :: there
       integer :: first, j, k, m, slab
 
       associate (n => self%n)
-         do first = 1, size(z), n(1)                                  ! along the first tone a line is one piece
+         do first = 1, size(z), n(1)                                  ! along the first tone a line is contiguous
             self%line(0:n(1) - 1) = z(first:first + n(1) - 1)
             do j = -1, n(1) + 1
                if (j >= 0 .and. j < n(1)) cycle
@@ -124,7 +125,7 @@ contains
             end do
             call scan(1, first, self%line(-1:n(1) - 2), self%line(0:n(1) - 1), self%line(1:n(1)), self%line(2:n(1) + 1))
          end do
-         do m = 2, size(n)                                            ! along others neighbours of a whole slab stand side by side
+         do m = 2, size(n)                                            ! along others the neighbours of a whole slab are contiguous
             slab = self%stride(m)
             do first = 1, size(z), slab*n(m)
                do j = 0, n(m) - 1
@@ -147,12 +148,12 @@ contains
 
    contains
 
-      !> Looks for kinks between samples and their next ones along tone m.
+      !> Searches for kinks between samples and their successors along tone m.
       subroutine scan(m, first, a, b, c, d)
          integer, intent(in) :: m
-         integer, intent(in) :: first                                    !! sample to which b(1) belongs
+         integer, intent(in) :: first                                    !! index of the sample b(1)
          real(wp), intent(in), contiguous :: a(:), b(:), c(:), d(:)      !! samples before, at, after and beyond each cell
-         integer, parameter :: block_size = 64                           ! cells that are examined together
+         integer, parameter :: block_size = 64                           ! cells examined at once
          real(wp) :: distance(block_size)
          integer :: first_cell, i, k, n
 
@@ -173,7 +174,7 @@ contains
       end subroutine scan
    end subroutine kink_grid_correct
 
-   !> Slab number j of tone m, counted on beyond both ends.
+   !> Slab number j of tone m, continued beyond both ends.
    pure subroutine fetch_slab(self, z, first, m, j, values)
       class(kink_grid_t), intent(in) :: self
       real(wp), intent(in) :: z(:)                                    !! [m], (n_samples)
@@ -189,14 +190,14 @@ contains
       end associate
    end subroutine fetch_slab
 
-   !> How often j goes round n places.
+   !> Number of complete rounds of n positions in j.
    elemental integer function turns(j, n)
       integer, intent(in) :: j, n
 
       turns = (j - modulo(j, n))/n
    end function turns
 
-   !> Places of a sample along the tones, from 0: divisions of integers take longer than all that its neighbours are requested.
+   !> Indices of a sample along the tones, from 0; integer divisions take longer than all neighbour lookups.
    pure subroutine kink_grid_place(self, sample, from)
       class(kink_grid_t), intent(in) :: self
       integer, intent(in) :: sample
@@ -211,11 +212,11 @@ contains
       from(1) = left_over
    end subroutine kink_grid_place
 
-   !> The sample `steps` along tone m from a sample.
+   !> The sample `steps` along tone m from a given one.
    pure type(neighbour_t) function kink_grid_neighbour(self, sample, from, m, steps) result(there)
       class(kink_grid_t), intent(in) :: self
       integer, intent(in) :: sample
-      integer, intent(in) :: from                                     !! its place along tone m, see `place`
+      integer, intent(in) :: from                                     !! its index along tone m, see `place`
       integer, intent(in) :: m
       integer, intent(in) :: steps
       integer :: j, lower
@@ -234,8 +235,8 @@ contains
       end associate
    end function kink_grid_neighbour
 
-   !> Finds how far a place is from where the cubics of cells may pass. Not above zero: it stands between their ends, or as near as
-   !> a cubic can be to its chord.
+   !> Computes the distance of a position from the range of the cubics of cells. Not positive: it is between their
+   !> ends, or as near as a cubic can be to its chord.
    pure subroutine find_distances(n, a, b, c, d, place, distance)
       integer, intent(in) :: n                                        !! cells
       real(wp), intent(in) :: a(n), b(n), c(n), d(n)                  !! values before, at, after and beyond each cell [m]
@@ -245,7 +246,7 @@ contains
       real(wp) :: at_left, at_right
       integer :: i
 
-      do i = 1, n                                                     ! without a branch: several run at once
+      do i = 1, n                                                     ! without a branch: vectorised
          at_left = b(i) - place
          at_right = c(i) - place
          distance(i) = max(min(at_left, at_right), -max(at_left, at_right)) &
@@ -253,12 +254,12 @@ contains
       end do
    end subroutine find_distances
 
-   !> Adds the corrections of the roots between a sample and its next one along tone m, where there are any.
+   !> Adds the corrections of the roots between a sample and its successor along tone m, if there are any.
    subroutine kink_grid_add_cell(self, m, sample, values, jump, z, f, slopes)
       class(kink_grid_t), intent(in) :: self
       integer, intent(in) :: m
       integer, intent(in) :: sample
-      real(wp), intent(in) :: values(before:beyond)                   !! of z less the place [m]
+      real(wp), intent(in) :: values(before:beyond)                   !! of z minus the position [m]
       real(wp), intent(in) :: jump                                    !! [N/m]
       real(wp), intent(in), contiguous :: z(:)
       real(wp), intent(inout), contiguous :: f(:)
@@ -288,7 +289,7 @@ contains
                call add(part_of(m, k - row), around(k)%sample, here%sign*around(k)%sign, share*by_values(k, row))
             end do
             if (size(self%n) == 1) cycle
-            do tone = 1, size(self%n)                                 ! what the share depends on changes its sign with `added`
+            do tone = 1, size(self%n)                                 ! the argument of the weight changes its sign with `added`
                do k = -1, 1, 2
                   call add(part_of(tone, k), beside(k, tone)%sample, beside(k, tone)%sign, &
                            0.5_wp*k*here%sign*added(row)*share_slopes(tone))
@@ -308,7 +309,7 @@ contains
       end subroutine add
    end subroutine kink_grid_add_cell
 
-   !> Number of the neighbour that stands `steps` along tone m; see `shift`.
+   !> Number of the neighbour `steps` along tone m; see `shift`.
    pure integer function part_of(m, steps)
       integer, intent(in) :: m, steps
 
@@ -317,7 +318,8 @@ contains
       if (steps > 0) part_of = 4*(m - 1) + 2 + steps
    end function part_of
 
-   !> Share of tone m in the corrections at a sample, and how it depends on half the differences of neighbours, 1 for each tone.
+   !> Weight of tone m in the corrections at a sample, and its derivatives with respect to half the differences of
+   !> neighbours, 1 for each tone.
    pure subroutine kink_grid_find_share(self, m, sample, from, z, share, slopes, beside)
       class(kink_grid_t), intent(in) :: self
       integer, intent(in) :: m, sample
@@ -350,10 +352,11 @@ contains
       end associate
    end subroutine kink_grid_find_share
 
-   !> Corrections of the roots of the cubic in one cell, with their derivatives by the four values; see the head of this module.
+   !> Corrections of the roots of the cubic in one cell, with their derivatives by the four values; see the header of
+   !> this module.
    pure subroutine correct_cell(values, jump, with_slopes, added, by_values, has_kink)
       real(wp), intent(in) :: values(before:beyond), jump
-      logical, intent(in) :: with_slopes                              !! else these are not found
+      logical, intent(in) :: with_slopes                              !! otherwise these are not computed
       real(wp), intent(out) :: added(left:right)
       real(wp), intent(out) :: by_values(before:beyond, left:right)
       logical, intent(out) :: has_kink
@@ -374,9 +377,9 @@ contains
       end do
    end subroutine correct_cell
 
-   !> Adds one root. Where the motion changes by psi, the root by -psi/z', A changes by
-   !> k sigma (psi' b2/2 - psi'' b3/6 + psi''' b4/24 - psi b1), and M + A s by s times that and
-   !> k sigma (-psi' b3/3 + psi'' b4/8 + psi (b2/2 - z''' b4/(6 z'))).
+   !> Adds one root. If the motion changes by psi, the root by -psi/z', A changes by k sigma (psi' b2/2 - psi'' b3/6 +
+   !> psi''' b4/24 - psi b1), and M + A s by s times that and k sigma (-psi' b3/3 + psi'' b4/8 + psi (b2/2 - z'''
+   !> b4/(6 z'))).
    pure subroutine add_root(cubic, s, strength, with_slopes, added, by_values)
       real(wp), intent(in) :: cubic(0:3), s
       real(wp), intent(in) :: strength                                !! k sigma [N/m]
@@ -410,7 +413,7 @@ contains
       by_values(:, right) = by_values(:, right) + s*slope + moment_slope
    end subroutine add_root
 
-   !> Roots of a cubic in [0, 1] at which it changes its sign; zero counts as not above.
+   !> Roots of a cubic in [0, 1] at which it changes its sign; zero counts as not positive.
    pure subroutine find_roots(cubic, at_one, roots, rises, n_roots)
       real(wp), intent(in) :: cubic(0:3)
       real(wp), intent(in) :: at_one                                  !! its value at 1
@@ -448,7 +451,7 @@ contains
       value_of = cubic(0) + s*(cubic(1) + s*(cubic(2) + s*cubic(3)))
    end function value_of
 
-   !> Where the slope of a cubic is zero, ascending; -1 where there is no such place.
+   !> Zeros of the slope of a cubic, ascending; -1 if there are none.
    pure subroutine find_extrema(cubic, extrema)
       real(wp), intent(in) :: cubic(0:3)
       real(wp), intent(out) :: extrema(2)
@@ -463,13 +466,13 @@ contains
       root = b**2 - a*c
       if (root < 0.0_wp) return
       x = -(b + sign(sqrt(root), b))
-      if (abs(x) > abs(c)) extrema(1) = c/x                           ! within the cell, else of no interest
+      if (abs(x) > abs(c)) extrema(1) = c/x                           ! only those within the cell are of interest
       if (abs(a) > abs(x)) extrema(2) = x/a
       extrema = [minval(extrema), maxval(extrema)]
    end subroutine find_extrema
 
-   !> Root of a cubic between two places at which it has different signs, and no extremum between them: Newton's steps, halves
-   !> of the bracket where these leave it.
+   !> Root of a cubic between two positions of different signs without an extremum in between: Newton steps, bisection
+   !> if these leave the bracket.
    pure real(wp) function root_between(cubic, from, to, at_from, at_to) result(s)
       real(wp), intent(in) :: cubic(0:3), from, to, at_from, at_to
       integer, parameter :: most_steps = 100
@@ -496,7 +499,7 @@ contains
       end do
    end function root_between
 
-   !> Drops all entries.
+   !> Discards all entries.
    pure subroutine kink_slopes_forget(self)
       class(kink_slopes_t), intent(inout) :: self
 
@@ -504,7 +507,7 @@ contains
       self%n = 0
    end subroutine kink_slopes_forget
 
-   !> Place of a sample in the arrays; a new one begins with slopes of zero, by itself.
+   !> Position of a sample in the arrays; a new one starts with zero slopes.
    pure subroutine kink_slopes_find(self, row, n_parts, n_samples, place)
       class(kink_slopes_t), intent(inout) :: self
       integer, intent(in) :: row, n_parts

@@ -1,17 +1,20 @@
 !> Spectrum of low tuples <-> real samples on a grid of an even number of samples, by complex transforms of half the length.
 !>
-!> Two neighbours x(2k), x(2k + 1) along the first tone are the real and the imaginary part of z(k), as they stand in memory.
-!> The motion Re(c exp(i j.tau)) puts c (1 + i w)/2 at j and conj(c) (1 + i conj(w))/2 at -j into the spectrum of z, with
-!> w = exp(2 pi i j_1/n_1); back, c comes from both. Source of the method: Press et al., Numerical Recipes, section 12.3,
-!> for one tone. Where the first tone has an odd number of samples z is x, and w is left out.
+!> Two neighbours x(2k), x(2k + 1) along the first tone, adjacent in memory, are the real and the imaginary part of
+!> z(k). The motion Re(c exp(i j.tau)) contributes c (1 + i w)/2 at j and conj(c) (1 + i conj(w))/2 at -j to the
+!> spectrum of z, with w = exp(2 pi i j_1/n_1); conversely, c follows from both. Source of the method: Press et al.,
+!> Numerical Recipes, section 12.3, for one tone. If the first tone has an odd number of samples, z is x, and w is
+!> omitted.
 !>
-!> A function that a shift of all phases by pi multiplies by -1 or 1 has tuples of odd or even sum alone. Half of the grid, the
-!> first half of the last tone, then tells all, and the transform along this tone has half the length: with j_d = 2 l + p, p 0 or 1,
-!> exp(i j_d tau_d) is exp(2 pi i l i_d/(n_d/2)) times the twist exp(i p tau_d), and p follows from the other entries.
+!> A function that a shift of all phases by pi multiplies by -1 or 1 has only tuples of odd or even sum. Half of the
+!> grid, the first half of the last tone, then determines it, and the transform along this tone has half the length:
+!> with j_d = 2 l + p, p 0 or 1, exp(i j_d tau_d) is exp(2 pi i l i_d/(n_d/2)) times the twist exp(i p tau_d), and p
+!> follows from the other entries.
 !>
-!> One tone is transformed after the other. A column in which a tone not yet transformed has a tuple beyond the highest
-!> kept is zero, or of no interest: it is not transformed. Each stage has an array of its own, so that what it does not write
-!> stays zero. FFTW's transforms of several axes know nothing of that, and those of real numbers run one number at a time.
+!> One tone is transformed after the other. A column in which a tone not yet transformed has a tuple beyond the
+!> highest retained one is zero, or not needed, and is skipped. Each stage has an array of its own, so that elements
+!> that it does not write remain zero. FFTW's transforms of several axes do not exploit this, and those of real
+!> numbers process one number at a time.
 module hb_packed_fft
    use hb_error, only: error_t
    use hb_fftw, only: axis_plan_t, complex_block_t, new_axis_plan, new_complex_block, two_together
@@ -29,29 +32,29 @@ module hb_packed_fft
    end type direction_t
    type(direction_t), parameter :: direction = direction_t()
 
-   !> Transforms along one tone, from a spectrum in which lower tones stand close together and this one at full length, to one
-   !> in which the next lower tone has its full length as well.
+   !> Transforms along one tone, from a spectrum in which lower tones are stored compactly and this one at full
+   !> length, to one in which the next lower tone has its full length as well.
    type :: stage_t
       type(axis_plan_t) :: plan
-      type(complex_block_t) :: spectrum                               ! (any, 1), only where there is a way to samples
-      integer :: high_spectrum = 0                                    ! where negative j of the next lower tone begin, in both;
+      type(complex_block_t) :: spectrum                               ! (any, 1), only for transforms to samples
+      integer :: high_spectrum = 0                                    ! start of negative j of the next lower tone, in both;
       integer :: high_samples = 0                                     ! 0: all of its j are transformed at once
    end type stage_t
 
-   !> Owner of outside resources: call `destroy`.
+   !> Owner of external resources: call `destroy`.
    type :: packed_fft_t
       integer :: n_samples = 0                                        !! of the whole grid
-      integer, private :: n_together = 1                              ! samples in one complex number
+      integer, private :: n_together = 1                              ! samples per complex number
       integer, private :: n_first = 0                                 ! samples of the first tone
       integer, allocatable, private :: extent(:)                      ! (n_tones) of the spectrum
       logical, private :: is_half = .false.                           ! of the grid
       integer, private :: parity = 0                                  ! of the sums of tuples, on half a grid
       complex(wp), allocatable, private :: twist(:)                   ! exp(i tau_d) of the samples of the last tone, on half a grid
       integer, allocatable, private :: twisted(:)                     ! columns of lower tones whose last entries are odd
-      integer, private :: n_columns = 0                               ! of lower tones, before the last is transformed
+      integer, private :: n_columns = 0                               ! of lower tones, before the last one is transformed
       type(stage_t), allocatable, private :: stages(:)                ! (n_tones)
-      type(complex_block_t), private :: work(2)                       ! on the way to the spectrum
-      type(complex_block_t), private :: loose                         ! samples, where they are not transformed as they stand
+      type(complex_block_t), private :: work(2)                       ! intermediate arrays of the transform to the spectrum
+      type(complex_block_t), private :: loose                         ! samples, if they are not transformed in place
    contains
       procedure :: place => packed_fft_place
       procedure :: n_places => packed_fft_n_places
@@ -69,7 +72,7 @@ contains
    subroutine new_packed_fft(self, torus, parity, highest, directions, effort, error)
       type(packed_fft_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
-      integer, intent(in) :: parity                                   !! 1 or 0: of the sums of tuples; any on the whole grid
+      integer, intent(in) :: parity                                   !! 1 or 0: of the sums of tuples; arbitrary on the whole grid
       integer, intent(in) :: highest(:)                               !! (n_tones) >= 0; larger than the grid resolves: all
       integer, intent(in) :: directions                               !! one of `direction`
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
@@ -106,7 +109,7 @@ contains
 
    contains
 
-      !> Which columns are twisted: those in which the lower tones leave an odd entry to the last.
+      !> Determines the twisted columns: those in which the sum of the lower entries requires an odd last entry.
       subroutine find_twist()
          integer :: b, i, k, lower, quotient, total
          real(wp) :: step
@@ -118,19 +121,19 @@ contains
             quotient = i - 1
             total = 0
             do k = 1, n_tones - 2
-               total = total + modulo(quotient, self%extent(k))       ! an even number of places: negative entries keep their parity
+               total = total + modulo(quotient, self%extent(k))       ! an even extent: negative entries keep their parity
                quotient = quotient/self%extent(k)
             end do
             if (n_tones > 1) then
                lower = self%extent(n_tones - 1)/2                     ! entries from 0 on come first
                b = quotient
                if (self%extent(n_tones - 1) < grid(n_tones - 1) .and. quotient >= lower) b = quotient - grid(n_tones - 1)
-               if (b < -lower) cycle                                  ! beyond the highest: zero, or of no interest
+               if (b < -lower) cycle                                  ! beyond the highest: zero, or not needed
                total = total + b
             end if
             if (modulo(parity - total, 2) == 1) self%twisted = [self%twisted, i]
          end do
-         step = two_pi/torus%n_samples(n_tones)                       ! of the phase, from one sample that is kept to the next
+         step = two_pi/torus%n_samples(n_tones)                       ! phase between two stored samples
          if (n_tones == 1) step = step*self%n_together
          self%twist = [(cmplx(cos(step*k), sin(step*k), wp), k=0, merge(grid(n_tones), 0, size(self%twisted) > 0) - 1)]
       end subroutine find_twist
@@ -158,8 +161,8 @@ contains
       end subroutine plan_stage
    end subroutine new_packed_fft
 
-   !> Where tuple j stands in the spectrum. On half a grid its sum has the parity of the plan; others get the place of a
-   !> neighbour.
+   !> Position of tuple j in the spectrum. On half a grid its sum has the parity of the plan; other tuples get the
+   !> position of a neighbour.
    pure integer function packed_fft_place(self, j)
       class(packed_fft_t), intent(in) :: self
       integer, intent(in) :: j(:)                                     !! any integers, (n_tones)
@@ -177,7 +180,7 @@ contains
       packed_fft_place = packed_fft_place + 1
    end function packed_fft_place
 
-   !> modulo(j, n), without a division where j is near: places of thousands of tuples are looked up for each solution.
+   !> modulo(j, n), without a division if j is small: positions of thousands of tuples are computed for each solution.
    pure integer function wrapped(j, n)
       integer, intent(in) :: j, n
 
@@ -186,7 +189,8 @@ contains
       if (wrapped < 0 .or. wrapped >= n) wrapped = modulo(j, n)
    end function wrapped
 
-   !> What Re(c exp(i j.tau)) puts into the spectrum: `near` c at j and `far` conj(c) at -j. For -j_1 they change places.
+   !> Contribution of Re(c exp(i j.tau)) to the spectrum: `near` c at j and `far` conj(c) at -j. For -j_1 they are
+   !> exchanged.
    elemental subroutine packed_fft_factors(self, first, near, far)
       class(packed_fft_t), intent(in) :: self
       integer, intent(in) :: first                                    !! j_1
@@ -199,8 +203,8 @@ contains
       far = 0.5_wp*(1.0_wp - conjg(turn))
    end subroutine packed_fft_factors
 
-   !> The sum of x exp(-i j.tau) over all samples is `near` times the spectrum at j and `far` times the conjugate of that at -j;
-   !> both follow from what `factors` says of the same j.
+   !> The sum of x exp(-i j.tau) over all samples is `near` times the spectrum at j plus `far` times the conjugate of
+   !> that at -j; both follow from `factors` of the same j.
    elemental subroutine packed_fft_shares(self, near_factor, far_factor, near, far)
       class(packed_fft_t), intent(in) :: self
       complex(wp), intent(in) :: near_factor, far_factor
@@ -223,15 +227,15 @@ contains
       turn_by = cmplx(cos(angle), sin(angle), wp)
    end function turn_by
 
-   !> Number of places in the spectrum.
+   !> Number of elements of the spectrum.
    pure integer function packed_fft_n_places(self)
       class(packed_fft_t), intent(in) :: self
 
       packed_fft_n_places = product(self%extent)
    end function packed_fft_n_places
 
-   !> The spectrum from which `to_samples` starts, zero at first and left as it is: who writes always the same places has
-   !> nothing to clear.
+   !> The spectrum from which `to_samples` starts, zero at first and not modified: a caller that always writes the
+   !> same elements need not clear it.
    function packed_fft_spectrum(self) result(spectrum)
       class(packed_fft_t), intent(in) :: self
       complex(wp), pointer, contiguous :: spectrum(:)                 !! by `place`
@@ -239,7 +243,7 @@ contains
       spectrum => self%stages(size(self%stages))%spectrum%values(:, 1)
    end function packed_fft_spectrum
 
-   !> Samples of what was written into `spectrum`.
+   !> Transforms the values written into `spectrum` to samples.
    subroutine packed_fft_to_samples(self, samples)
       class(packed_fft_t), intent(inout) :: self
       real(wp), intent(inout), contiguous, target :: samples(:)       !! (n_samples), a column of a block of hb_fftw
@@ -271,7 +275,7 @@ contains
       end subroutine run
    end subroutine packed_fft_to_samples
 
-   !> Finds the spectrum of samples; it holds until the next call.
+   !> Transforms samples to their spectrum, which is valid until the next call.
    subroutine packed_fft_to_spectrum(self, samples, spectrum)
       class(packed_fft_t), intent(inout) :: self
       real(wp), intent(inout), contiguous, target :: samples(:)       !! (n_samples), a column of a block of hb_fftw; unchanged

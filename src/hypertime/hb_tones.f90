@@ -8,32 +8,32 @@ module hb_tones
    private
    public :: max_tones, new_tones, tones_t
 
-   integer, parameter :: max_tones = 10                               ! grids of more would not fit anywhere
+   integer, parameter :: max_tones = 10                               ! larger grids would not fit into memory
 
-   !> tau_m = omega_m t. The frequency of an unknown tone is a first guess, 0 where there is none.
+   !> tau_m = omega_m t. The frequency of an unknown tone is a first guess, 0 if there is none.
    type :: tones_t
       integer :: n_tones = 0
       real(wp), allocatable :: omega(:)                               !! [rad/s], (n_tones), > 0 of given tones
       logical, allocatable :: is_unknown(:)                           !! (n_tones)
-      integer :: subharmonic = 1                                      !! omega are the frequencies of the input divided by it
+      integer :: subharmonic = 1 !! omega are the frequencies of the input divided by this number
    end type tones_t
 
 contains
 
-   !> Tones of the given angular frequencies; fails unless there is at least one and each is finite and positive, or zero
-   !> where it is unknown.
+   !> Creates tones of the given angular frequencies; fails unless there is at least one and each is finite and
+   !> positive, or zero if it is unknown.
    pure subroutine new_tones(self, omega, error, is_unknown)
       type(tones_t), intent(out) :: self
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
       type(error_t), allocatable, intent(out) :: error
-      logical, intent(in), optional :: is_unknown(:)                  !! (n_tones), else none is
+      logical, intent(in), optional :: is_unknown(:)                  !! (n_tones), default: none
       integer :: m
 
       if (size(omega) < 1) then
          call fail(error, "there must be at least one tone")
          return
       else if (size(omega) > max_tones) then
-         call fail(error, "there are "//to_text(size(omega))//" tones; at most "//to_text(max_tones)//" can be treated")
+         call fail(error, "there are "//to_text(size(omega))//" tones; at most "//to_text(max_tones)//" are supported")
          return
       end if
       self%is_unknown = spread(.false., 1, size(omega))

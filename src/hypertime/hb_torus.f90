@@ -1,4 +1,4 @@
-!> The sample grid in hypertime: how many samples each tone gets, and where they lie.
+!> The sample grid in hypertime: the number of samples per tone, and their positions.
 module hb_torus
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
@@ -12,11 +12,11 @@ module hb_torus
    integer, parameter :: smallest_grid = 8                            ! samples of a tone with few harmonics
    integer(int64), parameter :: largest_grid = 500000000_int64       ! samples, 4 GB for one degree of freedom
 
-   !> Equidistant grid tau_m = 2 pi i/n_m, i = 0..n_m - 1; tone 1 runs fastest. Half of it, the first half of the last tone,
-   !> tells all of a motion that changes its sign, or of a slope that does not, when all phases shift by pi.
+   !> Equidistant grid tau_m = 2 pi i/n_m, i = 0..n_m - 1; tone 1 is the fastest index. Half of it, the first half of
+   !> the last tone, determines a motion that changes its sign, or a slope that does not, when all phases shift by pi.
    type :: torus_t
-      integer :: n_total = 0                                          !! samples, of the half where it is one
-      integer, allocatable :: n_samples(:)                            !! of the whole, (n_tones)
+      integer :: n_total = 0                                          !! samples, of the half grid if it is one
+      integer, allocatable :: n_samples(:)                            !! of the whole grid, (n_tones)
       logical :: is_half = .false.
       logical :: corrects_kinks = .false.                             !! of forces between samples, see hb_kinks
    contains
@@ -27,7 +27,7 @@ module hb_torus
 
 contains
 
-   !> Grid with the given numbers of samples; fails when a tone has too few to tell its harmonics apart.
+   !> Creates a grid with the given numbers of samples; fails if a tone has too few to distinguish its harmonics.
    subroutine new_torus(self, n_samples, harmonics, error)
       type(torus_t), intent(out) :: self
       integer, intent(in) :: n_samples(:)                             !! (n_tones), at least 2 N_m + 1 each
@@ -56,8 +56,8 @@ contains
       self%n_total = product(n_samples)
    end subroutine new_torus
 
-   !> Samples per tone for a law that is a polynomial of the given degree (exact for all kept harmonics: (degree + 1) N + 1),
-   !> or for a non-smooth law (degree 0): three times what the harmonics need; rounded up to a fast size.
+   !> Samples per tone for a law that is a polynomial of the given degree (exact for all retained harmonics: (degree +
+   !> 1) N + 1), or for a non-smooth law (degree 0): three times what the harmonics need; rounded up to a fast size.
    pure function default_samples(harmonics, degree) result(n_samples)
       type(harmonics_t), intent(in) :: harmonics
       integer, intent(in) :: degree
@@ -102,11 +102,11 @@ contains
       end do
    end function fast_size
 
-   !> Size of at least n whose transforms in all tones are cheapest: a power of two costs two thirds of what other fast sizes do,
-   !> per sample, so it may have that many more samples.
+   !> Size of at least n with the cheapest transforms in all tones: per sample a power of two costs two thirds of
+   !> other fast sizes, so it may be larger by that factor.
    elemental integer function cheap_size(n, n_tones)
       integer, intent(in) :: n
-      integer, intent(in) :: n_tones                                  !! that get such a size
+      integer, intent(in) :: n_tones                                  !! number of tones with such a size
       integer :: power
 
       cheap_size = fast_size(n)
@@ -132,7 +132,8 @@ contains
       end do
    end function torus_phases
 
-   !> Whether half a period later is a sample again in each tone; a single tone is halved once more within its transform.
+   !> Whether a sample shifted by half a period is a sample again in each tone; a single tone is halved once more
+   !> within its transform.
    pure logical function torus_can_be_halved(self)
       class(torus_t), intent(in) :: self
 

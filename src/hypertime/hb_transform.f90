@@ -1,7 +1,7 @@
 !> Coefficients <-> samples on the torus, for many degrees of freedom at once, and the rate of change along time.
 !>
-!> With c = a - i b a motion is Re sum c_j exp(i j.tau). Functions are transformed one by one, so that the spectrum of one stays
-!> in the cache; see hb_packed_fft for its form. Source: docs/why/theory.md, section 3.
+!> With c = a - i b a motion is Re sum c_j exp(i j.tau). Functions are transformed one by one, so that the spectrum of
+!> one remains in the cache; see hb_packed_fft for its layout. Source: docs/why/theory.md, section 3.
 module hb_transform
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
@@ -12,15 +12,15 @@ module hb_transform
    private
    public :: new_transform, product_table_t, transform_t
 
-   !> Plans and work arrays for one harmonic set on one grid. Owner of outside resources: call `destroy`.
+   !> Plans and work arrays for one harmonic set on one grid. Owner of external resources: call `destroy`.
    type :: transform_t
       type(harmonics_t) :: harmonics
       type(torus_t) :: torus
       integer :: n_channels = 0                                       !! functions in a block of samples
       type(packed_fft_t), private :: fft
-      type(packed_fft_t), private :: products                         ! of tuples up to twice the highest, if prepared
+      type(packed_fft_t), private :: products                         ! of tuples up to twice the highest, after `prepare_products`
       integer, private :: effort = 0                                  ! one of hb_fftw%planning
-      integer, allocatable, private :: at(:), mirror_at(:)            ! (n_harmonics) places of j and -j in the spectrum
+      integer, allocatable, private :: at(:), mirror_at(:)            ! (n_harmonics) positions of j and -j in the spectrum
       logical, private :: has_shared_places = .false.                 ! of several harmonics
       complex(wp), allocatable, private :: near_factor(:), far_factor(:)   ! (n_harmonics), see hb_packed_fft%factors
       complex(wp), allocatable, private :: near_share(:), far_share(:)     ! (n_harmonics), see hb_packed_fft%shares
@@ -34,14 +34,14 @@ module hb_transform
       procedure :: destroy => transform_destroy
    end type transform_t
 
-   !> Fourier coefficients of a few sampled functions g, its parts, at all sums and differences of the kept tuples. They hold the
-   !> matrices of the operators x -> projection of g x; see `columns`.
+   !> Fourier coefficients of a few sampled functions g, the parts, at all sums and differences of the retained
+   !> tuples. They contain the matrices of the operators x -> projection of g x; see `columns`.
    type :: product_table_t
-      integer :: centre = 0                                           !! place of tuple zero in the tables
-      integer, allocatable :: offset(:)                               !! (n_harmonics) place of j, relative to the centre
+      integer :: centre = 0                                           !! position of the zero tuple in the tables
+      integer, allocatable :: offset(:)                               !! (n_harmonics) position of j, relative to the centre
       complex(wp), allocatable :: mean(:, :)                          !! of g exp(i m.tau), last tone fastest; (any, parts)
-      integer, allocatable, private :: at(:)                          ! of the same m, place in the spectrum; that of -m stands
-                                                                      ! as far from the other end
+      integer, allocatable, private :: at(:)                          ! of the same m, position in the spectrum; that of -m is
+                                                                      !! at the same distance from the other end
       complex(wp), allocatable, private :: near_share(:), far_share(:)     ! by m_1
    contains
       procedure :: columns => product_table_columns
@@ -51,7 +51,7 @@ module hb_transform
 
 contains
 
-   !> Plans the transforms of `n_channels` functions, both ways or one of them.
+   !> Plans the transforms of `n_channels` functions, in both directions or one.
    subroutine new_transform(self, harmonics, torus, n_channels, effort, error, directions)
       type(transform_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics                      !! on half a torus with sums of one parity
@@ -81,7 +81,7 @@ contains
          j = -j
          self%mirror_at(h) = self%fft%place(j)
       end do
-      first = [(h, h=0, size(first) - 1)]                             ! of kept tuples none is negative
+      first = [(h, h=0, size(first) - 1)]                             ! of retained tuples none is negative
       call self%fft%factors(first, near, far)
       self%near_factor = near(harmonics%tuples(1, :))
       self%far_factor = far(harmonics%tuples(1, :))
@@ -114,7 +114,8 @@ contains
       end associate
    end subroutine transform_to_samples
 
-   !> Samples of d/dt of the motions with coefficients `x`: tau_m = omega_m t, so cosine j turns with j.omega.
+   !> Samples of d/dt of the motions with coefficients `x`: tau_m = omega_m t, so the phase of harmonic j grows at the
+   !> rate j.omega.
    subroutine transform_to_rate_samples(self, x, frequencies, samples)
       class(transform_t), intent(inout) :: self
       real(wp), intent(in) :: x(:, :)                                 !! (n_coefficients, n_channels)
@@ -134,7 +135,8 @@ contains
       end associate
    end subroutine transform_to_rate_samples
 
-   !> Samples of Re sum c exp(i j.tau). The same places of the spectrum are written each time, so that the others stay zero.
+   !> Samples of Re sum c exp(i j.tau). The same elements of the spectrum are written each time, so that the others
+   !> remain zero.
    subroutine sample_amplitudes(self, c, samples)
       type(transform_t), intent(inout) :: self
       complex(wp), intent(in) :: c(:)                                 !! (n_harmonics)
@@ -164,7 +166,7 @@ contains
       call self%fft%to_samples(samples)
    end subroutine sample_amplitudes
 
-   !> Coefficients of the sampled functions in the kept harmonics (their projection).
+   !> Coefficients of the sampled functions in the retained harmonics (their projection).
    subroutine transform_to_coefficients(self, samples, x)
       class(transform_t), intent(inout) :: self
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, n_channels), aligned; unchanged
@@ -209,11 +211,11 @@ contains
       end associate
    end subroutine find_coefficients
 
-   !> Makes room for products: plans the transform of their tuples and lays out their table, at its first use.
+   !> Prepares products: plans the transform of their tuples and allocates their table at its first use.
    subroutine transform_prepare_products(self, table, n_parts, error)
       class(transform_t), intent(inout) :: self
       type(product_table_t), intent(inout) :: table
-      integer, intent(in) :: n_parts                                  !! functions held at once, the same each time
+      integer, intent(in) :: n_parts                                  !! functions stored at once, the same number each time
       type(error_t), allocatable, intent(out) :: error
 
       if (allocated(table%at)) return
@@ -245,8 +247,9 @@ contains
       end do
    end subroutine transform_tabulate_product
 
-   !> Lays out the table over all m with |m_n| <= 2 N_n, wrapped onto the grid, so that what it holds is the exact
-   !> derivative of the discrete projection, aliases included. On half a torus slopes have even sums alone; nothing reads others.
+   !> Sets up the table over all m with |m_n| <= 2 N_n, wrapped onto the grid, so that it contains the exact
+   !> derivative of the discrete projection, including aliases. On half a torus slopes have only even sums; others are
+   !> never used.
    subroutine index_table(self, table, n_parts, error)
       type(transform_t), intent(in) :: self
       type(product_table_t), intent(inout) :: table
@@ -303,7 +306,7 @@ contains
       call self%columns_among(part, set, self%offset, self%offset(k), cosine_column, sine_column)
    end subroutine product_table_columns
 
-   !> Columns as `columns` gives them, in the rows of some of the harmonics alone.
+   !> Columns as returned by `columns`, in the rows of some of the harmonics.
    pure subroutine product_table_columns_among(self, part, set, offsets, offset, cosine_column, sine_column)
       class(product_table_t), intent(in) :: self
       integer, intent(in) :: part
@@ -322,7 +325,7 @@ contains
          last = 1
          row = -1
       end if
-      do while (last < set%n_harmonics)                               ! one run of neighbours in the table after the other
+      do while (last < set%n_harmonics)                               ! one contiguous run of the table after the other
          first = last + 1
          call find_run(offsets, first, last)
          minus = self%centre + offsets(first) - first - offset
@@ -338,8 +341,8 @@ contains
       end do
    end subroutine product_table_columns_among
 
-   !> Adds a times the columns of `columns` and b times what a quarter of a turn makes of them: to that of the cosine b times that
-   !> of the sine, to that of the sine -b times that of the cosine.
+   !> Adds a times the columns of `columns` and b times their quarter-turn: to that of the cosine b times that of the
+   !> sine, to that of the sine -b times that of the cosine.
    pure subroutine product_table_add_columns(self, part, set, k, a, b, cosine_column, sine_column)
       class(product_table_t), intent(in) :: self
       integer, intent(in) :: part
@@ -375,7 +378,7 @@ contains
       end do
    end subroutine product_table_add_columns
 
-   !> The last of the harmonics from `first` on that stand side by side in a table.
+   !> Last of the harmonics from `first` on that are contiguous in a table.
    pure subroutine find_run(offsets, first, last)
       integer, intent(in) :: offsets(:)
       integer, intent(in) :: first

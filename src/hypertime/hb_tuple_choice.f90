@@ -1,7 +1,7 @@
-!> Which tuples a set of harmonics should have, by what each of them carries: a set grows and shrinks with its motion.
+!> Choice of the tuples of a set of harmonics by their amplitudes: a set grows and shrinks with its motion.
 !>
-!> The amplitudes of the kept tuples are known, those of others to first order. Of all of them the largest are taken, until
-!> what is left out is below a tail that is allowed. Source: Grolet and Thouverez, MSSP 30 (2012), who select among the
+!> The amplitudes of the retained tuples are known, those of others to first order. The largest of all are selected
+!> until the remainder is below a permitted tail. Source: Grolet and Thouverez, MSSP 30 (2012), who select among the
 !> harmonics of one tone.
 module hb_tuple_choice
    use hb_error, only: error_t
@@ -11,19 +11,19 @@ module hb_tuple_choice
    private
    public :: chosen_tuples, largest_places, lowest_order, new_doubled_set, new_lowest_set, shifted, tuple_union_t
 
-   !> The union of many sets of tuples, in the order in which they were added: a hash table with open addressing, so that as many
-   !> sets as a sweep has points take no more than linear time. Source of the hash: FNV-1a, 32 bit, entry by entry.
+   !> The union of many sets of tuples, in the order of addition: a hash table with open addressing, so that the sets
+   !> of all points of a sweep take linear time. Source of the hash: FNV-1a, 32 bit, entry by entry.
    type :: tuple_union_t
       integer :: n = 0                                                !! number of tuples
       integer, allocatable, private :: entries(:, :)                  !! (n_tones, capacity), the first n are in use
-      integer, allocatable, private :: slots(:)                       !! place of a tuple, 0 where free
+      integer, allocatable, private :: slots(:)                       !! position of a tuple, 0 if free
    contains
       procedure :: add => tuple_union_add
       procedure :: add_one => tuple_union_add_one
       procedure :: list => tuple_union_list
    end type tuple_union_t
 
-   real(wp), parameter :: loyalty = 300.0_wp                          ! a kept tuple counts for that many times its amplitude
+   real(wp), parameter :: loyalty = 300.0_wp                          ! weight of the amplitude of a retained tuple
    integer, parameter :: lowest_orders(4) = [7, 5, 3, 2]              ! of the first box, by number of tones
 
 contains
@@ -36,13 +36,13 @@ contains
       if (n_tones <= size(lowest_orders)) lowest_order = lowest_orders(n_tones)
    end function lowest_order
 
-   !> Makes the lowest set: a small box and the tuples that a model is loaded in.
+   !> Creates the lowest set: a small box and the tuples of the loads of a model.
    subroutine new_lowest_set(self, n_tones, loaded, error, order)
       type(harmonics_t), intent(out) :: self
       integer, intent(in) :: n_tones
       integer, intent(in) :: loaded(:, :)                             !! (n_tones, any), signs as given
       type(error_t), allocatable, intent(out) :: error
-      integer, intent(in), optional :: order                          !! of the box, else that of so many tones
+      integer, intent(in), optional :: order                          !! of the box, otherwise `lowest_order`
       type(harmonics_t) :: box, others
       type(tuple_union_t) :: union
       integer :: m, its_order, i
@@ -62,16 +62,17 @@ contains
       call new_harmonics(self, union%list(), error)
    end subroutine new_lowest_set
 
-   !> Gives the tuples that carry a motion: all that are needed, and the largest of the others until the root of the
-   !> sum of squares of what is left out is at most `tail`, or there is no room. Kept tuples stay in their order, new ones follow.
+   !> Returns the tuples that carry a motion: all needed ones, and the largest of the others until the root sum of
+   !> squares of the remainder is at most `tail`, or `room` is used up. Retained tuples keep their order, new ones
+   !> follow.
    function chosen_tuples(kept, carried, around, neglected, is_needed, tail, room) result(tuples)
       type(harmonics_t), intent(in) :: kept
       real(wp), intent(in) :: carried(:)                              !! amplitudes (kept%n_harmonics)
-      type(harmonics_t), intent(in) :: around                         !! a set with others
-      real(wp), intent(in) :: neglected(:)                            !! theirs (around%n_harmonics); of kept tuples not looked at
+      type(harmonics_t), intent(in) :: around                         !! a set with further tuples
+      real(wp), intent(in) :: neglected(:) !! their amplitudes (around%n_harmonics); ignored for retained tuples
       logical, intent(in) :: is_needed(:)                             !! (kept%n_harmonics)
       real(wp), intent(in) :: tail                                    !! in the unit of the amplitudes
-      integer, intent(in) :: room                                     !! tuples that the set may have
+      integer, intent(in) :: room                                     !! largest number of tuples of the set
       integer, allocatable :: tuples(:, :)                            !! (n_tones, at most `room`)
       integer, allocatable :: chosen(:), others(:)
       real(wp), allocatable :: amplitudes(:)
@@ -90,19 +91,19 @@ contains
       end do
    end function chosen_tuples
 
-   !> Makes the set that reaches twice as far as another in all directions: all tuples j of which j/2, with each entry
+   !> Creates a set that extends twice as far as another in all directions: all tuples j of which j/2, with each entry
    !> rounded up or down, is in it, and all within two steps of each. Both, because a set of odd tuples has (2, 3) but
-   !> not (3, 3) for (5, 6). Two steps, because odd laws answer a tuple j in the next odd ones, j + k with an even sum
-   !> of |k|: within one step of {0, 1} is no third harmonic, and an estimate without it is 0 for good. Of one tone five
-   !> steps: of a stop that is touched for a short part of the period the error of order 3 is not seen by order 6. And
-   !> what forces of second and third degree answer to the largest tuples: a load at tuple 7 has its next harmonics at
-   !> 14 and 21.
+   !> not (3, 3) for (5, 6). Two steps, because the response of odd laws to a tuple j is in the next odd ones, j + k
+   !> with an even sum of |k|: within one step of {0, 1} there is no third harmonic, and an estimate without it would
+   !> always be 0. Five steps with one tone: order 6 does not show the error of order 3 for a stop that is touched for
+   !> a short part of the period. In addition, the responses of quadratic and cubic forces to the largest tuples: a
+   !> load at tuple 7 has its next harmonics at 14 and 21.
    subroutine new_doubled_set(self, set, error, carried, others)
       type(harmonics_t), intent(out) :: self
       type(harmonics_t), intent(in) :: set
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: carried(:)                    !! amplitudes of a motion (set%n_harmonics)
-      integer, intent(in), optional :: others(:, :)                   !! tuples to be there, too, (n_tones, any)
+      integer, intent(in), optional :: others(:, :)                   !! tuples to be included, (n_tones, any)
       integer, parameter :: steps_of_one_tone = 5
       type(tuple_union_t) :: union
       integer :: h, j(set%n_tones), k, m, s
@@ -117,7 +118,7 @@ contains
          end do
       end if
       do h = 1, set%n_harmonics
-         do k = 0, 3**set%n_tones - 1                                 ! digit m: what is added to entry m, and one
+         do k = 0, 3**set%n_tones - 1                                 ! digit m: increment of entry m, plus one
             do m = 1, set%n_tones
                j(m) = 2*set%tuples(m, h) + modulo(k/3**(m - 1), 3) - 1
             end do
@@ -137,7 +138,7 @@ contains
       call new_harmonics(self, union%list(), error)
    end subroutine new_doubled_set
 
-   !> Adds j or -j, whichever stands in sets; j is the one then.
+   !> Adds j or -j, whichever is canonical; j is replaced by it.
    pure subroutine add_tuple(union, j)
       type(tuple_union_t), intent(inout) :: union
       integer, intent(inout) :: j(:)
@@ -151,7 +152,7 @@ contains
       type(tuple_union_t), intent(inout) :: union
       type(harmonics_t), intent(in) :: set
       real(wp), intent(in) :: carried(:)                              !! amplitudes (set%n_harmonics)
-      real(wp), parameter :: large = 0.1_wp                           ! of the largest amplitude: the third power of less is nothing
+      real(wp), parameter :: large = 0.1_wp ! of the largest amplitude: the cube of a smaller one is negligible
       integer, parameter :: most_large = 8                            ! tuples
       integer :: i, j(set%n_tones), k, n, order(set%n_harmonics), s
 
@@ -167,7 +168,7 @@ contains
       end do
    end subroutine add_answers
 
-   !> Tuples shifted by another, in both directions; twice as many.
+   !> Tuples shifted by another one in both directions; twice as many.
    pure function shifted(tuples, shift)
       integer, intent(in) :: tuples(:, :)                             !! (n_tones, any)
       integer, intent(in) :: shift(:)                                 !! (n_tones)
@@ -180,8 +181,8 @@ contains
       end do
    end function shifted
 
-   !> Places, ascending, of the largest amplitudes: as few as leave at most `tail` out, but no more than `room`. Of equal ones the
-   !> first is taken first.
+   !> Positions, ascending, of the largest amplitudes: as few as leave a remainder of at most `tail`, but no more than
+   !> `room`. Of equal ones the first has precedence.
    pure function largest_places(amplitudes, tail, room) result(places)
       real(wp), intent(in) :: amplitudes(:)                           !! >= 0
       real(wp), intent(in) :: tail                                    !! root of the sum of squares
@@ -245,7 +246,7 @@ contains
       end function takes_first
    end subroutine sort_descending
 
-   !> Adds the tuples that are not there yet.
+   !> Adds the tuples that are not in the union.
    pure subroutine tuple_union_add(self, tuples)
       class(tuple_union_t), intent(inout) :: self
       integer, intent(in) :: tuples(:, :)                             !! (n_tones, any), signs as those of hb_harmonics
@@ -257,7 +258,7 @@ contains
       end do
    end subroutine tuple_union_add
 
-   !> Adds a tuple, unless it is there.
+   !> Adds a tuple unless it is in the union.
    pure subroutine tuple_union_add_one(self, tuple)
       class(tuple_union_t), intent(inout) :: self
       integer, intent(in) :: tuple(:)                                 !! sign as those of hb_harmonics
@@ -286,7 +287,7 @@ contains
       if (allocated(self%entries)) has_room = self%n < size(self%entries, 2)
    end function has_room
 
-   !> Makes room for `n_wanted` tuples, or twice as many as before.
+   !> Allocates memory for `n_wanted` tuples, or twice as many as before.
    pure subroutine enlarge(self, n_tones, n_wanted)
       class(tuple_union_t), intent(inout) :: self
       integer, intent(in) :: n_tones, n_wanted
@@ -304,7 +305,7 @@ contains
       end do
    end subroutine enlarge
 
-   !> Slot that holds a tuple, or the free one where it belongs; half of the slots at least are free.
+   !> Slot of a tuple, or the free slot for it; at least half of the slots are free.
    pure integer function slot_of(self, tuple) result(slot)
       class(tuple_union_t), intent(in) :: self
       integer, intent(in) :: tuple(:)
@@ -315,7 +316,7 @@ contains
       hash = offset
       do m = 1, size(tuple)
          hash = iand(ieor(hash, iand(int(tuple(m), int64), mask))*prime, mask)
-         hash = ieor(hash, ishft(hash, -15))                          ! high bits reach the low ones, of which small entries differ
+         hash = ieor(hash, ishft(hash, -15)) ! mix high bits into the low ones, in which small entries differ
       end do
       slot = 1 + int(modulo(hash, int(size(self%slots), int64)))
       do while (self%slots(slot) > 0)

@@ -1,8 +1,10 @@
-!> Rigid contacts in a plane: the convex polygon that half planes n_i.w <= h_i leave, and the way onto it along given pushes.
+!> Rigid contacts in a plane: the convex polygon bounded by half planes n_i.w <= h_i, and the mapping onto it along
+!> given directions.
 !>
-!> A point y outside lands at x = y - sum over i of l_i c_i with l_i >= 0, x in the polygon and l_i (h_i - n_i.x) = 0: on an
-!> edge, which pushes alone, or in a corner, where two do. With pushes along the normals x is the nearest point. Half planes
-!> that add nothing are left out: of equal ones the first is kept, of three edges through one corner the outer two.
+!> A point y outside is mapped to x = y - sum over i of l_i c_i with l_i >= 0, x in the polygon and l_i (h_i - n_i.x)
+!> = 0: on an edge, with one load, or at a corner, with two. With directions along the normals x is the nearest point.
+!> Redundant half planes are removed: of equal ones the first is kept, of three edges through one corner the outer
+!> two.
 !>
 !> Source: docs/why/theory.md, section 5.3; intersection of half planes sorted by angle: de Berg, Cheong, van Kreveld, Overmars,
 !> Computational Geometry, 3rd edition (2008), section 4.2, with a double-ended queue instead of a sweep.
@@ -13,10 +15,10 @@ module hb_contact_polygon
    private
    public :: contact_polygon_t, landing_t, new_contact_polygon
 
-   real(wp), parameter :: rounding = 1.0e-12_wp                        ! relative; directions and places that count as equal
+   real(wp), parameter :: rounding = 1.0e-12_wp                        ! relative; directions and positions that count as equal
    real(wp), parameter :: far = 1.0e6_wp                               ! side of the box that closes an open polygon, in gaps
 
-   !> Polygon; it is open where its first and last edge do not meet.
+   !> A polygon; it is open if its first and last edge do not meet.
    type :: contact_polygon_t
       integer :: n_edges = 0
       integer, allocatable :: contact(:)                              !! half plane of each edge, counterclockwise, (n_edges)
@@ -32,7 +34,7 @@ module hb_contact_polygon
       procedure, private :: next => contact_polygon_next
    end type contact_polygon_t
 
-   !> Which edges push, how much, and how that changes with the point.
+   !> Loaded edges, their loads, and the derivatives of the loads with respect to the point.
    type :: landing_t
       integer :: n_active = 0                                         !! 0 within the polygon, 1 on an edge, 2 in a corner
       integer :: edge(2) = 0
@@ -42,13 +44,13 @@ module hb_contact_polygon
 
 contains
 
-   !> Polygon of half planes; `failure` says why there is none.
+   !> Creates the polygon of half planes; `failure` states why there is none.
    pure subroutine new_contact_polygon(self, normals, distances, pushes, failure)
       type(contact_polygon_t), intent(out) :: self
       real(wp), intent(in) :: normals(:, :)                           !! n_i, not zero, (n_contacts, 2)
       real(wp), intent(in) :: distances(:)                            !! h_i, (n_contacts)
       real(wp), intent(in) :: pushes(:, :)                            !! c_i, as normals
-      character(:), allocatable, intent(out) :: failure               !! empty when all is well
+      character(:), allocatable, intent(out) :: failure               !! empty on success
       integer, allocatable :: kept(:)
       real(wp) :: c(2), d(2), determinant
       integer :: i, k, n
@@ -68,15 +70,15 @@ contains
          c = self%push(i, :)
          d = self%push(k, :)
          if (dot_product(self%normal(i, :), c) <= rounding*norm2(self%normal(i, :))*norm2(c)) then
-            failure = "contact "//to_text(self%contact(i))//" does not open its gap when it pushes: too much friction"
+            failure = "contact "//to_text(self%contact(i))//" does not open its gap under its own load: the friction is too large"
             return
          end if
          if (.not. self%is_joined(i)) cycle
          self%corner(i, :) = crossing(self%normal(i, :), self%distance(i), self%normal(k, :), self%distance(k))
          determinant = cross(c, d)
          if (determinant <= rounding*norm2(c)*norm2(d)) then
-            failure = "friction turns the pushes of contacts "//to_text(self%contact(i))//" and "// &
-                      to_text(self%contact(k))//" past each other, so that their reaction is not unique; "// &
+            failure = "friction exchanges the order of the directions of contacts "//to_text(self%contact(i))//" and "// &
+                      to_text(self%contact(k))//", so that their reaction is not unique; "// &
                       "give them friction coefficients that differ less"
             return
          end if
@@ -85,7 +87,8 @@ contains
       end do
    end subroutine new_contact_polygon
 
-   !> Half planes that bound the intersection, counterclockwise; numbers above size(distances) are sides of a far box.
+   !> Half planes that bound the intersection, counterclockwise; numbers above size(distances) are sides of a large
+   !> box.
    pure subroutine intersect(normals, distances, kept, failure)
       real(wp), intent(in) :: normals(:, :)                           !! (n_contacts, 2)
       real(wp), intent(in) :: distances(:)                            !! (n_contacts)
@@ -134,17 +137,17 @@ contains
 
    contains
 
-      !> Whether the corner of half planes a and b, in this order, does not lie within half plane c.
+      !> Whether the corner of half planes a and b, in this order, is not inside half plane c.
       pure logical function is_cut_off(a, b, c)
          integer, intent(in) :: a, b, c
 
-         is_cut_off = .true.                                          ! parallel or worse: nothing is left
+         is_cut_off = .true.                                          ! parallel or opposite: the intersection is empty
          if (cross(n(a, :), n(b, :)) <= 0.0_wp) return
          is_cut_off = dot_product(n(c, :), crossing(n(a, :), h(a), n(b, :), h(b))) >= h(c) - rounding*scale
       end function is_cut_off
    end subroutine intersect
 
-   !> Whether the center of the corners lies within all half planes.
+   !> Whether the centre of the corners is inside all half planes.
    pure logical function has_room(n, h, kept, rounding)
       real(wp), intent(in) :: n(:, :), h(:)                           !! normals of length 1, distances
       integer, intent(in) :: kept(:)                                  !! those with a side, in order
@@ -163,7 +166,8 @@ contains
       if (i > size(kept) .and. size(kept) > 2) has_room = all(matmul(n, center) < h - rounding)
    end function has_room
 
-   !> Half planes by the angle of their normals; of those with one direction only the narrowest, the first of equal ones.
+   !> Half planes sorted by the angle of their normals; of those with the same direction only the most restrictive,
+   !> the first of equal ones.
    pure function by_angle(n, h) result(order)
       real(wp), intent(in) :: n(:, :)                                 !! unit normals, (any, 2)
       real(wp), intent(in) :: h(:)
@@ -210,7 +214,7 @@ contains
       end function is_before
    end function by_angle
 
-   !> Where the point y lands.
+   !> Maps the point y onto the polygon.
    pure function contact_polygon_land(self, y) result(landing)
       class(contact_polygon_t), intent(in) :: self
       real(wp), intent(in) :: y(2)
@@ -223,7 +227,7 @@ contains
       k = maxloc(beyond, dim=1)
       if (beyond(k) <= 0.0_wp) return
       least = huge(1.0_wp)
-      do offset = 0, self%n_edges - 1                                 ! from there on to both sides: most end at once
+      do offset = 0, self%n_edges - 1                                 ! from there to both sides: most points are found at once
          i = 1 + modulo(k - 1 + merge(1, -1, modulo(offset, 2) == 1)*((offset + 1)/2), self%n_edges)
          call land_on_edge(self, i, y, beyond(i), found, missed)
          if (missed < least) landing = found
@@ -234,10 +238,10 @@ contains
          if (missed < least) landing = found
          least = min(least, missed)
          if (least <= 0.0_wp) return
-      end do                                                          ! between two by rounding: the one that it misses least
+      end do                                                          ! between two by rounding: the one with the smallest error
    end function contact_polygon_land
 
-   !> Way onto the line of an edge, and how far beyond an end of the edge it ends; 0 if it does not.
+   !> Maps onto the line of an edge, and returns the distance beyond an end of the edge; 0 if it is on the edge.
    pure subroutine land_on_edge(self, i, y, beyond, landing, missed)
       class(contact_polygon_t), intent(in) :: self
       integer, intent(in) :: i
@@ -269,7 +273,8 @@ contains
       end function past
    end subroutine land_on_edge
 
-   !> Way into the corner after an edge, and how far one of the two would have to pull; not positive if neither has to.
+   !> Maps into the corner after an edge, and returns the largest tensile load that would be needed; not positive if
+   !> none is.
    pure subroutine land_in_corner(self, i, y, landing, missed)
       class(contact_polygon_t), intent(in) :: self
       integer, intent(in) :: i
@@ -282,10 +287,10 @@ contains
       landing%slope = self%share(:, :, i)
       landing%load = matmul(self%share(:, :, i), y - self%corner(i, :))
       missed = max(-landing%load(1)*norm2(self%push(i, :)), -landing%load(2)*norm2(self%push(self%next(i), :)))
-      landing%load = max(landing%load, 0.0_wp)                        ! what rounding alone makes a pull
+      landing%load = max(landing%load, 0.0_wp)                        ! tensile loads due to rounding alone
    end subroutine land_in_corner
 
-   !> Loads of the edges whose pushes make up a force, and what remains of it where none can: a pull.
+   !> Resolves a force into loads of the edges; the remainder that no load can balance is tensile.
    pure subroutine contact_polygon_resolve(self, force, landing, pull)
       class(contact_polygon_t), intent(in) :: self
       real(wp), intent(in) :: force(2)

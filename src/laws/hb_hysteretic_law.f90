@@ -1,9 +1,9 @@
-!> A law with memory: its force depends on internal states that follow the motion along time, such as the place of a
-!> friction slider.
+!> A law with memory: its force depends on internal states that evolve with the motion along time, such as the
+!> position of a friction slider.
 !>
-!> On the torus time runs along the characteristic d tau/dt = omega. The law knows one step of it: the state at a sample from
-!> the state one step earlier and the path of its coordinates in between. Time integration over the torus is the task of
-!> hb_slider_states. Source: docs/why/theory.md, section 5.5.
+!> On the torus time is along the characteristic d tau/dt = omega. The law defines one step: the state at a sample
+!> from the state one step earlier and the path of its coordinates in between. hb_slider_states integrates the states
+!> over the torus. Source: docs/why/theory.md, section 5.5.
 module hb_hysteretic_law
    use hb_kinds, only: wp
    use hb_law, only: law_box_t, law_t
@@ -11,7 +11,7 @@ module hb_hysteretic_law
    private
    public :: advance_step_by_step, has_memory, hysteretic_law_t, n_path_parts, path_part
 
-   !> What is known of a coordinate along one step: its value at both ends [m], and its rate times the step [m].
+   !> Data of a coordinate along one step: its value at both ends [m], and its rate times the step [m].
    type :: path_part_t
       integer :: at_end = 1                                           !! at the sample itself
       integer :: at_start = 2                                         !! one step earlier
@@ -23,7 +23,7 @@ module hb_hysteretic_law
 
    !> At rest all states are zero: sliders relaxed, no force.
    type, extends(law_t), abstract :: hysteretic_law_t
-      logical :: has_bounds = .false.                                 !! each is the place of a slider between two `bounds`
+      logical :: has_bounds = .false.                                 !! each state is the position of a slider between two `bounds`
    contains
       procedure(advance_law), deferred :: advance
       procedure(force_of_law), deferred :: force
@@ -67,12 +67,13 @@ contains
       has_memory = any([(laws(i)%law%n_states > 0, i=1, size(laws))])
    end function has_memory
 
-   !> Goes once round a closed line of samples, from the states of the first to those of the second and on, back to the first,
-   !> which has those of the last times `closing` as its past. Laws may know a faster way to the same states.
+   !> Integrates once along a closed line of samples, from the states of the first to those of the second and so on,
+   !> back to the first, whose previous states are those of the last times `closing`. Laws may override it with a
+   !> faster method for the same states.
    subroutine advance_step_by_step(self, n_coordinates, n_steps, closing, path, states, largest_move)
       class(hysteretic_law_t), intent(in) :: self
       integer, intent(in) :: n_coordinates, n_steps
-      real(wp), intent(in) :: closing                                 !! 1, or -1 where the line is half of an odd motion
+      real(wp), intent(in) :: closing                                 !! 1, or -1 if the line is half of an odd motion
       real(wp), intent(in) :: path(n_coordinates, n_path_parts, n_steps)  !! [m]
       real(wp), intent(inout) :: states(self%n_states, n_steps)
       real(wp), intent(out) :: largest_move                           !! of any state within a step
@@ -91,7 +92,8 @@ contains
       end do
    end subroutine advance_step_by_step
 
-   !> Bounds of the sliders at one moment, and their rates of change: time integration stops where a slider begins or ends to slip.
+   !> Bounds of the sliders at one moment, and their rates of change; time integration stops where a slider begins or
+   !> ends to slip.
    pure subroutine hysteretic_law_bounds(self, z, v, lower, upper, lower_rate, upper_rate)
       class(hysteretic_law_t), intent(in) :: self
       real(wp), intent(in) :: z(:), v(:)                              !! [m], [m/s], (n_coordinates)
@@ -104,7 +106,8 @@ contains
       upper_rate = 0.0_wp
    end subroutine hysteretic_law_bounds
 
-   !> Forces after loading from rest straight to z; this is how the time integration over the torus starts.
+   !> Forces after loading from rest along a straight path to z, with which the time integration over the torus
+   !> starts.
    subroutine hysteretic_law_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(hysteretic_law_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)

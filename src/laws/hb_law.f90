@@ -1,8 +1,8 @@
 !> A nonlinear law: forces as a function of the motion, sample by sample on the torus.
 !>
-!> A law acts on coordinates z = shape^T q, linear forms of a few degrees of freedom q; its force f on the coordinates
-!> stands beside K q on the left-hand side, as shape f. Adding a law: a module that extends `law_t`, one `case` in
-!> hb_law_catalogue, rows in the table of input keys. Source: docs/why/theory.md, section 5.
+!> A law acts on coordinates z = shape^T q, linear functionals of a few degrees of freedom q; its force f on the
+!> coordinates is added to K q on the left-hand side, as shape f. To add a law: a module that extends `law_t`, one
+!> `case` in hb_law_catalogue, rows in the table of input keys. Source: docs/why/theory.md, section 5.
 module hb_law
    use hb_error, only: error_t
    use hb_kinds, only: wp
@@ -16,24 +16,24 @@ module hb_law
    !> Largest defects over the samples.
    type :: defects_t
       real(wp) :: penetration = 0.0_wp                                !! into an obstacle [m]
-      real(wp) :: tension = 0.0_wp                                    !! pull by an obstacle that can only push [N]
+      real(wp) :: tension = 0.0_wp                                    !! tensile force of an obstacle that can only push [N]
       real(wp) :: complementarity = 0.0_wp                            !! reaction of an obstacle times its distance [N m]
-      real(wp) :: slip = 0.0_wp                                       !! what exact friction would take beyond the reaction [W]
+      real(wp) :: slip = 0.0_wp                                       !! power of exact friction beyond that of the reaction [W]
    end type defects_t
 
-   !> How time integration holds the coordinate of a rigid law: at a wall, or where friction sticks.
+   !> Constraint of the coordinate of a rigid law in time integration: at a wall, or while friction sticks.
    type :: hold_t
-      integer :: coordinate = 0                                       !! of all laws, for the method
-      logical :: is_wall = .false.                                    !! else friction
+      integer :: coordinate = 0                                       !! index among all laws, set by the integrator
+      logical :: is_wall = .false.                                    !! otherwise friction
       real(wp) :: gap = 0.0_wp                                        !! of the wall [m]
       logical :: two_sided = .false.
-      real(wp) :: restitution = -1.0_wp                               !! speed after an impact over that before; < 0: not given
+      real(wp) :: restitution = -1.0_wp !! ratio of the speeds after and before an impact; < 0: not given
       real(wp) :: limit = 0.0_wp                                      !! of friction [N]
-      character(:), allocatable :: failure                            !! why no method can, and what to do; not allocated: it can
+      character(:), allocatable :: failure !! why no integrator supports it, and a remedy; not allocated if one does
    end type hold_t
 
-   !> Kinks of the force along one combination z = form . coordinates: it is smooth but for the sum over k of
-   !> jumps(k) max(z - places(k), 0) in `direction`.
+   !> Kinks of the force along one combination z = form . coordinates: the force is smooth except for the sum over k
+   !> of jumps(k) max(z - places(k), 0) in `direction`.
    type :: kink_t
       real(wp), allocatable :: form(:), direction(:)                  !! (n_coordinates)
       real(wp), allocatable :: places(:)                              !! [m], (any)
@@ -41,25 +41,26 @@ module hb_law
    end type kink_t
 
    type, abstract :: law_t
-      character(:), allocatable :: label                              !! name given by the user, else kind and number
+      character(:), allocatable :: label                              !! name given by the user, otherwise kind and number
       integer, allocatable :: dofs(:)                                 !! degrees of freedom of the structure
       real(wp), allocatable :: shape(:, :)                            !! (n_dofs, n_coordinates)
-      integer, allocatable :: places(:, :)                            !! (n_dofs, n_places): `dofs` of all laws that one on sets of
-                                                                      !! nodes stands for; not allocated: of this one alone
-      integer :: degree = 0                                           !! of a polynomial law; 0: not smooth
+      integer, allocatable :: places(:, :)                            !! (n_dofs, n_places): `dofs` of all laws that a law on
+                                                                      !! sets of nodes represents; not allocated: of this one
+                                                                      !! only
+      integer :: degree = 0                                           !! of a polynomial law; 0: not a polynomial
       logical :: needs_velocity = .false.
-      logical :: is_multiplier = .false.                              !! wants the reaction p; columns of shape are orthogonal
-      integer :: n_states = 0                                         !! internal states of one sample, of a law with memory
-      logical :: is_users_own = .false.                               !! nobody knows it far from where a motion leads
-      integer :: n_phases = 0                                         !! tones that must be there as their phases are needed
+      logical :: is_multiplier = .false.                              !! needs the reaction p; columns of shape are orthogonal
+      integer :: n_states = 0                                         !! internal states per sample, for a law with memory
+      logical :: is_users_own = .false.                               !! defined by the user; may be undefined far from the motion
+      integer :: n_phases = 0                                         !! number of tones whose phases it needs
       integer, allocatable :: modulation(:)                           !! tuple by which it shifts those of a motion, if known
-      logical :: needs_frequencies = .false.                          !! its force depends on the base frequencies themselves
-      real(wp) :: length_scale = 0.0_wp                               !! a length [m] typical of the law, as its gap; 0: none
-      integer :: n_switches = 0       !! functions of the motion at whose zeros the force has a kink, as the distance to a stop
-      logical :: is_piecewise_linear = .false.                        !! slopes change at switches and with sliders, not else
-      type(kink_t), allocatable :: kinks(:)                           !! where samples may miss them; not allocated: none known
-      logical :: has_potential = .false.  !! the force at rest is a gradient; what it has beyond while it moves stores nothing
-      logical :: is_odd = .false.     !! f(-z, -v, -p) = -f(z, v, p), with memory for the mirrored past; false: not sure
+      logical :: needs_frequencies = .false.                          !! its force depends explicitly on the base frequencies
+      real(wp) :: length_scale = 0.0_wp                               !! a length [m] typical of the law, such as its gap; 0: none
+      integer :: n_switches = 0       !! functions of the motion at whose zeros the force has a kink, such as the distance to a stop
+      logical :: is_piecewise_linear = .false.                        !! slopes change only at switches and with sliders
+      type(kink_t), allocatable :: kinks(:)                           !! between samples; not allocated: none known
+      logical :: has_potential = .false.  !! the force at rest is a gradient; additional forces in motion store no energy
+      logical :: is_odd = .false.     !! f(-z, -v, -p) = -f(z, v, p), with memory for the mirrored history; false: not known
    contains
       procedure(read_law), deferred :: read
       procedure(evaluate_law), deferred :: evaluate
@@ -79,13 +80,14 @@ module hb_law
       procedure :: evaluate_held => law_evaluate_held
    end type law_t
 
-   !> Box for a law of any kind, so that laws of several kinds form an array.
+   !> Container for a law of any kind, so that laws of several kinds form an array.
    type :: law_box_t
       class(law_t), allocatable :: law
    end type law_box_t
 
    abstract interface
-      !> Reads the law's own keys, and its place by `read_place`, from a `&law` group that collects the problems.
+      !> Reads the law's own keys, and its coordinates with `read_place`, from a `&law` group that collects the
+      !> problems.
       subroutine read_law(self, group, structure)
          import :: law_t, properties_t, structure_t
          class(law_t), intent(inout) :: self
@@ -110,28 +112,28 @@ module hb_law
 
 contains
 
-   !> Reports the law the static stiffness [N/m] of the structure against its first coordinate; most laws do not need it.
+   !> Passes the static stiffness [N/m] of the structure at the first coordinate of the law; most laws do not need it.
    subroutine law_prepare(self, static_stiffness)
       class(law_t), intent(inout) :: self
-      real(wp), intent(in) :: static_stiffness                        !! > 0; dynamic where the structure is free to move
+      real(wp), intent(in) :: static_stiffness                        !! > 0; dynamic stiffness if the structure can move freely
    end subroutine law_prepare
 
-   !> Reports the law the impedance [N s/m] of the structure against its first coordinate in the fastest kept harmonic, and the
-   !> frequency of that; most laws do not need it.
+   !> Passes the impedance [N s/m] of the structure at the first coordinate of the law in the fastest retained
+   !> harmonic, and its frequency; most laws do not need it.
    subroutine law_prepare_rate(self, impedance, frequency)
       class(law_t), intent(inout) :: self
       real(wp), intent(in) :: impedance                               !! > 0
       real(wp), intent(in) :: frequency                               !! [rad/s], > 0
    end subroutine law_prepare_rate
 
-   !> Gives a law with `n_phases` the phases of all tones at each sample that `evaluate` will get next, omega t along time;
-   !> they hold until they are given anew. The phases of samples do not depend on any frequency.
+   !> Passes the phases of all tones at each sample of the following calls of `evaluate`, omega t along time, to a law
+   !> with `n_phases`; they are valid until set again. The phases of samples do not depend on any frequency.
    pure subroutine law_set_phases(self, phases)
       class(law_t), intent(inout) :: self
       real(wp), intent(in) :: phases(:, :)                            !! [rad], (n_tones, n_samples)
    end subroutine law_set_phases
 
-   !> Gives a law that `needs_frequencies` the base frequencies; they hold until they are given anew.
+   !> Passes the base frequencies to a law that `needs_frequencies`; they are valid until set again.
    pure subroutine law_set_frequencies(self, omega)
       class(law_t), intent(inout) :: self
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
@@ -147,7 +149,7 @@ contains
       slope = 0.0_wp
    end subroutine law_frequency_slope
 
-   !> Coordinates as the law allows them: the motion corrected to a wall. Other laws leave it as it is.
+   !> Coordinates that satisfy the constraint of the law: the motion moved onto a wall. Other laws leave it unchanged.
    pure subroutine law_correct(self, z, corrected)
       class(law_t), intent(in) :: self
       real(wp), intent(in) :: z(:, :)                                 !! [m], (n_samples, n_coordinates)
@@ -156,7 +158,7 @@ contains
       corrected = z
    end subroutine law_correct
 
-   !> How far a motion and its reaction miss the conditions of rigid contact or friction; zero for laws that have none.
+   !> Defects of a motion and its reaction in the conditions of rigid contact or friction; zero for laws without any.
    pure function law_defects(self, z, v, p) result(defects)
       class(law_t), intent(in) :: self
       real(wp), intent(in) :: z(:, :)                                 !! [m], (n_samples, n_coordinates)
@@ -167,7 +169,7 @@ contains
       defects = defects_t()
    end function law_defects
 
-   !> The potential of a law that has one, and its gradient, the force at rest; this one stores nothing.
+   !> The potential of a law that has one, and its gradient, the force at rest; zero by default.
    subroutine law_potential(self, z, energy, gradient)
       class(law_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :)                     !! [m], (n_samples, n_coordinates)
@@ -178,18 +180,18 @@ contains
       gradient = 0.0_wp
    end subroutine law_potential
 
-   !> Explains why forces or derivatives at these samples are not finite; empty when the law does not know.
+   !> Explains why forces or derivatives at these samples are not finite; empty if the law has no explanation.
    subroutine law_explain(self, z, v, text, is_fatal)
       class(law_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :), v(:, :)            !! as `evaluate` had them
       character(:), allocatable, intent(out) :: text
-      logical, intent(out) :: is_fatal                                !! other samples will not help: give the point up
+      logical, intent(out) :: is_fatal                                !! other samples will not help: the point has failed
 
       text = ""
       is_fatal = .false.
    end subroutine law_explain
 
-   !> Fingerprint of code from outside of nhbm: its name and a checksum; empty for laws of its own.
+   !> Fingerprint of external code: its name and a checksum; empty for laws of nhbm.
    function law_fingerprint(self) result(text)
       class(law_t), intent(in) :: self
       character(300) :: text
@@ -197,7 +199,7 @@ contains
       text = ""
    end function law_fingerprint
 
-   !> Whether `evaluate` writes to what it is only to read, as code from outside may.
+   !> Whether `evaluate` writes to its input arguments, as external code may.
    logical function law_has_touched_inputs(self, z, v) result(has_touched)
       class(law_t), intent(in) :: self
       real(wp), intent(in) :: z(:, :), v(:, :)                        !! as `evaluate` has them
@@ -205,7 +207,7 @@ contains
       has_touched = .false.
    end function law_has_touched_inputs
 
-   !> How time integration holds a law that needs the reaction; not at all unless the law says how.
+   !> Constraint of a law that needs the reaction in time integration; not supported unless the law overrides this.
    function law_hold(self) result(hold)
       class(law_t), intent(in) :: self
       type(hold_t) :: hold
@@ -213,7 +215,7 @@ contains
       hold%failure = "no method of &integration supports law '"//self%label//"', which is rigid"
    end function law_hold
 
-   !> The functions whose zeros are kinks of the force; time integration stops where one of them changes its sign.
+   !> Functions whose zeros are kinks of the force; time integration stops where one of them changes its sign.
    pure subroutine law_switches(self, z, v, values)
       class(law_t), intent(in) :: self
       real(wp), intent(in) :: z(:), v(:)                              !! coordinates [m] and rates [m/s], (n_coordinates)
@@ -222,7 +224,7 @@ contains
       values = 0.0_wp
    end subroutine law_switches
 
-   !> Forces at one moment on the smooth branch that belongs to given signs of the switches, whatever their values are.
+   !> Forces at one moment on the smooth branch of given signs of the switches, whatever their values.
    subroutine law_evaluate_held(self, z, v, is_positive, f)
       class(law_t), intent(in) :: self
       real(wp), intent(in) :: z(:), v(:)                              !! [m], [m/s], (n_coordinates)
@@ -238,7 +240,7 @@ contains
       f = forces(1, :)
    end subroutine law_evaluate_held
 
-   !> Lets the law act on several degrees of freedom, each a coordinate of its own.
+   !> Places the law on several degrees of freedom, each a coordinate of its own.
    pure subroutine place_on_dofs(self, dofs)
       class(law_t), intent(inout) :: self
       integer, intent(in) :: dofs(:)
@@ -252,8 +254,8 @@ contains
       end do
    end subroutine place_on_dofs
 
-   !> Reads where the first coordinate of a law acts: `dof`, or `dofs` and `weights` for z = sum of weight times
-   !> degree of freedom (weights 1, -1: a relative displacement).
+   !> Reads the first coordinate of a law: `dof`, or `dofs` and `weights` for z = sum of weight times degree of
+   !> freedom (weights 1, -1: a relative displacement).
    subroutine read_place(self, group, structure)
       class(law_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
@@ -266,7 +268,8 @@ contains
          call group%problem("dofs", "give either 'dof' or 'dofs', not both")
       end if
       if (group%given("set") .and. .not. (group%given("dof") .or. group%given("dofs"))) then
-         call group%problem("set", "is no key of laws; a set of nodes is a name for 'dof', such as dof = 'contact.z'")
+         call group%problem("set", "is not a key of laws; the name of a set of nodes is a value of 'dof', "// &
+                            "such as dof = 'contact.z'")
       else if (group%given("dofs")) then
          call group%get("dofs", names)
          if (.not. allocated(names)) return
@@ -282,14 +285,14 @@ contains
       end if
    end subroutine read_place
 
-   !> One more coordinate of the law, z = sum of weights times the named degrees of freedom; those of the coordinates
-   !> before may be named again. A name of a set of nodes gives the law as many places as the set has nodes; single degrees of
-   !> freedom beside it belong to each. Problems are those of `key`.
+   !> Adds a coordinate of the law, z = sum of weights times the named degrees of freedom; those of previous
+   !> coordinates may be named again. The name of a set of nodes places the law at every node of the set; single
+   !> degrees of freedom beside it belong to each of them. Problems are those of `key`.
    subroutine place_coordinate(self, group, structure, key, names, weights)
       class(law_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      character(*), intent(in) :: key                                 !! that gave the names
+      character(*), intent(in) :: key                                 !! key with the names
       type(string_t), intent(in) :: names(:)
       real(wp), intent(in) :: weights(:)
       type(error_t), allocatable :: error
@@ -368,7 +371,7 @@ contains
       if (size(all_places, 2) > 1) self%places = all_places(:n, :)
    end subroutine append_coordinate
 
-   !> Reads where a law of several coordinates acts: `dofs`, each a coordinate of its own.
+   !> Reads the coordinates of a law with several of them: `dofs`, each a coordinate of its own.
    subroutine read_dofs(self, group, structure)
       class(law_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group

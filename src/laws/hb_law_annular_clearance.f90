@@ -1,10 +1,10 @@
 !> Rotor in a ring: f = N (e_r + s mu e_t), N = k max(0, r - clearance), r the distance of the rotor from the ring's centre.
 !>
-!> e_r points outwards, e_t = (-y, x)/r; s = 1 for a rotor that spins from x towards y, whose surface slides along e_t.
-!> The spin is taken to outrun the whirl, so that friction never changes its direction. Where the radius R and the speed Omega of
-!> the rotor are given, its surface slides at v_s = R Omega + e_t.v, against which friction acts: s mu = mu_0 tanh(v_s/v_0). A
-!> backward whirl then goes no faster than the rotor rolls.
-!> Source: docs/why/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side; on the rotor acts -f.
+!> e_r points outwards, e_t = (-y, x)/r; s = 1 for a rotor that spins from x towards y, whose surface slides along
+!> e_t. The spin is assumed to be faster than the whirl, so that the direction of friction is fixed. If the radius R
+!> and the speed Omega of the rotor are given, its surface slides at v_s = R Omega + e_t.v, and friction acts against
+!> this: s mu = mu_0 tanh(v_s/v_0). A backward whirl is then not faster than rolling. Source: docs/why/theory.md,
+!> section 5.2. Sign: f stands beside K q on the left-hand side; -f acts on the rotor.
 module hb_law_annular_clearance
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs
@@ -20,7 +20,7 @@ module hb_law_annular_clearance
       real(wp) :: friction = 0.0_wp                                   !! s mu
       real(wp) :: center(2) = 0.0_wp                                  !! of the ring at rest [m]
       real(wp) :: surface_speed = 0.0_wp                              !! R Omega [m/s], from x towards y
-      real(wp) :: slip_velocity = 0.0_wp                              !! v_0 [m/s]; 0: friction keeps its direction
+      real(wp) :: slip_velocity = 0.0_wp                              !! v_0 [m/s]; 0: the direction of friction is fixed
    contains
       procedure :: read => annular_clearance_read
       procedure :: evaluate => annular_clearance_evaluate
@@ -31,8 +31,8 @@ module hb_law_annular_clearance
 
 contains
 
-   !> Ring of the given clearance round `center`; `friction` is the coefficient of friction, negative for a rotor that spins
-   !> from y towards x.
+   !> Ring of the given clearance around `center`; `friction` is the coefficient of friction, negative for a rotor
+   !> that spins from y towards x.
    pure subroutine new_annular_clearance(self, stiffness, clearance, friction, center)
       class(annular_clearance_t), intent(inout) :: self
       real(wp), intent(in) :: stiffness                               !! [N/m], >= 0
@@ -50,7 +50,7 @@ contains
       self%n_switches = merge(1, 0, clearance > 0.0_wp)
    end subroutine new_annular_clearance
 
-   !> Lets friction follow the velocity at which the surface of the rotor slides along the ring.
+   !> Makes friction depend on the velocity at which the surface of the rotor slides along the ring.
    pure subroutine set_sliding(self, surface_speed, slip_velocity)
       class(annular_clearance_t), intent(inout) :: self
       real(wp), intent(in) :: surface_speed                           !! R Omega [m/s]
@@ -61,8 +61,8 @@ contains
       self%needs_velocity = .true.
    end subroutine set_sliding
 
-   !> Reads a `&law type = 'annular_clearance'` group. `dofs` are x and y of the rotor, followed by x and y of the ring
-   !> where that moves too.
+   !> Reads a `&law type = 'annular_clearance'` group. `dofs` are x and y of the rotor, followed by x and y of the
+   !> ring if it moves too.
    subroutine annular_clearance_read(self, group, structure)
       class(annular_clearance_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
@@ -131,7 +131,7 @@ contains
       real(wp), intent(in) :: position(2), rate(2)
       logical, intent(in) :: is_closed                                !! the rotor touches the ring
       real(wp), intent(out) :: f(2)
-      real(wp), intent(out) :: df_dz(2, 2), df_dv(2, 2)               !! last axis: what is differentiated by
+      real(wp), intent(out) :: df_dz(2, 2), df_dv(2, 2)               !! last axis: the variable of differentiation
       real(wp) :: friction, r, ratio, secant, slope, tangent(2), turned(2), z(2)
       integer :: k
 
@@ -140,7 +140,7 @@ contains
       df_dv = 0.0_wp
       if (.not. is_closed) return
       z = position - self%center
-      r = max(hypot(z(1), z(2)), tiny(r))                             ! r = 0 gets here without clearance only
+      r = max(hypot(z(1), z(2)), tiny(r))                             ! r = 0 occurs here only without clearance
       tangent = [-z(2), z(1)]/r
       friction = self%friction
       slope = 0.0_wp

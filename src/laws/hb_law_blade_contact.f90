@@ -1,13 +1,14 @@
-!> Blades of a disk against a casing, both moving in two modes of n nodal diameters: a contact table made from angles.
+!> Blades of a disk against a casing, both moving in two modes of n nodal diameters: a contact table generated from
+!> angles.
 !>
-!> Coordinates: q1, q2 of the disk, r1, r2 of the casing, u = q1 cos(n phi) + q2 sin(n phi). Blade i of N stands at
-!> phi_i = 2 pi i/N and moves s_i times as far as the mode says. Gap g_i = g0_i + u_c(phi_i) - s_i u_d(phi_i), contact force
-!> l_i = k_i max(0, -g_i), friction mu_i l_i against the disk's rotation with the arms eta_d of the disk and eta_c of the
-!> casing: with e = (cos(n phi_i), sin(n phi_i)) and e' = (-sin(n phi_i), cos(n phi_i)) the disk feels
-!> -l_i s_i (e + mu_i eta_d e'), the casing l_i (e + mu_i eta_c e'). Where a body's coordinates belong to the stationary frame,
-!> the blades run through them at the phase of the tone that is the speed of the rotor.
-!> Blades may be rigid (see hb_rigid_contacts) if all have one share.
-!> Source: docs/why/theory.md, sections 5.2 and 5.3. Sign: f stands beside K q on the left-hand side.
+!> Coordinates: q1, q2 of the disk, r1, r2 of the casing, u = q1 cos(n phi) + q2 sin(n phi). Blade i of N is at phi_i
+!> = 2 pi i/N and moves s_i times as far as the mode. Gap g_i = g0_i + u_c(phi_i) - s_i u_d(phi_i), contact force l_i
+!> = k_i max(0, -g_i), friction mu_i l_i against the rotation of the disk with the arms eta_d of the disk and eta_c of
+!> the casing: with e = (cos(n phi_i), sin(n phi_i)) and e' = (-sin(n phi_i), cos(n phi_i)) the force on the disk is
+!> -l_i s_i (e + mu_i eta_d e'), that on the casing l_i (e + mu_i eta_c e'). If the coordinates of a body belong to
+!> the stationary frame, the blades rotate relative to them with the phase of the tone that is the speed of the rotor.
+!> Blades may be rigid (see hb_rigid_contacts) if all have the same share. Source: docs/why/theory.md, sections 5.2
+!> and 5.3. Sign: f stands beside K q on the left-hand side.
 module hb_law_blade_contact
    use hb_kinds, only: int64, two_pi, wp
    use hb_law, only: read_dofs
@@ -25,7 +26,7 @@ module hb_law_blade_contact
 
 contains
 
-   !> Contacts of size(gaps) blades, evenly spaced. Blades differ in gap, stiffness, friction and share.
+   !> Contacts of size(gaps) equally spaced blades, which may differ in gap, stiffness, friction and share.
    pure subroutine new_blade_contact(self, n_diameters, gaps, stiffness, friction, arms, shares)
       class(blade_contact_t), intent(inout) :: self
       integer, intent(in) :: n_diameters
@@ -38,7 +39,7 @@ contains
       real(wp) :: angle(size(gaps))
       integer :: i
 
-      ! The remainder keeps the angle small, so that blades half a wave apart get the same digits.
+      ! The remainder limits the angle, so that blades half a wave apart get the same digits.
       angle = [(two_pi*real(modulo(int(n_diameters, int64)*i, int(size(gaps), int64)), wp)/real(size(gaps), wp), &
                 i=1, size(gaps))]
       shapes(:, 1) = -shares*cos(angle)
@@ -64,7 +65,7 @@ contains
       logical :: is_rigid
 
       tone = 0
-      self%has_potential = .true.                                     ! until it is known
+      self%has_potential = .true.                                     ! until determined
       call read_dofs(self, group, structure)
       call group%get("n_diameters", n_diameters)
       call group%get("n_blades", n_blades)

@@ -1,14 +1,15 @@
 !> Bouc-Wen hysteresis, f = k (a z + (1 - a) w): the hysteretic displacement w follows dw/dz = 1 - |w/z_y|**n (gamma + beta
 !> sgn(w dz)) with gamma = 1 - beta, so that k is the stiffness at rest and loading ends at w = z_y.
 !>
-!> State: z - w, what has yielded. Along a piece of the path that does not turn u = w/z_y, positive in the direction of loading,
-!> obeys du/dy = E(u) = 1 - r |u|**n over the way y = |dz|/z_y, with r = 1 while it loads and r = 1 - 2 beta while it unloads. Each piece
-!> is solved to rounding for any n: next to u = 0, where |u|**n need not be smooth, by the power series of y(u); elsewhere
-!> in v = -log|E|, with dv/dy = r n |u|**(n - 1) sgn(u), by Newton's method, which integrates dy/dv by Gauss's points from iterate
-!> to iterate. As nothing depends on y itself, du/dy at the end is E there and du/du_start the ratio of E at both ends.
-!> Source: Y.-K. Wen, J. Eng. Mech. Div. ASCE 102 (1976) 249; F. Ikhouane and J. Rodellar, Systems with Hysteresis, Wiley
-!> 2007 (normalised form); S. Erlicher and N. Point, C. R. Mecanique 332 (2004) 51 (beta >= gamma: no loop gives energy);
-!> docs/why/theory.md, section 5.5. Sign: f stands beside K q on the left-hand side.
+!> State: z - w, the yielded part. On a monotone piece of the path u = w/z_y, positive in the direction of loading,
+!> obeys du/dy = E(u) = 1 - r |u|**n with the path length y = |dz|/z_y, r = 1 during loading and r = 1 - 2 beta during
+!> unloading. Each piece is solved to rounding for any n: near u = 0, where |u|**n need not be smooth, by the power
+!> series of y(u); elsewhere in v = -log|E|, with dv/dy = r n |u|**(n - 1) sgn(u), by Newton's method, which
+!> integrates dy/dv with Gauss points from iterate to iterate. Since nothing depends explicitly on y, du/dy at the end
+!> is E there and du/du_start is the ratio of E at both ends. Source: Y.-K. Wen, J. Eng. Mech. Div. ASCE 102 (1976)
+!> 249; F. Ikhouane and J. Rodellar, Systems with Hysteresis, Wiley 2007 (normalised form); S. Erlicher and N. Point,
+!> C. R. Mecanique 332 (2004) 51 (beta >= gamma: no loop generates energy); docs/why/theory.md, section 5.5. Sign: f
+!> stands beside K q on the left-hand side.
 module hb_law_bouc_wen
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
@@ -32,7 +33,7 @@ module hb_law_bouc_wen
       procedure :: force => bouc_wen_force
    end type bouc_wen_t
 
-   real(wp), parameter :: edge = 0.5_wp                               ! of |r| |u|**n, up to which the power series serves
+   real(wp), parameter :: edge = 0.5_wp                               ! of |r| |u|**n, up to which the power series is used
    real(wp), parameter :: yielding = 50.0_wp                          ! v from which u is 1 to rounding
    integer, parameter :: max_iterations = 300, max_terms = 60
    real(wp), parameter :: nodes(4) = [0.18343464249564980_wp, 0.52553240991632899_wp, 0.79666647741362674_wp, &
@@ -82,7 +83,7 @@ contains
          stops(:, n_pieces) = 0.0_wp
          stops(path_part%at_end, n_pieces) = 1.0_wp
          do k = 1, n_pieces
-            way = way + stops(:, k)                                   ! the piece is dot_product(way, z) long
+            way = way + stops(:, k)                                   ! the piece has the length dot_product(way, z)
             call load(self, dot_product(way, z), w, kept, slope)
             by_start = kept*by_start
             by_path = kept*by_path + slope*way
@@ -99,7 +100,7 @@ contains
    !> Hysteretic displacement at the end of a piece, and its derivatives.
    pure subroutine load(self, piece, w, by_start, by_piece)
       class(bouc_wen_t), intent(in) :: self
-      real(wp), intent(in) :: piece                                   !! from its start to its end [m], either sign
+      real(wp), intent(in) :: piece                                   !! length of the piece with sign [m]
       real(wp), intent(inout) :: w                                    !! [m]
       real(wp), intent(out) :: by_start                               !! dw by that at the start
       real(wp), intent(out) :: by_piece                               !! dw/dpiece
@@ -157,7 +158,7 @@ contains
       rate_at = 1.0_wp - merge(1.0_wp, 1.0_wp - 2.0_wp*self%beta, u > 0.0_wp)*raised(abs(u), self%exponent)
    end function rate_at
 
-   !> x**power of x >= 0, without logarithms for the powers that are usual.
+   !> x**power of x >= 0, without logarithms for common powers.
    elemental real(wp) function raised(x, power)
       real(wp), intent(in) :: x, power
 
@@ -174,7 +175,7 @@ contains
       end if
    end function raised
 
-   !> The way y from 0 to u, the sum of u (r |u|**n)**k/(n k + 1), for |r| |u|**n <= `edge`.
+   !> Path length y from 0 to u, the sum of u (r |u|**n)**k/(n k + 1), for |r| |u|**n <= `edge`.
    pure real(wp) function series(self, u)
       class(bouc_wen_t), intent(in) :: self
       real(wp), intent(in) :: u
@@ -192,8 +193,8 @@ contains
       series = series*u
    end function series
 
-   !> Lets v = -log|E| rise over the way `rest`, of which 0 is left, or to `v_last`. Steps keep a distance from the singularities of
-   !> dy/dv at E = 1 that makes Gauss's points exact to 1e-12.
+   !> Increases v = -log|E| over the path length `rest`, of which 0 is left, or to `v_last`. Steps keep a distance
+   !> from the singularities of dy/dv at E = 1 that makes Gauss points exact to 1e-12.
    pure subroutine rise(n, r, sign_of_rate, v_last, v, rest)
       real(wp), intent(in) :: n, r
       real(wp), intent(in) :: sign_of_rate                            !! of E

@@ -1,4 +1,5 @@
-!> The laws that an input file can name: a case each. Their names stand in the table of input keys, as the types of `&law`.
+!> The laws that an input file can name, one case each. Their names are the types of `&law` in the table of input
+!> keys.
 module hb_law_catalogue
    use hb_law, only: law_box_t
    use hb_law_annular_clearance, only: annular_clearance_t
@@ -35,7 +36,7 @@ module hb_law_catalogue
 
 contains
 
-   !> Makes the box hold a law of the named kind, with its defaults; it stays empty when there is no such kind.
+   !> Allocates a law of the named kind with its defaults; the box remains empty if there is no such kind.
    subroutine allocate_law(box, name)
       type(law_box_t), intent(out) :: box
       character(*), intent(in) :: name                                !! a type of `&law` in the table of keys
@@ -69,8 +70,8 @@ contains
       end select
    end subroutine allocate_law
 
-   !> Reads a `&law` group into a law of the kind that its key `type` names. Problems are collected in the group; the box
-   !> stays empty when the kind is unknown.
+   !> Reads a `&law` group into a law of the kind given by its key `type`. Problems are collected in the group; the
+   !> box remains empty if the kind is unknown.
    subroutine read_law(box, group, structure, number)
       type(law_box_t), intent(out) :: box
       type(properties_t), intent(inout) :: group
@@ -84,7 +85,7 @@ contains
       if (.not. allocated(box%law)) return
       if (.not. group%given("label")) label = kind_of_law//" "//to_text(number)
       call group%get("label", label)
-      if (.not. allocated(label)) label = kind_of_law//" "//to_text(number)   ! what is given is no text
+      if (.not. allocated(label)) label = kind_of_law//" "//to_text(number)   ! the given value is not a text
       box%law%label = label
       call box%law%read(group, structure)
       call take_memory(box)

@@ -1,13 +1,15 @@
-!> Many contacts by linear forms: gap g_i = g0_i + a_i.q, contact force l_i = k_i max(0, -g_i), friction mu_i l_i.
+!> Many contacts by linear functionals: gap g_i = g0_i + a_i.q, contact force l_i = k_i max(0, -g_i), friction mu_i
+!> l_i.
 !>
-!> The structure feels l_i a_i, which opens the gap, and mu_i l_i b_i with b_i the row of `friction_shapes`; the law is
-!> minus that: f = - sum over i of l_i (a_i + mu_i b_i). Blade i of a disk against a casing is one row: a_i holds minus the
-!> disk's and plus the casing's radial shape at the blade, b_i minus the disk's and plus the casing's tangential one.
-!> Friction keeps its direction.
+!> The force on the structure is l_i a_i, which opens the gap, and mu_i l_i b_i with b_i the row of `friction_shapes`;
+!> the law is the negative: f = - sum over i of l_i (a_i + mu_i b_i). Blade i of a disk against a casing is one row:
+!> a_i contains the negative radial shape of the disk and the radial shape of the casing at the blade, b_i the
+!> tangential shapes likewise. The direction of friction is fixed.
 !>
-!> Coordinates that come in pairs may belong to a frame that turns relative to the contacts: at the phase tau of a tone the
-!> entries of a pair in all a_i and b_i are turned by the angle n tau. Blades that run along a casing are such contacts: for a
-!> mode of n diameters, cos n(phi_i + tau) and sin n(phi_i + tau) are the turned cos n phi_i and sin n phi_i.
+!> Coordinates that come in pairs may belong to a frame that rotates relative to the contacts: at the phase tau of a
+!> tone the entries of a pair in all a_i and b_i are rotated by the angle n tau. Blades that move along a casing are
+!> such contacts: for a mode of n diameters, cos n(phi_i + tau) and sin n(phi_i + tau) are the rotated cos n phi_i and
+!> sin n phi_i.
 !>
 !> Contacts that act on two independent combinations of the coordinates may be rigid instead: see hb_rigid_contacts.
 !> Source: docs/why/theory.md, sections 5.2 and 5.3. Sign: f stands beside K q on the left-hand side.
@@ -23,15 +25,15 @@ module hb_law_contact_table
    private
    public :: contact_table_t, make_rigid, new_contact_table, one_for_each, read_hardness, set_turns
 
-   integer, parameter :: block_size = 256                             ! samples that stay in the cache over all contacts
+   integer, parameter :: block_size = 256                             ! samples that remain in the cache over all contacts
 
    type, extends(law_t) :: contact_table_t
       real(wp), allocatable :: shapes(:, :)                           !! a_i, (n_contacts, n_dofs)
       real(wp), allocatable :: pushes(:, :)                           !! a_i + mu_i b_i, (n_contacts, n_dofs)
-      real(wp), allocatable :: gaps(:)                                !! g0_i [m], (n_contacts); negative: pressed on at rest
+      real(wp), allocatable :: gaps(:)                                !! g0_i [m], (n_contacts); negative: preloaded at rest
       real(wp), allocatable :: stiffness(:)                           !! k_i [N/m], (n_contacts); 0 if rigid
       type(rigid_contacts_t), allocatable :: rigid                    !! if rigid
-      integer, allocatable :: turns(:)                                !! n of each pair of coordinates; not allocated: none turns
+      integer, allocatable :: turns(:)                                !! n of each pair of coordinates; not allocated: none rotates
       real(wp), allocatable, private :: cosine(:, :), sine(:, :)      ! of n tau, (n_samples, n_pairs)
    contains
       procedure :: read => contact_table_read
@@ -49,7 +51,7 @@ module hb_law_contact_table
 
 contains
 
-   !> Table of contacts; without friction `friction` is zero and `friction_shapes` of any value.
+   !> Creates a table of contacts; without friction `friction` is zero and `friction_shapes` arbitrary.
    pure subroutine new_contact_table(self, shapes, gaps, stiffness, friction, friction_shapes)
       class(contact_table_t), intent(inout) :: self
       real(wp), intent(in) :: shapes(:, :)                            !! a_i, (n_contacts, n_dofs)
@@ -69,30 +71,30 @@ contains
       self%kinks = [(kink_t(-shapes(i, :), -self%pushes(i, :), [gaps(i)], [stiffness(i)]), i=1, size(gaps))]
    end subroutine new_contact_table
 
-   !> Makes the contacts rigid; `failure` says why these cannot be.
+   !> Makes the contacts rigid; `failure` states why this is not possible.
    pure subroutine make_rigid(self, augmentation, failure)
       class(contact_table_t), intent(inout) :: self
-      real(wp), intent(in) :: augmentation                            !! eps [N/m], 0: chosen from the structure
-      character(:), allocatable, intent(out) :: failure               !! empty when all is well
+      real(wp), intent(in) :: augmentation                            !! eps [N/m], 0: determined from the structure
+      character(:), allocatable, intent(out) :: failure               !! empty on success
 
       if (.not. allocated(self%rigid)) allocate (self%rigid)
       call new_rigid_contacts(self%rigid, self%shapes, self%pushes, self%gaps, augmentation, failure)
       self%is_multiplier = .true.
    end subroutine make_rigid
 
-   !> Lets pairs of coordinates (1 and 2, 3 and 4, ...) turn with the phase of a tone.
+   !> Makes pairs of coordinates (1 and 2, 3 and 4, ...) rotate with the phase of a tone.
    pure subroutine set_turns(self, tone, turns)
       class(contact_table_t), intent(inout) :: self
       integer, intent(in) :: tone
-      integer, intent(in) :: turns(:)                                 !! n of each pair, 0 for one that does not turn
+      integer, intent(in) :: turns(:)                                 !! n of each pair, 0 for one that does not rotate
 
       self%n_phases = tone
       self%turns = turns
-      self%has_potential = .false.                                    ! contacts that run past the coordinates
-      if (allocated(self%kinks)) deallocate (self%kinks)              ! they stand at no place of any coordinate
+      self%has_potential = .false.                                    ! contacts that move past the coordinates
+      if (allocated(self%kinks)) deallocate (self%kinks)              ! their positions are not those of any coordinate
    end subroutine set_turns
 
-   !> Takes the phase of the tone that turns the contacts.
+   !> Sets the phase of the tone with which the contacts rotate.
    pure subroutine contact_table_set_phases(self, phases)
       class(contact_table_t), intent(inout) :: self
       real(wp), intent(in) :: phases(:, :)
@@ -123,7 +125,7 @@ contains
       real(wp) :: augmentation
       logical :: is_rigid
 
-      self%has_potential = .true.                                     ! until it is known
+      self%has_potential = .true.                                     ! until determined
       call read_dofs(self, group, structure)
       call group%get("n_contacts", n)
       call group%get("gaps", gaps)
@@ -157,12 +159,12 @@ contains
       end if
    end subroutine contact_table_read
 
-   !> Reads whether contacts are rigid, and what belongs to that: the stiffness of elastic ones or the augmentation.
+   !> Reads whether contacts are rigid, and the corresponding keys: the stiffness of elastic ones or the augmentation.
    subroutine read_hardness(group, is_rigid, stiffness, augmentation)
       type(properties_t), intent(inout) :: group
       logical, intent(out) :: is_rigid
-      real(wp), allocatable, intent(out) :: stiffness(:)              !! [N/m], 0 of rigid ones; not allocated: a problem
-      real(wp), intent(out) :: augmentation                           !! [N/m], 0: chosen from the structure
+      real(wp), allocatable, intent(out) :: stiffness(:)              !! [N/m], 0 for rigid ones; not allocated after a problem
+      real(wp), intent(out) :: augmentation                           !! [N/m], 0: determined from the structure
       integer :: kind                                                 ! elastic, rigid
 
       augmentation = 0.0_wp
@@ -170,17 +172,17 @@ contains
       is_rigid = kind == 2
       if (.not. is_rigid) then
          call group%get("stiffness", stiffness)
-         if (group%given("augmentation")) call group%problem("augmentation", "only rigid contacts have one: leave it out, or "// &
-                                                             "take contact = 'rigid'")
+         if (group%given("augmentation")) call group%problem("augmentation", "only rigid contacts have one: remove it, or "// &
+                                                             "use contact = 'rigid'")
          return
       end if
-      if (group%given("stiffness")) call group%problem("stiffness", "rigid contacts have none: leave it out, or take "// &
+      if (group%given("stiffness")) call group%problem("stiffness", "rigid contacts have none: remove it, or use "// &
                                                        "contact = 'elastic'")
       stiffness = [0.0_wp]
       call group%get("augmentation", augmentation)
    end subroutine read_hardness
 
-   !> Spreads one number over all contacts.
+   !> Repeats one number for all contacts.
    subroutine one_for_each(group, key, values, n)
       type(properties_t), intent(inout) :: group
       character(*), intent(in) :: key
@@ -198,7 +200,7 @@ contains
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
       logical :: is_reported
 
-      if (.not. allocated(self%turns)) then                           ! absent derivatives are not handed on: sanitizers mind
+      if (.not. allocated(self%turns)) then ! absent derivatives are not passed on, which sanitizers would report
          if (present(df_dz)) then
             call push_back(self, z, p, f, df_dz, df_dp)
          else
@@ -208,7 +210,7 @@ contains
       end if
       is_reported = allocated(self%cosine)
       if (is_reported) is_reported = size(self%cosine, 1) == size(z, 1)
-      if (.not. is_reported) then                                     ! without phases of these samples: no force is known
+      if (.not. is_reported) then                                     ! without phases of these samples the force is undefined
          f = ieee_value(1.0_wp, ieee_quiet_nan)
          if (present(df_dz)) df_dz = f(1, 1)
          if (present(df_dp)) df_dp = f(1, 1)
@@ -224,7 +226,7 @@ contains
       call turn(self, f, 1.0_wp)
    end subroutine contact_table_evaluate
 
-   !> Forces of the table as it stands, elastic or rigid.
+   !> Forces of the table without rotation, elastic or rigid.
    subroutine push_back(self, z, p, f, df_dz, df_dp)
       class(contact_table_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :), p(:, :)
@@ -242,7 +244,7 @@ contains
       end if
    end subroutine push_back
 
-   !> Samples of coordinates or reactions as the contacts see them: (R a).z = a.(R^T z).
+   !> Samples of coordinates or reactions in the frame of the contacts: (R a).z = a.(R^T z).
    pure function seen(self, columns)
       class(contact_table_t), intent(in) :: self
       real(wp), intent(in) :: columns(:, :)                           !! (n_samples, n_coordinates), or no columns
@@ -252,7 +254,7 @@ contains
       if (allocated(self%turns) .and. size(seen, 2) > 0) call turn(self, seen, -1.0_wp)
    end function seen
 
-   !> Turns derivatives of forces by coordinates or reactions, R (df/dz) R^T.
+   !> Rotates derivatives of forces by coordinates or reactions, R (df/dz) R^T.
    pure subroutine turn_slopes(self, slopes)
       class(contact_table_t), intent(in) :: self
       real(wp), intent(inout) :: slopes(:, :, :)                      !! (n_samples, n_coordinates, n_coordinates or 0)
@@ -267,7 +269,7 @@ contains
       end do
    end subroutine turn_slopes
 
-   !> Turns each pair of columns by the angle n tau of its sample, forwards (`sense` 1) or backwards (-1).
+   !> Rotates each pair of columns by the angle n tau of its sample, forwards (`sense` 1) or backwards (-1).
    pure subroutine turn(self, columns, sense)
       class(contact_table_t), intent(in) :: self
       real(wp), intent(inout) :: columns(:, :)                        !! (n_samples, n_coordinates)
@@ -320,7 +322,8 @@ contains
       end do
    end subroutine press
 
-   !> Takes eps of rigid contacts from the structure unless the user gave it, for a model at rest: its static stiffness.
+   !> Sets eps of rigid contacts to the static stiffness of the structure unless given by the user, for a model
+   !> without motion.
    subroutine contact_table_prepare(self, static_stiffness)
       class(contact_table_t), intent(inout) :: self
       real(wp), intent(in) :: static_stiffness
@@ -328,8 +331,8 @@ contains
       if (allocated(self%rigid)) call self%rigid%propose(static_stiffness)
    end subroutine contact_table_prepare
 
-   !> Takes eps of rigid contacts from the structure unless the user gave it, where there is motion: its dynamic stiffness in
-   !> the fastest harmonic, in which contacts take over from one another.
+   !> Sets eps of rigid contacts to the dynamic stiffness of the structure in the fastest harmonic unless given by the
+   !> user, because load passes from one contact to the next at that rate.
    subroutine contact_table_prepare_rate(self, impedance, frequency)
       class(contact_table_t), intent(inout) :: self
       real(wp), intent(in) :: impedance, frequency
@@ -337,7 +340,7 @@ contains
       if (allocated(self%rigid)) call self%rigid%propose(impedance*frequency)
    end subroutine contact_table_prepare_rate
 
-   !> What lies behind rigid contacts is put onto them; the phases must be those told last.
+   !> Moves points behind rigid contacts onto them, with the phases set last.
    pure subroutine contact_table_correct(self, z, corrected)
       class(contact_table_t), intent(in) :: self
       real(wp), intent(in) :: z(:, :)
@@ -385,7 +388,7 @@ contains
       f = forces(1, :)
    end subroutine contact_table_evaluate_held
 
-   !> Coordinates at one moment in the frame of the contacts; its phase must have been reported.
+   !> Coordinates at one moment in the frame of the contacts, whose phase must have been set.
    pure function seen_by_contacts(self, z) result(seen)
       class(contact_table_t), intent(in) :: self
       real(wp), intent(in) :: z(:)                                    !! [m], (n_coordinates)
@@ -403,7 +406,8 @@ contains
       class(contact_table_t), intent(in) :: self
       type(hold_t) :: hold
 
-      hold%failure = "no method of &integration holds rigid contacts of a table or of blades: for time integration give law '"// &
+      hold%failure = "no method of &integration supports rigid contacts of a table or of blades: "// &
+                       "for time integration give law '"// &
                      self%label//"' contact = 'elastic' and a large stiffness"
    end function contact_table_hold
 

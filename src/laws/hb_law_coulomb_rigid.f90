@@ -1,9 +1,10 @@
-!> Rigid Coulomb friction, exactly: |f| <= S, and f = S sgn(v) while it slides, by the force that friction must supply.
+!> Rigid Coulomb friction, exactly: |f| <= S, and f = S sgn(v) while it slides, by the friction force that equilibrium
+!> requires.
 !>
-!> With p the reaction that equilibrium requires, f = min(max(p + eps v, -S), S). At a solution p and f agree in the kept
-!> harmonics, so that either |f| < S and v = 0 (stop), or f = S sgn(v) (slip), up to the truncation of the series, for any
-!> eps > 0. Source: docs/why/theory.md, section 5.5; augmented Lagrangian form of friction, Alart and Curnier, Comput. Methods
-!> Appl. Mech. Engrg. 92 (1991) 353-375. Sign: f stands beside K q on the left-hand side.
+!> With p the reaction that equilibrium requires, f = min(max(p + eps v, -S), S). At a solution p and f agree in the
+!> retained harmonics, so that either |f| < S and v = 0 (stick), or f = S sgn(v) (slip), up to the truncation of the
+!> series, for any eps > 0. Source: docs/why/theory.md, section 5.5; augmented Lagrangian form of friction, Alart and
+!> Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375. Sign: f stands beside K q on the left-hand side.
 module hb_law_coulomb_rigid
    use hb_kinds, only: wp
    use hb_law, only: defects_t, hold_t, law_t, read_place
@@ -54,7 +55,8 @@ contains
       df_dv(:, :, 1) = self%augmentation*df_dp(:, :, 1)
    end subroutine coulomb_rigid_evaluate
 
-   !> Takes eps from the structure unless the user gave it: then the equations of stops are scaled like the linear ones.
+   !> Sets eps to the impedance of the structure unless given by the user: the equations of sticking are then scaled
+   !> like the linear ones.
    subroutine coulomb_rigid_prepare_rate(self, impedance, frequency)
       class(coulomb_rigid_t), intent(inout) :: self
       real(wp), intent(in) :: impedance, frequency
@@ -62,7 +64,8 @@ contains
       if (self%augmentation <= 0.0_wp) self%augmentation = impedance
    end subroutine coulomb_rigid_prepare_rate
 
-   !> Exact friction takes S |v|; the reaction, held within the limit, takes less where it slips the wrong way or too early.
+   !> Exact friction dissipates S |v|; the reaction, limited to S, dissipates less where it slips in the wrong
+   !> direction or too early.
    pure function coulomb_rigid_defects(self, z, v, p) result(defects)
       class(coulomb_rigid_t), intent(in) :: self
       real(wp), intent(in) :: z(:, :), v(:, :), p(:, :)

@@ -1,7 +1,7 @@
-!> Coulomb friction made smooth: f = S tanh(v/v_0).
+!> Smoothed Coulomb friction: f = S tanh(v/v_0).
 !>
-!> A slope instead of sticking: below v_0 it creeps like a dashpot S/v_0. For friction that sticks take coulomb_rigid or
-!> jenkins. Source: docs/why/theory.md, section 5.5. Sign: f stands beside K q on the left-hand side.
+!> It does not stick: below v_0 it creeps like a dashpot S/v_0. For friction that sticks use coulomb_rigid or jenkins.
+!> Source: docs/why/theory.md, section 5.5. Sign: f stands beside K q on the left-hand side.
 module hb_law_coulomb_tanh
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place

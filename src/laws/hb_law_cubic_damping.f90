@@ -1,8 +1,9 @@
 !> Damping that grows with the square of a speed, f = c |a|**2 a, on one coordinate or on several at once.
 !>
-!> a is the rate of the coordinates, a = v. For two coordinates in a frame that turns relative to the damped body it is the
-!> velocity that the body sees: a = v + W J z, J = ((0, -1), (1, 0)); for modes of n nodal diameters in a frame of the speed S
-!> relative to the body W = n S. Source: docs/why/theory.md, sections 4 and 5.1. Sign: f stands beside K q on the left-hand side.
+!> a is the rate of the coordinates, a = v. For two coordinates in a frame that rotates relative to the damped body it
+!> is the velocity in the frame of the body: a = v + W J z, J = ((0, -1), (1, 0)); for modes of n nodal diameters in a
+!> frame of the speed S relative to the body W = n S. Source: docs/why/theory.md, sections 4 and 5.1. Sign: f stands
+!> beside K q on the left-hand side.
 module hb_law_cubic_damping
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs
@@ -41,7 +42,7 @@ contains
       self%is_odd = .true.
       if (.not. allocated(self%dofs)) return
       if (abs(speed) > 0.0_wp .and. size(self%dofs) /= 2) then
-         call group%problem("speed", "only two coordinates can belong to a frame that turns")
+         call group%problem("speed", "only two coordinates can belong to a rotating frame")
       end if
    end subroutine cubic_damping_read
 

@@ -11,7 +11,7 @@ module hb_law_elastic_stop
 
    type, extends(law_t) :: elastic_stop_t
       real(wp) :: stiffness = 0.0_wp                                  !! k [N/m]
-      real(wp) :: gap = 0.0_wp                                        !! g [m]; negative: pressed on at rest
+      real(wp) :: gap = 0.0_wp                                        !! g [m]; negative: preloaded at rest
       logical :: two_sided = .false.
    contains
       procedure :: read => elastic_stop_read
@@ -76,7 +76,7 @@ contains
       if (is_positive(2)) f = f + self%stiffness*(z + self%gap)
    end subroutine elastic_stop_evaluate_held
 
-   !> k max(z - g, 0)**2/2, two-sided also k min(z + g, 0)**2/2; while both press, their sum.
+   !> k max(z - g, 0)**2/2, two-sided also k min(z + g, 0)**2/2; their sum while both are in contact.
    subroutine elastic_stop_potential(self, z, energy, gradient)
       class(elastic_stop_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :)

@@ -1,7 +1,7 @@
-!> Electrostatic force of a plate at z = d on a body that it attracts, f = -c V**2/(d - z)**2, with a voltage of which a part may
-!> change with the phase of tones, V = V_0 + V_c cos(j.tau) + V_s sin(j.tau). At d the body is pulled in: no force is known there.
-!> Source: M. I. Younis, MEMS Linear and Nonlinear Statics and Dynamics, Springer 2011, chapter 3; docs/why/theory.md, section
-!> 5.1. Sign: f stands beside K q on the left-hand side.
+!> Electrostatic force of a plate at z = d on a body that it attracts, f = -c V**2/(d - z)**2, with a voltage of which
+!> a part may vary with the phase of tones, V = V_0 + V_c cos(j.tau) + V_s sin(j.tau). At d the body is pulled in, and
+!> the force is undefined. Source: M. I. Younis, MEMS Linear and Nonlinear Statics and Dynamics, Springer 2011,
+!> chapter 3; docs/why/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
 module hb_law_electrostatic
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
@@ -18,7 +18,7 @@ module hb_law_electrostatic
       real(wp) :: gap = 0.0_wp                                        !! d [m]
       real(wp) :: voltage = 0.0_wp                                    !! V_0 [V]
       real(wp) :: wave(2) = 0.0_wp                                    !! V_c, V_s [V]
-      real(wp), allocatable, private :: changing(:)                   ! what they give at the samples to come [V]
+      real(wp), allocatable, private :: changing(:)                   ! their sum at the following samples [V]
    contains
       procedure :: read => electrostatic_read
       procedure :: set_phases => electrostatic_set_phases
@@ -41,14 +41,14 @@ contains
       call group%get("tuple", self%modulation)
       call group%get("voltage_cos", self%wave(1))
       call group%get("voltage_sin", self%wave(2))
-      self%length_scale = self%gap/3                                   ! where it is pulled in at rest
+      self%length_scale = self%gap/3                                   ! static pull-in
       self%has_potential = .not. allocated(self%modulation)
       call read_place(self, group, structure)
       if (allocated(self%modulation)) then
          self%n_phases = size(self%modulation)
-         if (all(self%modulation == 0)) call group%problem("tuple", "all zero: what does not change belongs to 'voltage'")
+         if (all(self%modulation == 0)) call group%problem("tuple", "all zero: a constant voltage belongs to 'voltage'")
       else if (any(abs(self%wave) > 0.0_wp)) then
-         call group%problem("tuple", "give the tuple with which 'voltage_cos' and 'voltage_sin' change")
+         call group%problem("tuple", "give the tuple with which 'voltage_cos' and 'voltage_sin' vary")
       end if
    end subroutine electrostatic_read
 

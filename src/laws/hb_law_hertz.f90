@@ -13,7 +13,7 @@ module hb_law_hertz
    type, extends(law_t) :: hertz_t
       real(wp) :: stiffness = 0.0_wp                                  !! k [N/m**n]
       real(wp) :: exponent = 1.5_wp                                   !! n
-      real(wp) :: gap = 0.0_wp                                        !! g [m]; negative: pressed on at rest
+      real(wp) :: gap = 0.0_wp                                        !! g [m]; negative: preloaded at rest
       real(wp) :: dissipation = 0.0_wp                                !! chi [s/m]
    contains
       procedure :: read => hertz_read

@@ -1,7 +1,7 @@
-!> Iwan model: Jenkins elements side by side, f = sum k_i (z - w_i), which slip one after the other (micro-slip).
+!> Iwan model: Jenkins elements in parallel, f = sum k_i (z - w_i), which slip one after the other (micro-slip).
 !>
-!> States: the places w_i of the sliders. Source: W. D. Iwan, J. Applied Mechanics 33 (1966) 893-900; docs/why/theory.md,
-!> section 5.5. Sign: f stands beside K q on the left-hand side.
+!> States: the positions w_i of the sliders. Source: W. D. Iwan, J. Applied Mechanics 33 (1966) 893-900;
+!> docs/why/theory.md, section 5.5. Sign: f stands beside K q on the left-hand side.
 module hb_law_iwan
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp

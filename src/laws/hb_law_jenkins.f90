@@ -1,7 +1,8 @@
 !> Elastic Coulomb friction (Jenkins element): a spring in series with a slider, f = k (z - w), |f| <= mu N.
 !>
 !> The normal load N is constant, or N = max(0, N_0 + k_n z_n) with a second coordinate z_n, on which N itself acts.
-!> State: the place w of the slider. Source: docs/why/theory.md, section 5.5. Sign: f and N stand beside K q on the left-hand side.
+!> State: the position w of the slider. Source: docs/why/theory.md, section 5.5. Sign: f and N stand beside K q on the
+!> left-hand side.
 module hb_law_jenkins
    use hb_hysteretic_law, only: advance_step_by_step, hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
@@ -46,17 +47,17 @@ contains
       call read_normal(self, group, structure)
    end subroutine jenkins_read
 
-   !> Reads the stiffness and the limit, or what it follows from where the normal load varies.
+   !> Reads the stiffness and the limit, or the keys from which it follows if the normal load varies.
    subroutine read_limit(self, group)
       class(jenkins_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
 
       call group%get("stiffness", self%stiffness)
       self%normal_load_varies = group%given("friction_coefficient")
-      self%is_odd = .not. self%normal_load_varies                     ! a load pushes to one side
+      self%is_odd = .not. self%normal_load_varies                     ! a normal load acts to one side
       if (.not. self%normal_load_varies) then
          call group%get("limit", self%limit)
-         if (self%stiffness > 0.0_wp) self%length_scale = self%limit/self%stiffness    ! not so after a problem
+         if (self%stiffness > 0.0_wp) self%length_scale = self%limit/self%stiffness    ! not after a problem
          return
       end if
       self%n_switches = 1
@@ -69,7 +70,7 @@ contains
       call group%get("preload", self%preload)
    end subroutine read_limit
 
-   !> Reads the normal coordinate, the last of the law, where the normal load varies.
+   !> Reads the normal coordinate, the last of the law, if the normal load varies.
    subroutine read_normal(self, group, structure)
       class(jenkins_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
@@ -140,8 +141,8 @@ contains
       largest_move = max(largest_move, abs(states(1, 1) - w))
    end subroutine jenkins_advance_line
 
-   !> Path of mu N/k for a path of the normal coordinate, and its slope against that coordinate. Where contact opens or
-   !> closes within the step its rates are left out: no turning point is searched for.
+   !> Path of mu N/k for a path of the normal coordinate, and its slope with respect to that coordinate. If contact
+   !> opens or closes within the step, its rates are omitted: no turning point is sought.
    pure subroutine window(self, normal, half_width, slope)
       class(jenkins_t), intent(in) :: self
       real(wp), intent(in) :: normal(:)                               !! (n_path_parts)
@@ -165,7 +166,7 @@ contains
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_ds(:, :, :)
       integer :: c
 
-      associate (n => self%n_states)                                  ! tangential coordinates; a normal one stands behind them
+      associate (n => self%n_states)                                  ! tangential coordinates, followed by a normal one
          f(:, :n) = self%stiffness*(z(:, :n) - s)
          if (self%normal_load_varies) f(:, n + 1) = max(self%preload + self%normal_stiffness*z(:, n + 1), 0.0_wp)
          if (.not. (present(df_dz) .and. present(df_ds))) return

@@ -1,12 +1,12 @@
 !> Elastic Coulomb friction in a plane: f = k (z - w), |f| <= mu N, with two tangential coordinates.
 !>
-!> The normal load N is constant, or N = max(0, N_0 + k_n z_n) with a third coordinate z_n, on which N itself acts: contact in
-!> three dimensions that sticks, slips and opens. States: the place w of the slider. It is dragged like a dog on a leash of length
-!> l = mu N/k: taut, it moves towards the end z of the spring, so that friction opposes sliding. Along the straight line between
-!> two samples its way (a tractrix) is known: with theta the angle of the leash to the line, tan(theta/2) falls as
-!> exp(-integral of way/l). A contact that closes again begins with a relaxed spring.
-!> Source: docs/why/theory.md, section 5.5; B. D. Yang and C. H. Menq, J. Sound Vib. 217 (1998) 909 (three-dimensional contact).
-!> Sign: f and N stand beside K q on the left-hand side.
+!> The normal load N is constant, or N = max(0, N_0 + k_n z_n) with a third coordinate z_n, on which N itself acts:
+!> contact in three dimensions that sticks, slips and opens. States: the position w of the slider. It is pulled as by
+!> a string of length l = mu N/k: when taut, it moves towards the end z of the spring, so that friction opposes
+!> sliding. Along the straight line between two samples its path (a tractrix) is known: with theta the angle of the
+!> string to the line, tan(theta/2) falls as exp(-integral of path length/l). A contact that closes again begins with
+!> a relaxed spring. Source: docs/why/theory.md, section 5.5; B. D. Yang and C. H. Menq, J. Sound Vib. 217 (1998) 909
+!> (three-dimensional contact). Sign: f and N stand beside K q on the left-hand side.
 module hb_law_jenkins_2d
    use hb_hysteretic_law, only: path_part
    use hb_kinds, only: wp
@@ -26,7 +26,7 @@ module hb_law_jenkins_2d
    end type jenkins_2d_t
 
    real(wp), parameter :: identity(2, 2) = reshape([1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [2, 2])
-   real(wp), parameter :: no_leash = 1.0e-100_wp                      ! shorter ones are of an open contact [m]
+   real(wp), parameter :: no_leash = 1.0e-100_wp                      ! shorter ones belong to an open contact [m]
 
 contains
 
@@ -76,9 +76,11 @@ contains
       end associate
    end subroutine jenkins_2d_advance
 
-   !> Leash after a straight displacement of its end while its length changes evenly, and its derivatives.
+   !> Computes the string after a straight displacement of its end while its maximum length changes linearly, and its
+   !> derivatives.
    !>
-   !> A leash longer than it may be, as interpolation may give it, is cut first. Until it is taut the slider stays.
+   !> A string longer than its maximum, as may result from interpolation, is first shortened. Until it is taut the
+   !> slider rests.
    pure subroutine drag(longest, displacement, elongation, by)
       real(wp), intent(in) :: longest(2)                              !! at start and end [m]; negative: contact is open
       real(wp), intent(in) :: displacement(2)                         !! [m]
@@ -90,7 +92,7 @@ contains
       by = 0.0_wp
       if (longest(2) <= no_leash) then
          elongation = 0.0_wp
-      else if (longest(1) <= no_leash) then                           ! contact closes on the way, its spring relaxed
+      else if (longest(1) <= no_leash) then                           ! contact closes within the step, its spring relaxed
          growth = longest(2) - longest(1)
          share = longest(2)/growth
          elongation = share*displacement
@@ -125,12 +127,12 @@ contains
       end if
    end subroutine drag
 
-   !> Drags the slider by a leash that becomes taut on the way, and is not too long before. Once taut it stays so: along the line
-   !> it only turns towards it, or gets shorter evenly.
+   !> Moves the slider by a string that becomes taut within the step, and is not too long before. Once taut it remains
+   !> so: along the line it only rotates towards it, or shortens linearly.
    pure subroutine drag_taut(longest, displacement, elongation, by)
       real(wp), intent(in) :: longest(2), displacement(2)
       real(wp), intent(inout) :: elongation(2)
-      real(wp), intent(inout) :: by(2, 6)                         !! in: how `elongation` depends on the first two and on longest(1)
+      real(wp), intent(inout) :: by(2, 6) !! in: derivatives of `elongation` with respect to the first two and longest(1)
       real(wp) :: a, angle, b, c, cut(2, 2), growth, kept, length, mean, root, share, since, slid, taut(2), turned, unit(2)
       real(wp) :: cut_by_longest(2), d_angle(6), d_share(6), d_since(6), d_slid(6), d_taut(2, 6)
 
@@ -149,7 +151,7 @@ contains
       end if
       share = min(max(share, 0.0_wp), 1.0_wp)
       taut = elongation + share*displacement
-      since = (1.0_wp - share)*longest(1) + share*longest(2)            ! length of the leash when it is taut
+      since = (1.0_wp - share)*longest(1) + share*longest(2)            ! length of the string when it becomes taut
       d_share = 0.0_wp
       if (root > epsilon(1.0_wp)*longest(1)*max(length, abs(growth))) &
          d_share = [-taut, -share*taut, since*(1.0_wp - share), since*share]/root
@@ -158,7 +160,7 @@ contains
       d_taut(:, 3:4) = d_taut(:, 3:4) + share*identity
       d_since = growth*d_share + [0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp - share, share]
 
-      ! The tractrix from there, by a leash of its mean length
+      ! The tractrix from there, with a string of the mean length
       unit = taut/norm2(taut)
       d_angle = (unit(1)*d_taut(2, :) - unit(2)*d_taut(1, :))/since
       if (length > 0.0_wp) then
@@ -171,7 +173,7 @@ contains
          kept = exp(-slid)
          turned = 1.0_wp/(cos(angle)**2 + (kept*sin(angle))**2)       ! kept*turned: angle at the end by angle when taut
          d_angle = kept*turned*d_angle
-         ! The rest, 1 - kept*turned, without cancellation where the way is short
+         ! The remainder, 1 - kept*turned, without cancellation if the path is short
          d_angle(3:4) = d_angle(3:4) + tanh(0.5_wp*slid)*(1.0_wp + kept)*(1.0_wp - sin(angle)**2*(1.0_wp + kept))*turned/length* &
                         [-displacement(2), displacement(1)]/length
          a = 2.0_wp*atan2(kept*sin(angle), cos(angle))

@@ -1,9 +1,9 @@
-!> Spring and damper that change with the phase of tones, f = k(tau) z + d(tau) v with k = k_c cos(j.tau) + k_s sin(j.tau), d alike.
-!> Several of them make any periodic or quasi-periodic stiffness: Mathieu's equation, gear meshes, cracks that breathe.
-!> With a backlash b the spring acts on what of z is beyond -b to b, as between the teeth of gears.
-!> Source: Nayfeh and Mook, Nonlinear Oscillations, Wiley 1979, chapter 5; A. Kahraman
-!> and R. Singh, J. Sound Vib. 146 (1991) 135 (gears); docs/why/theory.md, section 5.1.
-!> Sign: f stands beside K q on the left-hand side.
+!> Spring and damper that vary with the phase of tones, f = k(tau) z + d(tau) v with k = k_c cos(j.tau) + k_s
+!> sin(j.tau) and d alike. Several of them form any periodic or quasi-periodic stiffness: Mathieu's equation, gear
+!> meshes, breathing cracks. With a backlash b the spring acts on the part of z beyond -b to b, as between the teeth
+!> of gears. Source: Nayfeh and Mook, Nonlinear Oscillations, Wiley 1979, chapter 5; A. Kahraman and R. Singh, J.
+!> Sound Vib. 146 (1991) 135 (gears); docs/why/theory.md, section 5.1. Sign: f stands beside K q on the left-hand
+!> side.
 module hb_law_parametric
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place
@@ -17,7 +17,7 @@ module hb_law_parametric
       real(wp) :: stiffness(2) = 0.0_wp                               !! k_c, k_s [N/m]
       real(wp) :: damping(2) = 0.0_wp                                 !! d_c, d_s [N s/m]
       real(wp) :: backlash = 0.0_wp                                   !! b [m]
-      real(wp), allocatable, private :: k(:, :), d(:, :)              ! at the samples to come, (n_samples, 1)
+      real(wp), allocatable, private :: k(:, :), d(:, :)              ! at the following samples, (n_samples, 1)
    contains
       procedure :: read => parametric_read
       procedure :: set_phases => parametric_set_phases
@@ -45,12 +45,12 @@ contains
          self%n_switches = 2
          self%length_scale = self%backlash
       else
-         self%degree = 3                                              ! samples for a tuple of twice the order, too
+         self%degree = 3                                              ! samples also for a tuple of twice the order
       end if
       call read_place(self, group, structure)
       if (.not. allocated(self%modulation)) return
       self%n_phases = size(self%modulation)
-      if (all(self%modulation == 0)) call group%problem("tuple", "all zero: what does not change belongs to the structure")
+      if (all(self%modulation == 0)) call group%problem("tuple", "all zero: constant terms belong to the structure")
    end subroutine parametric_read
 
    pure subroutine parametric_set_phases(self, phases)

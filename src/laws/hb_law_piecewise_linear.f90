@@ -46,7 +46,7 @@ contains
       self%length_scale = maxval(abs(breakpoints))
       self%n_switches = size(breakpoints)
       self%kinks = [kink_t([1.0_wp], [1.0_wp], breakpoints, slopes(2:) - slopes(:size(breakpoints)))]
-      ! Odd where breakpoints and slopes mirror at zero and there is no force there.
+      ! Odd if breakpoints and slopes are symmetric about zero and the force is zero there.
       associate (n => size(self%breakpoints), rounding => 8*epsilon(1.0_wp))
          self%is_odd = all(abs(breakpoints + breakpoints(n:1:-1)) <= rounding*abs(breakpoints)) .and. &
                        all(abs(self%slopes - self%slopes(n + 1:1:-1)) <= rounding*abs(self%slopes)) .and. &
@@ -62,7 +62,7 @@ contains
       real(wp), allocatable :: breakpoints(:), slopes(:)
       real(wp) :: force_at_zero
 
-      self%has_potential = .true.                                     ! whatever is wrong with the rest
+      self%has_potential = .true.                                     ! even if other keys have problems
       call group%get("breakpoints", breakpoints)
       call group%get("force_at_zero", force_at_zero)
       if (allocated(breakpoints)) then

@@ -1,8 +1,8 @@
-!> Polynomial of several degrees of freedom and their rates: each term c q_1**a_1 q_2**a_2 ... v_1**b_1 v_2**b_2 ... acts on
-!> one of them. Terms come from lists, or from a table of text with a term a line, as the quadratic and cubic tensors of reduced
-!> models of geometric nonlinearity; they are kept, and evaluated, by the few factors that each has.
-!> Source: docs/why/theory.md, section 5.1; M. P. Mignolet, A. Przekop, S. A. Rizzi and S. M. Spottswood, J. Sound Vib. 332 (2013)
-!> 2437 (reduced models). Sign: f stands beside K q on the left-hand side.
+!> Polynomial of several degrees of freedom and their rates: each term c q_1**a_1 q_2**a_2 ... v_1**b_1 v_2**b_2 ...
+!> acts on one of them. Terms come from lists, or from a text table with one term per line, such as the quadratic and
+!> cubic tensors of reduced models of geometric nonlinearity; they are stored and evaluated by the few factors of
+!> each. Source: docs/why/theory.md, section 5.1; M. P. Mignolet, A. Przekop, S. A. Rizzi and S. M. Spottswood, J.
+!> Sound Vib. 332 (2013) 2437 (reduced models). Sign: f stands beside K q on the left-hand side.
 module hb_law_polynomial_coupled
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_checksum, only: checksum
@@ -25,12 +25,12 @@ module hb_law_polynomial_coupled
 
    type, extends(law_t) :: polynomial_coupled_t
       real(wp), allocatable :: coefficients(:)                        !! c, (n_terms)
-      integer, allocatable :: acts_on(:)                              !! coordinate that feels the term, (n_terms)
-      integer, allocatable :: first(:)                                !! factor of each term, and one more, (n_terms + 1)
+      integer, allocatable :: acts_on(:)                              !! coordinate on which the term acts, (n_terms)
+      integer, allocatable :: first(:)                                !! first factor of each term, and one more, (n_terms + 1)
       integer, allocatable :: coordinate(:)                           !! of each factor
       integer, allocatable :: exponent(:)                             !! of each factor, > 0
       logical, allocatable :: is_rate(:)                              !! of each factor: of the rate of the coordinate
-      character(:), allocatable, private :: file_mark                 ! of the file that gave them
+      character(:), allocatable, private :: file_mark                 ! fingerprint of its file
    contains
       procedure :: read => polynomial_coupled_read
       procedure :: evaluate => polynomial_coupled_evaluate
@@ -40,7 +40,7 @@ module hb_law_polynomial_coupled
 
 contains
 
-   !> Polynomial of the given terms.
+   !> Creates a polynomial of the given terms.
    pure subroutine new_polynomial_coupled(self, coefficients, acts_on, z_exponents, v_exponents)
       class(polynomial_coupled_t), intent(inout) :: self
       real(wp), intent(in) :: coefficients(:)                         !! [N per product of powers], (n_terms)
@@ -62,7 +62,7 @@ contains
       call describe(self, size(z_exponents, 2))
    end subroutine new_polynomial_coupled
 
-   !> Makes room for terms, of which there are none yet.
+   !> Allocates memory for terms, of which there are none yet.
    pure subroutine begin(self, n_terms, n_factors)
       class(polynomial_coupled_t), intent(inout) :: self
       integer, intent(in) :: n_terms, n_factors                       !! at most
@@ -74,7 +74,7 @@ contains
       self%first(1) = 1
    end subroutine begin
 
-   !> One more factor of the last term.
+   !> Adds a factor to the last term.
    pure subroutine add_factor(self, i, coordinate, exponent, is_rate)
       class(polynomial_coupled_t), intent(inout) :: self
       integer, intent(in) :: i                                        !! its number
@@ -89,7 +89,7 @@ contains
       end associate
    end subroutine add_factor
 
-   !> What follows from the terms.
+   !> Sets the properties that follow from the terms.
    pure subroutine describe(self, n_coordinates)
       class(polynomial_coupled_t), intent(inout) :: self
       integer, intent(in) :: n_coordinates
@@ -117,7 +117,7 @@ contains
       type(error_t), allocatable :: error
       integer :: i
 
-      self%has_potential = .true.                                     ! until it is known
+      self%has_potential = .true.                                     ! until determined
       call read_dofs(self, group, structure)
       call group%get("file", file, required=.false.)
       if (.not. allocated(file)) then
@@ -132,7 +132,7 @@ contains
       if (allocated(error)) call group%problem("file", error%message)
    end subroutine polynomial_coupled_read
 
-   !> Terms from lists of coefficients and exponents.
+   !> Reads terms from lists of coefficients and exponents.
    subroutine read_lists(self, group, structure)
       class(polynomial_coupled_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
@@ -162,7 +162,7 @@ contains
       if (allocated(acts_on)) call new_polynomial_coupled(self, coefficients, acts_on, z_exponents, v_exponents)
    end subroutine read_lists
 
-   !> Turns a list of exponents, term after term, into a table; not allocated when the list has another length.
+   !> Converts a list of exponents, term after term, to a table; not allocated if the length is wrong.
    subroutine sort_by_term(group, key, list, n_terms, n_dofs, exponents)
       type(properties_t), intent(inout) :: group
       character(*), intent(in) :: key
@@ -177,7 +177,7 @@ contains
       end if
    end subroutine sort_by_term
 
-   !> Places of the named degrees of freedom among those of the law; not allocated after a problem.
+   !> Positions of the named degrees of freedom among those of the law; not allocated after a problem.
    subroutine find_coordinates(self, names, group, structure, places)
       class(polynomial_coupled_t), intent(in) :: self
       type(string_t), intent(in) :: names(:)
@@ -204,12 +204,12 @@ contains
       end do
    end subroutine find_coordinates
 
-   !> Terms from a table: in each line the coefficient, the degree of freedom that feels the term, and those that are
-   !> multiplied, as `1.2e5 q1 q1 q1 q2`. What follows ! or # is a comment.
+   !> Reads terms from a table: each line contains the coefficient, the degree of freedom on which the term acts, and
+   !> those that are multiplied, as in `1.2e5 q1 q1 q1 q2`. Text after ! or # is a comment.
    subroutine read_terms(self, path, name, structure, error)
       class(polynomial_coupled_t), intent(inout) :: self
       character(*), intent(in) :: path
-      character(*), intent(in) :: name                                !! of the file, as the input has it
+      character(*), intent(in) :: name                                !! of the file, as in the input
       type(structure_t), intent(in) :: structure
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: text
@@ -255,7 +255,7 @@ contains
       call describe(self, size(self%dofs))
    end subroutine read_terms
 
-   !> One line of the table, without its comment.
+   !> Reads one line of the table, without its comment.
    subroutine read_term(self, line, i, structure, error)
       class(polynomial_coupled_t), intent(inout) :: self
       character(*), intent(in) :: line
@@ -276,17 +276,17 @@ contains
          if (n == 1) then
             call parse_real(line(start:last), self%coefficients(i), is_number)
             if (.not. (is_number .and. ieee_is_finite(self%coefficients(i)))) then
-               call fail(error, "'"//line(start:last)//"' is no number; a line has a number, the degree of freedom that feels "// &
-                         "the term, and those that are multiplied")
+               call fail(error, "'"//line(start:last)//"' is not a number; a line has a number, the degree of freedom on which "// &
+                         "the term acts, and those that are multiplied")
                return
             end if
          else
-            do c = size(self%dofs), 1, -1                             ! of these first: there may be many others
+            do c = size(self%dofs), 1, -1                             ! these first: there may be many others
                if (structure%labels(self%dofs(c)) == line(start:last)) exit
             end do
             if (c == 0) c = findloc(self%dofs, structure%dof_index(line(start:last)), dim=1)
             if (c == 0) then
-               call fail(error, "'"//line(start:last)//"' is none of 'dofs'")
+               call fail(error, "'"//line(start:last)//"' is not one of 'dofs'")
                return
             end if
             if (n == 2) self%acts_on(i) = c
@@ -294,9 +294,9 @@ contains
          end if
       end do
       if (n < 3) then
-         call fail(error, "a term needs a number, the degree of freedom that feels it, and at least one that is multiplied")
+         call fail(error, "a term needs a number, the degree of freedom on which it acts, and at least one that is multiplied")
       else if (any(exponents > highest_exponent)) then
-         call fail(error, "a degree of freedom stands more than "//to_text(highest_exponent)//" times")
+         call fail(error, "a degree of freedom occurs more than "//to_text(highest_exponent)//" times")
       end if
       self%first(i + 1) = self%first(i)
       do c = 1, size(exponents)
@@ -304,7 +304,7 @@ contains
       end do
    end subroutine read_term
 
-   !> The file of the terms, if there is one.
+   !> Fingerprint of the file of the terms, if there is one.
    function polynomial_coupled_mark(self) result(text)
       class(polynomial_coupled_t), intent(in) :: self
       character(300) :: text
@@ -347,7 +347,7 @@ contains
       end do
    end subroutine polynomial_coupled_evaluate
 
-   !> Term i, or its derivative by one of its factors (0: by none).
+   !> Term i, or its derivative with respect to one of its factors (0: none).
    pure subroutine find_term(self, i, z, v, by_factor, value)
       class(polynomial_coupled_t), intent(in) :: self
       integer, intent(in) :: i, by_factor
@@ -385,8 +385,9 @@ contains
       end if
    end subroutine multiply
 
-   !> Whether the terms without a rate are a gradient: of the terms that would come from one product of powers, those on each
-   !> coordinate must be what Euler's theorem makes of their sum. Products are sorted by their exponents, coordinate by coordinate.
+   !> Whether the terms without a rate are a gradient: for the terms from one product of powers, those on each
+   !> coordinate must satisfy Euler's theorem for their sum. Products are sorted by their exponents, coordinate by
+   !> coordinate.
    pure logical function is_gradient(self, n_coordinates)
       class(polynomial_coupled_t), intent(in) :: self
       integer, intent(in) :: n_coordinates
@@ -438,8 +439,8 @@ contains
       has_rate = any(self%is_rate(self%first(i):self%first(i + 1) - 1))
    end function has_rate
 
-   !> Sum of z_a c z**a/(degree + 1) over the terms without a rate, a the coordinate on which each acts: by Euler's theorem on
-   !> homogeneous functions the potential, where there is one.
+   !> Sum of z_a c z**a/(degree + 1) over the terms without a rate, where a is the coordinate on which each acts: by
+   !> Euler's theorem on homogeneous functions this is the potential, if there is one.
    subroutine polynomial_coupled_potential(self, z, energy, gradient)
       class(polynomial_coupled_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :)

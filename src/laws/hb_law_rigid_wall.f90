@@ -1,9 +1,10 @@
-!> Rigid wall, z <= g, by the force that the wall must supply: no stiffness of the wall enters.
+!> Rigid wall, z <= g, by the reaction that equilibrium requires: no stiffness of the wall is needed.
 !>
-!> With p the reaction that equilibrium requires, lambda = max(0, p + eps (z - g)). At a solution p and lambda agree in the
-!> kept harmonics, so that lambda >= 0, z <= g and lambda (z - g) = 0 hold up to the truncation of the series, for any
-!> eps > 0. Two-sided also -max(0, -p - eps (z + g)). Source: docs/why/theory.md, section 5.3; augmented Lagrangian form of
-!> unilateral contact, Alart and Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375.
+!> With p the reaction that equilibrium requires, lambda = max(0, p + eps (z - g)). At a solution p and lambda agree
+!> in the retained harmonics, so that lambda >= 0, z <= g and lambda (z - g) = 0 hold up to the truncation of the
+!> series, for any eps > 0. Two-sided also -max(0, -p - eps (z + g)). Source: docs/why/theory.md, section 5.3;
+!> augmented Lagrangian form of unilateral contact, Alart and Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991)
+!> 353-375.
 module hb_law_rigid_wall
    use hb_kinds, only: wp
    use hb_law, only: defects_t, hold_t, law_t, read_place
@@ -14,10 +15,10 @@ module hb_law_rigid_wall
    public :: rigid_wall_t
 
    type, extends(law_t) :: rigid_wall_t
-      real(wp) :: gap = 0.0_wp                                        !! g [m]; negative: pressed on at rest
+      real(wp) :: gap = 0.0_wp                                        !! g [m]; negative: preloaded at rest
       real(wp) :: augmentation = 0.0_wp                               !! eps [N/m]; 0: the static stiffness of the structure
       logical :: two_sided = .false.
-      real(wp) :: restitution = -1.0_wp                               !! speed after an impact over that before; < 0: not given
+      real(wp) :: restitution = -1.0_wp !! ratio of the speeds after and before an impact; < 0: not given
    contains
       procedure :: read => rigid_wall_read
       procedure :: evaluate => rigid_wall_evaluate
@@ -63,7 +64,8 @@ contains
       end associate
    end subroutine rigid_wall_evaluate
 
-   !> Takes eps from the structure unless the user gave it: then the contact equations are scaled like the linear ones.
+   !> Sets eps to the static stiffness of the structure unless given by the user: the contact equations are then
+   !> scaled like the linear ones.
    subroutine rigid_wall_prepare(self, static_stiffness)
       class(rigid_wall_t), intent(inout) :: self
       real(wp), intent(in) :: static_stiffness
@@ -71,7 +73,7 @@ contains
       if (self%augmentation <= 0.0_wp) self%augmentation = static_stiffness
    end subroutine rigid_wall_prepare
 
-   !> Correction of the paper's figure 6: what lies behind the wall is put onto it.
+   !> Correction of the paper's figure 6: moves points behind the wall onto it.
    pure subroutine rigid_wall_correct(self, z, corrected)
       class(rigid_wall_t), intent(in) :: self
       real(wp), intent(in) :: z(:, :)
@@ -88,7 +90,7 @@ contains
 
       defects%penetration = max(maxval(z) - self%gap, 0.0_wp)
       defects%complementarity = maxval(max(p, 0.0_wp)*abs(z - self%gap))
-      if (self%two_sided) then                                        ! a push to either side is right
+      if (self%two_sided) then                                        ! forces to either side are admissible
          defects%penetration = max(defects%penetration, -minval(z) - self%gap)
          defects%complementarity = max(defects%complementarity, maxval(max(-p, 0.0_wp)*abs(z + self%gap)))
       else

@@ -1,8 +1,8 @@
-!> Rolling bearing: balls or rollers in a cage that turns. Each that is pressed pushes with the force of Hertz,
-!> f = k sum_i d_i**n (cos a_i, sin a_i), d_i = max(x cos a_i + y sin a_i - c, 0), at the angles a_i = (j.tau + 2 pi i)/N.
-!> The phase j.tau is that of balls that pass a place, N times that of the cage: in it the force repeats.
-!> Source: S. Fukata, E. Gad, T. Kondou, T. Ayabe and H. Tamura, Bull. JSME 28 (1985) 899; T. A. Harris, Rolling Bearing Analysis,
-!> Wiley 2001; docs/why/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
+!> Rolling bearing: balls or rollers in a rotating cage. Each compressed ball exerts the Hertz force, f = k sum_i
+!> d_i**n (cos a_i, sin a_i), d_i = max(x cos a_i + y sin a_i - c, 0), at the angles a_i = (j.tau + 2 pi i)/N. The
+!> phase j.tau is that of the ball passage, N times that of the cage: the force is periodic in it. Source: S. Fukata,
+!> E. Gad, T. Kondou, T. Ayabe and H. Tamura, Bull. JSME 28 (1985) 899; T. A. Harris, Rolling Bearing Analysis, Wiley
+!> 2001; docs/why/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
 module hb_law_rolling_bearing
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_t, place_coordinate, read_place
@@ -17,8 +17,8 @@ module hb_law_rolling_bearing
       integer :: n_balls = 0                                          !! N
       real(wp) :: stiffness = 0.0_wp                                  !! k of one ball between both rings [N/m**n]
       real(wp) :: exponent = 1.5_wp                                   !! n
-      real(wp) :: clearance = 0.0_wp                                  !! c, radial [m]; negative: pressed at rest
-      real(wp), allocatable, private :: angle(:)                      ! j.tau/N at the samples to come
+      real(wp) :: clearance = 0.0_wp                                  !! c, radial [m]; negative: preloaded at rest
+      real(wp), allocatable, private :: angle(:)                      ! j.tau/N at the following samples
    contains
       procedure :: read => rolling_bearing_read
       procedure :: set_phases => rolling_bearing_set_phases

@@ -1,12 +1,13 @@
-!> Film of oil in a short journal bearing or a squeeze film damper: what it presses against the journal.
+!> Oil film in a short journal bearing or a squeeze film damper: its force on the journal.
 !>
-!> The film has the thickness h = c - x.n in the direction n and the velocity w = v - Omega/2 (-y, x) closes it. Pressures are
-!> parabolic along the bearing, p = 6 mu (L**2/4 - s**2) w.n/h**3, so that f = mu R L**3 times the integral of n (w.n)/h**3 over
-!> the directions: those where the film closes (half film: oil bears no tension), or all. With e = |x|/c and the substitution
-!> 1 - e cos(beta) = (1 - e**2)/(1 + e cos(gamma)) the integrands are polynomials in sin(gamma) and cos(gamma), which Gauss's
-!> points integrate to rounding, without the cancellation of closed forms; derivatives have no terms of the ends, where w.n is 0.
-!> Source: J. F. Booker, J. Basic Eng. 87 (1965) 533 (integrals); J. Vance, F. Zeidan and B. Murphy, Machinery Vibration and
-!> Rotordynamics, Wiley 2010, chapter 6; docs/why/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
+!> The film has the thickness h = c - x.n in the direction n; the velocity w = v - Omega/2 (-y, x) closes it.
+!> Pressures are parabolic along the bearing, p = 6 mu (L**2/4 - s**2) w.n/h**3, so that f = mu R L**3 times the
+!> integral of n (w.n)/h**3 over the directions: those where the film closes (half film: oil carries no tension), or
+!> all. With e = |x|/c and the substitution 1 - e cos(beta) = (1 - e**2)/(1 + e cos(gamma)) the integrands are
+!> polynomials in sin(gamma) and cos(gamma), which Gauss points integrate to rounding, without the cancellation of
+!> closed forms; the ends do not contribute to derivatives, because w.n is 0 there. Source: J. F. Booker, J. Basic
+!> Eng. 87 (1965) 533 (integrals); J. Vance, F. Zeidan and B. Murphy, Machinery Vibration and Rotordynamics, Wiley
+!> 2010, chapter 6; docs/why/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
 module hb_law_short_bearing
    use hb_kinds, only: two_pi, wp
    use hb_law, only: defects_t, law_t, place_coordinate, read_place
@@ -23,16 +24,17 @@ module hb_law_short_bearing
       real(wp) :: length = 0.0_wp                                     !! L [m]
       real(wp) :: clearance = 0.0_wp                                  !! c [m]
       real(wp) :: rotor_speed = 0.0_wp                                !! Omega [rad/s], from x towards y
-      logical :: is_full = .false.                                    !! oil bears tension
+      logical :: is_full = .false.                                    !! oil carries tension
    contains
       procedure :: read => short_bearing_read
       procedure :: evaluate => short_bearing_evaluate
       procedure :: defects => short_bearing_defects
    end type short_bearing_t
 
-   real(wp), parameter :: largest = 0.99_wp                           ! eccentricity that a film knows; iterates may go beyond
+   real(wp), parameter :: largest = 0.99_wp                           ! largest eccentricity of the formula; iterates may exceed it
 
-   !> Gauss's points of order 16 for (-1, 1), those above 0: exact to 1e-14 for sines and cosines of three times an angle.
+   !> Gauss points of order 16 for (-1, 1), those above 0: exact to 1e-14 for sines and cosines of three times an
+   !> angle.
    real(wp), parameter :: nodes(8) = [0.09501250983763745_wp, 0.28160355077925892_wp, 0.45801677765722737_wp, &
                                       0.61787624440264377_wp, 0.75540440835500300_wp, 0.86563120238783176_wp, &
                                       0.94457502307323260_wp, 0.98940093499164994_wp]
@@ -92,8 +94,8 @@ contains
       end do
    end subroutine short_bearing_evaluate
 
-   !> The integral of n (w.n)/(1 - x.n)**3 and its derivatives, in the frame of the eccentricity; beyond
-   !> the largest eccentricity x is that one in its direction.
+   !> The integral of n (w.n)/(1 - x.n)**3 and its derivatives, in the frame of the eccentricity; beyond the largest
+   !> eccentricity x is replaced by the point of that eccentricity in its direction.
    pure subroutine press(x, w, is_full, force, by_x, by_w)
       real(wp), intent(in) :: x(2), w(2)
       logical, intent(in) :: is_full
@@ -137,7 +139,7 @@ contains
       by_x = matmul(frame, matmul(by_x, transpose(frame)))
    end subroutine press
 
-   !> How far the journal goes beyond the eccentricity that the film knows.
+   !> Distance of the journal beyond the largest eccentricity of the formula.
    pure function short_bearing_defects(self, z, v, p) result(defects)
       class(short_bearing_t), intent(in) :: self
       real(wp), intent(in) :: z(:, :), v(:, :), p(:, :)

@@ -1,5 +1,5 @@
-!> Spring given by measured points (z_i, f_i), joined by a monotone cubic (hb_monotone_cubic). Sign: f stands beside K q on the
-!> left-hand side.
+!> Spring through measured points (z_i, f_i), interpolated by a monotone cubic (hb_monotone_cubic). Sign: f stands
+!> beside K q on the left-hand side.
 module hb_law_tabulated
    use hb_interval, only: interval_of, is_ascending
    use hb_kinds, only: wp
@@ -23,12 +23,12 @@ module hb_law_tabulated
 
 contains
 
-   !> Spring through the given points.
+   !> Creates a spring through the given points.
    pure subroutine new_tabulated(self, nodes, forces, is_constant_beyond)
       class(tabulated_t), intent(inout) :: self
       real(wp), intent(in) :: nodes(:)                                !! [m], ascending, at least two
       real(wp), intent(in) :: forces(:)                               !! [N], as nodes
-      logical, intent(in) :: is_constant_beyond                       !! else the force continues with the slope of the end
+      logical, intent(in) :: is_constant_beyond                       !! otherwise the force continues with the slope of the end
 
       call new_monotone_cubic(self%table, nodes, forces, is_constant_beyond)
       self%has_potential = .true.
@@ -37,7 +37,7 @@ contains
       if (allocated(self%kinks)) deallocate (self%kinks)
       if (is_constant_beyond) self%kinks = [kink_t([1.0_wp], [1.0_wp], nodes([1, size(nodes)]), &
                                                    [self%table%slopes(1), -self%table%slopes(size(nodes))])]
-      ! Odd where the table mirrors at zero, and so do its slopes: those that were shrunk may not.
+      ! Odd if the table is symmetric about zero, and so are its slopes: reduced slopes may not be.
       associate (n => size(nodes), slopes => self%table%slopes, rounding => 8*epsilon(1.0_wp))
          self%is_odd = all(abs(nodes + nodes(n:1:-1)) <= rounding*abs(nodes)) .and. &
                        all(abs(forces + forces(n:1:-1)) <= rounding*abs(forces)) .and. &
@@ -53,7 +53,7 @@ contains
       real(wp), allocatable :: forces(:), nodes(:)
       integer :: beyond                                               ! linear, constant
 
-      self%has_potential = .true.                                     ! whatever is wrong with the rest
+      self%has_potential = .true.                                     ! even if other keys have problems
       call group%get("displacements", nodes)
       call group%choose("beyond", beyond)
       if (allocated(nodes)) then
@@ -101,7 +101,7 @@ contains
       call self%table%on_interval(count(is_positive), z(1), f(1), slope)
    end subroutine tabulated_evaluate_held
 
-   !> Integral of the cubics from the first point on. Simpson's rule is exact for them.
+   !> Integral of the cubics from the first point on; Simpson's rule is exact for them.
    subroutine tabulated_potential(self, z, energy, gradient)
       class(tabulated_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :)
@@ -121,7 +121,7 @@ contains
 
    contains
 
-      !> Work from the lower end of an interval, or from the first point for the one before it.
+      !> Work from the lower end of an interval, or from the first point for the interval before it.
       pure real(wp) function work(interval, to)
          integer, intent(in) :: interval
          real(wp), intent(in) :: to

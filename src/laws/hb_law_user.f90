@@ -1,4 +1,4 @@
-!> A law of the user, from a shared library that is loaded at run time.
+!> A law of the user, from a shared library loaded at run time.
 !>
 !> The functions that the library exports, their arguments and return codes are documented in nhbm_user_law.h, the C header
 !> of this interface. Sign: f stands beside K q on the left-hand side.
@@ -46,7 +46,7 @@ module hb_law_user
 
 contains
 
-   !> Loads the law `name` from a library; fails when it cannot be loaded or takes another number of parameters.
+   !> Loads the law `name` from a library; fails if it cannot be loaded or has another number of parameters.
    subroutine load_user_law(self, library, name, parameters, error)
       class(user_law_t), intent(inout) :: self
       character(*), intent(in) :: library                             !! path; empty: the program itself
@@ -91,7 +91,7 @@ contains
       call group%get("library", library)
       call group%get("name", name)
       call group%get("parameters", parameters)
-      call group%get("odd", self%is_odd)                              ! nobody else can see it
+      call group%get("odd", self%is_odd)                              ! only the user can know
       if (.not. (allocated(library) .and. allocated(name))) return
       if (len(library) > 0) library = trim(library_place(group%file_name, library))
       call load_user_law(self, library, name, parameters, error)
@@ -106,7 +106,7 @@ contains
       end if
    end subroutine user_law_read
 
-   !> NaN throughout when the library reports a failure, so that the residual is not finite there.
+   !> Returns NaN throughout if the library reports a failure, so that the residual is not finite there.
    subroutine user_law_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(user_law_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
@@ -122,7 +122,7 @@ contains
       if (present(df_dv)) df_dv = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine user_law_evaluate
 
-   !> Asks the library once more.
+   !> Calls the library again to explain the failure.
    subroutine user_law_explain(self, z, v, text, is_fatal)
       class(user_law_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :), v(:, :)
@@ -151,7 +151,7 @@ contains
       text = self%name//", "//self%library%mark()
    end function user_law_fingerprint
 
-   !> Asks the library once more: whether it writes to what it is only to read.
+   !> Calls the library again and checks whether it writes to its input arguments.
    logical function user_law_has_touched_inputs(self, z, v) result(has_touched)
       class(user_law_t), intent(in) :: self
       real(wp), intent(in) :: z(:, :), v(:, :)                        !! as `evaluate` has them
@@ -193,7 +193,7 @@ contains
       if (any(codes /= 0)) slope = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine user_law_frequency_slope
 
-   !> Makes of a law of the user that has states, as it was read, one with memory; others stay as they are.
+   !> Converts a user law with states, as it was read, to a law with memory; others are unchanged.
    subroutine take_memory(box)
       type(law_box_t), intent(inout) :: box
       type(user_memory_t), allocatable :: memory
@@ -215,7 +215,7 @@ contains
       if (allocated(memory)) call move_alloc(memory, box%law)
    end subroutine take_memory
 
-   !> Is not called: a group is read by `user_law_t`.
+   !> Not called: a group is read by `user_law_t`.
    subroutine user_memory_read(self, group, structure)
       class(user_memory_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
@@ -224,7 +224,7 @@ contains
       call self%own%read(group, structure)
    end subroutine user_memory_read
 
-   !> NaN throughout when the user's function reports a failure.
+   !> Returns NaN throughout if the user's function reports a failure.
    subroutine user_memory_advance(self, s_old, path, s_new, ds_ds_old, ds_dpath)
       class(user_memory_t), intent(in) :: self
       real(wp), intent(in), contiguous :: s_old(:, :), path(:, :, :)

@@ -1,6 +1,5 @@
-!> Damping that drives small motions and brakes large ones, f = -mu (1 - (z/a)**2) v.
-!> Source: van der Pol, Philos. Mag. 2 (1926) 978-992, with a = 1; docs/why/theory.md, section 5.1.
-!> Sign: f stands beside K q on the left-hand side.
+!> Damping that drives small motions and damps large ones, f = -mu (1 - (z/a)**2) v. Source: van der Pol, Philos. Mag.
+!> 2 (1926) 978-992, with a = 1; docs/why/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
 module hb_law_van_der_pol
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_place
@@ -12,7 +11,7 @@ module hb_law_van_der_pol
 
    type, extends(law_t) :: van_der_pol_t
       real(wp) :: strength = 0.0_wp                                   !! mu [N s/m]
-      real(wp) :: threshold = 1.0_wp                                  !! a [m], where driving turns into braking
+      real(wp) :: threshold = 1.0_wp                                  !! a [m], at which driving changes to damping
    contains
       procedure :: read => van_der_pol_read
       procedure :: evaluate => van_der_pol_evaluate

@@ -1,10 +1,10 @@
-!> Several rigid contacts at once, gaps g_i + a_i.z >= 0, by the reaction that equilibrium requires of them.
+!> Several rigid contacts at once, gaps g_i + a_i.z >= 0, by the reaction that equilibrium requires.
 !>
-!> As many contacts as there are may touch: as long as their shapes a_i span a plane, what they allow is a convex polygon there.
-!> With an orthonormal basis E of the plane, w = E z and the reaction p, the loads l_i are those with which
-!> w + E p/eps lands on the polygon along E c_i, c_i = -(a_i + mu_i b_i) what contact i does to the structure. At a solution
-!> p = sum of l_i c_i, so that w itself is where it lands: no gap is closed more than fully, and only closed ones push, for any
-!> eps > 0. Source: docs/why/theory.md, section 5.3. Sign: f stands beside K q on the left-hand side.
+!> Any number of contacts may touch: if their shapes a_i span a plane, the admissible set there is a convex polygon.
+!> With an orthonormal basis E of the plane, w = E z and the reaction p, the loads l_i map w + E p/eps onto the
+!> polygon along E c_i, where c_i = -(a_i + mu_i b_i) is the action of contact i on the structure. At a solution p =
+!> sum of l_i c_i, so that w is mapped to itself: no gap is negative, and only closed gaps carry load, for any eps >
+!> 0. Source: docs/why/theory.md, section 5.3. Sign: f stands beside K q on the left-hand side.
 module hb_rigid_contacts
    use hb_contact_polygon, only: contact_polygon_t, landing_t, new_contact_polygon
    use hb_kinds, only: wp
@@ -13,12 +13,12 @@ module hb_rigid_contacts
    private
    public :: new_rigid_contacts, rigid_contacts_t
 
-   real(wp), parameter :: dependent = 1.0e-10_wp                       ! part of a shape outside the plane that counts as none
+   real(wp), parameter :: dependent = 1.0e-10_wp                       ! part of a shape outside the plane that is neglected
 
    type :: rigid_contacts_t
       type(contact_polygon_t) :: polygon
       real(wp) :: augmentation = 1.0_wp                               !! eps [N/m]
-      logical, private :: is_given = .false.                          ! eps by the user
+      logical, private :: is_given = .false.                          ! eps is given by the user
       real(wp), allocatable, private :: plane(:, :)                   ! E, (2, n_coordinates)
       real(wp), allocatable, private :: force(:, :)                   ! c_i of the edges, (n_edges, n_coordinates)
    contains
@@ -30,14 +30,14 @@ module hb_rigid_contacts
 
 contains
 
-   !> Rigid contacts; `failure` says why these cannot be rigid.
+   !> Creates rigid contacts; `failure` states why these cannot be rigid.
    pure subroutine new_rigid_contacts(self, shapes, pushes, gaps, augmentation, failure)
       type(rigid_contacts_t), intent(out) :: self
       real(wp), intent(in) :: shapes(:, :)                            !! a_i, no row zero, (n_contacts, n_coordinates)
       real(wp), intent(in) :: pushes(:, :)                            !! a_i + mu_i b_i, as shapes
       real(wp), intent(in) :: gaps(:)                                 !! [m], (n_contacts)
       real(wp), intent(in) :: augmentation                            !! eps [N/m], 0: as proposed
-      character(:), allocatable, intent(out) :: failure               !! empty when all is well
+      character(:), allocatable, intent(out) :: failure               !! empty on success
 
       self%is_given = augmentation > 0.0_wp
       if (self%is_given) self%augmentation = augmentation
@@ -48,8 +48,9 @@ contains
       if (len(failure) == 0) self%force = -pushes(self%polygon%contact, :)
    end subroutine new_rigid_contacts
 
-   !> Orthonormal basis of the shapes: the longest, then what is left of the one that is farthest from it, both turned so that
-   !> the first one lies along a coordinate as far as it can. Coordinates that do not mix then do so not even by rounding.
+   !> Orthonormal basis of the shapes: the longest, then the remainder of the one farthest from it, both rotated so
+   !> that the first one is along a coordinate as far as possible. Coordinates that are not coupled then remain so
+   !> even in rounding.
    pure subroutine find_plane(self, shapes, failure)
       type(rigid_contacts_t), intent(inout) :: self
       real(wp), intent(in) :: shapes(:, :)
@@ -77,7 +78,7 @@ contains
          "combinations of 'dofs', and these depend on more (blades with different 'shares' do)"
    end subroutine find_plane
 
-   !> Takes eps unless the user gave it.
+   !> Sets eps unless given by the user.
    pure subroutine rigid_contacts_propose(self, augmentation)
       class(rigid_contacts_t), intent(inout) :: self
       real(wp), intent(in) :: augmentation                            !! [N/m], > 0
@@ -115,7 +116,7 @@ contains
       end do
    end subroutine rigid_contacts_evaluate
 
-   !> Coordinates put onto the polygon, along the pushes.
+   !> Moves coordinates onto the polygon, along the directions of the contacts.
    pure subroutine rigid_contacts_correct(self, z, corrected)
       class(rigid_contacts_t), intent(in) :: self
       real(wp), intent(in) :: z(:, :)
@@ -132,8 +133,8 @@ contains
       end do
    end subroutine rigid_contacts_correct
 
-   !> Deepest penetration, largest product of a contact's share in the reaction and its distance, and the largest part of the
-   !> reaction that no contact can push.
+   !> Largest penetration, largest product of a contact's share in the reaction and its distance, and the largest part
+   !> of the reaction that no contact can exert.
    pure function rigid_contacts_defects(self, z, p) result(defects)
       class(rigid_contacts_t), intent(in) :: self
       real(wp), intent(in) :: z(:, :), p(:, :)                        !! [m], [N], (n_samples, n_coordinates)

@@ -1,9 +1,9 @@
-!> A slider between two bounds that move: the play operator, exact along a cubic path.
+!> A slider between two moving bounds: the play operator, exact along a cubic path.
 !>
-!> The place w of the slider stays while it can; the lower bound pushes it up, the upper one down. Where a bound turns between the
-!> two ends of a step, its extreme value there comes from the cubic with the bound's values and rates at both ends (error of
-!> fourth order in the step). Source: docs/why/theory.md, section 5.5; M. Brokate and J. Sprekels, Hysteresis and Phase
-!> Transitions, Springer 1996, section 2.3 (play and stop).
+!> The slider at position w rests while it can; the lower bound moves it up, the upper one down. If a bound reverses
+!> within a step, its extreme value comes from the cubic with the values and rates of the bound at both ends (error of
+!> fourth order in the step). Source: docs/why/theory.md, section 5.5; M. Brokate and J. Sprekels, Hysteresis and
+!> Phase Transitions, Springer 1996, section 2.3 (play and stop).
 module hb_slider
    use hb_hysteretic_law, only: n_path_parts, path_part
    use hb_kinds, only: wp
@@ -11,9 +11,9 @@ module hb_slider
    private
    public :: move_slider, move_steadily, pushed_by, turning_point
 
-   !> What the place of a slider at the end of a step depends on.
+   !> What determines the position of a slider at the end of a step.
    type :: pushed_by_t
-      integer :: nothing = 0                                          !! sticks: its place at the start
+      integer :: nothing = 0                                          !! sticks: its position at the start
       integer :: lower = 1
       integer :: upper = 2
    end type pushed_by_t
@@ -21,18 +21,18 @@ module hb_slider
 
 contains
 
-   !> Place `w` of the slider at the end of a step. Unless nothing pushed, w = dot_product(weights, bound) of the bound
-   !> that pushed last, and the weights are dw/dbound.
+   !> Computes the position `w` of the slider at the end of a step. If a bound moved it, w = dot_product(weights,
+   !> bound) of the bound that moved it last, and the weights are dw/dbound.
    !>
-   !> A start outside the bounds, as interpolation may give it, is put onto them first.
+   !> A start outside the bounds, as may result from interpolation, is first moved onto them.
    pure subroutine move_slider(w_old, lower, upper, w, pusher, weights)
-      real(wp), intent(in) :: w_old                                   !! place at the start [m]
+      real(wp), intent(in) :: w_old                                   !! position at the start [m]
       real(wp), intent(in) :: lower(n_path_parts), upper(n_path_parts)   !! paths of the bounds [m], lower <= upper
       real(wp), intent(out) :: w                                      !! [m]
       integer, intent(out) :: pusher                                  !! one of `pushed_by`
       real(wp), intent(out) :: weights(n_path_parts)
       real(wp) :: turn(n_path_parts), extreme
-      integer :: place                                                 ! part of the path where it was pushed last, 0: the turn
+      integer :: place ! part of the path where it was moved last, 0: the turning point
 
       w = w_old
       pusher = pushed_by%nothing
@@ -78,8 +78,8 @@ contains
       end if
    end subroutine move_slider
 
-   !> Place of a slider at the end of a step between bounds at a constant distance from a coordinate: the same as by
-   !> `move_slider`, without derivatives.
+   !> Position of a slider at the end of a step between bounds at a constant distance from a coordinate: the same as
+   !> by `move_slider`, without derivatives.
    pure real(wp) function move_steadily(w_old, path, half_width) result(w)
       real(wp), intent(in) :: w_old                                   !! [m]
       real(wp), intent(in) :: path(n_path_parts)                      !! of the coordinate [m]
@@ -103,8 +103,8 @@ contains
       end associate
    end function move_steadily
 
-   !> Weights of the parts in the value of the cubic where it turns. Its rate vanishes there, so these are the
-   !> derivatives of that value as well. The rates at both ends must differ in sign.
+   !> Weights of the parts in the value of the cubic at its turning point. Its rate vanishes there, so these are also
+   !> the derivatives of that value. The rates at both ends must differ in sign.
    pure function turning_point(path) result(weights)
       real(wp), intent(in) :: path(n_path_parts)
       real(wp) :: weights(n_path_parts)

@@ -154,7 +154,7 @@ contains
       if (bytes%worst() <= limit) return
       call find_what_fits(s, limit, change)
       call fail(error, "this point would need "//amount(bytes%worst())//" of memory, "//amount(limit)// &
-                " are there for each process: "//trim(memory_text(bytes))//". "//change)
+                " are available for each process: "//trim(memory_text(bytes))//". "//change)
    end subroutine check_memory
 
    !> Values that a point has at most in one dataset of the result file.

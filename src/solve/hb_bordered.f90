@@ -1,12 +1,13 @@
-!> A problem with some of its parameters unknown: x = (unknowns of the base problem, these parameters), and as many further
-!> equations, each a linear form of all unknowns that has a given value. One of them may be any function instead.
+!> A problem with some of its parameters unknown: x = (unknowns of the base problem, these parameters), and as many
+!> additional equations, each a linear functional of all unknowns with a prescribed value. One of them may be a
+!> general function instead.
 !>
 !> Products with the tangent and their preconditioner by block elimination:
 !>
 !>     (A B; C D) (x; y) = (r; s),   x = A^-1 r - A^-1 B y,   (D - C A^-1 B) y = s - C A^-1 r.
 !>
-!> A is the tangent of the base problem, or its preconditioner; B the derivatives by the parameters; C and D the forms.
-!> Source: docs/why/theory.md, section 6.6.
+!> A is the tangent of the base problem, or its preconditioner; B the derivatives with respect to the parameters; C
+!> and D the functionals. Source: docs/why/theory.md, section 6.6.
 module hb_bordered
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
@@ -16,7 +17,7 @@ module hb_bordered
    private
    public :: bordered_problem_t, new_bordered_problem, row_t
 
-   !> A function of all unknowns that is to have a value.
+   !> A function of all unknowns with a prescribed value.
    type, abstract :: row_t
    contains
       procedure(row_value), deferred :: value
@@ -27,16 +28,16 @@ module hb_bordered
       class(problem_t), pointer :: base => null()
       integer, allocatable :: which(:)                                !! parameters of the base problem that are unknown
       real(wp), allocatable :: forms(:, :)                            !! (n_unknowns, added equations)
-      real(wp), allocatable :: values(:)                              !! of the forms, (added equations)
-      class(row_t), allocatable :: row                                !! has one of the values; its form is found anew
-      integer :: row_at = 0                                           !! which of the values
-      logical, allocatable :: is_held(:)                              !! unknowns of the base problem held at zero; none if not
+      real(wp), allocatable :: values(:)                              !! of the functionals, (added equations)
+      class(row_t), allocatable :: row !! function for one of the values; its functional is recomputed
+      integer :: row_at = 0                                           !! index of its value
+      logical, allocatable :: is_held(:)                              !! unknowns of the base problem fixed at zero; none if not
                                                                       !! allocated
-      real(wp), allocatable :: units_across(:)                     !! where another curve of solutions crosses: of lengths, in which
-                                                                      !! steps are across both (n_unknowns)
+      real(wp), allocatable :: units_across(:)                     !! for crossings of another curve of solutions: units of
+                                                                   !! lengths, in which steps are normal to both (n_unknowns)
       integer :: n_base = 0                                           !! unknowns of the base problem
-      real(wp), allocatable :: border(:, :)                           !! derivatives by the parameters, (n_base, parameters), where
-                                                                      !! the last tangent is
+      real(wp), allocatable :: border(:, :)                           !! derivatives by the parameters, (n_base, parameters), at
+                                                                      !! the last tangent
       real(wp), allocatable, private :: eliminated(:, :), schur(:, :) ! preconditioner by block elimination
       integer, allocatable, private :: schur_pivots(:)
       logical, private :: has_schur = .false.
@@ -58,7 +59,7 @@ module hb_bordered
    end type bordered_problem_t
 
    abstract interface
-      !> Value of the function at x; the base problem stands at the parameters in x.
+      !> Value of the function at x; the parameters of the base problem are those in x.
       real(wp) function row_value(self, base, x)
          import :: problem_t, row_t, wp
          class(row_t), intent(in) :: self
@@ -66,7 +67,7 @@ module hb_bordered
          real(wp), intent(in) :: x(:)                                 !! (n_unknowns)
       end function row_value
 
-      !> Its derivatives by all unknowns.
+      !> Derivatives with respect to all unknowns.
       subroutine row_gradient(self, base, x, gradient)
          import :: problem_t, row_t, wp
          class(row_t), intent(in) :: self
@@ -78,14 +79,14 @@ module hb_bordered
 
 contains
 
-   !> Borders a problem. There must be as many forms as parameters.
+   !> Borders a problem. There must be as many functionals as parameters.
    subroutine new_bordered_problem(self, base, which, forms, values, row)
       type(bordered_problem_t), intent(out) :: self
       class(problem_t), intent(inout), target :: base
       integer, intent(in) :: which(:)                                 !! parameters of the base problem
       real(wp), intent(in) :: forms(:, :)                             !! (unknowns of the base problem, or all; parameters)
       real(wp), intent(in) :: values(:)                               !! (parameters)
-      class(row_t), intent(in), optional :: row                       !! has the last value; what its form holds does not matter
+      class(row_t), intent(in), optional :: row                       !! for the last value; its functional is arbitrary
 
       self%base => base
       self%which = which
@@ -104,7 +105,7 @@ contains
       call self%rescale()
    end subroutine new_bordered_problem
 
-   !> Takes over the scales of the base problem, and finds those of the forms from them.
+   !> Copies the scales of the base problem, and derives those of the functionals.
    subroutine bordered_rescale(self)
       class(bordered_problem_t), intent(inout) :: self
       integer :: i
@@ -114,7 +115,7 @@ contains
       if (allocated(self%row)) self%r_scale(self%n_base + self%row_at) = abs(self%values(self%row_at))
    end subroutine bordered_rescale
 
-   !> A vector of unknowns: those of the base problem, and the parameters at which it stands.
+   !> The vector of unknowns: those of the base problem, and its present parameters.
    pure function bordered_unknowns(self, x) result(all_unknowns)
       class(bordered_problem_t), intent(in) :: self
       real(wp), intent(in) :: x(:)                                    !! (n_base)
@@ -123,7 +124,7 @@ contains
       all_unknowns = [x, self%base%parameters(self%which)]
    end function bordered_unknowns
 
-   !> Moves the base problem to the parameters in x; `is_possible` is false where it has no such parameters.
+   !> Sets the base problem to the parameters in x; `is_possible` is false if it has no such parameters.
    subroutine bordered_move_to(self, x, is_possible)
       class(bordered_problem_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)                                    !! (n_unknowns)
@@ -163,7 +164,7 @@ contains
 
       jacobian = 0.0_wp
       call self%move_to(x, is_possible)
-      if (.not. is_possible) return                                   ! singular: the solver sees it
+      if (.not. is_possible) return                                   ! singular: the solver detects it
       associate (n => self%n_base)
          allocate (block(n, n))
          call self%base%tangent(x(:n), block)
@@ -211,7 +212,7 @@ contains
       call take_failure(self)
    end subroutine bordered_linearise
 
-   !> Takes over what the base problem could not do.
+   !> Copies the failure of the base problem.
    subroutine take_failure(self)
       class(bordered_problem_t), intent(inout) :: self
 
@@ -232,7 +233,8 @@ contains
       end associate
    end subroutine bordered_apply_tangent
 
-   !> The tangent of the base problem may be singular at a solution, which the forms alone exclude; its preconditioner must not.
+   !> The tangent of the base problem may be singular at a solution, which only the functionals exclude; its
+   !> preconditioner must not be.
    subroutine bordered_update_preconditioner(self, level, is_strongest)
       class(bordered_problem_t), intent(inout) :: self
       integer, intent(in) :: level
@@ -272,7 +274,7 @@ contains
       end associate
    end subroutine bordered_precondition
 
-   !> The preconditioner of the base problem, held unknowns apart.
+   !> Applies the preconditioner of the base problem, except for fixed unknowns.
    subroutine bordered_solve_block(self, r, step)
       class(bordered_problem_t), intent(inout) :: self
       real(wp), intent(in) :: r(:)
@@ -288,7 +290,7 @@ contains
       where (self%is_held) step = r*self%x_scale(:self%n_base)/self%r_scale(:self%n_base)
    end subroutine bordered_solve_block
 
-   !> The linear part of the base problem, and nothing that couples it to the parameters.
+   !> Solves with the linear part of the base problem, without its coupling to the parameters.
    subroutine bordered_solve_linear(self, r, step)
       class(bordered_problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: r(:)

@@ -1,9 +1,9 @@
 !> Broyden's "good" method with limited memory, from the linear part of the problem or from one exact tangent.
 !>
-!> The inverse Jacobian is a product of rank-one updates of the first one, H_k = (I + a_k s_k^T) ... (I + a_1 s_1^T) H_0,
-!> with a = (s - H y)/(s^T H y) for a step s that changed the residual by y. When the memory is full or no step helps,
-!> the updates are dropped and the exact tangent at the point reached becomes the first Jacobian.
-!> Source: docs/why/theory.md, section 6.2; Broyden, Math. Comp. 19 (1965) 577-593; Kelley, Iterative Methods for Linear and
+!> The inverse Jacobian is a product of rank-one updates of the first one, H_k = (I + a_k s_k^T) ... (I + a_1 s_1^T)
+!> H_0, with a = (s - H y)/(s^T H y) for a step s that changed the residual by y. If the storage is full or no step
+!> helps, the updates are discarded and the exact tangent at the present point becomes the first Jacobian. Source:
+!> docs/why/theory.md, section 6.2; Broyden, Math. Comp. 19 (1965) 577-593; Kelley, Iterative Methods for Linear and
 !> Nonlinear Equations, SIAM 1995, chapter 7.
 module hb_broyden
    use hb_ending, only: end_at_point, end_without_step
@@ -17,7 +17,7 @@ module hb_broyden
    private
    public :: solve_broyden
 
-   real(wp), parameter :: smallest_denominator = 1.0e-8_wp            ! of an update, relative to |s|**2: skip below
+   real(wp), parameter :: smallest_denominator = 1.0e-8_wp            ! of an update, relative to |s|**2: skipped below
 
    !> The inverse Jacobian, in unknowns scaled to unit magnitude.
    type :: inverse_t
@@ -29,7 +29,7 @@ module hb_broyden
 
 contains
 
-   !> Solves r(x) = 0 from the given x; x is the last point reached, whatever the outcome.
+   !> Solves r(x) = 0 from the given x; returns the last iterate in x, whatever the outcome.
    subroutine solve_broyden(problem, config, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
@@ -79,7 +79,7 @@ contains
       end do
    end subroutine solve_broyden
 
-   !> Forgets all updates and takes the exact tangent at x.
+   !> Discards all updates and computes the exact tangent at x.
    subroutine restart(inverse, problem, x, report, is_singular)
       type(inverse_t), intent(inout) :: inverse
       class(problem_t), intent(inout) :: problem
@@ -116,7 +116,7 @@ contains
       step = step*problem%x_scale
    end subroutine apply
 
-   !> Adds the update of the step s just taken and turns `step`, which holds H r with the old H, into that of the new one.
+   !> Adds the update of the last step s and converts `step`, which is H r with the old H, to that of the new one.
    !>
    !> With H r_old = -s/fraction, H y = H r_new + s/fraction: no further product is needed.
    subroutine update(inverse, problem, step_before, fraction, step)

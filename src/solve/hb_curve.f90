@@ -1,11 +1,11 @@
 !> A curve of solutions: a bordered problem with one equation fewer than unknowns, continued by arc length.
 !>
-!> The unknowns are x = (unknowns of the base problem, parameters); the last functional is the plane normal to the curve, all
-!> others are the caller's. A step goes along the tangent, Newton's method corrects in the plane at its end, by factors or from
-!> products depending on the size. Where the tangent turns little from step to step, its direction continues that of the last
-!> step. Where it turns a lot, as at the first contact with a stop, its direction keeps the sign of the determinant of the tangent
-!> bordered by the last direction (not known from products). A sign that changes where the tangent turns little means that a
-!> branch point was passed. Lengths are measured in units of each unknown.
+!> The unknowns are x = (unknowns of the base problem, parameters); the last functional is the plane normal to the
+!> curve, all others are the caller's. A step follows the tangent, Newton's method corrects in the plane at its end,
+!> with factors or products depending on the size. If the tangent turns little from step to step, its direction
+!> continues that of the last step. If it turns a lot, as at the first contact with a stop, its direction preserves
+!> the sign of the determinant of the tangent bordered by the last direction (not known from products). A sign change
+!> while the tangent turns little means that a branch point was passed. Lengths are measured in units of each unknown.
 !>
 !> Source: docs/why/theory.md, section 6.4; Allgower and Georg, Introduction to Numerical Continuation Methods, SIAM 2003,
 !> chapters 2, 3, 6 and (orientation of piecewise linear curves) 12.
@@ -22,48 +22,48 @@ module hb_curve
    private
    public :: curve_config_t, curve_t, event_t, new_curve
 
-   real(wp), parameter :: least_growth = 0.05_wp                      ! of a form along the curve, relative to its largest part
+   real(wp), parameter :: least_growth = 0.05_wp ! of a functional along the curve, relative to its largest component
 
-   !> How steps are chosen; lengths in units of the unknowns.
+   !> Settings of the step control; lengths in units of the unknowns.
    type :: curve_config_t
       real(wp) :: first_step = 0.05_wp
       real(wp) :: longest_step = 0.5_wp
       real(wp) :: shortest_step = 1.0e-7_wp
-      real(wp) :: kink_step = 0.0_wp                                  !! how far beyond a kink its other side is; 0: not looked at
-      real(wp) :: growth = 1.5_wp                                     !! of a step after an easy one
-      real(wp) :: reduction = 0.3_wp                                  !! of a step that failed
-      integer :: easy_iterations = 4                                  !! of the corrector
-      real(wp) :: little = 0.97_wp                                    !! cosine of the angle up to which it turns little: 0 where
-                                                                      !! the curve is smooth, above 1 where it has many kinks
-      real(wp) :: angle = 0.0_wp                                      !! [rad] by which it should turn on a step; 0: any
+      real(wp) :: kink_step = 0.0_wp !! distance beyond a kink at which its other side is sought; 0: not used
+      real(wp) :: growth = 1.5_wp                                     !! of the step length after an easy step
+      real(wp) :: reduction = 0.3_wp                                  !! of the step length after a failure
+      integer :: easy_iterations = 4                                  !! of the corrector in an easy step
+      real(wp) :: little = 0.97_wp                                    !! cosine of the largest angle that counts as little: 0 if
+                                                                      !! the curve is smooth, above 1 if it has many kinks
+      real(wp) :: angle = 0.0_wp                                      !! [rad] desired turn per step; 0: any
    end type curve_config_t
 
-   !> Where a curve is. To continue from a stored point, set `x`, `direction`, `step` and `orientation`.
+   !> State of a curve. To continue from a stored point, set `x`, `direction`, `step` and `orientation`.
    type :: curve_t
       type(bordered_problem_t) :: problem
-      type(bordered_problem_t), allocatable :: part                   !! if given: the problem for the unknowns `kept` alone, on a
-                                                                      !! curve along which all others are zero
+      type(bordered_problem_t), allocatable :: part                   !! if present: the problem for the unknowns `kept` alone,
+                                                                      !! on a curve along which all others are zero
       integer, allocatable :: kept(:)                                 !! (unknowns of `part`)
       type(curve_config_t) :: config
       type(solver_config_t) :: corrector                              !! its limit of work is that of the whole curve
       real(wp), allocatable :: x(:)                                   !! point on the curve, (n_unknowns)
       real(wp), allocatable :: direction(:)                           !! tangent there, of length 1
       real(wp), allocatable :: units(:)                               !! of lengths, > 0
-      real(wp), allocatable :: form(:)                                !! if given: planes are those of this form, as long as it
-                                                                      !! grows along the curve
-      real(wp) :: step = 0.0_wp                                       !! length of the next one
+      real(wp), allocatable :: form(:)                                !! if present: planes are those of this functional, as
+                                                                      !! long as it grows along the curve
+      real(wp) :: step = 0.0_wp                                       !! length of the next step
       real(wp) :: orientation = 0.0_wp                                !! sign of the determinant on this piece; 0: not known
-      real(wp) :: angle = 0.0_wp                                      !! [rad] by which the last `turn` has turned the direction
-      integer :: n_branch_points = 0                                  !! passed by so far
-      real(wp), allocatable :: last_x(:), last_direction(:)           !! the point before
-      real(wp) :: last_step = 0.0_wp                                  !! that led from there to x
-      integer :: status = outcome%pending                             !! `stalled`: no way on; `singular`: no tangent
+      real(wp) :: angle = 0.0_wp                                      !! [rad] by which the last `turn` rotated the direction
+      integer :: n_branch_points = 0                                  !! passed so far
+      real(wp), allocatable :: last_x(:), last_direction(:)           !! the previous point
+      real(wp) :: last_step = 0.0_wp                                  !! length of the step from there to x
+      integer :: status = outcome%pending                             !! `stalled`: no further step; `singular`: no tangent
       type(report_t) :: report                                        !! the work so far
       integer, private :: last_iterations = 0                         ! of the corrector
-      logical, private :: is_turned = .false.                         ! at a kink, since the point before
-      logical, private :: is_along_form = .false.                     ! the last plane was one of `form`
-      real(wp), private :: last_orientation = 0.0_wp                  ! at the point before
-      integer, private :: last_branch_points = 0                      ! up to there
+      logical, private :: is_turned = .false.                         ! at a kink, since the previous point
+      logical, private :: is_along_form = .false.                     ! the last plane was that of `form`
+      real(wp), private :: last_orientation = 0.0_wp                  ! at the previous point
+      integer, private :: last_branch_points = 0                      ! up to the previous point
    contains
       procedure :: advance => curve_advance
       procedure :: retreat => curve_retreat
@@ -76,9 +76,9 @@ module hb_curve
       procedure, private :: turn_at_kink => curve_turn_at_kink
    end type curve_t
 
-   !> What happens along a curve where a function of its points is zero.
+   !> An event on a curve: a zero of a function of its points.
    type, abstract :: event_t
-      integer :: kind = 0                                             !! its number, for the user
+      integer :: kind = 0                                             !! its number, defined by the caller
       logical :: may_jump = .false.                                   !! a jump across zero counts as a zero
       real(wp) :: tolerance = 0.0_wp                                  !! of the function
    contains
@@ -86,21 +86,21 @@ module hb_curve
    end type event_t
 
    abstract interface
-      !> The function at a point of the curve; NaN where it is not known.
+      !> The function at a point of the curve; NaN if it is not known.
       real(wp) function event_value(self, curve, x)
          import :: curve_t, event_t, wp
          class(event_t), intent(inout) :: self
-         class(curve_t), intent(inout) :: curve                       !! for tangents; its point is another one
+         class(curve_t), intent(inout) :: curve                       !! for tangents; its own point is another one
          real(wp), intent(in) :: x(:)                                 !! (n_unknowns)
       end function event_value
    end interface
 
 contains
 
-   !> Curve through x, which solves all equations but the last; `direction` says roughly where to go.
+   !> Creates a curve through x, which solves all equations but the last; `direction` is an approximate direction.
    subroutine new_curve(self, problem, x, direction, units, config, corrector)
       type(curve_t), intent(out) :: self
-      type(bordered_problem_t), intent(in) :: problem                 !! its last form is not used
+      type(bordered_problem_t), intent(in) :: problem                 !! its last functional is not used
       real(wp), intent(in) :: x(:)                                    !! (n_unknowns)
       real(wp), intent(in) :: direction(:)                            !! not zero
       real(wp), intent(in) :: units(:)                                !! of lengths, > 0
@@ -117,8 +117,8 @@ contains
       call self%turn()
    end subroutine new_curve
 
-   !> Goes one step along the direction and back to the curve; where that fails, with shorter and shorter steps, at last round a
-   !> kink. The status shows where the curve ends.
+   !> Takes one step along the direction and back to the curve; on failure with shorter and shorter steps, and finally
+   !> around a kink. The status shows where the curve ends.
    subroutine curve_advance(self)
       class(curve_t), intent(inout) :: self
       logical :: is_on_curve
@@ -135,7 +135,7 @@ contains
       end do
    end subroutine curve_advance
 
-   !> Goes back to the point before and shortens the step: it left the curve, or led too far for the caller.
+   !> Returns to the previous point and shortens the step, because it left the curve or was too long for the caller.
    subroutine curve_retreat(self)
       class(curve_t), intent(inout) :: self
       logical :: is_possible
@@ -152,7 +152,8 @@ contains
       if (.not. is_possible) self%status = outcome%stalled
    end subroutine curve_retreat
 
-   !> Turns the direction into the tangent at x, and chooses the next step. The caller may have changed forms, scales and units.
+   !> Rotates the direction to the tangent at x, and chooses the next step. The caller may have changed functionals,
+   !> scales and units.
    subroutine curve_turn(self)
       class(curve_t), intent(inout) :: self
       real(wp) :: direction(size(self%x)), factor, sign_now
@@ -161,7 +162,7 @@ contains
       self%angle = 0.0_wp
       call self%tangent_at(self%x, direction, sign_now, is_singular)
       if (is_singular) then
-         if (.not. allocated(self%last_x)) self%status = outcome%singular   ! else the old direction must do
+         if (.not. allocated(self%last_x)) self%status = outcome%singular   ! otherwise the old direction is kept
       else
          if (.not. self%is_along_form .and. abs(self%orientation*sign_now) > 0.0_wp) then
             is_other = self%orientation*sign_now < 0.0_wp
@@ -188,11 +189,11 @@ contains
       if (abs(factor - 1.0_wp) > 0.0_wp) self%step = min(self%config%longest_step, factor*self%step)
    end subroutine curve_turn
 
-   !> Whether the determinant of `part` changes its sign on the last step: what leaves that part may change the sign of the
-   !> whole one at the same kink.
+   !> Whether the determinant of `part` changes its sign on the last step; solutions that leave this part may change
+   !> the sign of the whole determinant at the same kink.
    subroutine look_at_part(self, is_changed)
       type(curve_t), intent(inout) :: self
-      logical, intent(inout) :: is_changed                            !! stays where that is not known
+      logical, intent(inout) :: is_changed                            !! unchanged if that is not known
       real(wp) :: direction(size(self%x)), sign_before, sign_now
       logical :: is_singular
 
@@ -209,7 +210,7 @@ contains
       angle = 2.0_wp*atan2(norm2(a/norm2(a) - b/norm2(b)), norm2(a/norm2(a) + b/norm2(b)))
    end function angle_between
 
-   !> The point of the curve in the plane at a distance from the last one, along the direction there.
+   !> The point of the curve in the plane at a distance from the last point, along the direction there.
    subroutine curve_point_at(self, step, x, is_on_curve)
       class(curve_t), intent(inout) :: self
       real(wp), intent(in) :: step
@@ -240,7 +241,7 @@ contains
       if (self%report%is_out_of_work) self%status = outcome%out_of_budget
    end subroutine curve_point_at
 
-   !> Corrects a point, by the method for its size.
+   !> Corrects a point, with the method for its size.
    subroutine solve_next_to(problem, config, x, report)
       type(bordered_problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
@@ -254,8 +255,8 @@ contains
       end if
    end subroutine solve_next_to
 
-   !> Finds a zero of a function that has changed its sign on the step from the last point to x. x becomes the zero; the next
-   !> step begins there, once `turn` was called.
+   !> Locates a zero of a function that has changed its sign on the step from the last point to x. x becomes the zero;
+   !> the next step begins there, after `turn` was called.
    subroutine curve_locate(self, event, is_found)
       class(curve_t), intent(inout) :: self
       class(event_t), intent(inout) :: event
@@ -269,20 +270,20 @@ contains
       self%last_step = step
    end subroutine curve_locate
 
-   !> As `locate`, but leaves the curve where it is: by false position, whose older end counts for less from step to step, and by
-   !> bisection where that is slow. Where the bracket can shrink no more, what is left of the changes of the function and of x tells
-   !> a jump from a zero, and a leap to another curve from both.
+   !> As `locate`, without changing the curve: by false position, in which the weight of the older end falls from step
+   !> to step, and by bisection where that is slow. When the bracket cannot shrink further, the remaining changes of
+   !> the function and of x distinguish a jump from a zero, and a leap to another curve from both.
    subroutine curve_find_zero(self, event, places, values, x, step, is_found)
       class(curve_t), intent(inout) :: self
       class(event_t), intent(inout) :: event
-      real(wp), intent(in) :: places(2)                               !! between which it is, from the last point on
-      real(wp), intent(in) :: values(2)                               !! of the function there, of different signs
+      real(wp), intent(in) :: places(2)                               !! positions of the bracket, from the last point on
+      real(wp), intent(in) :: values(2)                               !! of the function there, with different signs
       real(wp), intent(out) :: x(:)                                   !! the zero
-      real(wp), intent(out) :: step                                   !! its place on the step, from the last point on
+      real(wp), intent(out) :: step                                   !! its position on the step, from the last point on
       logical, intent(out) :: is_found
       integer, parameter :: most_steps = 80, fast_steps = 24
       real(wp), parameter :: smallest_bracket = 4.0_wp*epsilon(1.0_wp)
-      real(wp), parameter :: jump = 1.0e-3_wp                         ! of the change between both places
+      real(wp), parameter :: jump = 1.0e-3_wp                         ! of the change between both ends of the bracket
       real(wp) :: at_ends(2), bracket(2), value, weights(2), x_at(size(x), 2)
       integer :: i, near
       logical :: is_on_curve
@@ -291,7 +292,7 @@ contains
       at_ends = values
       x_at(:, 1) = self%last_x
       x_at(:, 2) = self%x
-      weights = 1.0_wp                                                ! of the values, for false position
+      weights = 1.0_wp                                                ! weights of the values, for false position
       near = 0
       is_found = .false.
       do i = 1, most_steps
@@ -320,7 +321,7 @@ contains
       end do
    end subroutine curve_find_zero
 
-   !> Makes the last equation the plane at a distance from a point.
+   !> Sets the last equation to the plane at a distance from a point.
    subroutine curve_put_plane(self, x, direction, distance)
       class(curve_t), intent(inout) :: self
       real(wp), intent(in) :: x(:), direction(:), distance
@@ -336,7 +337,7 @@ contains
       call self%problem%rescale()
    end subroutine curve_put_plane
 
-   !> Gives `part` the forms of the whole problem.
+   !> Copies the functionals of the whole problem to `part`.
    subroutine put_part_plane(self)
       type(curve_t), intent(inout) :: self
 
@@ -345,7 +346,7 @@ contains
       call self%part%rescale()
    end subroutine put_part_plane
 
-   !> The tangent at a point of the curve, towards the direction, and the sign of the determinant; 0 where that is not known.
+   !> The tangent at a point of the curve, along the direction, and the sign of the determinant; 0 if it is not known.
    subroutine curve_tangent_at(self, x, tangent, determinant_sign, is_singular)
       class(curve_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)
@@ -363,13 +364,13 @@ contains
       if (.not. is_singular) tangent = tangent/norm2(tangent/self%units)
    end subroutine curve_tangent_at
 
-   !> The vector that a problem, which stands at x, takes to zero but for its last form.
+   !> The vector that a problem, evaluated at x, maps to zero except for its last functional.
    subroutine find_tangent(problem, x, report, tangent, determinant_sign, is_singular)
       type(bordered_problem_t), intent(inout) :: problem
       real(wp), intent(in), contiguous :: x(:)
       type(report_t), intent(inout) :: report
       real(wp), intent(out), contiguous :: tangent(:)
-      real(wp), intent(out) :: determinant_sign                       !! 0 where that is not known
+      real(wp), intent(out) :: determinant_sign                       !! 0 if it is not known
       logical, intent(out) :: is_singular
       type(tangent_solver_t) :: solver
 
@@ -384,10 +385,11 @@ contains
       call solver%solve(problem, tangent, is_singular)
    end subroutine find_tangent
 
-   !> Turns the direction at a kink so sharp that no plane across the direction meets what follows. What follows has
-   !> the tangent of the next piece, in the sense that keeps the sign of the determinant. How far beyond the kink that piece is seen
-   !> is tried: straight on there may be others, which the curve never enters, and their tangent leads back the way it came. So a
-   !> point is found that way, where the sign has to be the same again.
+   !> Rotates the direction at a kink so sharp that no plane normal to the old direction meets the following piece.
+   !> Its direction is the tangent of the next piece, in the sense that preserves the sign of the determinant. Several
+   !> distances beyond the kink are tried: straight ahead there may be other pieces, which the curve never enters and
+   !> whose tangent leads back along the curve. Therefore a point is computed in that direction, where the sign must
+   !> be the same again.
    subroutine curve_turn_at_kink(self, is_possible)
       class(curve_t), intent(inout) :: self
       logical, intent(out) :: is_possible
@@ -417,8 +419,8 @@ contains
       self%direction = direction
    end subroutine curve_turn_at_kink
 
-   !> As `tangent_at`, of the problem whose motions are corrected: of `part`, where there is one, since what leaves it may change
-   !> the sign of the determinant at the same kink.
+   !> As `tangent_at`, for the problem that is corrected: `part`, if there is one, since solutions that leave it may
+   !> change the sign of the determinant at the same kink.
    subroutine corrected_tangent(self, x, tangent, determinant_sign, is_singular)
       type(curve_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)

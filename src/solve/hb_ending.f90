@@ -12,7 +12,8 @@ module hb_ending
 
 contains
 
-   !> Ends where the residual of the point reached settles it, or the budget or the time is used up; leaves `pending` else.
+   !> Ends the iteration if the residual at the present point decides, or the budget or the time is used up; otherwise
+   !> leaves `pending`.
    subroutine end_at_point(problem, config, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
@@ -34,7 +35,7 @@ contains
       end if
    end subroutine end_at_point
 
-   !> Ends where the point shall end; leaves the status else.
+   !> Ends the iteration if the point was cancelled; otherwise leaves the status.
    subroutine end_if_over(report)
       type(report_t), intent(inout) :: report
 
@@ -46,7 +47,8 @@ contains
       end select
    end subroutine end_if_over
 
-   !> Ends where there is no further step: as converged if rounding alone gives the residual, else as `status`.
+   !> Ends the iteration if there is no further step: as converged if the residual is at rounding level, otherwise as
+   !> `status`.
    subroutine end_without_step(problem, x, status, report)
       class(problem_t), intent(inout) :: problem
       real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)

@@ -1,11 +1,11 @@
-!> GMRES: solves J s = b from products with J alone, preconditioned from the right, restarted.
+!> GMRES: solves J s = b from products with J alone, preconditioned from the right, with restarts.
 !>
-!> Works on b/r_scale, so that the residual it makes small is the one that Newton's method measures. Orthogonalises by
-!> classical Gram-Schmidt, done twice where the first time cancels: as good as the modified form, fit for matrix-vector products.
-!> Further right-hand sides of the same J profit from the products with the first: what these reach is solved for at once, and taken
-!> out of all further products (GCRO).
-!> Source: docs/why/theory.md, section 6.6; Saad and Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856-869; Giraud, Langou,
-!> Rozloznik, van den Eshof, Numer. Math. 101 (2005) 87-100 (twice is enough); de Sturler, J. Comput. Appl. Math. 67 (1996) 15-41.
+!> Works on b/r_scale, so that it minimises the residual measured by Newton's method. Orthogonalises by classical
+!> Gram-Schmidt, twice if cancellation occurs: as accurate as the modified form, and suited to matrix-vector products.
+!> Further right-hand sides with the same J reuse the products for the first: their projection is solved for at once,
+!> and removed from all further products (GCRO). Source: docs/why/theory.md, section 6.6; Saad and Schultz, SIAM J.
+!> Sci. Stat. Comput. 7 (1986) 856-869; Giraud, Langou, Rozloznik, van den Eshof, Numer. Math. 101 (2005) 87-100
+!> (twice is enough); de Sturler, J. Comput. Appl. Math. 67 (1996) 15-41.
 module hb_gmres
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_cancellation, only: work_is_over
@@ -16,9 +16,9 @@ module hb_gmres
    private
    public :: gmres_t, new_gmres
 
-   real(wp), parameter :: exhausted = 100*epsilon(1.0_wp)             ! what is left of a product that adds no direction
+   real(wp), parameter :: exhausted = 100*epsilon(1.0_wp)             ! remainder of a product that adds no direction
 
-   real(wp), parameter :: cancelled = 0.1_wp                          ! what is left of a product that is made orthogonal again
+   real(wp), parameter :: cancelled = 0.1_wp ! remainder of a product below which it is orthogonalised again
 
    type :: gmres_t
       integer :: n_products = 0                                       !! of the last `solve`
@@ -28,11 +28,11 @@ module hb_gmres
       real(wp), allocatable, private :: h(:, :)                       ! (n_vectors + 1, n_vectors) triangular after rotations
       real(wp), allocatable, private :: cosine(:), sine(:), g(:), y(:), again(:)
       real(wp), allocatable, private :: work(:), direction(:)         ! (n_unknowns)
-      integer, private :: n_kept = 0                                  ! products with J of solutions before: columns of `h`, and
-                                                                      ! one more of `basis`
-      real(wp), allocatable, private :: g_kept(:)                     ! (n_vectors) part of the residual that they reach
+      integer, private :: n_kept = 0                                  ! products with J from previous solutions: columns of
+                                                                      !! `h`, and one more of `basis`
+      real(wp), allocatable, private :: g_kept(:)                     ! (n_vectors) component of the residual in their space
       real(wp), allocatable, private :: h_kept(:, :)                  ! (n_vectors, n_vectors) and of the products that follow;
-                                                                      ! from the first of them on
+                                                                      !! from the first of them on
    contains
       procedure :: forget => gmres_forget
       procedure :: solve => gmres_solve
@@ -43,7 +43,7 @@ module hb_gmres
 
 contains
 
-   !> Makes room for `n` unknowns and restarts after `n_vectors` products.
+   !> Allocates memory for `n` unknowns and restarts after `n_vectors` products.
    subroutine new_gmres(self, n, n_vectors)
       type(gmres_t), intent(out) :: self
       integer, intent(in) :: n, n_vectors
@@ -55,7 +55,7 @@ contains
       allocate (self%work(n), self%direction(n))
    end subroutine new_gmres
 
-   !> Forgets the products of solutions before: called whenever the tangent or its preconditioner is another.
+   !> Discards the products of previous solutions; call it if the tangent or its preconditioner changes.
    pure subroutine gmres_forget(self)
       class(gmres_t), intent(inout) :: self
 
@@ -65,9 +65,9 @@ contains
    !> Solves with the tangent of the last `problem%linearise`, from the given s, to |b - J s| <= tolerance |b| or as far as
    !> `most_products` go.
    !>
-   !> Ends early where a whole cycle gains next to nothing: J is singular, or the preconditioner too weak; and, with
-   !> `fewer_than`, once after half as many the pace of the last products says that clearly more would be needed than that: GMRES
-   !> gets faster as it finds the outlying eigenvalues.
+   !> Ends early if a whole cycle reduces the residual hardly at all: J is singular, or the preconditioner too weak.
+   !> With `fewer_than` it also ends if, after at least half as many products, the rate of the last ones predicts
+   !> clearly more than that: GMRES accelerates as it finds the outlying eigenvalues.
    subroutine gmres_solve(self, problem, b, tolerance, most_products, s, fewer_than)
       class(gmres_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
@@ -76,12 +76,12 @@ contains
       integer, intent(in) :: most_products
       real(wp), intent(inout), contiguous :: s(:)                     !! (n_unknowns)
       integer, intent(in), optional :: fewer_than                     !! products
-      real(wp), parameter :: stagnation = 0.9_wp                      ! gain of a cycle that is worth another
+      real(wp), parameter :: stagnation = 0.9_wp                      ! reduction of a cycle that justifies another one
       real(wp) :: before, norm, norm_of_b
       integer :: slow_from
 
       slow_from = huge(1)
-      if (present(fewer_than)) slow_from = (3*fewer_than)/2           ! with a margin: a pace is no promise
+      if (present(fewer_than)) slow_from = (3*fewer_than)/2           ! with a margin: a rate is no guarantee
       self%is_slow = .false.
       self%n_products = 0
       self%residual = 0.0_wp
@@ -106,7 +106,7 @@ contains
          if (norm <= tolerance*norm_of_b .or. self%n_products >= most_products) return
          if (.not. norm <= stagnation*before) return
          call self%forget()
-         call find_residual()                                         ! afresh: what rotations say drifts from the truth
+         call find_residual()                                         ! recomputed: the values from rotations drift
       end do
 
    contains
@@ -119,16 +119,16 @@ contains
       end subroutine find_residual
    end subroutine gmres_solve
 
-   !> One cycle: from the residual `work` of length `norm` to the smallest that the space reaches; adds to s.
+   !> One cycle: from the residual `work` of length `norm` to the smallest in the space; adds to s.
    subroutine gmres_cycle(self, problem, norm, target, most_products, slow_from, s)
       class(gmres_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
       real(wp), intent(inout) :: norm
       real(wp), intent(in) :: target
       integer, intent(in) :: most_products
-      integer, intent(in) :: slow_from                                !! products expected of all: too many
+      integer, intent(in) :: slow_from                                !! total number of expected products that is too large
       real(wp), intent(inout) :: s(:)
-      integer, parameter :: stretch = 6                               ! products that a pace is taken from, after as many others
+      integer, parameter :: stretch = 6                               ! products for a rate, after as many others
       integer :: i, j, k, n
       real(wp) :: a, length
 
@@ -162,7 +162,7 @@ contains
                call rotate(self%cosine(k + i), self%sine(k + i), h(i), h(i + 1))
             end do
             a = hypot(h(j), h(j + 1))
-            if (a <= exhausted*length) then                           ! this product adds nothing: J is singular
+            if (a <= exhausted*length) then                           ! this product adds no direction: J is singular
                j = j - 1
                exit
             end if
@@ -174,26 +174,26 @@ contains
          self%g(j + 1) = -self%sine(k + j)*self%g(j)
          self%g(j) = self%cosine(k + j)*self%g(j)
          norm = abs(self%g(j + 1))
-         if (length <= 0.0_wp) exit                                   ! the space holds the solution
+         if (length <= 0.0_wp) exit                                   ! the space contains the solution
          if (j < max(2*stretch, slow_from/3) .or. norm <= target) cycle
          self%is_slow = log(norm/target) > pace_of(self%sine(k + j - stretch + 1:k + j))*(slow_from - self%n_products)
          if (self%is_slow) exit
       end do
       if (k + j > 0) call self%add_solution(problem, j, s)
-      if (k == 0) self%n_kept = min(j, size(self%y)/2)                ! there has to be room for others
+      if (k == 0) self%n_kept = min(j, size(self%y)/2)                ! leave memory for others
    end subroutine gmres_cycle
 
-   !> By how much the logarithm of the residual fell with each of the last products.
+   !> Decrease of the logarithm of the residual per product over the last products.
    pure real(wp) function pace_of(sines)
-      real(wp), intent(in) :: sines(:)                                !! of the rotations: how the residual fell
+      real(wp), intent(in) :: sines(:)                                !! of the rotations: reduction of the residual
 
       pace_of = -sum(log(max(tiny(1.0_wp), abs(sines))))/size(sines)
    end function pace_of
 
-   !> Takes the first j vectors of the present cycle out of the product, twice where most of it cancels.
+   !> Orthogonalises the product against the first j vectors of the present cycle, twice if most of it cancels.
    subroutine orthogonalise(self, k, j, length, h)
       class(gmres_t), intent(inout) :: self
-      integer, intent(in) :: k                                        !! vectors that are kept from cycles before
+      integer, intent(in) :: k                                        !! vectors stored from previous cycles
       integer, intent(in) :: j
       real(wp), intent(in) :: length                                  !! of the product
       real(wp), intent(inout), contiguous :: h(:)                     !! column of the Hessenberg matrix
@@ -212,11 +212,11 @@ contains
       if (h(j + 1) <= exhausted*length) h(j + 1) = 0.0_wp
    end subroutine orthogonalise
 
-   !> Takes out of `work` what the kept products reach: those of the space that the first columns of `basis` span, turned by the
-   !> rotations, but for the last.
+   !> Removes from `work` its projection onto the stored products: the space spanned by the first columns of `basis`,
+   !> rotated, except for the last.
    subroutine gmres_take_out(self, along)
       class(gmres_t), intent(inout) :: self
-      real(wp), intent(out) :: along(:)                               !! its part along each of them
+      real(wp), intent(out) :: along(:)                               !! its component along each of them
       integer :: i, n
 
       n = size(self%basis, 1)
@@ -244,7 +244,7 @@ contains
       b = cosine*b - sine*before
    end subroutine rotate
 
-   !> Adds the combination of the first j vectors, and the kept ones, with the smallest residual.
+   !> Adds the combination of the first j vectors, and the stored ones, with the smallest residual.
    subroutine gmres_add_solution(self, problem, j, s)
       class(gmres_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem

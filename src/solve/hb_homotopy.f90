@@ -1,7 +1,7 @@
-!> Homotopy: continues the solutions from an easy problem to the given one by arc length, round folds if necessary.
+!> Homotopy: continues the solution of an easy problem to the given one by arc length, around folds if necessary.
 !>
-!> The nonlinearity (or the load) is multiplied by a factor from 0 to 1, which is one more unknown of a curve. Source:
-!> docs/why/theory.md, section 6.4.
+!> The nonlinearity (or the load) is multiplied by a factor from 0 to 1, which is an additional unknown of a curve.
+!> Source: docs/why/theory.md, section 6.4.
 module hb_homotopy
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_curve, only: curve_config_t, curve_t, new_curve
@@ -15,13 +15,13 @@ module hb_homotopy
    public :: solve_by_homotopy
 
    type(curve_config_t), parameter :: steps = curve_config_t(little=2.0_wp)   ! each sample that enters contact is a kink
-   real(wp), parameter :: loose_tolerance = 1.0e-4_wp                 ! of the residual on the way: kinks keep it from less
+   real(wp), parameter :: loose_tolerance = 1.0e-4_wp                 ! of the residual along the curve: kinks prevent smaller ones
    integer, parameter :: most_corrections = 8
 
 contains
 
-   !> Solves r(x) = 0 along a curve that starts at x, the solution of the easy problem. On failure x is the last point
-   !> reached. Iterations are corrections, evaluations those of the residual.
+   !> Solves r(x) = 0 along a curve that starts at x, the solution of the easy problem. On failure x is the last
+   !> point. Iterations are corrections, evaluations those of the residual.
    subroutine solve_by_homotopy(problem, config, kind, x, report)
       class(problem_t), intent(inout), target :: problem
       type(solver_config_t), intent(in) :: config
@@ -46,13 +46,13 @@ contains
       corrector%tolerance = loose_tolerance
       corrector%max_iterations = most_corrections
       corrector%line_search = .false.
-      corrector%repeats_tangent = .false.                             ! of several motions the way decides which is found
+      corrector%repeats_tangent = .false. ! if there are several motions, the path decides which one is found
       allocate (forward(n + 1, 1), source=0.0_wp)
       forward(n + 1, 1) = 1.0_wp
       call problem%set_parameters([-kind], [0.0_wp], is_possible)
       call new_bordered_problem(path, problem, [-kind], forward, [0.0_wp])
       call new_curve(curve, path, [x, 0.0_wp], forward(:, 1), path%x_scale, steps, corrector)
-      n_steps = 0                                                     ! many may need no correction
+      n_steps = 0                                                     ! many steps may need no correction
       trial = x
       do while (curve%status == outcome%pending)
          call curve%advance()
@@ -84,7 +84,8 @@ contains
       end if
    end subroutine solve_by_homotopy
 
-   !> Solves the problem itself from the chord of the last step, which has passed it; where that fails, the step was too long.
+   !> Solves the problem itself from the chord of the last step, which has passed it; if that fails, the step was too
+   !> long.
    subroutine land(problem, config, kind, curve, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
@@ -104,7 +105,7 @@ contains
          if (report%status == outcome%converged) then
             curve%status = outcome%converged
          else
-            call curve%retreat()                                ! too long a step to land well
+            call curve%retreat()                                ! the step was too long for convergence
          end if
       end associate
    end subroutine land

@@ -14,13 +14,13 @@ module hb_krylov
    private
    public :: solve_krylov
 
-   real(wp), parameter :: lowest_accuracy = 1.0e-3_wp                 ! of a step: rougher ones lose their way in rigid contact
-   real(wp), parameter :: useless = 0.9_wp                            ! a step that leaves more of the residual is none
+   real(wp), parameter :: lowest_accuracy = 1.0e-3_wp                 ! of a step: rougher ones fail for rigid contact
+   real(wp), parameter :: useless = 0.9_wp                            ! a step that leaves a larger part of the residual is rejected
 
 contains
 
-   !> Solves r(x) = 0 from the given x; x is the last point reached, whatever the outcome. Ends as `singular` where GMRES
-   !> finds no step, or the problem has no products.
+   !> Solves r(x) = 0 from the given x; returns the last iterate in x, whatever the outcome. Ends as `singular` if
+   !> GMRES finds no step, or the problem has no products.
    subroutine solve_krylov(problem, config, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
@@ -51,7 +51,7 @@ contains
          if (is_ready) call tangent%solve(problem, r, max(accuracy, 0.5_wp*config%tolerance/report%residual), step)
          report%factorizations = tangent%n_preconditioners
          report%products = tangent%n_products
-         call end_if_over(report)                                     ! then the step is not what it should be
+         call end_if_over(report)                                     ! the step is then incomplete
          if (report%status /= outcome%pending) return
          if (.not. tangent%residual < useless) then
             call end_without_step(problem, x, outcome%singular, report)
@@ -66,7 +66,7 @@ contains
             call end_without_step(problem, x, search%failure, report)
             return
          end if
-         associate (gain => report%residual/norm_before)              ! what quadratic convergence can use, or kinks leave of it
+         associate (gain => report%residual/norm_before)              ! usable for quadratic convergence, or left by kinks
             accuracy = min(lowest_accuracy, max(0.9_wp*gain**2, abs(gain - tangent%residual)))
          end associate
       end do

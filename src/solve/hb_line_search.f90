@@ -1,8 +1,9 @@
 !> Backtracking along a step, shared by the solvers: the residual must fall below the largest of the last few.
 !>
-!> Comparing with a few past residuals lets the iteration cross kinks of contact laws, where the residual may rise for a
-!> step or two. Source: Grippo, Lampariello, Lucidi, SIAM J. Numer. Anal. 23 (1986) 707-716, with the residual as merit.
-!> Where the residual is bounded, that comparison alone lets the unknowns diverge; so trial points too far away are not evaluated.
+!> The comparison with a few past residuals permits the iteration to cross kinks of contact laws, where the residual
+!> may rise for a step or two. Source: Grippo, Lampariello, Lucidi, SIAM J. Numer. Anal. 23 (1986) 707-716, with the
+!> residual as merit function. If the residual is bounded, that comparison alone lets the unknowns diverge; trial
+!> points too far away are therefore not evaluated.
 module hb_line_search
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_kinds, only: wp
@@ -12,16 +13,16 @@ module hb_line_search
    private
    public :: line_search_t, new_line_search
 
-   integer, parameter :: window = 6                                   ! past residuals to compare with
+   integer, parameter :: window = 6                                   ! past residuals in the comparison
    integer, parameter :: most_halvings = 12
    real(wp), parameter :: runaway = 1.0e8_wp                          ! of the unknowns: half of their digits are lost there
-   real(wp), parameter :: decrease = 1.0e-4_wp                        ! share of the decrease that a full step promises
+   real(wp), parameter :: decrease = 1.0e-4_wp                        ! fraction of the decrease predicted by a full step
 
    type :: line_search_t
-      logical :: is_on = .true.                                       !! off: full steps always
+      logical :: is_on = .true.                                       !! false: always full steps
       integer :: n_residuals = 0                                      !! residuals evaluated so far
       integer :: failure = outcome%pending                            !! why no trial of the last step was accepted, hb_outcome
-      real(wp), private :: farthest = 0.0_wp                          ! trial that is tried, in units of x_scale
+      real(wp), private :: farthest = 0.0_wp                          ! largest admissible trial, in units of x_scale
       real(wp), private :: past(window) = 0.0_wp
       integer, private :: n_past = 0
       real(wp), allocatable, private :: x_trial(:), r_trial(:)        ! latest trial
@@ -33,7 +34,7 @@ module hb_line_search
 
 contains
 
-   !> Line search for `n` unknowns; with `is_on` false every full step with a finite residual is taken.
+   !> Creates a line search for `n` unknowns; with `is_on` false every full step with a finite residual is accepted.
    subroutine new_line_search(self, n, is_on)
       type(line_search_t), intent(out) :: self
       integer, intent(in) :: n
@@ -43,7 +44,7 @@ contains
       allocate (self%x_trial(n), self%r_trial(n))
    end subroutine new_line_search
 
-   !> Adds the norm of an accepted point to those that later ones are compared with.
+   !> Adds the norm of an accepted point to the past residuals.
    pure subroutine line_search_remember(self, norm)
       class(line_search_t), intent(inout) :: self
       real(wp), intent(in) :: norm
@@ -52,9 +53,9 @@ contains
       self%n_past = self%n_past + 1
    end subroutine line_search_remember
 
-   !> Moves x along `step`, halving it until the residual is small enough; on success x, r and norm are those of the new
-   !> point and `fraction` reports how much of the step was taken; otherwise they stay, `fraction` is 0 and `failure` says why.
-   !> The first x is that from which distances are assessed.
+   !> Moves x along `step`, halving it until the residual is small enough; on success x, r and norm are those of the
+   !> new point and `fraction` is the accepted part of the step; otherwise they are unchanged, `fraction` is 0 and
+   !> `failure` gives the reason. Distances are measured from the first x.
    subroutine line_search_advance(self, problem, step, x, r, norm, fraction)
       class(line_search_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
@@ -97,8 +98,8 @@ contains
       if (.not. met_near) self%failure = outcome%diverged
    end subroutine line_search_advance
 
-   !> Moves x along the full step if that makes the residual smaller; otherwise x, r and norm stay. Later steps are not compared
-   !> with it.
+   !> Moves x along the full step if that reduces the residual; otherwise x, r and norm are unchanged. Later steps are
+   !> not compared with it.
    subroutine line_search_try_step(self, problem, step, x, r, norm)
       class(line_search_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
@@ -111,7 +112,7 @@ contains
       call problem%residual(self%x_trial, self%r_trial)
       self%n_residuals = self%n_residuals + 1
       trial_norm = problem%norm(self%r_trial)
-      if (.not. trial_norm < norm) return                             ! nor where it is not a number
+      if (.not. trial_norm < norm) return                             ! also if it is NaN
       x = self%x_trial
       r = self%r_trial
       norm = trial_norm

@@ -1,11 +1,10 @@
 !> Newton's method with the exact tangent, LU factorised by LAPACK, and backtracking.
 !>
-!> A factorised tangent costs as much as many residuals. So after each full step that reduces the residual fast, further steps
-!> reuse the factors, corrected by Broyden's updates, as long as they do the same. Iterations are counted by
-!> their tangents.
-!> For contact laws the tangent is one element of the generalised derivative (semi-smooth Newton).
-!> Source: docs/why/theory.md, section 6.1; Qi and Sun, Math. Programming 58 (1993) 353-367; Kelley, Iterative methods for
-!> linear and nonlinear equations, SIAM 1995, section 7.3.
+!> Factorising a tangent costs as much as many residuals. After each full step that reduces the residual fast, further
+!> steps therefore reuse the factors, corrected by Broyden's updates, as long as they reduce it as fast. Iterations
+!> count tangents. For contact laws the tangent is one element of the generalised derivative (semi-smooth Newton
+!> method). Source: docs/why/theory.md, section 6.1; Qi and Sun, Math. Programming 58 (1993) 353-367; Kelley,
+!> Iterative methods for linear and nonlinear equations, SIAM 1995, section 7.3.
 module hb_newton
    use hb_ending, only: end_at_point, end_without_step
    use hb_kinds, only: wp
@@ -20,11 +19,11 @@ module hb_newton
 
    real(wp), parameter :: fast = 0.2_wp                               ! residual after a step, relative to that before
    integer, parameter :: most_repeats = 12                            ! of steps with one tangent
-   integer, parameter :: fewest_unknowns = 24                         ! where a tangent costs much more than a residual
+   integer, parameter :: fewest_unknowns = 24                         ! from which on a tangent costs much more than a residual
 
 contains
 
-   !> Solves r(x) = 0 from the given x; x is the last point reached, whatever the outcome.
+   !> Solves r(x) = 0 from the given x; returns the last iterate in x, whatever the outcome.
    subroutine solve_newton(problem, config, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
@@ -70,8 +69,9 @@ contains
 
    contains
 
-      !> Goes on with the tangent at hand while each step reduces the residual as fast; any that reduces it is taken. One more
-      !> follows on the one that meets the tolerance: an exact step would have gone beyond it as well.
+      !> Repeats steps with the present tangent while each reduces the residual as fast; any step that reduces it is
+      !> accepted. One more step follows the one that meets the tolerance, because an exact step would also have
+      !> overshot it.
       subroutine repeat_tangent()
          real(wp) :: along
          integer :: i, k
@@ -89,7 +89,7 @@ contains
                step = step + steps(:, i)*(dot_product(steps(:, i - 1), step)/sum(steps(:, i - 1)**2))
             end do
             along = dot_product(steps(:, k - 1), step)/sum(steps(:, k - 1)**2)
-            if (.not. along < 0.5_wp) return                          ! the update is not to be trusted
+            if (.not. along < 0.5_wp) return                          ! the update is not reliable
             steps(:, k) = step/(1.0_wp - along)
             step = steps(:, k)*problem%x_scale
             before = report%residual

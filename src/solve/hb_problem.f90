@@ -1,4 +1,5 @@
-!> A system of nonlinear equations r(x) = 0 as the solvers need it: without mechanics, only numbers and their scales.
+!> A system of nonlinear equations r(x) = 0, the interface of the solvers: numbers and their scales, without
+!> mechanics.
 module hb_problem
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use hb_error, only: error_t
@@ -10,21 +11,21 @@ module hb_problem
 
    integer, parameter :: default_largest_dense = 400                  !! unknowns up to which the dense tangent is cheaper
 
-   !> Ways to deform a problem from an easy one, at 0, to the one asked for, at 1.
+   !> Deformations of a problem from an easy one, at 0, to the given one, at 1.
    type :: deformation_t
-      integer :: nonlinearity = 1                                     !! factor of all that is not linear
-      integer :: load = 2                                             !! factor of what drives the problem
-      integer :: damping = 3                                          !! what is left of 1 damps the problem, where it can be
+      integer :: nonlinearity = 1                                     !! factor of all nonlinear terms
+      integer :: load = 2                                             !! factor of all loads
+      integer :: damping = 3 !! 1 minus this is the artificial damping, if the problem supports it
    end type deformation_t
    type(deformation_t), parameter :: deformation = deformation_t()
 
-   real(wp), parameter :: growth = 14.0_wp                            ! of an amount along its way, about six decades
-   real(wp), parameter :: farthest = 2.0_wp                           ! place beyond which it grows no more
+   real(wp), parameter :: growth = 14.0_wp                            ! of an amount along the deformation, about six decades
+   real(wp), parameter :: farthest = 2.0_wp                           ! position beyond which it is constant
 
-   !> Solvers work with x/x_scale and r/r_scale, so that the units of a model do not matter to them.
+   !> Solvers work with x/x_scale and r/r_scale, so that results do not depend on the units of a model.
    type, abstract :: problem_t
       integer :: n_unknowns = 0
-      logical :: continues_in_order_first = .false.                   !! from `coarse_guess`, before an attempt without
+      logical :: continues_in_order_first = .false.                   !! from `coarse_guess`, before a direct attempt
       logical :: has_products = .false.                               !! with the tangent, by `linearise` and `apply_tangent`
       logical :: can_be_damped = .false.                              !! by `deform`
       integer :: largest_dense = default_largest_dense                !! unknowns up to which the dense tangent is cheaper
@@ -33,11 +34,12 @@ module hb_problem
       real(wp) :: residual_work = 0.0_wp                              !! of a residual or a product, see hb_solver_types%report_t
       real(wp) :: tangent_work = 0.0_wp                               !! of a dense tangent and its factors
       real(wp) :: preconditioner_work = 0.0_wp                        !! of a preconditioner of level 0; each further one: 8 times
-      integer :: preconditioner_level = 0                             !! that solutions from products have come to need
-      logical :: has_preconditioner = .false.                         !! of that level, with which the last took few products
-      type(error_t), allocatable :: failure                           !! why a tangent, a product or a derivative by a parameter was
-                                                                      !! not found; a solver takes it into its report
-      real(wp), private :: place(3) = 1.0_wp                          ! on the way of each deformation
+      integer :: preconditioner_level = 0                             !! level with which recent solutions from products succeeded
+      logical :: has_preconditioner = .false. !! of that level, with which the last solution took few products
+      type(error_t), allocatable :: failure                           !! why a tangent, a product or a derivative by a parameter
+                                                                      !! could not be computed; a solver copies it into its
+                                                                      !! report
+      real(wp), private :: place(3) = 1.0_wp                          ! position along each deformation
    contains
       procedure(residual), deferred :: residual
       procedure(tangent), deferred :: tangent
@@ -69,7 +71,7 @@ module hb_problem
          real(wp), intent(out), contiguous :: r(:)                    !! (n_unknowns)
       end subroutine residual
 
-      !> Exact derivative of the residual; where the problem is not smooth, one element of its generalised derivative.
+      !> Exact derivative of the residual; if the problem is not smooth, one element of its generalised derivative.
       subroutine tangent(self, x, jacobian)
          import :: problem_t, wp
          class(problem_t), intent(inout) :: self
@@ -85,7 +87,7 @@ module hb_problem
          real(wp), intent(out), contiguous :: step(:)                 !! (n_unknowns)
       end subroutine solve_linear
 
-      !> Norm that rounding errors alone may give the residual at x: below it no solver can go.
+      !> Norm of the residual at x due to rounding errors alone: no solver can go below it.
       real(wp) function rounding_level(self, x)
          import :: problem_t, wp
          class(problem_t), intent(inout) :: self
@@ -103,17 +105,17 @@ module hb_problem
 
 contains
 
-   !> Prepares products with the exact tangent at x; they hold until the next call of `tangent`, `linearise`, `residual` or
-   !> `rounding_level`. A problem without products leaves this as it is.
+   !> Prepares products with the exact tangent at x; they are valid until the next call of `tangent`, `linearise`,
+   !> `residual` or `rounding_level`. The default has no products.
    subroutine problem_linearise(self, x, is_ready)
       class(problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
-      logical, intent(out) :: is_ready                                !! false: no products, for want of memory or altogether
+      logical, intent(out) :: is_ready                                !! false: no products, for lack of memory or in general
 
       is_ready = .false.
    end subroutine problem_linearise
 
-   !> Multiplies by the tangent after `linearise`, where that has products.
+   !> Multiplies by the tangent after `linearise`, if the problem has products.
    subroutine problem_apply_tangent(self, x, product)
       class(problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
@@ -122,18 +124,18 @@ contains
       product = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine problem_apply_tangent
 
-   !> Brings the preconditioner to the tangent of the last `linearise`; it then stays until the next call.
+   !> Updates the preconditioner to the tangent of the last `linearise`; it is valid until the next call.
    !>
    !> Level 0 is the cheapest; each further one takes about eight times the work and is closer to the tangent.
    subroutine problem_update_preconditioner(self, level, is_strongest)
       class(problem_t), intent(inout) :: self
       integer, intent(in) :: level                                    !! >= 0
-      logical, intent(out) :: is_strongest                            !! no higher level would be any better
+      logical, intent(out) :: is_strongest                            !! a higher level would not be better
 
       is_strongest = .true.
    end subroutine problem_update_preconditioner
 
-   !> Solves with a cheap approximation of the tangent; without a better one, with the linear part.
+   !> Solves with a cheap approximation of the tangent, by default with the linear part.
    subroutine problem_precondition(self, r, step)
       class(problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: r(:)                        !! (n_unknowns)
@@ -142,7 +144,7 @@ contains
       call self%solve_linear(r, step)
    end subroutine problem_precondition
 
-   !> As `update_preconditioner`, made so that it has an inverse where the tangent has none because some parameters are unknown.
+   !> As `update_preconditioner`, regularised for tangents that are singular because some parameters are unknown.
    subroutine problem_update_regular_preconditioner(self, which, level, is_strongest)
       class(problem_t), intent(inout) :: self
       integer, intent(in) :: which(:)                                 !! the unknown parameters
@@ -152,9 +154,9 @@ contains
       call self%update_preconditioner(level, is_strongest)
    end subroutine problem_update_regular_preconditioner
 
-   ! Parameters are numbered: those of the problem itself from 1 on; -kind is the place on the way of a deformation, from 0 at the
-   ! easy problem to 1. In between the amount grows exponentially, (exp(c theta) - 1)/(exp(c) - 1), because what counts for a
-   ! contact stiffness is its ratio to the stiffness of the structure.
+   ! Parameters are numbered: those of the problem itself from 1 on; -kind is the position along a deformation, from 0
+   ! at the easy problem to 1. In between the amount grows exponentially, (exp(c theta) - 1)/(exp(c) - 1), because the
+   ! ratio of a contact stiffness to the stiffness of the structure is decisive.
 
    !> Values of some parameters.
    pure function deformation_places(self, which) result(values)
@@ -175,8 +177,8 @@ contains
       scales = 1.0_wp
    end function problem_parameter_scales
 
-   !> Changes some parameters for all later calls; `is_possible` is false, and the problem of no use until the next change, where
-   !> it has no such parameter or no such value.
+   !> Changes some parameters for all later calls; `is_possible` is false, and the problem invalid until the next
+   !> change, if it has no such parameter or the value is not admissible.
    subroutine set_deformations(self, which, values, is_possible)
       class(problem_t), intent(inout) :: self
       integer, intent(in) :: which(:)
@@ -192,13 +194,14 @@ contains
       end do
    end subroutine set_deformations
 
-   !> Derivative of the residual by a parameter at fixed x. Of a deformation from two amounts: the residual is linear in them.
+   !> Derivative of the residual with respect to a parameter at fixed x; for a deformation from two amounts, because
+   !> the residual is linear in them.
    subroutine deformation_derivative(self, x, which, derivative)
       class(problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
       integer, intent(in) :: which
       real(wp), intent(out), contiguous :: derivative(:)              !! (n_unknowns)
-      real(wp), parameter :: apart = 0.5_wp                           ! of two amounts
+      real(wp), parameter :: apart = 0.5_wp                           ! distance of the two amounts
       real(wp) :: r(size(x)), amount, place
 
       place = self%place(-which)
@@ -216,26 +219,28 @@ contains
       amount_at = (exp(growth*min(place, farthest)) - 1.0_wp)/(exp(growth) - 1.0_wp)
    end function amount_at
 
-   !> Smallest share of its size, in each dimension, at which the problem still resembles itself; 1: no smaller one does.
+   !> Smallest fraction of its size, in each dimension, at which a reduced problem still approximates this one; 1:
+   !> none.
    pure real(wp) function problem_lowest_level(self) result(share)
       class(problem_t), intent(in) :: self
 
       share = 1.0_wp
    end function problem_lowest_level
 
-   !> Improves a first guess by solving a smaller problem that resembles this one; most problems know of none.
+   !> Improves a first guess by solving a smaller problem that approximates this one; the default has none.
    subroutine problem_coarse_guess(self, share, config, x, report, is_found)
       class(problem_t), intent(inout) :: self
-      real(wp), intent(in) :: share                                   !! of the size in each dimension, `lowest_level` or more
+      real(wp), intent(in) :: share                                   !! of the size in each dimension, at least `lowest_level`
       type(solver_config_t), intent(in) :: config
-      real(wp), intent(inout), contiguous :: x(:)                     !! (n_unknowns), a first guess and then the better one
-      type(report_t), intent(out) :: report                           !! the work that it took
-      logical, intent(out) :: is_found                                !! false: x is as it was
+      real(wp), intent(inout), contiguous :: x(:)                     !! (n_unknowns), a first guess, on return the better one
+      type(report_t), intent(out) :: report                           !! the work used
+      logical, intent(out) :: is_found                                !! false: x is unchanged
 
       is_found = .false.
    end subroutine problem_coarse_guess
 
-   !> Work that a report counts. A preconditioner of products is taken for as many products as lead to another one.
+   !> Work of a report. A preconditioner of products is counted as the number of products that would justify another
+   !> one.
    pure real(wp) function problem_work_of(self, report) result(work)
       class(problem_t), intent(in) :: self
       type(report_t), intent(in) :: report
@@ -249,8 +254,8 @@ contains
       end if
    end function problem_work_of
 
-   !> Whether the scales, and their products (work), are numbers that can be reckoned with: beyond them a residual of zero says
-   !> nothing.
+   !> Whether the scales, and their products (work), are in a numerically meaningful range: outside it a zero residual
+   !> carries no information.
    pure logical function problem_has_sound_scales(self) result(has_sound_scales)
       class(problem_t), intent(in) :: self
 

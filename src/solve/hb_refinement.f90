@@ -1,10 +1,10 @@
-!> Adaptive refinement: a problem is solved at one discretisation, its error is estimated, the next discretisation is chosen from
-!> the estimate, until the error is below the tolerance or nothing more is gained.
+!> Adaptive refinement: a problem is solved at one discretisation, its error is estimated, and the next discretisation
+!> is chosen from the estimate, until the error is below the tolerance or refinement brings no further gain.
 !>
-!> What is refined extends `refinable_t`: it solves, chooses and transfers; the loop counts levels, failures and levels that gain
-!> nothing. Users: points and normal modes (hb_accurate_motion), steps and motions of a curve (hb_curve_sets), motions found by time
-!> integration (hb_integrate_to_tolerance). Source: nested iteration, Hackbusch, Multi-Grid Methods and Applications (1985), chapter
-!> 5.
+!> The refined object extends `refinable_t`: it solves, chooses and transfers; the loop counts levels, failures and
+!> levels without gain. Users: points and normal modes (hb_accurate_motion), steps and motions of a curve
+!> (hb_curve_sets), motions found by time integration (hb_integrate_to_tolerance). Source: nested iteration,
+!> Hackbusch, Multi-Grid Methods and Applications (1985), chapter 5.
 module hb_refinement
    use hb_error, only: error_t
    use hb_kinds, only: wp
@@ -12,15 +12,15 @@ module hb_refinement
    private
    public :: refinable_t, refine, refinement_end
 
-   real(wp), parameter :: idle = 0.8_wp                               ! of the estimate before: a level that gains nothing
+   real(wp), parameter :: idle = 0.8_wp                               ! of the previous estimate: larger ones count as no gain
 
    type :: ends_t
       integer :: pending = 0
       integer :: accurate = 1                                         !! the estimate is small enough
-      integer :: idle = 2                                             !! levels gain nothing any more
-      integer :: failed = 3                                           !! levels are not solved any more
-      integer :: exhausted = 4                                        !! no further level, or as many as are allowed
-      integer :: stopped = 5                                          !! the problem is over, or there was an error
+      integer :: idle = 2                                             !! levels bring no further gain
+      integer :: failed = 3                                           !! levels are no longer solved
+      integer :: exhausted = 4                                        !! no further level, or the permitted number is reached
+      integer :: stopped = 5                                          !! the problem was cancelled, or there was an error
    end type ends_t
 
    type(ends_t), parameter :: refinement_end = ends_t()
@@ -28,11 +28,11 @@ module hb_refinement
    !> A problem at its present discretisation, a level.
    type, abstract :: refinable_t
       integer :: most_levels = huge(1)                                !! tried
-      integer :: most_idle = huge(1)                                  !! levels one after the other that gain nothing
-      integer :: most_failures = 1                                    !! levels one after the other that are not solved
+      integer :: most_idle = huge(1)                                  !! consecutive levels without gain
+      integer :: most_failures = 1                                    !! consecutive levels that are not solved
       integer :: n_levels = 0                                         !! tried so far
-      integer :: n_failures = 0                                       !! since the level solved last
-      real(wp) :: estimate = huge(1.0_wp)                             !! of the error of the level solved last
+      integer :: n_failures = 0                                       !! since the last solved level
+      real(wp) :: estimate = huge(1.0_wp)                             !! of the error of the last solved level
       type(error_t), allocatable :: error
    contains
       procedure(solve_level), deferred :: solve
@@ -42,8 +42,8 @@ module hb_refinement
    end type refinable_t
 
    abstract interface
-      !> Solves the problem at the level chosen last, from the solution at hand, and sets `estimate`. Where that fails the solution
-      !> at hand stays.
+      !> Solves the problem at the chosen level, from the present solution, and sets `estimate`. On failure the
+      !> present solution is unchanged.
       subroutine solve_level(self, is_solved)
          import :: refinable_t
          class(refinable_t), intent(inout) :: self
@@ -57,7 +57,8 @@ module hb_refinement
          logical, intent(out) :: is_there
       end subroutine choose_level
 
-      !> `is_accurate`: whether the level solved last is good enough. `is_over`: whether the budget is spent or work is cancelled.
+      !> `is_accurate`: whether the last solved level is accurate enough. `is_over`: whether the budget is used up or
+      !> the work is cancelled.
       logical function ask(self)
          import :: refinable_t
          class(refinable_t), intent(inout) :: self
@@ -66,7 +67,8 @@ module hb_refinement
 
 contains
 
-   !> Refines a problem from its first level on, and says how that has ended. An error of the problem is left in it.
+   !> Refines a problem from its first level on, and returns why the refinement ended. An error of the problem is
+   !> stored in the problem.
    subroutine refine(self, end_of_it)
       class(refinable_t), intent(inout) :: self
       integer, intent(out), optional :: end_of_it                     !! one of `refinement_end`

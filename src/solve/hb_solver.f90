@@ -20,22 +20,23 @@ module hb_solver
                                        fallback%load, &
                                     fallback%several_guesses]
    integer, parameter :: n_ways_without_matrix = 2
-   integer, parameter :: patience = 10                                ! with an attempt, where other ways are left
+   integer, parameter :: patience = 10                                ! with an attempt, if fallbacks remain
    integer, parameter :: easy_iterations = 2                          ! of a problem that is almost linear
-   real(wp), parameter :: largest_level = 2.4_wp                      ! from one problem to the next larger one
+   real(wp), parameter :: largest_level = 2.4_wp                      ! ratio of one problem to the next larger one
 
 contains
 
-   !> Solves r(x) = 0 from the given x: by continuation in order from a smaller problem where that pays as the primary method,
-   !> else by a direct attempt. When that fails and fallback is on: another first guess, continuation in order, artificial damping
-   !> that fades, homotopy in the nonlinearity from the linear solution, the direct attempt with more patience, the other method,
-   !> the other guess with it, homotopy in the load from zero, several guesses. The report adds up all attempts and says which one
-   !> succeeded; if none did, x and the status are those of the direct attempt, unless the time was up.
+   !> Solves r(x) = 0 from the given x: by continuation in order from a smaller problem if that is the primary method,
+   !> otherwise by a direct attempt. If that fails and fallbacks are enabled: another first guess, continuation in
+   !> order, artificial damping that is reduced to zero, homotopy in the nonlinearity from the linear solution, the
+   !> direct attempt with unlimited patience, the other method, the other guess with it, homotopy in the load from
+   !> zero, several guesses. The report contains the sum over all attempts and the one that succeeded; if none did, x
+   !> and the status are those of the direct attempt, unless the time was used up.
    !>
-   !> The fallbacks together may take the work that the settings allow, or some times that of the direct attempt; each at most half
-   !> of what is left, so that none takes it from all that follow.
+   !> The fallbacks together may use the work permitted by the settings, or a multiple of that of the direct attempt;
+   !> each at most half of the remainder, so that none exhausts the budget of those that follow.
    !>
-   !> Not finite where the scales of the problem are out of range.
+   !> Returns `not_finite` if the scales of the problem are out of range.
    recursive subroutine solve(problem, config, linear_solution, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
@@ -86,12 +87,12 @@ contains
       end do
    end subroutine solve
 
-   !> The attempts without a fallback: continuation in order where that pays, and where it does not succeed the direct one.
+   !> The attempts without a fallback: continuation in order if that pays, and the direct one if it does not succeed.
    recursive subroutine attempt_first(problem, config, chosen, in_order, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config                     !! of the attempts
       integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
-      logical, intent(in) :: in_order                                 !! continuation in order comes first
+      logical, intent(in) :: in_order                                 !! start with continuation in order
       real(wp), intent(inout), contiguous :: x(:)
       type(report_t), intent(out) :: report
       type(report_t) :: attempt
@@ -123,14 +124,14 @@ contains
                                                 problem%has_products .and. problem%n_unknowns > problem%largest_dense)
    end function method_for
 
-   !> Solves in another way than at first, once.
+   !> Solves once by a fallback.
    recursive subroutine attempt_fallback(problem, config, chosen, kind, linear_solution, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config                     !! of the attempt
       integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
       integer, intent(in) :: kind                                     !! one of hb_outcome%fallback
       real(wp), intent(in) :: linear_solution(:)
-      real(wp), allocatable, intent(inout) :: x(:)                    !! the first guess of the first attempt, then the solution
+      real(wp), allocatable, intent(inout) :: x(:) !! the first guess of the first attempt, on return the solution
       type(report_t), intent(out) :: report
       type(solver_config_t) :: limited
       integer :: other_method
@@ -162,14 +163,14 @@ contains
       end select
    end subroutine attempt_fallback
 
-   !> Solves the smallest problem that resembles this one by all ways, larger ones from its solution, and the problem at last. The
-   !> status stays `pending` where there is no smaller problem or no solution of one; `fallback` says what led to the first
-   !> solution.
+   !> Solves the smallest problem that approximates this one by all methods, larger ones from its solution, and
+   !> finally the problem. The status remains `pending` if there is no smaller problem or no solution of one;
+   !> `fallback` is the method of the first solution.
    recursive subroutine refine(problem, config, chosen, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
       integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
-      real(wp), intent(inout), contiguous :: x(:)                     !! a first guess, then the last point reached
+      real(wp), intent(inout), contiguous :: x(:)                     !! a first guess, on return the last iterate
       type(report_t), intent(out) :: report
       type(report_t) :: step
       type(solver_config_t) :: all_methods, limited
@@ -182,11 +183,11 @@ contains
       all_methods = config
       all_methods%continues_in_order = .false.
       all_methods%fallback_work = min(config%fallback_work, 0.5_wp*config%work_limit)
-      all_methods%work_limit = huge(1.0_wp)                           ! the ways keep to their budget
+      all_methods%work_limit = huge(1.0_wp)                           ! each method has its own budget
       limited = config
       limited%continues_in_order = .false.
       limited%fallback = .false.
-      limited%patience = 0                                            ! it is near
+      limited%patience = 0                                            ! the guess is near
       is_found = .false.
       do i = 1, size(shares)
          if (is_found) call refine_to(shares(i), shares(i - 1), is_solved)
@@ -204,7 +205,7 @@ contains
 
    contains
 
-      !> One level up, if need be by way of one in between.
+      !> One level up, if necessary through an intermediate one.
       subroutine refine_to(share, share_below, is_there)
          real(wp), intent(in) :: share, share_below
          logical, intent(out) :: is_there
@@ -216,7 +217,7 @@ contains
          if (is_between .and. .not. is_over()) call take(share, limited, is_there)
       end subroutine refine_to
 
-      !> Solves a problem of the size given from x; x stays where that fails, but for the problem itself.
+      !> Solves a problem of the given size from x; x is unchanged on failure, except for the problem itself.
       subroutine take(problem_level, config_of_level, is_there)
          real(wp), intent(in) :: problem_level
          type(solver_config_t), intent(inout) :: config_of_level
@@ -237,14 +238,14 @@ contains
          end if
       end subroutine take
 
-      !> Whether whoever watches over the point has ended it.
+      !> Whether the point was cancelled.
       logical function is_over()
          is_over = has_ended(step) .and. step%status /= outcome%converged
          if (is_over) report%status = step%status
       end function is_over
    end subroutine refine
 
-   !> Sizes of the smaller problems, relative and in geometric progression; none where not even the smallest is smaller.
+   !> Sizes of the smaller problems, relative and in geometric progression; none if not even the smallest is smaller.
    pure subroutine find_shares(lowest, shares)
       real(wp), intent(in) :: lowest
       real(wp), allocatable, intent(out) :: shares(:)
@@ -255,24 +256,25 @@ contains
       shares = [(lowest**(1.0_wp - real(i, wp)/n), i=0, n - 1)]
    end subroutine find_shares
 
-   !> Whether there is nothing more to try: the solution is found, or whoever watches over the point has ended it.
+   !> Whether nothing remains to be tried: the solution is found, or the point was cancelled.
    pure logical function has_ended(report)
       type(report_t), intent(in) :: report
 
       has_ended = any(report%status == [outcome%converged, outcome%timed_out, outcome%interrupted])
    end function has_ended
 
-   !> Solves the problem with artificial damping, and with less and less of it from the solution before: a structure without
-   !> resonance moves little, and what a law does to it is settled there. The less damping goes at once, the easier that is.
+   !> Solves the problem with artificial damping, which is reduced step by step from each solution: without resonances
+   !> the structure moves little, and the state of the laws is easy to determine. The easier a step was, the larger
+   !> the next reduction.
    subroutine solve_by_damping(problem, config, chosen, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
       integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
-      real(wp), intent(inout), contiguous :: x(:)                     !! a first guess, then the last solution
+      real(wp), intent(inout), contiguous :: x(:)                     !! a first guess, on return the last solution
       type(report_t), intent(out) :: report
-      real(wp), parameter :: loose_tolerance = 1.0e-3_wp              ! on the way
+      real(wp), parameter :: loose_tolerance = 1.0e-3_wp              ! of intermediate problems
       real(wp), parameter :: largest_loss = 1.0_wp, least_loss = 1.0e-4_wp
-      real(wp), parameter :: first_ratio = 0.3_wp, largest_ratio = 0.6_wp ! of one loss factor to the one before
+      real(wp), parameter :: first_ratio = 0.3_wp, largest_ratio = 0.6_wp ! of one loss factor to the previous one
       integer, parameter :: few = 3
       type(report_t) :: step
       type(solver_config_t) :: limited
@@ -306,7 +308,8 @@ contains
       call problem%deform(deformation%damping, 1.0_wp)
    end subroutine solve_by_damping
 
-   !> Attempts from several shares of the linear solution, until one succeeds: what limits a motion often leaves its shape.
+   !> Attempts from several multiples of the linear solution, until one succeeds: laws that limit a motion often
+   !> preserve its shape.
    subroutine solve_from_shares(problem, config, chosen, linear_solution, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config

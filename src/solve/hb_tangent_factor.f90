@@ -19,7 +19,7 @@ module hb_tangent_factor
 
 contains
 
-   !> Allocates room for `n` unknowns.
+   !> Allocates memory for `n` unknowns.
    subroutine new_tangent_factor(self, n)
       type(tangent_factor_t), intent(out) :: self
       integer, intent(in) :: n
@@ -27,7 +27,7 @@ contains
       allocate (self%jacobian(n, n), self%pivots(n))
    end subroutine new_tangent_factor
 
-   !> Factorises the tangent at x; `is_singular` when it has no inverse or is not finite.
+   !> Factorises the tangent at x; `is_singular` if it has no inverse or is not finite.
    subroutine tangent_factor_update(self, problem, x, is_singular)
       class(tangent_factor_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
@@ -45,7 +45,7 @@ contains
          size_of_all = size_of_all + sum(abs(self%jacobian(:, i)))
       end do
       is_singular = .not. ieee_is_finite(size_of_all)
-      if (is_singular) return                                         ! LAPACK must not meet NaN where exceptions stop it
+      if (is_singular) return                                         ! NaN must not reach LAPACK if exceptions stop it
       call dgetrf(n, n, self%jacobian, n, self%pivots, info)
       is_singular = info /= 0
    end subroutine tangent_factor_update

@@ -1,5 +1,5 @@
-!> Solves with the tangent of a problem from products alone: GMRES, and a preconditioner that gets stronger where GMRES does
-!> not converge. Source: docs/why/theory.md, section 6.6.
+!> Solves with the tangent of a problem from products alone: GMRES, with a preconditioner that is strengthened if
+!> GMRES does not converge. Source: docs/why/theory.md, section 6.6.
 module hb_tangent_krylov
    use hb_cancellation, only: work_is_over
    use hb_gmres, only: gmres_t, new_gmres
@@ -9,19 +9,19 @@ module hb_tangent_krylov
    private
    public :: new_tangent_krylov, tangent_krylov_t
 
-   integer, parameter :: most_patience = 300                          ! products, where a stronger preconditioner costs more
-   real(wp), parameter :: uses = 4.0_wp                               ! of a stronger preconditioner that pay for it
-   integer, parameter :: easy = 20                                    ! products up to which it need not be made anew
+   integer, parameter :: most_patience = 300                          ! products, if a stronger preconditioner costs more
+   real(wp), parameter :: uses = 4.0_wp                               ! uses of a stronger preconditioner that pay for it
+   integer, parameter :: easy = 20                                    ! products up to which it is reused
 
    type :: tangent_krylov_t
       integer :: most_products = 0                                    !! of one solution
       integer :: n_products = 0                                       !! of all solutions so far
       integer :: n_preconditioners = 0                                !! made so far
-      real(wp) :: residual = 1.0_wp                                   !! what the last solution left, relative; 1: there is none
+      real(wp) :: residual = 1.0_wp !! remaining residual of the last solution, relative; 1: there is none
       type(gmres_t), private :: gmres
-      integer :: patience = 100                                       !! products until the preconditioner gets stronger, at least
+      integer :: patience = 100 !! least number of products before the preconditioner is strengthened
       integer, private :: level = 0                                   ! of the preconditioner
-      logical, private :: is_fresh = .false.                          ! made for this very tangent
+      logical, private :: is_fresh = .false.                          ! computed for this tangent
       logical, private :: is_tired = .true.                           ! the last solution took many products
       logical, private :: is_strongest = .false.
    contains
@@ -32,8 +32,8 @@ module hb_tangent_krylov
 
 contains
 
-   !> Makes room for a problem; GMRES restarts after `n_vectors` products. Begins with the preconditioner that the last solutions of
-   !> the problem have come to need.
+   !> Allocates memory for a problem; GMRES restarts after `n_vectors` products. Starts with the level of
+   !> preconditioner that the last solutions of the problem needed.
    subroutine new_tangent_krylov(self, problem, n_vectors, most_products)
       type(tangent_krylov_t), intent(out) :: self
       class(problem_t), intent(in) :: problem
@@ -45,7 +45,7 @@ contains
       call new_gmres(self%gmres, problem%n_unknowns, n_vectors)
    end subroutine new_tangent_krylov
 
-   !> Goes over to the tangent at x; `is_ready` is false where there are no products.
+   !> Changes to the tangent at x; `is_ready` is false if there are no products.
    subroutine tangent_krylov_update(self, problem, x, is_ready)
       class(tangent_krylov_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
@@ -58,7 +58,7 @@ contains
       self%residual = 1.0_wp
    end subroutine tangent_krylov_update
 
-   !> Finds s with |b - J s| <= accuracy |b|, or as near as `most_products` go: see `residual`.
+   !> Computes s with |b - J s| <= accuracy |b|, or as near as `most_products` permit: see `residual`.
    subroutine tangent_krylov_solve(self, problem, b, accuracy, s)
       class(tangent_krylov_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
@@ -90,10 +90,11 @@ contains
       problem%has_preconditioner = .not. self%is_tired
    end subroutine tangent_krylov_solve
 
-   !> Products that a preconditioner may take before the next stronger one: as many as this one costs, shared by those that use it.
-   !> The factors between all harmonics of ten contacts under two tones cost thousands of products, where 60 lead to the solution.
+   !> Products permitted with a preconditioner before the next stronger one: as many as this one costs, divided by its
+   !> uses. The factors between all harmonics of ten contacts under two tones cost thousands of products, where 60
+   !> lead to the solution.
    pure integer function patience_at(least, level, problem)
-      integer, intent(in) :: least                                    !! in any case
+      integer, intent(in) :: least                                    !! lower limit
       integer, intent(in) :: level
       class(problem_t), intent(in) :: problem
 
@@ -104,7 +105,7 @@ contains
                                  problem%preconditioner_work*8.0_wp**(level + 1)/(uses*problem%residual_work))))
    end function patience_at
 
-   !> Brings the preconditioner up to the point where the problem stands.
+   !> Updates the preconditioner to the present point of the problem.
    subroutine tangent_krylov_renew(self, problem)
       class(tangent_krylov_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem

@@ -1,4 +1,4 @@
-!> Solves with the tangent of a problem at one point: by its factors, or from products where it is large.
+!> Solves with the tangent of a problem at one point: by its factors, or from products if it is large.
 module hb_tangent_solver
    use hb_kinds, only: wp
    use hb_problem, only: default_largest_dense, problem_t
@@ -15,7 +15,7 @@ module hb_tangent_solver
       type(tangent_factor_t), allocatable, private :: factor
       type(tangent_krylov_t), allocatable, private :: krylov
       real(wp), private :: accuracy = default_accuracy
-      real(wp), allocatable, private :: null_vector(:), units(:)      ! left out of solutions, of length 1 in these units
+      real(wp), allocatable, private :: null_vector(:), units(:)      ! removed from solutions, of length 1 in these units
    contains
       procedure :: determinant_sign => tangent_solver_determinant_sign
       procedure :: find_null_vector => tangent_solver_find_null_vector
@@ -25,7 +25,7 @@ module hb_tangent_solver
 
 contains
 
-   !> Prepares solutions with the tangent at x; `is_singular` when there are none.
+   !> Prepares solutions with the tangent at x; `is_singular` if there are none.
    subroutine new_tangent_solver(self, problem, x, is_singular, accuracy)
       type(tangent_solver_t), intent(out) :: self
       class(problem_t), intent(inout) :: problem
@@ -53,7 +53,7 @@ contains
       end if
    end subroutine new_tangent_solver
 
-   !> Sign of the determinant of the tangent, 1 or -1; 0 where it is not known.
+   !> Sign of the determinant of the tangent, 1 or -1; 0 if it is not known.
    pure real(wp) function tangent_solver_determinant_sign(self)
       class(tangent_solver_t), intent(in) :: self
 
@@ -61,8 +61,8 @@ contains
       if (allocated(self%factor)) tangent_solver_determinant_sign = self%factor%determinant_sign()
    end function tangent_solver_determinant_sign
 
-   !> Overwrites r with the solution s of tangent s = r. From products this holds as long as the problem is not evaluated at
-   !> another point; `is_singular` where they do not lead to a solution.
+   !> Overwrites r with the solution s of tangent s = r. With products this is valid as long as the problem is not
+   !> evaluated at another point; `is_singular` if they do not lead to a solution.
    subroutine tangent_solver_solve(self, problem, r, is_singular)
       class(tangent_solver_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
@@ -83,7 +83,7 @@ contains
          r = r - dot_product(self%null_vector, r/self%units)*self%null_vector*self%units
    end subroutine tangent_solver_solve
 
-   !> Makes solutions with a tangent that is singular but for rounding those without a part along its null vector.
+   !> Makes solutions with a tangent that is singular to rounding those without a component along its null vector.
    subroutine tangent_solver_leave_out_null_vector(self, problem, units)
       class(tangent_solver_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem
@@ -97,9 +97,10 @@ contains
       self%null_vector = vector/units
    end subroutine tangent_solver_leave_out_null_vector
 
-   !> A vector that a nearly singular tangent takes to nearly zero, among the entries of a mask and across another vector: the
-   !> nearest of some rounds of inverse iteration. Rounds need not come nearer: where damping turns motions by a quarter of a period
-   !> against residuals, the tangent makes of a null vector as a residual others, and only then the null vector again.
+   !> A vector that a nearly singular tangent maps to nearly zero, within the entries of a mask and orthogonal to
+   !> another vector: the best of several iterations of inverse iteration. Iterations need not converge monotonically:
+   !> if damping shifts motions by a quarter of a period against residuals, the tangent alternates between the null
+   !> vector and others.
    subroutine tangent_solver_find_null_vector(self, problem, units, mask, along, vector, is_found)
       class(tangent_solver_t), intent(inout) :: self
       class(problem_t), intent(inout) :: problem

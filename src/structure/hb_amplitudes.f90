@@ -1,5 +1,5 @@
-!> Complex amplitudes c = cos - i sin of all degrees of freedom, of loads or of a motion, for the harmonics that have any: others
-!> take no memory.
+!> Complex amplitudes c = cos - i sin of all degrees of freedom, of loads or of a motion. Only harmonics with nonzero
+!> amplitudes are stored.
 module hb_amplitudes
    use hb_error, only: error_t, fail
    use hb_harmonics, only: canonical_sign, harmonics_t, tuple_text
@@ -10,7 +10,7 @@ module hb_amplitudes
 
    type :: amplitudes_t
       integer :: n_dofs = 0, n_harmonics = 0
-      integer, allocatable :: harmonics(:)                            !! numbers of those that have any, ascending
+      integer, allocatable :: harmonics(:)                            !! numbers of the stored harmonics, ascending
       complex(wp), allocatable :: values(:, :)                        !! [N] or [m], (n_dofs, size(harmonics))
    contains
       procedure :: add => amplitudes_add
@@ -28,7 +28,7 @@ module hb_amplitudes
 
 contains
 
-   !> No amplitudes at all.
+   !> Creates an object without amplitudes.
    pure subroutine new_amplitudes(self, n_dofs, n_harmonics)
       type(amplitudes_t), intent(out) :: self
       integer, intent(in) :: n_dofs, n_harmonics
@@ -38,7 +38,7 @@ contains
       allocate (self%harmonics(0), self%values(n_dofs, 0))
    end subroutine new_amplitudes
 
-   !> Those of an array with a column for each harmonic.
+   !> Amplitudes of an array with a column for each harmonic.
    pure function as_amplitudes(values) result(self)
       complex(wp), intent(in) :: values(:, :)                         !! (n_dofs, n_harmonics)
       type(amplitudes_t) :: self
@@ -98,8 +98,8 @@ contains
       end do
    end subroutine amplitudes_add_scaled
 
-   !> Adds cos cos(j.tau) + sin sin(j.tau) at some degrees of freedom. For a tuple whose negative is the one that the set keeps the
-   !> sine changes its sign. Fails for a tuple outside the set.
+   !> Adds cos cos(j.tau) + sin sin(j.tau) at some degrees of freedom. If the set contains the negative of the tuple,
+   !> the sine changes its sign. Fails for a tuple outside the set.
    pure subroutine amplitudes_add_tuple(self, harmonics, tuple, dofs, cosine, sine, error)
       class(amplitudes_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics
@@ -126,7 +126,7 @@ contains
       call self%add(h, values)
    end subroutine amplitudes_add_tuple
 
-   !> Those of one set in another, what both have.
+   !> Amplitudes of one set in another, for the tuples that both contain.
    pure function amplitudes_in_set(self, from_set, to_set) result(moved)
       class(amplitudes_t), intent(in) :: self
       type(harmonics_t), intent(in) :: from_set, to_set
@@ -137,7 +137,7 @@ contains
       moved = renumbered(self, numbers, to_set%n_harmonics)
    end function amplitudes_in_set
 
-   !> Number `numbers(h)` of another set is harmonic `h` here, which is left out where that is zero.
+   !> Renumbers harmonics: number `numbers(h)` of another set is harmonic `h` here, which is omitted if that is zero.
    pure function renumbered(self, numbers, n_harmonics) result(other)
       type(amplitudes_t), intent(in) :: self
       integer, intent(in) :: numbers(:)                               !! (self%n_harmonics)
@@ -151,7 +151,7 @@ contains
       end do
    end function renumbered
 
-   !> Those of some harmonics alone.
+   !> Amplitudes of some harmonics only.
    pure function amplitudes_at(self, places) result(part)
       class(amplitudes_t), intent(in) :: self
       integer, intent(in) :: places(:)                                !! their numbers
@@ -163,7 +163,7 @@ contains
       part = renumbered(self, numbers, size(places))
    end function amplitudes_at
 
-   !> Takes those of some harmonics from an object of these alone.
+   !> Replaces the amplitudes of some harmonics by those of an object that contains only these.
    pure subroutine amplitudes_replace(self, places, part)
       class(amplitudes_t), intent(inout) :: self
       integer, intent(in) :: places(:)                                !! their numbers, ascending
@@ -181,7 +181,7 @@ contains
       end do
    end subroutine amplitudes_replace
 
-   !> Those of harmonic `h`, zero where it has none.
+   !> Amplitudes of harmonic `h`, zero if it has none.
    pure function amplitudes_of(self, h) result(values)
       class(amplitudes_t), intent(in) :: self
       integer, intent(in) :: h
@@ -193,7 +193,7 @@ contains
       if (k > 0) values = self%values(:, k)
    end function amplitudes_of
 
-   !> Whether there are none, or all are zero.
+   !> Whether there are no amplitudes, or all are zero.
    pure logical function amplitudes_is_zero(self) result(is_zero)
       class(amplitudes_t), intent(in) :: self
 
@@ -211,7 +211,7 @@ contains
       if (.not. is_zero) is_zero = all(abs(self%values(:, k)) <= 0.0_wp)
    end function amplitudes_is_zero_at
 
-   !> An array with a column for each harmonic, (n_dofs, n_harmonics).
+   !> Array with a column for each harmonic, (n_dofs, n_harmonics).
    pure function amplitudes_whole(self) result(values)
       class(amplitudes_t), intent(in) :: self
       complex(wp) :: values(self%n_dofs, self%n_harmonics)

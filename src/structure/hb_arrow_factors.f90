@@ -1,4 +1,5 @@
-!> Factors of matrices that are diagonal but for a border of some rows and columns, as those of reduced structures are:
+!> Factors of matrices that are diagonal except for a border of some rows and columns, like those of reduced
+!> structures:
 !>
 !>     (d E) (x)   (b)        y = (A - F d^-1 E)^-1 (c - F d^-1 b),   x = d^-1 (b - E y).
 !>     (F A) (y) = (c),
@@ -10,14 +11,14 @@ module hb_arrow_factors
    public :: arrow_factors_t, new_arrow_factors
 
    integer, parameter :: least_order = 24
-   integer, parameter :: inner_to_border = 4                          ! as many inner rows for each of the border, or more
-   real(wp), parameter :: smallest = 1.0e-6_wp                        ! entry of d, before it wants a row exchange
+   integer, parameter :: inner_to_border = 4                          ! least number of inner rows per row of the border
+   real(wp), parameter :: smallest = 1.0e-6_wp                        ! entry of d below which a row exchange would be needed
 
    type :: arrow_factors_t
-      logical :: is_arrow = .false.                                   !! whether the pattern is one
+      logical :: is_arrow = .false.                                   !! whether the pattern has this form
       integer, allocatable, private :: inner(:), border(:)            ! rows of each
-      integer, allocatable, private :: part(:), number(:)             ! of a row: 1 inner, 2 border; its number there
-      complex(wp), allocatable, private :: d(:), over_d(:)            ! (n_inner), the diagonal and one over it
+      integer, allocatable, private :: part(:), number(:)             ! of a row: 1 inner, 2 border; its number in that part
+      complex(wp), allocatable, private :: d(:), over_d(:)            ! (n_inner), the diagonal and its inverse
       complex(wp), allocatable, private :: e(:, :), f(:, :), a(:, :)  ! (n_inner, n_border), (n_border, n_inner), ...
       integer, allocatable, private :: pivots(:)
    contains
@@ -27,7 +28,7 @@ module hb_arrow_factors
 
 contains
 
-   !> Looks whether a pattern is diagonal but for a border.
+   !> Determines whether a pattern is diagonal except for a border.
    pure subroutine new_arrow_factors(self, n, row, column)
       type(arrow_factors_t), intent(out) :: self
       integer, intent(in) :: n
@@ -55,11 +56,12 @@ contains
       self%is_arrow = .true.
    end subroutine new_arrow_factors
 
-   !> Factorises; false where an entry of the diagonal nearly vanishes, and rows would have to be exchanged, or all is singular.
+   !> Factorises; false if an entry of the diagonal nearly vanishes, so that rows would have to be exchanged, or if
+   !> the matrix is singular.
    logical function arrow_factors_factorise(self, row, column, value) result(is_done)
       class(arrow_factors_t), intent(inout) :: self
       integer, intent(in) :: row(:), column(:)                        !! as in `new_arrow_factors`
-      complex(wp), intent(in) :: value(:)                             !! of size one on the diagonal before anything cancels
+      complex(wp), intent(in) :: value(:)                             !! scaled to one on the diagonal before cancellation
       complex(wp), allocatable :: of_d(:, :)
       integer :: e, i, info, b, m
 

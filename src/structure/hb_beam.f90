@@ -1,9 +1,9 @@
 !> Plane Euler-Bernoulli beam of equal Hermite cubic elements with consistent mass.
 !>
-!> Each node has a deflection `v` and a rotation `theta`, numbered from the left; dofs are node by node, v
-!> before theta, and those that a support holds are left out. With an even number of elements the midspan is
-!> `v(n_elements/2 + 1)`. Source of the element matrices: J. S. Przemieniecki, Theory of Matrix Structural
-!> Analysis, 1968, sections 5.6 and 11.3 (without shear and rotatory inertia).
+!> Each node has a deflection `v` and a rotation `theta`, numbered from the left; dofs are ordered node by node, v
+!> before theta, and those fixed by a support are omitted. With an even number of elements the midspan is
+!> `v(n_elements/2 + 1)`. Source of the element matrices: J. S. Przemieniecki, Theory of Matrix Structural Analysis,
+!> 1968, sections 5.6 and 11.3 (without shear and rotatory inertia).
 module hb_beam
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
@@ -47,7 +47,7 @@ contains
       call annotate(error, group%place())
    end subroutine read_beam
 
-   !> Makes a beam; fails when no degree of freedom is free.
+   !> Creates a beam; fails if no degree of freedom is free.
    subroutine new_beam(structure, length, bending_stiffness, mass_per_length, n_elements, ends, damping, error)
       type(structure_t), intent(out) :: structure
       real(wp), intent(in) :: length                         !! [m]

@@ -16,7 +16,7 @@ module hb_bearing
 
 contains
 
-   !> Adds the bearing that a group describes, at its speed, to the structure; what is wrong with it is a problem of its keys.
+   !> Adds the bearing of a group, at its speed, to the structure; errors are reported as problems of its keys.
    subroutine read_bearing(group, structure)
       type(properties_t), intent(inout) :: group                      !! &bearing
       type(structure_t), intent(inout) :: structure
@@ -27,7 +27,7 @@ contains
 
       dofs = 0
       speed = 0.0_wp
-      if (group%given("label")) call group%get("label", label)        ! which paths look for
+      if (group%given("label")) call group%get("label", label)        ! used by paths
       call find_dofs(group, structure, dofs)
       call group%get("speed", speed)
       call group%get("speeds", speeds)
@@ -45,7 +45,7 @@ contains
       end if
    end subroutine read_bearing
 
-   !> Finds the two degrees of freedom; 0 where that fails.
+   !> Finds the two degrees of freedom; 0 on failure.
    subroutine find_dofs(group, structure, dofs)
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure

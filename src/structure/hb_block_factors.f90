@@ -17,8 +17,8 @@ module hb_block_factors
 
    type :: block_factors_t
       type(block_pattern_t), private :: pattern              ! of the blocks
-      type(factors_t), allocatable, private :: blocks(:)     ! room is made as they come
-      complex(wp), allocatable, private :: inverses(:)       ! in place of them for n = 1
+      type(factors_t), allocatable, private :: blocks(:)     ! allocated as needed
+      complex(wp), allocatable, private :: inverses(:)       ! instead of factors for n = 1
       logical, allocatable, private :: is_there(:)           ! (n_blocks)
    contains
       procedure :: are_there => block_factors_are_there
@@ -45,7 +45,7 @@ contains
       end if
    end subroutine new_block_factors
 
-   !> Whether block h was factorised.
+   !> Whether block h has been factorised.
    pure logical function block_factors_are_there(self, h) result(are_there)
       class(block_factors_t), intent(in) :: self
       integer, intent(in) :: h
@@ -53,18 +53,18 @@ contains
       are_there = self%is_there(h)
    end function block_factors_are_there
 
-   !> Forgets all factors; their room stays.
+   !> Discards all factors; their memory is retained.
    subroutine block_factors_forget(self)
       class(block_factors_t), intent(inout) :: self
 
       self%is_there = .false.
    end subroutine block_factors_forget
 
-   !> Factorises block h; `is_singular` where a pivot is exactly zero.
+   !> Factorises block h; `is_singular` if a pivot is exactly zero.
    subroutine block_factors_factorise(self, h, block, is_singular)
       class(block_factors_t), intent(inout) :: self
       integer, intent(in) :: h
-      complex(wp), intent(in) :: block(:, :)                 !! (n_rows, n) as the pattern says
+      complex(wp), intent(in) :: block(:, :)                 !! (n_rows, n) as defined by the pattern
       logical, intent(out) :: is_singular
       integer :: info, n_rows
 
@@ -143,7 +143,7 @@ contains
       end do
    end subroutine block_factors_solve_harmonics
 
-   !> Multiplies the amplitudes of one degree of freedom by a factor each.
+   !> Multiplies the amplitudes of each harmonic of one degree of freedom by a factor.
    pure subroutine scale_harmonics(set, factor, r, x)
       type(harmonics_t), intent(in) :: set
       complex(wp), intent(in) :: factor(:)                   !! (n_harmonics)

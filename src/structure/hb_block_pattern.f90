@@ -1,6 +1,6 @@
-!> Where the entries of a square block stand in memory: dense, or as a band when nothing lies far from the diagonal.
+!> Memory layout of a square block: dense, or a band if all entries are near the diagonal.
 !>
-!> Entry (i, k) stands at (shift(k) + i, k), for i from first(k) to last(k); so loops read the same for both.
+!> Entry (i, k) is stored at (shift(k) + i, k), for i from first(k) to last(k), so that loops are the same for both.
 module hb_block_pattern
    implicit none
    private
@@ -16,8 +16,8 @@ module hb_block_pattern
 
 contains
 
-   !> Pattern of order `n` with entries up to `reach` off the diagonal: a band where its factors take at most half of the
-   !> dense block.
+   !> Pattern of order `n` with entries up to `half_bandwidth` off the diagonal: a band if its factors need at most
+   !> half of the dense block.
    pure subroutine new_block_pattern(self, n, half_bandwidth)
       type(block_pattern_t), intent(out) :: self
       integer, intent(in) :: n, half_bandwidth

@@ -1,9 +1,9 @@
-!> Linear equations with a square block of the dynamic stiffness at one frequency after the other.
+!> Linear equations with a square block of the dynamic stiffness, at one frequency after the other.
 !>
-!> Blocks that are diagonal but for a border are factored as such (hb_arrow_factors), narrow ones as band matrices (hb_narrow_band,
-!> or LAPACK), large ones with few entries as sparse ones (UMFPACK), others as dense ones (LAPACK, or hb_small_lu); all but the
-!> first with row exchanges. Rows and columns are scaled once with the sizes on the diagonal, so that the verdict "singular" does
-!> not depend on units.
+!> Blocks that are diagonal except for a border are factorised as such (hb_arrow_factors), narrow ones as band
+!> matrices (hb_narrow_band, or LAPACK), large ones with few entries as sparse matrices (UMFPACK), others as dense
+!> ones (LAPACK, or hb_small_lu); all but the first with row exchanges. Rows and columns are scaled once by the
+!> magnitudes on the diagonal, so that the verdict "singular" does not depend on units.
 module hb_block_solver
    use hb_arrow_factors, only: arrow_factors_t, new_arrow_factors
    use hb_kinds, only: wp
@@ -16,11 +16,11 @@ module hb_block_solver
    private
    public :: block_solver_t, new_block_solver
 
-   !> Growth of the probe vector, relative to the matrix, above which the condition is examined in earnest.
+   !> Growth of the probe vector, relative to the matrix, above which the condition number is estimated.
    real(wp), parameter :: suspicious_growth = 1.0e8_wp
 
-   integer, parameter :: least_sparse = 400                           ! order from which a block may be sparse
-   real(wp), parameter :: emptiness = 10.0_wp                         ! places of the band, or of the matrix, for each entry
+   integer, parameter :: least_sparse = 400                           ! smallest order of a sparse block
+   real(wp), parameter :: emptiness = 10.0_wp                         ! elements of the band or matrix per entry
 
    type :: block_solver_t
       integer :: n = 0                                       !! order of the block
@@ -32,7 +32,7 @@ module hb_block_solver
       integer, private :: n_lower = 0, n_upper = 0, n_rhs = 0
       type(structure_block_t), private :: entries            !! scaled
       complex(wp), allocatable, private :: scale(:)          !! (n), real values, complex to multiply `rhs`
-      complex(wp), allocatable, private :: probe(:)          !! (n), of no particular direction
+      complex(wp), allocatable, private :: probe(:)          !! (n), in no particular direction
       complex(wp), allocatable, private :: matrix(:, :)      !! dense (n, n), or LAPACK band storage
       complex(wp), allocatable, private :: s(:)              !! values of the entries
       real(wp), allocatable, private :: magnitude(:), row_sum(:)
@@ -50,7 +50,7 @@ module hb_block_solver
 
 contains
 
-   !> Prepares a solver for `n_rhs` right-hand sides; `highest_frequency` only sets the scaling.
+   !> Creates a solver for `n_rhs` right-hand sides; `highest_frequency` only determines the scaling.
    subroutine new_block_solver(self, block, n, n_rhs, highest_frequency)
       type(block_solver_t), intent(out) :: self
       type(structure_block_t), intent(in) :: block                    !! square
@@ -76,7 +76,7 @@ contains
       self%scale = cmplx(scale, kind=wp)
       self%n_lower = max(0, maxval(block%row - block%column))
       self%n_upper = max(0, maxval(block%column - block%row))
-      n_rows = 2*self%n_lower + self%n_upper + 1                      ! LAPACK keeps room for row exchanges
+      n_rows = 2*self%n_lower + self%n_upper + 1                      ! LAPACK needs room for row exchanges
       call new_arrow_factors(self%arrow, n, block%row, block%column)
       self%is_sparse = n >= least_sparse .and. real(min(n_rows, n), wp)*n > emptiness*block%n_entries
       if (self%arrow%is_arrow) self%is_sparse = .false.
@@ -91,7 +91,7 @@ contains
       allocate (self%matrix(n_rows, n), self%pivots(n), self%row_sum(n))
    end subroutine new_block_solver
 
-   !> Order of the entries by columns, and by rows in each.
+   !> Sorts the entries by columns, and by rows within a column.
    subroutine sort_by_column(self)
       type(block_solver_t), intent(inout) :: self
       integer, allocatable :: by_row(:), next(:)
@@ -114,7 +114,7 @@ contains
       end associate
    end subroutine sort_by_column
 
-   !> Where each of n classes begins when members are sorted by class; the end is that of class n + 1.
+   !> Start of each of n classes when members are sorted by class; n + 1 is the end.
    pure function starts(class_of, n)
       integer, intent(in) :: class_of(:), n
       integer, allocatable :: starts(:)
@@ -130,7 +130,8 @@ contains
       end do
    end function starts
 
-   !> Comes before the first `solve`: orders the rows of a sparse block, once for all frequencies. What it takes, `end` gives back.
+   !> Must be called before the first `solve`: orders the rows of a sparse block, once for all frequencies. `end`
+   !> frees its memory.
    subroutine block_solver_begin(self)
       class(block_solver_t), intent(inout) :: self
       logical :: is_done
@@ -138,19 +139,20 @@ contains
       if (self%is_sparse) is_done = self%factors%analyse(self%first, self%entries%row(self%by_column))
    end subroutine block_solver_begin
 
-   !> Gives back what a sparse block took.
+   !> Frees the memory of a sparse block.
    subroutine block_solver_end(self)
       class(block_solver_t), intent(inout) :: self
 
       call self%factors%destroy()
    end subroutine block_solver_end
 
-   !> Solves S(frequency, drive) X = rhs(:, 1:n_rhs) in place, and reports how close S is to a singular matrix.
+   !> Solves S(frequency, drive) X = rhs(:, 1:n_rhs) in place, and returns a measure of the distance of S from a
+   !> singular matrix.
    !>
-   !> The last column of `rhs` is a probe, a vector of no particular direction. Where it grows much, one round
-   !> of power iteration with the inverse of S**H S follows, which near a singularity settles at once.
-   !> (LAPACK's estimator takes longer than factors and solution together, and misses the resonances of long
-   !> chains by a factor of 100 and more.)
+   !> The last column of `rhs` is a probe, a vector in no particular direction. If it grows strongly, one step of
+   !> power iteration with the inverse of S**H S follows, which converges at once near a singularity. (LAPACK's
+   !> estimator takes longer than factors and solution together, and misses the resonances of long chains by a factor
+   !> of at least 100.)
    subroutine block_solver_solve(self, frequency, drive, reciprocal_condition)
       class(block_solver_t), intent(inout) :: self
       real(wp), intent(in) :: frequency                      !! [rad/s]
@@ -251,8 +253,8 @@ contains
       length_of = sqrt(sum(real(column)**2 + aimag(column)**2))
    end function length_of
 
-   !> Fills the matrix, or factorises it where it is diagonal but for a border; `norm` is the largest row sum of the terms of S
-   !> before they cancel each other.
+   !> Fills the matrix, or factorises it if it is diagonal except for a border; `norm` is the largest row sum of the
+   !> terms of S before cancellation.
    subroutine block_solver_assemble(self, frequency, drive, norm)
       class(block_solver_t), intent(inout) :: self
       real(wp), intent(in) :: frequency, drive

@@ -1,4 +1,4 @@
-!> Chain of masses in a line, each coupled to the next by a spring and, if wanted, to the ground by another.
+!> Chain of masses in a line, each coupled to the next one by a spring and optionally to the ground by another.
 module hb_chain
    use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
@@ -13,8 +13,7 @@ module hb_chain
 
 contains
 
-   !> Reads the chain from the keys of its group `&structure`; a single value stands for all masses or
-   !> springs.
+   !> Reads the chain from the keys of its group `&structure`; a single value applies to all masses or springs.
    subroutine read_chain(group, structure, error, memory_limit)
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(out) :: structure
@@ -45,11 +44,11 @@ contains
       call annotate(error, group%place())
    end subroutine read_chain
 
-   !> Makes a chain; fails when a number of springs does not fit the number of masses.
+   !> Creates a chain; fails if a number of springs does not match the number of masses.
    subroutine new_chain(structure, mass, coupling_stiffness, ground_stiffness, ends, damping, error)
       type(structure_t), intent(out) :: structure
       real(wp), intent(in) :: mass(:)                        !! [kg], (n_masses), from the left
-      real(wp), intent(in) :: coupling_stiffness(:)   !! [N/m], from the left; a fixed end has one to the wall
+      real(wp), intent(in) :: coupling_stiffness(:)   !! [N/m], from the left; a fixed end has a spring to the wall
       real(wp), intent(in) :: ground_stiffness(:)            !! [N/m], (n_masses)
       character(*), intent(in) :: ends              !! `fixed`, `free`, or `fixed-free`: the left end is fixed
       type(proportional_damping_t), intent(in) :: damping
@@ -82,7 +81,7 @@ contains
                          units, error)
    end subroutine new_chain
 
-   !> Stiffness of springs from mass `first` to the next and so on; 0 and n + 1 are walls.
+   !> Stiffness matrix of springs from mass `first` to the next and so on; 0 and n + 1 are walls.
    function springs(n, first, k) result(stiffness)
       integer, intent(in) :: n, first
       real(wp), intent(in) :: k(:)                           !! [N/m]
@@ -131,7 +130,7 @@ contains
       end select
    end function n_springs
 
-   !> Repeats a single value `n` times; any other number of values than 1 or `n` is a problem of the key.
+   !> Repeats a single value `n` times; a number of values other than 1 or `n` is a problem of the key.
    subroutine spread_value(group, key, values, n)
       type(properties_t), intent(inout) :: group
       character(*), intent(in) :: key
@@ -139,7 +138,7 @@ contains
       integer, intent(in) :: n
       character(:), allocatable :: wanted
 
-      if (.not. allocated(values)) return                    ! by now a problem of the group
+      if (.not. allocated(values)) return                    ! already a problem of the group
       if (size(values) == 1) then
          values = spread(values(1), 1, n)
       else if (size(values) /= n) then

@@ -1,7 +1,7 @@
-!> Block elimination of the interior from the dynamic stiffness of one harmonic, and what it changes by.
+!> Block elimination of the interior from the dynamic stiffness of one harmonic, and its derivatives.
 !>
-!> Symbols and equations: hb_dynamic_stiffness. A condensation holds what does not change with the frequency, and the results for
-!> the harmonic that it was called for last.
+!> Symbols and equations: hb_dynamic_stiffness. A condensation contains the data that do not depend on the frequency,
+!> and the results of the last harmonic.
 module hb_condensation
    use hb_amplitudes, only: amplitudes_t, new_amplitudes
    use hb_block_pattern, only: block_pattern_t, new_block_pattern
@@ -15,8 +15,8 @@ module hb_condensation
    private
    public :: condensation_t, condensed_half_bandwidth, new_condensation
 
-   !> Below this reciprocal condition, or n_interior*epsilon if that is more, the interior counts as singular:
-   !> what rounding leaves of a singular matrix is of that size.
+   !> Below this reciprocal condition number, or n_interior*epsilon if larger, the interior counts as singular:
+   !> rounding of a singular matrix has this size.
    real(wp), parameter :: lowest_condition = 1.0e-14_wp
 
    type :: slope_by_t
@@ -34,12 +34,12 @@ module hb_condensation
       type(block_pattern_t) :: pattern                       !! of S_c
       type(amplitudes_t) :: loads                            !! [N]
       type(amplitudes_t) :: load_slopes                      !! dP/dw [N s]
-      type(blocks_t), allocatable :: change                  !! of the structure by a value; slopes are by it
-      real(wp), allocatable :: rates(:)                      !! of the frequencies by that value
+      type(blocks_t), allocatable :: change !! derivative of the structure with respect to a value, if slopes are with respect to it
+      real(wp), allocatable :: rates(:)                      !! derivatives of the frequencies with respect to that value
       type(block_solver_t) :: solver                         !! of rr
       complex(wp), allocatable :: held_motion(:)             !! y of the last harmonic
       complex(wp), allocatable :: transfer(:, :)             !! T of the last harmonic
-      ! entries of the last harmonic, the full S_lr where products of matrices are faster, room for slopes of loads
+      ! entries of the last harmonic, the full S_lr if matrix products are faster, memory for slopes of loads
       complex(wp), allocatable, private :: s_ll(:), s_rl(:), s_lr(:), full_lr(:, :), load_slope(:)
       real(wp), allocatable, private :: magnitude(:)
    contains
@@ -49,16 +49,16 @@ module hb_condensation
 
 contains
 
-   !> Condensation of `structure` to coordinates; loads may be slopes.
+   !> Creates the condensation of `structure` to coordinates; loads may be slopes.
    subroutine new_condensation(self, structure, coordinates, loads, highest_frequency, load_slopes, change)
       type(condensation_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       type(coordinates_t), intent(in) :: coordinates
       type(amplitudes_t), intent(in) :: loads                         !! [N]
-      real(wp), intent(in) :: highest_frequency                       !! [rad/s], only sets the scaling
-      type(amplitudes_t), intent(in) :: load_slopes                   !! dP/dw [N s]; of no degree of freedom: zero
+      real(wp), intent(in) :: highest_frequency                       !! [rad/s], only determines the scaling
+      type(amplitudes_t), intent(in) :: load_slopes                   !! dP/dw [N s]; with zero degrees of freedom: zero
       type(structure_t), allocatable, intent(in) :: change            !! derivative of the structure by a value
-      real(wp), parameter :: mostly = 0.5_wp                          ! of the places of a matrix that hold an entry
+      real(wp), parameter :: mostly = 0.5_wp                          ! fill ratio of a matrix
       integer :: half_bandwidth, n_interior
 
       self%places = coordinates%places
@@ -86,14 +86,14 @@ contains
          allocate (self%full_lr(coordinates%n, n_interior), source=(0.0_wp, 0.0_wp))
    end subroutine new_condensation
 
-   !> Finds S_c and P_c of harmonic h, and keeps its T and y; `solver` has begun.
+   !> Computes S_c and P_c of harmonic h, and stores its T and y; `solver` must have begun.
    subroutine condensation_condense(self, h, frequency, drive, condensed, load, magnitude, is_singular)
       class(condensation_t), intent(inout) :: self
       integer, intent(in) :: h
       real(wp), intent(in) :: frequency                               !! [rad/s]
       real(wp), intent(in) :: drive                                   !! [rad**2/s**2]
       complex(wp), intent(out), contiguous :: condensed(:, :), load(:)
-      real(wp), intent(out) :: magnitude(:)                           !! diagonal of S_ll [N/m] before anything cancels
+      real(wp), intent(out) :: magnitude(:)                           !! diagonal of S_ll [N/m] before cancellation
       logical, intent(out) :: is_singular
       complex(wp), parameter :: one = (1.0_wp, 0.0_wp)
       real(wp) :: reciprocal_condition
@@ -169,8 +169,9 @@ contains
       end subroutine find_in
    end subroutine find_blocks
 
-   !> Derivatives of S_c and P_c of harmonic h by the frequency, or by a value that the structure depends on too, or by the drive,
-   !> from its T and y and with the factors that gave these; those of T and y, (n_interior, n_law + 1), stay in `solver%rhs`.
+   !> Derivatives of S_c and P_c of harmonic h with respect to the frequency, to a value on which the structure also
+   !> depends, or to the drive, from its T and y and with their factors; those of T and y, (n_interior, n_law + 1),
+   !> are returned in `solver%rhs`.
    subroutine condensation_find_slopes(self, h, frequency, by_drive, condensed, load)
       class(condensation_t), intent(inout) :: self                    !! after `condense` of harmonic h
       integer, intent(in) :: h
@@ -208,13 +209,14 @@ contains
       end associate
    end subroutine condensation_find_slopes
 
-   !> Adds what some blocks change in S_c and P_c, but for S_lr dT and S_lr dy, and the right-hand sides of these.
+   !> Adds the contributions of some blocks to the derivatives of S_c and P_c, except S_lr dT and S_lr dy, and the
+   !> right-hand sides of the latter.
    subroutine add_slopes(self, blocks, by, frequency, rate, condensed, load)
       class(condensation_t), intent(inout), target :: self
       class(blocks_t), intent(in) :: blocks
       integer, intent(in) :: by                                       !! one of `slope_by`
       real(wp), intent(in) :: frequency                               !! [rad/s]
-      real(wp), intent(in) :: rate                                    !! of the frequency
+      real(wp), intent(in) :: rate                                    !! derivative of the frequency
       complex(wp), intent(inout) :: condensed(:, :), load(:)
       complex(wp), allocatable :: slope(:)
       integer :: e, k, n
@@ -260,7 +262,7 @@ contains
       end function slopes_of
    end subroutine add_slopes
 
-   !> Subtracts factor*values from row i of a block; outside of its pattern the values are zero.
+   !> Subtracts factor*values from row i of a block; outside its pattern the values are zero.
    pure subroutine subtract_row(pattern, block, i, factor, values)
       type(block_pattern_t), intent(in) :: pattern
       complex(wp), intent(inout) :: block(:, :)                       !! (n_rows, n)
@@ -285,7 +287,7 @@ contains
       half_bandwidth = half_bandwidth_of(blocks, size(interior))
    end function condensed_half_bandwidth
 
-   !> Largest distance between two law dofs that S_c couples: directly, or through interior dofs that hang together.
+   !> Largest distance between two law dofs that S_c couples: directly, or through connected interior dofs.
    pure integer function half_bandwidth_of(blocks, n_interior) result(half_bandwidth)
       class(blocks_t), intent(in) :: blocks
       integer, intent(in) :: n_interior
@@ -298,7 +300,7 @@ contains
             half_bandwidth = max(half_bandwidth, abs(ll%row(e) - ll%column(e)))
          end do
          if (n_interior == 0) return
-         part = [(i, i=1, n_interior)]                          ! each dof points to one of its part, the first to itself
+         part = [(i, i=1, n_interior)]                          ! each dof points to one of its component, the first to itself
          do e = 1, rr%n_entries
             a = first_of(part, rr%row(e))
             b = first_of(part, rr%column(e))
@@ -331,7 +333,7 @@ contains
       end do
    end function first_of
 
-   !> Numbers 1 to n that do not occur in `chosen`, ascending.
+   !> Numbers 1 to n that are not in `chosen`, ascending.
    pure function all_but(chosen, n) result(others)
       integer, intent(in) :: chosen(:), n
       integer, allocatable :: others(:)

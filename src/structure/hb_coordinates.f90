@@ -1,11 +1,12 @@
-!> Coordinates z = shape^T q in the place of as many degrees of freedom of a structure, such as those that laws feel.
+!> Coordinates z = shape^T q that replace as many degrees of freedom of a structure, such as the coordinates of laws.
 !>
-!> Of the degrees of freedom that the coordinates touch, n pivots p make room for z and the others r stay:
+!> Of the degrees of freedom in the shape, n pivots p are replaced by z and the others r remain:
 !>
 !>     q = T y:   q_p = G z + B q_r,   G = shape_p^-T,   B = -G shape_r^T,   y = q but for y_p = z.
 !>
-!> Pivots come from complete pivoting of the shape with its rows divided by the root of the stiffness on the diagonal: soft
-!> degrees of freedom are replaced, and no stiff one dominates those that remain in T^T K T. Source: docs/why/theory.md, section 4.
+!> Pivots come from complete pivoting of the shape with its rows divided by the square root of the diagonal stiffness:
+!> soft degrees of freedom are replaced, so that no stiff one dominates those that remain in T^T K T. Source:
+!> docs/why/theory.md, section 4.
 module hb_coordinates
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
@@ -20,8 +21,8 @@ module hb_coordinates
    type :: coordinates_t
       integer :: n = 0
       logical :: are_dofs = .true.                                    !! each coordinate is a degree of freedom: T is 1
-      integer, allocatable :: dofs(:)                                 !! of the structure, that they touch
-      integer, allocatable :: places(:)                               !! (n) degrees of freedom in whose place they stand
+      integer, allocatable :: dofs(:)                                 !! of the structure, in the shape
+      integer, allocatable :: places(:)                               !! (n) degrees of freedom that they replace
       real(wp), allocatable :: shape(:, :)                            !! (size(dofs), n); not allocated where `are_dofs`
       integer, allocatable, private :: pivots(:), others(:)           ! among `dofs`
       real(wp), allocatable, private :: of_z(:, :), of_others(:, :)   ! G and B
@@ -40,7 +41,7 @@ module hb_coordinates
 
 contains
 
-   !> Lets each degree of freedom be a coordinate of its own.
+   !> Makes each degree of freedom a coordinate of its own.
    pure function dofs_as_coordinates(dofs) result(self)
       integer, intent(in) :: dofs(:)                                  !! in any order
       type(coordinates_t) :: self
@@ -50,7 +51,7 @@ contains
       self%places = dofs
    end function dofs_as_coordinates
 
-   !> How soft degrees of freedom are [m/N], by the stiffness on the diagonal; those without any count as very soft.
+   !> Compliance of degrees of freedom [m/N], from the diagonal stiffness; those without stiffness count as very soft.
    pure function softness(structure, dofs)
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: dofs(:)
@@ -69,7 +70,7 @@ contains
       where (stiffness >= tiny(1.0_wp)) softness = 1.0_wp/stiffness
    end function softness
 
-   !> Coordinates of a structure; they are ordered by their places.
+   !> Creates coordinates of a structure, ordered by the degrees of freedom that they replace.
    subroutine new_coordinates(self, structure, dofs, shape)
       type(coordinates_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
@@ -96,7 +97,7 @@ contains
       self%of_others = -matmul(self%of_z, transpose(self%shape(self%others, :)))
    end subroutine new_coordinates
 
-   !> Gives each column of the shape a row of its own.
+   !> Assigns a row of its own to each column of the shape.
    pure subroutine find_pivots(shape, weight, column_at)
       real(wp), intent(in) :: shape(:, :), weight(:)                  !! (m, n), (m)
       integer, intent(out) :: column_at(:)                            !! (m), 0: no pivot
@@ -117,7 +118,7 @@ contains
       end do
    end subroutine find_pivots
 
-   !> Whether these are the same as others.
+   !> Whether these are equal to others.
    pure logical function coordinates_equal(self, other) result(are_equal)
       class(coordinates_t), intent(in) :: self
       type(coordinates_t), intent(in) :: other
@@ -127,7 +128,7 @@ contains
       if (are_equal .and. .not. self%are_dofs) are_equal = .not. any(abs(self%shape - other%shape) > 0.0_wp)
    end function coordinates_equal
 
-   !> Number of the coordinate that is a degree of freedom of the structure; 0 where none is.
+   !> Number of the coordinate that is a degree of freedom of the structure; 0 if there is none.
    pure integer function coordinates_number_of(self, dof) result(number)
       class(coordinates_t), intent(in) :: self
       integer, intent(in) :: dof
@@ -137,7 +138,7 @@ contains
       if (any(abs(self%shape(:, number) - merge(1.0_wp, 0.0_wp, self%dofs == dof)) > 0.0_wp)) number = 0
    end function coordinates_number_of
 
-   !> Coordinates of motions of the degrees of freedom that they touch.
+   !> Coordinates of motions of the degrees of freedom in the shape.
    pure function coordinates_values_of(self, q) result(z)
       class(coordinates_t), intent(in) :: self
       real(wp), intent(in) :: q(:, :)                                 !! [m], (any, size(dofs))
@@ -176,10 +177,11 @@ contains
       end if
    end function coordinates_spread_forces
 
-   !> Expresses the shape of a law, linear forms of degrees of freedom, by the coordinates; it lies in their span.
+   !> Expresses the shape of a law, linear functionals of degrees of freedom, in these coordinates; it is in their
+   !> span.
    pure subroutine coordinates_place(self, dofs, shape)
       class(coordinates_t), intent(in) :: self
-      integer, allocatable, intent(inout) :: dofs(:)                  !! at the end: numbers of coordinates
+      integer, allocatable, intent(inout) :: dofs(:)                  !! on return numbers of coordinates
       real(wp), allocatable, intent(inout) :: shape(:, :)             !! (size(dofs), any)
       real(wp), allocatable :: at_pivots(:, :), in_coordinates(:, :)
       integer, allocatable :: used(:)
@@ -200,12 +202,12 @@ contains
          where (abs(in_coordinates - 1.0_wp) < rounding*largest) in_coordinates = 1.0_wp
       end associate
       used = pack([(i, i=1, self%n)], any(in_coordinates /= 0.0_wp, dim=2))
-      if (size(used) == 0) used = [1]                                 ! a law that feels nothing
+      if (size(used) == 0) used = [1]                                 ! a law without coordinates
       dofs = used
       shape = in_coordinates(used, :)
    end subroutine coordinates_place
 
-   !> Weights at `dofs` of a linear form of some coordinates.
+   !> Weights at `dofs` of a linear functional of some coordinates.
    pure function coordinates_weights_of(self, numbers, form) result(weights)
       class(coordinates_t), intent(in) :: self
       integer, intent(in) :: numbers(:)                               !! of coordinates
@@ -220,7 +222,7 @@ contains
       end if
    end function coordinates_weights_of
 
-   !> The structure in these coordinates: T^T M T, the same of damping and stiffness, T^T a and T^T b of parts.
+   !> The structure in these coordinates: T^T M T, the same for damping and stiffness, T^T a and T^T b for parts.
    function coordinates_structure_in(self, structure) result(turned)
       class(coordinates_t), intent(in) :: self
       type(structure_t), intent(in) :: structure
@@ -323,7 +325,7 @@ contains
       end associate
    end function coordinates_forces_in
 
-   !> Turns y into the motion of all degrees of freedom, q = T y.
+   !> Transforms y to the motion of all degrees of freedom, q = T y.
    pure subroutine coordinates_motion_from(self, y)
       class(coordinates_t), intent(in) :: self
       complex(wp), intent(inout) :: y(:, :)                           !! [m], (all degrees of freedom, any)

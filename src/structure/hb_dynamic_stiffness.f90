@@ -6,9 +6,10 @@
 !>     S_c x_l = P_c,   S_c = S_ll - S_lr T,   P_c = P_l - S_lr y,   T = S_rr^-1 S_rl,   y = S_rr^-1 P_r,
 !>     x_r = y - T x_l.
 !>
-!> This is block elimination, no model reduction: nothing is lost at any frequency. When asked for, the derivatives of S_c
-!> and P_c by the frequency and by the drive come with it, and `move` finds all of them anew at other frequencies;
-!> docs/why/theory.md, eq. (17). The drive is zero but for the artificial damping of docs/why/theory.md, section 6.5.
+!> This is block elimination, not model reduction: it is exact at every frequency. If requested, the derivatives of
+!> S_c and P_c with respect to the frequency and the drive are included, and `move` recomputes all of them at other
+!> frequencies; docs/why/theory.md, eq. (17). The drive is zero except for the artificial damping of
+!> docs/why/theory.md, section 6.5.
 module hb_dynamic_stiffness
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_amplitudes, only: amplitudes_t, as_amplitudes
@@ -24,36 +25,35 @@ module hb_dynamic_stiffness
    private
    public :: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
 
-   !> What is wanted beside stiffness and loads at the frequencies.
+   !> Requested data beside stiffness and loads at the frequencies.
    type :: wanted_slopes_t
-      logical :: is_on = .false.                             !! slopes by frequency and drive, and room for `move`
-      logical :: of_motion = .false.                         !! with slopes, also room for `recover_slope`
-      real(wp), allocatable :: drives(:)                     !! [rad**2/s**2], (n_harmonics), else zero
-      logical :: of_interior = .true.                        !! room for `recover` and `hand_to_laws`
-      type(amplitudes_t) :: loads                            !! dP/dw [N s] of loads that grow with the frequency, else zero;
-                                                             !! `move` leaves the loads as they are
+      logical :: is_on = .false.                             !! slopes by frequency and drive, and memory for `move`
+      logical :: of_motion = .false.                         !! with slopes, also memory for `recover_slope`
+      real(wp), allocatable :: drives(:)                     !! [rad**2/s**2], (n_harmonics), otherwise zero
+      logical :: of_interior = .true.                        !! memory for `recover` and `hand_to_laws`
+      type(amplitudes_t) :: loads                            !! dP/dw [N s] of loads that depend on the frequency, otherwise
+                                                             !! zero; `move` does not change the loads
       type(structure_t), allocatable :: change               !! derivative of the structure by a value; slopes are by it
-      real(wp), allocatable :: rates(:)                      !! of the frequencies by that value, (n_harmonics)
+      real(wp), allocatable :: rates(:)                      !! derivatives of the frequencies by that value, (n_harmonics)
    end type wanted_slopes_t
 
    type :: dynamic_stiffness_t
       integer :: n_dofs = 0, n_law = 0, n_harmonics = 0
       type(coordinates_t) :: coordinates                     !! of the laws
-      type(block_pattern_t) :: pattern                       !! of S_c: where its entries stand
+      type(block_pattern_t) :: pattern                       !! memory layout of S_c
       complex(wp), allocatable :: condensed(:, :, :)         !! S_c [N/m], (pattern%n_rows, n_law, n_harmonics)
       complex(wp), allocatable :: load(:, :)                 !! P_c [N], (n_law, n_harmonics)
-      real(wp), allocatable :: magnitude(:, :)               !! diagonal of S_ll [N/m] before anything cancels,
-                                                             !! (n_law, n_harmonics)
+      real(wp), allocatable :: magnitude(:, :)               !! diagonal of S_ll [N/m] before cancellation, (n_law, n_harmonics)
       complex(wp), allocatable :: condensed_slope(:, :, :)   !! dS_c/dw [N s/m], as `condensed`, or not allocated
       complex(wp), allocatable :: load_slope(:, :)           !! dP_c/dw [N s], as `load`, or not allocated
       complex(wp), allocatable :: condensed_drive_slope(:, :, :) !! dS_c/ddrive [kg], or not allocated
       complex(wp), allocatable :: load_drive_slope(:, :)     !! dP_c/ddrive [N s**2], or not allocated
-      integer, allocatable, private :: interior(:)           ! degrees of freedom beside the coordinates' places
+      integer, allocatable, private :: interior(:)           ! degrees of freedom that the coordinates do not replace
       complex(wp), allocatable, private :: transfer(:, :, :) ! T, (n_interior, n_law, n_harmonics), or not allocated
-      type(amplitudes_t), private :: held_motion             ! y, motion of the interior with the coordinates held still
+      type(amplitudes_t), private :: held_motion             ! y, motion of the interior with the coordinates held fixed
       complex(wp), allocatable, private :: motion_slope(:, :, :, :)   ! dT, dy by frequency and by drive,
                                                              ! (n_interior, n_law + 1, 2, n_harmonics), or not allocated
-      type(condensation_t), allocatable, private :: condensation  ! kept with slopes
+      type(condensation_t), allocatable, private :: condensation  ! stored with slopes
    contains
       procedure :: move => dynamic_stiffness_move
       procedure :: hand_over => dynamic_stiffness_hand_over
@@ -72,7 +72,7 @@ module hb_dynamic_stiffness
 
 contains
 
-   !> Condenses to degrees of freedom (any order, none at all for a linear problem); arguments as below.
+   !> Condenses to degrees of freedom (any order, none for a linear problem); arguments as below.
    subroutine condensed_to_dofs(self, structure, law_dofs, frequencies, loads, error, slopes)
       type(dynamic_stiffness_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
@@ -88,9 +88,9 @@ contains
 
    !> Condenses `structure` to coordinates at each frequency.
    !>
-   !> Fails for degrees of freedom that do not exist or occur twice, for sizes that disagree, and where the interior is
-   !> singular to working precision: at w = 0 a rigid-body motion, else an undamped resonance, that the coordinates
-   !> do not hold.
+   !> Fails for degrees of freedom that do not exist or occur twice, for inconsistent sizes, and if the interior is
+   !> singular to working precision: at w = 0 a rigid-body motion, otherwise an undamped resonance, that the
+   !> coordinates do not restrain.
    subroutine condensed_to_coordinates(self, structure, coordinates, frequencies, loads, error, slopes)
       type(dynamic_stiffness_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
@@ -101,7 +101,7 @@ contains
       type(wanted_slopes_t), intent(in), optional :: slopes
       type(wanted_slopes_t) :: wanted
       type(condensation_t), allocatable :: kept
-      type(condensation_t) :: once                                    ! no `allocatable`: of several kB, for each point
+      type(condensation_t) :: once                                    ! not `allocatable`: several kB, for each point
 
       call check_input(structure, coordinates%dofs, frequencies, loads, error)
       if (allocated(error)) return
@@ -151,8 +151,8 @@ contains
       end subroutine condense_with
    end subroutine condensed_to_coordinates
 
-   !> Condenses anew at other frequencies, with what was found once for all; only for a stiffness with slopes. Fails as
-   !> `new_dynamic_stiffness` does.
+   !> Condenses at other frequencies, reusing all data that do not depend on the frequency; only for a stiffness with
+   !> slopes. Fails as `new_dynamic_stiffness` does.
    subroutine dynamic_stiffness_move(self, frequencies, drives, error)
       class(dynamic_stiffness_t), intent(inout) :: self
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics), of any sign
@@ -161,7 +161,7 @@ contains
       type(condensation_t), allocatable :: condensation
 
       if (.not. allocated(self%condensation)) then
-         call fail(error, "dynamic stiffness: made without slopes, it cannot move to other frequencies")
+         call fail(error, "dynamic stiffness: created without slopes, it cannot be evaluated at other frequencies")
          return
       end if
       call move_alloc(self%condensation, condensation)
@@ -169,7 +169,7 @@ contains
       call move_alloc(condensation, self%condensation)
    end subroutine dynamic_stiffness_move
 
-   !> Moves all that is here to another object; nothing is left.
+   !> Moves all data to another object; this one is empty afterwards.
    subroutine dynamic_stiffness_hand_over(self, to)
       class(dynamic_stiffness_t), intent(inout) :: self
       class(dynamic_stiffness_t), intent(inout) :: to
@@ -193,8 +193,8 @@ contains
       call move_alloc(self%condensation, to%condensation)
    end subroutine dynamic_stiffness_hand_over
 
-   !> Takes the loads of some harmonics from a stiffness of these alone, of the same structure, coordinates and frequencies; both
-   !> without slopes.
+   !> Copies the loads of some harmonics from a stiffness of only these, of the same structure, coordinates and
+   !> frequencies; both without slopes.
    subroutine dynamic_stiffness_take_loads(self, part, places)
       class(dynamic_stiffness_t), intent(inout) :: self
       type(dynamic_stiffness_t), intent(in) :: part
@@ -204,7 +204,7 @@ contains
       call self%held_motion%replace(places, part%held_motion)
    end subroutine dynamic_stiffness_take_loads
 
-   !> The condensed part of some harmonics alone, without slopes and without what `recover` needs.
+   !> The condensed part of some harmonics, without slopes and without the data for `recover`.
    pure function dynamic_stiffness_restricted_to(self, kept) result(part)
       class(dynamic_stiffness_t), intent(in) :: self
       integer, intent(in) :: kept(:)                                  !! numbers of the harmonics
@@ -220,7 +220,7 @@ contains
       part%magnitude = self%magnitude(:, kept)
    end function dynamic_stiffness_restricted_to
 
-   !> Condenses each harmonic, with slopes if there is room for them.
+   !> Condenses each harmonic, with slopes if there is memory for them.
    subroutine condense(self, condensation, frequencies, drives, error)
       class(dynamic_stiffness_t), intent(inout) :: self
       type(condensation_t), intent(inout) :: condensation
@@ -253,7 +253,7 @@ contains
       call condensation%solver%end()
    end subroutine condense
 
-   !> Gives all degrees of freedom from the coordinates, x_r = y - T x_l.
+   !> Returns all degrees of freedom from the coordinates, x_r = y - T x_l.
    pure subroutine dynamic_stiffness_recover(self, law_coefficients, coefficients)
       class(dynamic_stiffness_t), intent(in) :: self
       complex(wp), intent(in) :: law_coefficients(:, :)               !! [m], (n_law, n_harmonics)
@@ -270,15 +270,15 @@ contains
       call self%coordinates%motion_from(coefficients)
    end subroutine dynamic_stiffness_recover
 
-   !> Whether there is what `recover` and `hand_to_laws` need.
+   !> Whether the data for `recover` and `hand_to_laws` exist.
    pure logical function dynamic_stiffness_has_interior(self) result(has_interior)
       class(dynamic_stiffness_t), intent(in) :: self
 
       has_interior = allocated(self%transfer)
    end function dynamic_stiffness_has_interior
 
-   !> How the motion of all degrees of freedom changes with the frequency of each harmonic, and with its drive, while that of the
-   !> laws stays, dy - dT x_l; only for a stiffness with motion slopes.
+   !> Derivative of the motion of all degrees of freedom with respect to the frequency of each harmonic, and to its
+   !> drive, at constant motion of the laws, dy - dT x_l; only for a stiffness with motion slopes.
    pure subroutine dynamic_stiffness_recover_slope(self, law_coefficients, by_drive, slope)
       class(dynamic_stiffness_t), intent(in) :: self
       complex(wp), intent(in) :: law_coefficients(:, :)               !! [m], (n_law, n_harmonics)
@@ -295,8 +295,8 @@ contains
       call self%coordinates%motion_from(slope)
    end subroutine dynamic_stiffness_recover_slope
 
-   !> Turns a gradient by the motion of all degrees of freedom into one by that of the laws, which the others follow:
-   !> g_l - T^H g_r, for functions with the differential Re(g^H dx).
+   !> Converts a gradient with respect to the motion of all degrees of freedom to one with respect to that of the
+   !> laws, on which the others depend: g_l - T^H g_r, for functions with the differential Re(g^H dx).
    pure subroutine dynamic_stiffness_hand_to_laws(self, gradient, law_gradient)
       class(dynamic_stiffness_t), intent(in) :: self
       complex(wp), intent(in) :: gradient(:, :)                       !! (n_dofs, n_harmonics)
@@ -313,13 +313,13 @@ contains
 
    !> Solves S_c c = P_c: the motion of the law dofs without any law.
    !>
-   !> Where S_c is singular to rounding, as for a free structure at w = 0, that motion is not determined: the
-   !> harmonic returns zero and is flagged.
+   !> If S_c is singular to rounding, as for a free structure at w = 0, that motion is not determined: the harmonic
+   !> returns zero and is flagged.
    subroutine dynamic_stiffness_linear_amplitudes(self, c, is_singular)
       class(dynamic_stiffness_t), intent(in) :: self
       complex(wp), intent(out) :: c(:, :)                             !! [m], (n_law, n_harmonics)
       logical, intent(out) :: is_singular(:)                          !! (n_harmonics)
-      complex(wp), allocatable :: a(:, :)                             ! as LAPACK wants it, a band with room for exchanges
+      complex(wp), allocatable :: a(:, :)                             ! in LAPACK's layout, a band with room for exchanges
       complex(wp) :: scale(self%n_law), work(2*self%n_law)
       real(wp) :: norm, reciprocal_condition, rounding, rwork(2*self%n_law)
       integer :: above, h, i, info, k, n, pivots(self%n_law)
@@ -336,7 +336,7 @@ contains
       if (n == 0) return
       rounding = 100*real(self%n_dofs, wp)*epsilon(1.0_wp)
       do h = 1, self%n_harmonics
-         ! Scaled by what cancelled in S_c, so that a remainder of rounding alone is recognised, in any units.
+         ! Scaled by the cancelled terms of S_c, so that a remainder of rounding is recognised in any units.
          scale = (1.0_wp, 0.0_wp)
          where (self%magnitude(:, h) > 0.0_wp) scale = cmplx(1.0_wp/sqrt(self%magnitude(:, h)), kind=wp)
          a = (0.0_wp, 0.0_wp)
@@ -373,7 +373,8 @@ contains
       end do
    end subroutine dynamic_stiffness_linear_amplitudes
 
-   !> Linear motion of one degree of freedom by a division: LAPACK would take longer than the whole iteration of a small model.
+   !> Linear motion of one degree of freedom by a division: LAPACK would take longer than the whole iteration of a
+   !> small model.
    pure subroutine linear_amplitudes_of_one(self, c, is_singular)
       type(dynamic_stiffness_t), intent(in) :: self
       complex(wp), intent(out) :: c(:)                                !! [m], (n_harmonics)
@@ -424,7 +425,7 @@ contains
       end if
    end subroutine check_input
 
-   !> Why the interior is singular at this harmonic, and what helps.
+   !> Reason why the interior is singular at this harmonic, and a remedy.
    pure function singular_text(harmonic, frequency, has_law_dofs) result(text)
       integer, intent(in) :: harmonic
       real(wp), intent(in) :: frequency
@@ -433,13 +434,13 @@ contains
       character(:), allocatable :: held
 
       held = ""
-      if (has_law_dofs) held = " with the degrees of freedom of its laws held still"
+      if (has_law_dofs) held = " with the degrees of freedom of its laws held fixed"
       text = "dynamic stiffness: singular at harmonic "//to_text(harmonic)//", frequency "// &
              to_text(frequency)//" rad/s: "
       if (abs(frequency) > 0.0_wp) then
          text = trim(text)//" an undamped resonance of the structure"//held//"; add damping or change the frequency"
       else
-         text = trim(text)//" the structure"//held//" is free to move as a rigid body; add a support or stiffness"
+         text = trim(text)//" the structure"//held//" can move as a rigid body; add a support or stiffness"
       end if
    end function singular_text
 end module hb_dynamic_stiffness

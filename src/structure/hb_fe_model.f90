@@ -1,6 +1,6 @@
-!> Structure from a model: sparse matrices, labels, sets of nodes and load vectors that another program made.
+!> Structure from a model created by another program: sparse matrices, labels, sets of nodes and load vectors.
 !>
-!> The caller provides the models as a `fe_model_source_t`; that of the program reads files (hb_fe_model_file).
+!> The caller provides models through an `fe_model_source_t`; that of the program reads files (hb_fe_model_file).
 module hb_fe_model
    use hb_checksum, only: checksum
    use hb_error, only: annotate, error_t, fail
@@ -16,17 +16,17 @@ module hb_fe_model
    private
    public :: fe_model_source_t, fe_model_t, most_speeds, new_fe_model_structure, read_fe_model
 
-   integer, parameter :: most_speeds = 2                              !! shafts that turn by speeds of their own
+   integer, parameter :: most_speeds = 2                              !! shafts with speeds of their own
 
-   !> What a speed Omega [rad/s] adds: Omega G to what multiplies the velocity, Omega K_1 + Omega**2 K_2 to the stiffness.
-   !> Source: G. Genta, Dynamics of Rotating Systems, Springer 2005, chapter 4.
+   !> Terms of a speed Omega [rad/s]: Omega G multiplies the velocity, Omega K_1 + Omega**2 K_2 is added to the
+   !> stiffness. Source: G. Genta, Dynamics of Rotating Systems, Springer 2005, chapter 4.
    type :: speed_terms_t
       type(sparse_t) :: gyroscopic                                    !! G [N s2/m], skew-symmetric
-      type(sparse_t) :: stiffness                                     !! K_1 [N s/m], such as that of damping that turns along
+      type(sparse_t) :: stiffness                                     !! K_1 [N s/m], such as that of rotating damping
       type(sparse_t) :: stiffness_squared                             !! K_2 [N s2/m]
    end type speed_terms_t
 
-   !> A model as it comes. Matrices that it does not have, stiffness and mass excepted, have no rows.
+   !> A model as read. Missing matrices, other than stiffness and mass, have no rows.
    type :: fe_model_t
       integer :: n_dofs = 0
       type(sparse_t) :: mass, stiffness                               !! [kg], [N/m]
@@ -40,14 +40,14 @@ module hb_fe_model
       real(wp) :: up_to = 0.0_wp                                      !! [rad/s], as of `structure_t`
    end type fe_model_t
 
-   !> Where models come from.
+   !> Source of models.
    type, abstract :: fe_model_source_t
    contains
       procedure(fetch_model), deferred :: fetch
    end type fe_model_source_t
 
    abstract interface
-      !> Gives the model of a name, as a file's. Sizes of its parts agree, numbers are finite.
+      !> Returns the model of a name, such as that of a file. Sizes of its parts agree, numbers are finite.
       subroutine fetch_model(self, name, fe_model, error)
          import :: error_t, fe_model_source_t, fe_model_t
          class(fe_model_source_t), intent(in) :: self
@@ -80,7 +80,7 @@ contains
       call group%finish(error)
       if (allocated(error)) return
       if (.not. present(source)) then
-         call fail(error, "models are not read here: there is nothing to read them with")
+         call fail(error, "models cannot be read here: there is no source of models")
       else
          call source%fetch(trim(beside(group%file_name, file)), fe_model, error)
       end if
@@ -93,14 +93,14 @@ contains
       call annotate(error, group%place())
    end subroutine read_fe_model
 
-   !> Makes a structure from a model. Structural damping becomes viscous damping that is the same at one frequency. Fails for a
-   !> gyroscopic matrix that is not skew-symmetric, else as `new_structure`.
+   !> Creates a structure from a model. Structural damping becomes viscous damping that is equal at one frequency.
+   !> Fails for a gyroscopic matrix that is not skew-symmetric, and as `new_structure` does.
    subroutine new_fe_model_structure(structure, fe_model, proportional, structural_frequency, speeds, error)
       type(structure_t), intent(out) :: structure
       type(fe_model_t), intent(in) :: fe_model
       type(proportional_damping_t), intent(in) :: proportional
-      real(wp), intent(in) :: structural_frequency                    !! [rad/s], > 0 where there is structural damping
-      real(wp), intent(in) :: speeds(:)                               !! [rad/s], one for each that the model has terms of
+      real(wp), intent(in) :: structural_frequency                    !! [rad/s], > 0 if there is structural damping
+      real(wp), intent(in) :: speeds(:)                               !! [rad/s], one for each speed with terms in the model
       type(error_t), allocatable, intent(out) :: error
       type(sparse_t) :: damping, stiffness
       integer :: i
@@ -110,8 +110,9 @@ contains
                    " are taken as they are; 'nhbm-model reduce' makes a small model of a large one")
          return
       else if (fe_model%structural%n_rows > 0 .and. .not. structural_frequency > 0.0_wp) then
-         call fail(error, "the model has structural damping H; give structural_frequency, where the viscous damping "// &
-                   "H/frequency that takes its place is to be the same")
+         call fail(error, "the model has structural damping H; give structural_frequency, the frequency at which "// &
+                    "the viscous damping "// &
+                   "H/frequency that replaces it is equal to it")
          return
       end if
       damping = proportional%matrix(fe_model%mass, fe_model%stiffness)
@@ -147,7 +148,7 @@ contains
       end subroutine add_skew
    end subroutine new_fe_model_structure
 
-   !> Fails unless there is a number for each speed that the model has terms of.
+   !> Fails unless there is a number for each speed with terms in the model.
    subroutine check_speeds(fe_model, speeds, error)
       type(fe_model_t), intent(in) :: fe_model
       real(wp), intent(in) :: speeds(:)
@@ -185,7 +186,7 @@ contains
       end do
    end subroutine check_skew
 
-   !> Checksum of all numbers and names of a structure, and its size, in words.
+   !> Checksum of all numbers and names of a structure, and its size, as text.
    function structure_fingerprint(structure) result(text)
       type(structure_t), intent(in) :: structure
       character(80) :: text

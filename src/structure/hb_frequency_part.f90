@@ -1,7 +1,8 @@
 !> A part of a structure whose stiffness depends on the frequency: viscoelastic mounts, seals, controllers, delays.
 !>
-!> In a motion Re(c exp(i w t)) it feels z = b.c and acts with the force Z(w) z on a, so that it adds Z(w) a b^T to the dynamic
-!> stiffness of hb_dynamic_stiffness. Motions are real: Z(-w) = conj(Z(w)). Each kind is below; docs/why/theory.md, section 4.
+!> In a motion Re(c exp(i w t)) it responds to z = b.c with the force Z(w) z along a, so that it adds Z(w) a b^T to
+!> the dynamic stiffness of hb_dynamic_stiffness. Motions are real: Z(-w) = conj(Z(w)). Kinds: below and
+!> docs/why/theory.md, section 4.
 module hb_frequency_part
    use hb_kinds, only: wp
    use hb_monotone_cubic, only: monotone_cubic_t
@@ -21,7 +22,7 @@ module hb_frequency_part
    type :: frequency_part_t
       integer :: kind = 0
       real(wp), allocatable :: acts(:), feels(:)                      !! a, b, (n_dofs)
-      real(wp) :: factor = 1.0_wp                                     !! of all below; of differences of two parts
+      real(wp) :: factor = 1.0_wp                                     !! of all terms below; for differences of two parts
       real(wp) :: stiffness = 0.0_wp, damping = 0.0_wp                !! k [N/m], d [N s/m]
       real(wp) :: delay = 0.0_wp                                      !! T [s]
       real(wp) :: coefficient = 0.0_wp, exponent = 0.0_wp             !! c [N s**alpha/m], alpha
@@ -35,7 +36,7 @@ module hb_frequency_part
 
 contains
 
-   !> Z and its derivative by the frequency, of any sign; at rest that of infinitely slow motion.
+   !> Z and its derivative with respect to the frequency, of any sign; at zero frequency the limit of slow motion.
    pure subroutine frequency_part_evaluate(self, frequency, z, dz_dw)
       class(frequency_part_t), intent(in) :: self
       real(wp), intent(in) :: frequency                               !! [rad/s]
@@ -82,7 +83,7 @@ contains
       dz_dw = -conjg(dz_dw)
    end subroutine frequency_part_evaluate
 
-   !> Whether two parts are the same, number by number.
+   !> Whether two parts are equal, number by number.
    pure logical function frequency_part_equals(self, other) result(is_same)
       class(frequency_part_t), intent(in) :: self, other
 

@@ -14,8 +14,8 @@ module hb_frequency_part_input
 
 contains
 
-   !> Adds the part that a group describes to the structure; what is wrong with it is a problem of its keys, an error a kind that is
-   !> not known.
+   !> Adds the part of a group to the structure; errors are reported as problems of its keys, an unknown kind as an
+   !> error.
    subroutine read_frequency_part(group, structure, error)
       type(properties_t), intent(inout) :: group                      !! &dynamic_stiffness
       type(structure_t), intent(inout) :: structure
@@ -30,7 +30,7 @@ contains
          call group%tell_first(error)
          return
       end if
-      if (group%given("label")) call group%get("label", label)        ! which paths look for
+      if (group%given("label")) call group%get("label", label)        ! used by paths
       is_complete = .true.
       select case (name)
       case ("delay")
@@ -56,13 +56,13 @@ contains
          is_complete = allocated(part%loss%nodes)
       end select
       call read_places(group, structure, part)
-      if (.not. (is_complete .and. allocated(part%feels) .and. allocated(part%acts))) return   ! which has been reported
+      if (.not. (is_complete .and. allocated(part%feels) .and. allocated(part%acts))) return   ! already reported
       allocate (parts(0))
       if (allocated(structure%parts)) parts = structure%parts
       structure%parts = [parts, part]
    end subroutine read_frequency_part
 
-   !> A table of what is stored and lost; below its first frequency the loss falls in proportion to the frequency.
+   !> Reads a table of storage and loss moduli; below its first frequency the loss is proportional to the frequency.
    subroutine read_table(group, part)
       type(properties_t), intent(inout) :: group
       type(frequency_part_t), intent(inout) :: part
@@ -91,7 +91,7 @@ contains
       end if
    end subroutine read_table
 
-   !> Reads what the part feels and where it acts, there if nothing else is said.
+   !> Reads the coordinate of the part and the direction of its force, which is the same by default.
    subroutine read_places(group, structure, part)
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
@@ -119,13 +119,14 @@ contains
       call find_vector(group, structure, "force_", force_name, force_names, force_weights, part%acts)
    end subroutine read_places
 
-   !> A degree of freedom, or several with weights, as a vector over all of them; not allocated where they are not complete.
+   !> A degree of freedom, or several with weights, as a vector over all of them; not allocated if they are
+   !> incomplete.
    subroutine find_vector(group, structure, prefix, name, names, weights, vector)
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       character(*), intent(in) :: prefix                              !! of the keys
-      character(:), allocatable, intent(in) :: name                   !! of one
-      type(string_t), allocatable, intent(inout) :: names(:)          !! of several, else not allocated
+      character(:), allocatable, intent(in) :: name                   !! of a single one
+      type(string_t), allocatable, intent(inout) :: names(:)          !! of several, otherwise not allocated
       real(wp), allocatable, intent(inout) :: weights(:)
       real(wp), allocatable, intent(out) :: vector(:)
       character(:), allocatable :: key

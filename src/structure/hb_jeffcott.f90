@@ -1,5 +1,5 @@
-!> Jeffcott rotor in the stationary frame: a disk on a massless round shaft, if wanted with the tilt of the disk and its
-!> gyroscopic moment, damping that rotates with the shaft, and an elastically held ring around the disk.
+!> Jeffcott rotor in the stationary frame: a disk on a massless round shaft, optionally with the tilt of the disk and
+!> its gyroscopic moment, damping that rotates with the shaft, and an elastically supported ring around the disk.
 !>
 !> With z = x + i y, the tilt t = tilt_x + i tilt_y (slopes dx/ds and dy/ds of the shaft at the disk) and the speed Omega:
 !>
@@ -19,7 +19,7 @@ module hb_jeffcott
    private
    public :: jeffcott_t, new_jeffcott, read_jeffcott
 
-   !> What the rotor is made of. Without a diametral inertia it has no tilt, without a ring mass no ring.
+   !> Parameters of the rotor. Without a diametral inertia it has no tilt, without a ring mass no ring.
    type :: jeffcott_t
       real(wp) :: mass = 0.0_wp                              !! m [kg]
       real(wp) :: stiffness = 0.0_wp                         !! k [N/m]
@@ -70,12 +70,12 @@ contains
       call annotate(error, group%place())
    end subroutine read_jeffcott
 
-   !> Makes the rotor: `x`, `y`, then `tilt_x`, `tilt_y`, then `ring_x`, `ring_y` as far as it has them. Fails where the
-   !> coupling of deflection and tilt makes the shaft unstable.
+   !> Creates the rotor: `x`, `y`, then `tilt_x`, `tilt_y`, then `ring_x`, `ring_y` if present. Fails if the coupling
+   !> of deflection and tilt makes the shaft unstable.
    subroutine new_jeffcott(structure, rotor, damping, error)
       type(structure_t), intent(out) :: structure
       type(jeffcott_t), intent(in) :: rotor
-      type(proportional_damping_t), intent(in) :: damping    !! made from mass and elastic stiffness, in the stationary frame
+      type(proportional_damping_t), intent(in) :: damping    !! from mass and elastic stiffness, in the stationary frame
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: damping_matrix(:, :), mass(:, :), stiffness(:, :)
       character(label_length), allocatable :: labels(:)

@@ -13,7 +13,7 @@ module hb_matrices
    character(26), parameter :: keys(7) = [character(26) :: "mass", "damping", "gyroscopic", "stiffness", &
       "gyroscopic_by_speed", "stiffness_by_speed", "stiffness_by_speed_squared"]
 
-   !> Numbers of one matrix as the input has them.
+   !> Numbers of one matrix as given in the input.
    type :: values_t
       real(wp), allocatable :: values(:)
    end type values_t
@@ -22,8 +22,8 @@ contains
 
    !> Reads the matrices from the keys of their group `&structure`.
    !>
-   !> Each matrix is written row by row with n_dofs**2 numbers, or as the n_dofs numbers of its diagonal.
-   !> Labels are x1, x2, ... and units `m` unless they are given.
+   !> Each matrix is given row by row with n_dofs**2 numbers, or as the n_dofs numbers of its diagonal. Labels are x1,
+   !> x2, ... and units `m` by default.
    subroutine read_matrices(group, structure, error, memory_limit)
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(out) :: structure
@@ -83,10 +83,10 @@ contains
 
       if (maxval(abs(matrix + transpose(matrix))) > 1.0e-10_wp*maxval(abs(matrix))) &
          call fail(error, "matrices: the "//name//" matrix must be skew-symmetric, G(j, i) = -G(i, j); "// &
-                   "what dissipates belongs to the damping matrix")
+                   "dissipative terms belong to the damping matrix")
    end subroutine check_skew
 
-   !> Adds a problem unless there are as many values as in a full or a diagonal matrix.
+   !> Adds a problem unless the number of values is that of a full or a diagonal matrix.
    subroutine check_matrix(group, key, values, n_dofs)
       type(properties_t), intent(inout) :: group
       character(*), intent(in) :: key
@@ -98,7 +98,7 @@ contains
                          " for a diagonal matrix; there are "//to_text(size(values)))
    end subroutine check_matrix
 
-   !> Matrix from its rows one after the other, or from its diagonal.
+   !> Matrix from its rows, or from its diagonal.
    pure function full(values, n) result(matrix)
       real(wp), intent(in) :: values(:)                      !! n**2 or n of them
       integer, intent(in) :: n
@@ -115,7 +115,7 @@ contains
       end if
    end function full
 
-   !> Texts of a list in one length, with room enough to notice those that are too long.
+   !> Texts of a list in one length, long enough to detect those that are too long.
    pure function words(list)
       type(string_t), intent(in) :: list(:)
       character(label_length + 1) :: words(size(list))

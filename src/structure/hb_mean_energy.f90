@@ -1,11 +1,11 @@
-!> Energies of the structure in a motion x(t) = sum over harmonics of Re(c exp(i w t)) and the power that it loses, as means over
-!> the torus, and the damping that a loss of power means.
+!> Mean energies over the torus of the structure in a motion x(t) = sum over harmonics of Re(c exp(i w t)), its power
+!> loss, and the equivalent damping.
 !>
-!> The mean of x'^T M x'/2 is w**2 c^H M c/4, that of x^T K x/2 is c^H K c/4, of a constant part twice that; a part that depends
-!> on the frequency stores Re(conj(a.c) Z b.c)/4. With the rate i w c the damping takes w**2 Re(c^H D c)/2, of which gyroscopic
-!> parts have none, and such a part w Im(conj(a.c) Z b.c)/2. A linear oscillator with damping d that moves with amplitude a at
-!> frequency w loses P = d w**2 a**2/2, so that P/(2 w U) = d w/k is its loss factor and P/(4 T) = d/(2 m) its rate of decay; with several
-!> harmonics w U is their sum.
+!> The mean of x'^T M x'/2 is w**2 c^H M c/4, that of x^T K x/2 is c^H K c/4, of a constant part twice that; a
+!> frequency-dependent part stores Re(conj(a.c) Z b.c)/4. With the rate i w c the damping dissipates w**2 Re(c^H D
+!> c)/2, of which gyroscopic parts have none, and a frequency-dependent part w Im(conj(a.c) Z b.c)/2. A linear
+!> oscillator with damping d and amplitude a at frequency w dissipates P = d w**2 a**2/2, so that P/(2 w U) = d w/k is
+!> its loss factor and P/(4 T) = d/(2 m) its decay rate; with several harmonics w U is their sum.
 module hb_mean_energy
    use hb_kinds, only: wp
    use hb_lapack, only: dgemm
@@ -26,12 +26,12 @@ module hb_mean_energy
 
 contains
 
-   !> Finds the energies of a motion; that of a large structure harmonic by harmonic, with little memory.
+   !> Computes the energies of a motion; for a large structure harmonic by harmonic, with little memory.
    subroutine new_mean_energy(self, structure, c, frequencies)
       type(mean_energy_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       complex(wp), intent(in) :: c(:, :)                              !! a - i b [m], (structure%n_dofs, n_harmonics)
-      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics), 0 of what is constant
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics), 0 for constant parts
       integer :: first, last, n_together
 
       n_together = size(c, 2)
@@ -105,7 +105,7 @@ contains
       end function forms
    end subroutine add_energies
 
-   !> Loss factor that a mean loss of power means; 0 of a structure that is not strained.
+   !> Loss factor equivalent to a mean power loss; 0 without strain energy.
    pure real(wp) function mean_energy_loss_factor(self, loss) result(factor)
       class(mean_energy_t), intent(in) :: self
       real(wp), intent(in) :: loss                                    !! [W]
@@ -114,7 +114,7 @@ contains
       if (abs(self%turning) > 0.0_wp) factor = loss/(2.0_wp*self%turning)
    end function mean_energy_loss_factor
 
-   !> Rate of decay [1/s] of a free motion that loses as much; 0 at rest.
+   !> Decay rate [1/s] of a free motion with the same power loss; 0 at rest.
    pure real(wp) function mean_energy_decay(self, loss) result(rate)
       class(mean_energy_t), intent(in) :: self
       real(wp), intent(in) :: loss                                    !! [W]

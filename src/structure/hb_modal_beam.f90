@@ -1,7 +1,7 @@
 !> Simply supported Euler-Bernoulli beam by its first sine modes, v(x, t) = sum over k of q_k(t) sin(k pi
 !> x/L).
 !>
-!> The degrees of freedom are the modal amplitudes q1, q2, ...; a law or load at the place x acts on them with the
+!> The degrees of freedom are the modal amplitudes q1, q2, ...; a law or load at the position x acts on them with the
 !> weights sin(k pi x/L).
 module hb_modal_beam
    use hb_error, only: annotate, error_t
@@ -40,7 +40,7 @@ contains
       call annotate(error, group%place())
    end subroutine read_modal_beam
 
-   !> Makes a modal beam, M_kk = rho A L/2 and K_kk = E I (k pi/L)**4 L/2.
+   !> Creates a modal beam, M_kk = rho A L/2 and K_kk = E I (k pi/L)**4 L/2.
    subroutine new_modal_beam(structure, length, bending_stiffness, mass_per_length, n_modes, damping, error)
       type(structure_t), intent(out) :: structure
       real(wp), intent(in) :: length                         !! L [m]

@@ -1,8 +1,8 @@
 !> Free vibration of a linear structure: growth rates, frequencies and shapes of its oscillatory modes.
 !>
-!> q(t) = Re(shape exp((growth + i frequency) t)) solves M q'' + D q' + K q = 0. The quadratic eigenvalue problem is solved
-!> in its first companion form with time scaled by sqrt(max |K|/max |M|), by the QZ algorithm, which takes masses of zero.
-!> Source: Tisseur and Meerbergen, SIAM Review 43 (2001) 235-286, sections 3.4 and 5.
+!> q(t) = Re(shape exp((growth + i frequency) t)) solves M q'' + D q' + K q = 0. The quadratic eigenvalue problem is
+!> solved in its first companion form with time scaled by sqrt(max |K|/max |M|), by the QZ algorithm, which permits
+!> zero masses. Source: Tisseur and Meerbergen, SIAM Review 43 (2001) 235-286, sections 3.4 and 5.
 module hb_modes
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
@@ -12,20 +12,20 @@ module hb_modes
    private
    public :: modes_t, natural_frequencies, new_modes, slowest_decay
 
-   integer, parameter :: largest_structure = 500                      ! degrees of freedom: all modes are found, none by itself
+   integer, parameter :: largest_structure = 500                      ! degrees of freedom: all modes are computed
 
    type :: modes_t
       integer :: n_modes = 0
       real(wp), allocatable :: growth(:)                              !! [1/s], (n_modes), positive: unstable
       real(wp), allocatable :: frequency(:)                           !! [rad/s], (n_modes), > 0, ascending
       real(wp), allocatable :: response(:)                            !! d growth/d xi for forces -xi M q', (n_modes): 1/2
-                                                                      !! without gyroscopic terms, else of either sign
+                                                                      !! without gyroscopic terms, otherwise of either sign
       complex(wp), allocatable :: shapes(:, :)                        !! (n_dofs, n_modes), of any magnitude
    end type modes_t
 
 contains
 
-   !> Finds all oscillatory modes. Fails for a structure that is too large and where LAPACK does not converge.
+   !> Computes all oscillatory modes. Fails for a structure that is too large and if LAPACK does not converge.
    subroutine new_modes(self, mass, damping, stiffness, error)
       type(modes_t), intent(out) :: self
       real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)   !! (n_dofs, n_dofs)
@@ -38,7 +38,7 @@ contains
       n = size(mass, 1)
       if (n > largest_structure) then
          call fail(error, "modes: "//to_text(n)//" degrees of freedom are more than the "//to_text(largest_structure)// &
-                   " of which all modes are found")
+                   " for which all modes are computed")
          return
       end if
       scale = maxval(abs(stiffness))
@@ -68,7 +68,7 @@ contains
          self%shapes(:, i) = cmplx(shapes(:n, found(i)), shapes(:n, found(i) + 1), wp)
          self%response(i) = response_of(self%shapes(:, i), cmplx(self%growth(i), self%frequency(i), wp), mass, damping)
       end do
-      do i = 2, size(found)                                            ! by insertion: there are few
+      do i = 2, size(found)                                            ! insertion sort: there are few
          k = i
          do while (k > 1)
             if (self%frequency(k - 1) <= self%frequency(k)) exit
@@ -100,7 +100,7 @@ contains
       self%shapes(:, [i, k]) = self%shapes(:, [k, i])
    end subroutine exchange
 
-   !> Rate [1/s] at which the slowest mode that decays does; 0 where none does, or where nothing is known.
+   !> Decay rate [1/s] of the slowest decaying mode; 0 if none decays or if it is unknown.
    real(wp) function slowest_decay(mass, damping, stiffness) result(rate)
       real(wp), intent(in) :: mass(:, :), damping(:, :), stiffness(:, :)   !! (n_dofs, n_dofs)
       type(error_t), allocatable :: error
@@ -113,12 +113,12 @@ contains
       if (rate >= huge(1.0_wp)) rate = 0.0_wp
    end function slowest_decay
 
-   !> Gives all finite natural frequencies, ascending; 0 for a motion that the structure does not resist, negative for the rate at
-   !> which the structure at rest is left where its stiffness is negative. No value where LAPACK finds none: the structure has
-   !> massless parts that nothing holds.
+   !> Returns all finite natural frequencies, ascending; 0 for a motion without stiffness, negative for the growth
+   !> rate at the equilibrium if the stiffness is negative. No value if LAPACK finds none: the structure has massless
+   !> parts without support.
    !>
-   !> Where the stiffness is positive definite, M v = mu K v is solved, whose largest eigenvalues are the lowest frequencies to all
-   !> digits and which takes masses of zero; else K v = lambda M v.
+   !> If the stiffness is positive definite, M v = mu K v is solved, whose largest eigenvalues are the lowest
+   !> frequencies to all digits and which permits zero masses; otherwise K v = lambda M v.
    function natural_frequencies(mass, stiffness) result(frequencies)
       real(wp), intent(in) :: mass(:, :), stiffness(:, :)             !! (n_dofs, n_dofs)
       real(wp), allocatable :: frequencies(:)                         !! [rad/s]

@@ -1,18 +1,19 @@
-!> LU factors of narrow complex band matrices in the storage and form of LAPACK's `zgbtrf`.
+!> LU factors of narrow complex band matrices in the storage and format of LAPACK's `zgbtrf`.
 !>
-!> Chains and beams have one to three diagonals on each side: LAPACK's calls, several a row, take longer than the work.
-!> Source: Golub and Van Loan, Matrix Computations, 4th ed., section 4.3 (band Gaussian elimination with partial pivoting).
+!> Chains and beams have one to three diagonals on each side, for which LAPACK, with several calls per row, takes
+!> longer than the arithmetic. Source: Golub and Van Loan, Matrix Computations, 4th ed., section 4.3 (band Gaussian
+!> elimination with partial pivoting).
 module hb_narrow_band
    use hb_kinds, only: wp
    implicit none
    private
    public :: factorise_narrow, solve_narrow, widest_narrow
 
-   integer, parameter :: widest_narrow = 12                           !! diagonals beside the main one, up to which these are faster
+   integer, parameter :: widest_narrow = 12 !! diagonals beside the main one up to which these routines are faster
 
 contains
 
-   !> Overwrites a with its factors. `is_singular` where a pivot is too small to be divided by; the factors are of no use then.
+   !> Overwrites a with its factors. `is_singular` if a pivot is too small for division; the factors are then invalid.
    pure subroutine factorise_narrow(a, n_lower, n_upper, pivots, is_singular)
       complex(wp), intent(inout), contiguous :: a(:, :)               !! (2 n_lower + n_upper + 1, n): element (i, j) in row
                                                                       !! n_lower + n_upper + 1 + i - j; the first n_lower are zero
@@ -40,7 +41,7 @@ contains
          end do
          if (.not. largest >= tiny(1.0_wp)) return
          pivots(k) = k + p
-         last = max(last, min(n, k + n_upper + p))                    ! column that rows so far reach to
+         last = max(last, min(n, k + n_upper + p))                    ! last column of the rows so far
          if (p > 0) then
             do j = k, last
                kept = a(d + k - j, j)

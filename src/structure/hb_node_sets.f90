@@ -1,4 +1,4 @@
-!> Named sets of nodes of a structure, and named load vectors: names for many degrees of freedom at once.
+!> Named sets of nodes of a structure, and named load vectors, which address many degrees of freedom at once.
 module hb_node_sets
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_closest_word, only: closest_word
@@ -12,7 +12,7 @@ module hb_node_sets
    integer, parameter :: name_length = 64                             !! longest name of a set or a vector
    integer, parameter :: direction_length = 8
 
-   !> Sets of nodes. With the direction behind a dot, as in `contact.z`, a set is a list of degrees of freedom.
+   !> Sets of nodes. With a direction after a dot, as in `contact.z`, a set is a list of degrees of freedom.
    type :: node_sets_t
       character(name_length), allocatable :: names(:)                 !! (n_sets)
       integer, allocatable :: first(:)                                !! (n_sets + 1): nodes first(i) to first(i + 1) - 1
@@ -37,7 +37,7 @@ module hb_node_sets
 
 contains
 
-   !> Adds a set; fails for nodes that there are not, and for one named twice.
+   !> Adds a set; fails for nodes that do not exist or occur twice.
    pure subroutine node_sets_add(self, name, nodes, n_nodes, error)
       class(node_sets_t), intent(inout) :: self
       character(*), intent(in) :: name
@@ -63,7 +63,7 @@ contains
       self%first = [self%first, size(self%nodes) + 1]
    end subroutine node_sets_add
 
-   !> Adds a vector; fails for degrees of freedom that there are not, and for values that are not finite.
+   !> Adds a vector; fails for degrees of freedom that do not exist, and for values that are not finite.
    pure subroutine named_vectors_add(self, name, dofs, values, n_dofs, error)
       class(named_vectors_t), intent(inout) :: self
       character(*), intent(in) :: name
@@ -92,8 +92,8 @@ contains
       self%first = [self%first, size(self%dofs) + 1]
    end subroutine named_vectors_add
 
-   !> Degrees of freedom of a set in the order of its nodes: `contact.z`, or `contact` where its nodes move in one direction only.
-   !> Not allocated where no set has the name; fails where a node of the set lacks the direction.
+   !> Degrees of freedom of a set in the order of its nodes: `contact.z`, or `contact` if its nodes have only one
+   !> direction. Not allocated if no set has the name; fails if a node of the set lacks the direction.
    pure subroutine node_sets_find(self, name, dofs, error)
       class(node_sets_t), intent(in) :: self
       character(*), intent(in) :: name
@@ -138,7 +138,7 @@ contains
       end associate
    end subroutine node_sets_find
 
-   !> Entries of a vector; fails with the known names and the closest one.
+   !> Returns the entries of a vector; fails with the known names and the closest one.
    pure subroutine named_vectors_find(self, name, dofs, values, error)
       class(named_vectors_t), intent(in) :: self
       character(*), intent(in) :: name

@@ -1,4 +1,4 @@
-!> Damping made from the matrices that a builder has anyway, D = diagonal I + mass M + stiffness K.
+!> Proportional damping from the matrices of a builder, D = diagonal I + mass M + stiffness K.
 module hb_proportional_damping
    use hb_kinds, only: wp
    use hb_properties, only: properties_t
@@ -30,7 +30,7 @@ contains
       call group%get("damping_stiffness", self%stiffness)
    end subroutine read_proportional_damping
 
-   !> Gives the damping matrix for this mass and stiffness.
+   !> Returns the damping matrix for this mass and stiffness.
    pure function proportional_damping_matrix(self, mass, stiffness) result(damping)
       class(proportional_damping_t), intent(in) :: self
       real(wp), intent(in) :: mass(:, :), stiffness(:, :)    !! (n_dofs, n_dofs)

@@ -1,9 +1,9 @@
 !> Bladed disk and casing by two modes of n nodal diameters each, not coupled: contact between them is a law.
 !>
-!> Disk u_d = q1 cos(n phi) + q2 sin(n phi), casing u_c = r1 cos(n phi) + r2 sin(n phi), with the angle phi of the frame. The
-!> disk turns at the speed Omega towards growing angles, the casing stands still. A travelling wave of the disk against the
-!> rotation and one of the casing along it meet at the speed (w_c + w_d)/n. Source: the paper (docs/why/theory.md),
-!> section 4 and eq. (14).
+!> Disk u_d = q1 cos(n phi) + q2 sin(n phi), casing u_c = r1 cos(n phi) + r2 sin(n phi), with the angle phi of the
+!> frame. The disk rotates at the speed Omega towards increasing angles, the casing is at rest. A travelling wave of
+!> the disk against the rotation and one of the casing along it coincide at the speed (w_c + w_d)/n. Source: the paper
+!> (docs/why/theory.md), section 4 and eq. (14).
 module hb_rotor_stator
    use hb_error, only: annotate, error_t
    use hb_kinds, only: wp
@@ -15,7 +15,7 @@ module hb_rotor_stator
    private
    public :: body_t, new_rotor_stator, read_rotor_stator
 
-   !> One of the two bodies, as it is in its own frame.
+   !> One of the two bodies in its own frame.
    type :: body_t
       real(wp) :: mass = 1.0_wp                              !! modal mass [kg]
       real(wp) :: frequency = 0.0_wp                         !! [rad/s], undamped
@@ -51,7 +51,7 @@ contains
       call annotate(error, group%place())
    end subroutine read_rotor_stator
 
-   !> Makes disk and casing.
+   !> Creates disk and casing.
    subroutine new_rotor_stator(structure, n_diameters, speed, frame, disk, casing, damping, error)
       type(structure_t), intent(out) :: structure
       integer, intent(in) :: n_diameters
@@ -71,7 +71,7 @@ contains
          casing_rate = n_diameters*speed
       case ("stationary")
          disk_rate = -n_diameters*speed
-      end select                                             ! "own": neither turns
+      end select                                             ! "own": neither frame rotates
       mass = 0.0_wp
       damping_matrix = 0.0_wp
       stiffness = 0.0_wp

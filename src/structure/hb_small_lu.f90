@@ -1,19 +1,20 @@
-!> LU factors of small complex matrices in the form of LAPACK's `zgetrf`.
+!> LU factors of small complex matrices in the format of LAPACK's `zgetrf`.
 !>
-!> Up to some twenty rows LAPACK's calls take longer than the work: a beam under two tones has hundreds of matrices of seven.
-!> Source: Golub and Van Loan, Matrix Computations, 4th ed., section 3.4 (outer products with partial pivoting).
+!> Up to some twenty rows LAPACK's calls take longer than the arithmetic: a beam under two tones has hundreds of
+!> matrices of order seven. Source: Golub and Van Loan, Matrix Computations, 4th ed., section 3.4 (outer products with
+!> partial pivoting).
 module hb_small_lu
    use hb_kinds, only: wp
    implicit none
    private
    public :: factorise_small, largest_small, solve_small
 
-   integer, parameter :: largest_small = 16                           !! rows, up to which these are the faster ones
+   integer, parameter :: largest_small = 16                           !! rows up to which these routines are faster
 
 contains
 
-   !> Overwrites a with its factors, the diagonal of L (ones) left out. `is_singular` where a pivot is too small to be divided by;
-   !> the factors are of no use then.
+   !> Overwrites a with its factors, without the unit diagonal of L. `is_singular` if a pivot is too small for
+   !> division; the factors are then invalid.
    pure subroutine factorise_small(a, pivots, is_singular)
       complex(wp), intent(inout), contiguous :: a(:, :)               !! (n, n)
       integer, intent(out) :: pivots(:)                               !! (n) row with which row i was exchanged
@@ -69,14 +70,14 @@ contains
       do k = 1, n
          inverse(k) = (1.0_wp, 0.0_wp)/a(k, k)
       end do
-      do k = 1, n                                                     ! all before any step: L has been exchanged too
+      do k = 1, n                                                     ! all exchanges before elimination: L has been exchanged too
          do j = 1, size(b, 2)
             kept = b(pivots(k), j)
             b(pivots(k), j) = b(k, j)
             b(k, j) = kept
          end do
       end do
-      do k = 1, n                                                     ! sides together: what they wait for differs
+      do k = 1, n                                                     ! right-hand sides together: their dependencies differ
          do j = 1, size(b, 2)
             kept = b(k, j)
             do i = k + 1, n

@@ -1,4 +1,4 @@
-!> Sparse matrices by rows (CSR): the form in which models come.
+!> Sparse matrices by rows (CSR), the format of models.
 module hb_sparse
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t, fail
@@ -25,8 +25,8 @@ module hb_sparse
 
 contains
 
-   !> Makes a matrix from its rows as files have them, counted from zero. Fails, naming the entry, where an index is out of range,
-   !> rows do not follow each other, a row names a column twice, or a value is not finite.
+   !> Creates a matrix from its rows as stored in files, counted from zero. Fails and names the entry if an index is
+   !> out of range, rows are not contiguous, a row contains a column twice, or a value is not finite.
    subroutine new_sparse(self, n_columns, starts, columns, values, error)
       type(sparse_t), intent(out) :: self
       integer, intent(in) :: n_columns
@@ -34,7 +34,7 @@ contains
       integer, intent(in) :: columns(:)                               !! (n_entries), from 0
       real(wp), intent(in) :: values(:)                               !! (n_entries)
       type(error_t), allocatable, intent(out) :: error
-      integer, allocatable :: last_row(:)                             ! that had an entry in a column
+      integer, allocatable :: last_row(:)                             ! last row with an entry in a column
       integer :: e, i
 
       if (size(starts) < 1) then
@@ -76,7 +76,7 @@ contains
       self%value = values
    end subroutine new_sparse
 
-   !> Whether two matrices have the same entries at the same places, in the same order.
+   !> Whether two matrices have the same entries at the same positions, in the same order.
    pure logical function sparse_equal(self, other) result(are_equal)
       class(sparse_t), intent(in) :: self
       type(sparse_t), intent(in) :: other
@@ -87,7 +87,7 @@ contains
       if (are_equal) are_equal = all(self%value == other%value)
    end function sparse_equal
 
-   !> Square matrix from entries in any order; those of one place add up.
+   !> Square matrix from entries in any order; entries at the same position are added.
    function sparse_from_entries(n, row, column, value) result(self)
       integer, intent(in) :: n
       integer, intent(in) :: row(:), column(:)                        !! from 1
@@ -127,12 +127,13 @@ contains
       self = sparse_from_entries(n, [(i, i=1, n)], [(i, i=1, n)], spread(1.0_wp, 1, n))
    end function sparse_identity
 
-   !> The sum of a times one matrix and b times another, of one shape, with the entries of both; a factor of 0 leaves one out.
+   !> The sum of a times one matrix and b times another of the same shape, with the entries of both; a factor of 0
+   !> omits one.
    function sparse_sum(a, one, b, other) result(total)
       real(wp), intent(in) :: a, b
       type(sparse_t), intent(in) :: one, other
       type(sparse_t) :: total
-      integer, allocatable :: place(:)                                ! of a column among the entries of the row so far
+      integer, allocatable :: place(:)                                ! position of a column among the entries of the row so far
       integer :: i, n
 
       total%n_rows = one%n_rows
@@ -215,7 +216,7 @@ contains
       product = sparse_from_entries(one%n_rows, row, column, value)
    end function sparse_product
 
-   !> One entry, zero where none is stored.
+   !> One entry, zero if none is stored.
    pure real(wp) function sparse_at(self, i, j) result(value)
       class(sparse_t), intent(in) :: self
       integer, intent(in) :: i, j

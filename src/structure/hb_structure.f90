@@ -1,7 +1,7 @@
 !> The linear structure M x'' + D x' + K x = forces: the result of every builder.
 !>
-!> D holds all that multiplies the velocity: viscous (symmetric) plus gyroscopic (skew-symmetric) terms. Beside the matrices there
-!> may be parts of another stiffness for each frequency, which have no equations in time.
+!> D contains all terms that multiply the velocity: viscous (symmetric) and gyroscopic (skew-symmetric). In addition
+!> to the matrices there may be parts with frequency-dependent stiffness, which have no equations in time.
 module hb_structure
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_closest_word, only: closest_word
@@ -21,7 +21,7 @@ module hb_structure
    integer, parameter :: unit_length = 8
    integer, parameter :: max_dofs = 10000                    !! for readers: dense matrices then take 2.4 GB
    integer, parameter :: max_sparse_dofs = 1000000           !! for readers that make sparse matrices
-   integer, parameter :: most_dense = 1000                   !! degrees of freedom up to which sparse matrices become dense ones
+   integer, parameter :: most_dense = 1000 !! degrees of freedom up to which sparse matrices are converted to dense ones
 
    !> The matrices of a large structure, as those of `structure_t`.
    type :: sparse_matrices_t
@@ -33,15 +33,15 @@ module hb_structure
       real(wp), allocatable :: mass(:, :)                    !! [kg], (n_dofs, n_dofs), symmetric
       real(wp), allocatable :: damping(:, :)                 !! [N s/m], (n_dofs, n_dofs)
       real(wp), allocatable :: stiffness(:, :)               !! [N/m], (n_dofs, n_dofs)
-      type(sparse_matrices_t), allocatable :: sparse         !! in place of these three matrices, where there are many dofs
-      type(frequency_part_t), allocatable :: parts(:)        !! beside the matrices, of stiffness that depends on the frequency
+      type(sparse_matrices_t), allocatable :: sparse         !! instead of these three matrices, for many dofs
+      type(frequency_part_t), allocatable :: parts(:)        !! with frequency-dependent stiffness, in addition to the matrices
       character(label_length), allocatable :: labels(:)      !! (n_dofs), unique, such as `v3`
       character(unit_length), allocatable :: units(:)        !! (n_dofs), of the coordinate: `m`, `rad`
-      type(node_sets_t) :: sets                              !! names for many degrees of freedom; of models alone
-      type(named_vectors_t) :: vectors                       !! named loads; of models alone
-      real(wp) :: up_to = 0.0_wp                             !! [rad/s], frequencies that it was reduced for; 0: it was not
-      character(:), allocatable :: model_file                !! that it was read from; else not given
-      character(:), allocatable :: origin                    !! the model that it was read from and what marks it; else not given
+      type(node_sets_t) :: sets                              !! names for many degrees of freedom; of models only
+      type(named_vectors_t) :: vectors                       !! named loads; of models only
+      real(wp) :: up_to = 0.0_wp                             !! [rad/s], highest frequency of the reduction; 0: not reduced
+      character(:), allocatable :: model_file                !! file from which it was read; otherwise not allocated
+      character(:), allocatable :: origin !! the model from which it was read and its fingerprint; otherwise not allocated
    contains
       procedure :: change_from => structure_change_from
       procedure :: check_matrices => structure_check_matrices
@@ -62,7 +62,7 @@ module hb_structure
 
 contains
 
-   !> Bytes that reading a structure takes at its worst moment: matrices of the builder, copies here, factors of the mass.
+   !> Largest memory [byte] used while a structure is read: matrices of the builder, copies here, factors of the mass.
    pure real(wp) function structure_bytes(n_dofs)
       integer, intent(in) :: n_dofs
       real(wp), parameter :: copies = 7.0_wp                          ! of a matrix
@@ -70,7 +70,7 @@ contains
       structure_bytes = copies*8.0_wp*real(n_dofs, wp)**2
    end function structure_bytes
 
-   !> Fails when the matrices of a structure need more than the limit: for readers, before these are made.
+   !> Fails if the matrices of a structure need more than the limit; for readers, before the matrices are allocated.
    !> Sparse ones are counted by their entries.
    subroutine check_room(n_dofs, error, memory_limit, n_entries)
       integer, intent(in) :: n_dofs
@@ -90,20 +90,20 @@ contains
          write (there, "(f20.2)") memory_limit/gib
          call fail(error, "the sparse matrices of "//to_text(n_dofs)//" degrees of freedom would need "// &
                    trim(adjustl(needed))//" GiB of memory while they are read, "//trim(adjustl(there))// &
-                   " GiB are there for each process")
+                   " GiB are available for each process")
          return
       end if
       if (structure_bytes(n_dofs) <= memory_limit) return
       write (needed, "(f20.2)") structure_bytes(n_dofs)/gib
       write (there, "(f20.2)") memory_limit/gib
       call fail(error, "the matrices of "//to_text(n_dofs)//" degrees of freedom would need "//trim(adjustl(needed))// &
-                " GiB of memory while they are read, "//trim(adjustl(there))//" GiB are there for each process; at most "// &
+                " GiB of memory while they are read, "//trim(adjustl(there))//" GiB are available for each process; at most "// &
                 to_text(int(sqrt(memory_limit/structure_bytes(1))))//" would fit")
    end subroutine check_room
 
-   !> Makes a structure from its matrices.
+   !> Creates a structure from its matrices.
    !>
-   !> Fails, saying where, unless all sizes agree, all numbers are finite, the mass is symmetric and positive
+   !> Fails with the location unless all sizes agree, all numbers are finite, the mass is symmetric and positive
    !> semi-definite, and the labels are unique and begin with a letter.
    subroutine new_dense_structure(self, mass, damping, stiffness, labels, units, error)
       type(structure_t), intent(out) :: self
@@ -135,8 +135,9 @@ contains
       self%units = units
    end subroutine new_dense_structure
 
-   !> Makes a structure from sparse matrices, which it keeps as they are where there are more than `most_dense` degrees of freedom.
-   !> Fails as for dense ones; whether a large mass is indefinite is seen at its diagonal and at pairs of degrees of freedom alone.
+   !> Creates a structure from sparse matrices, which remain sparse for more than `most_dense` degrees of freedom.
+   !> Fails as for dense ones; an indefinite large mass is detected only at its diagonal and at pairs of degrees of
+   !> freedom.
    subroutine new_sparse_structure(self, mass, damping, stiffness, labels, units, error)
       type(structure_t), intent(out) :: self
       type(sparse_t), intent(in) :: mass, damping, stiffness          !! (n_dofs, n_dofs), [kg], [N s/m], [N/m], finite
@@ -164,7 +165,8 @@ contains
       self%units = units
    end subroutine new_sparse_structure
 
-   !> Fails unless the mass is symmetric, its diagonal nowhere negative and no entry larger than the diagonal allows.
+   !> Fails unless the mass is symmetric, without negative diagonal entries, and with no entry larger than the
+   !> diagonal permits.
    subroutine check_sparse_mass(mass, labels, error)
       type(sparse_t), intent(in) :: mass
       character(*), intent(in) :: labels(:)
@@ -239,7 +241,7 @@ contains
       end if
    end function structure_damping_times
 
-   !> Several times as fast as the product of real and complex numbers.
+   !> Several times faster than the product of real and complex numbers.
    pure function dense_times(a, c) result(product)
       real(wp), intent(in) :: a(:, :)
       complex(wp), intent(in) :: c(:)
@@ -278,20 +280,20 @@ contains
       end do
    end function structure_work_in_parts
 
-   !> Fails where something takes the matrices as they are: of too many degrees of freedom, or with parts that depend on the
-   !> frequency.
+   !> Fails for an operation that needs the matrices as they are: if there are too many degrees of freedom, or parts
+   !> with frequency-dependent stiffness.
    pure subroutine structure_check_matrices(self, what, most, error)
       class(structure_t), intent(in) :: self
       character(*), intent(in) :: what
       integer, intent(in) :: most                                     !! degrees of freedom
       type(error_t), allocatable, intent(out) :: error
 
-      if (self%n_dofs > most) call fail(error, what//" takes structures of at most "//to_text(most)// &
-                                        " degrees of freedom, this one has "//to_text(self%n_dofs))
-      if (allocated(self%parts)) call fail(error, what//" needs equations in time, which a &dynamic_stiffness has not")
+      if (self%n_dofs > most) call fail(error, what//" supports at most "//to_text(most)// &
+                                        " degrees of freedom; the structure has "//to_text(self%n_dofs))
+      if (allocated(self%parts)) call fail(error, what//" needs equations in time; a &dynamic_stiffness has none")
    end subroutine structure_check_matrices
 
-   !> Makes the matrices dense.
+   !> Converts the matrices to dense ones.
    subroutine structure_unpack(self)
       class(structure_t), intent(inout) :: self
 
@@ -315,8 +317,8 @@ contains
       if (dof < 1 .or. dof > self%n_dofs) dof = 0
    end function structure_dof_index
 
-   !> Finds a degree of freedom as `dof_index` does, or the only one of a set such as `disk.x`; fails with the known labels and the
-   !> closest one.
+   !> Finds a degree of freedom as `dof_index` does, or the only one of a set such as `disk.x`; fails with the known
+   !> labels and the closest one.
    pure subroutine structure_find_dof(self, label, dof, error)
       class(structure_t), intent(in) :: self
       character(*), intent(in) :: label
@@ -349,7 +351,7 @@ contains
       call fail(error, message)
    end subroutine structure_find_dof
 
-   !> Finds all degrees of freedom that a name stands for: one as `find_dof` does, or those of a set of nodes such as `contact.z`.
+   !> Finds all degrees of freedom of a name: one as `find_dof` does, or those of a set of nodes such as `contact.z`.
    pure subroutine structure_find_dofs(self, name, dofs, error)
       class(structure_t), intent(in) :: self
       character(*), intent(in) :: name
@@ -364,7 +366,7 @@ contains
       dofs = [dof]
    end subroutine structure_find_dofs
 
-   !> Whether all matrices and parts are those of another structure, number by number.
+   !> Whether all matrices and parts are equal to those of another structure, number by number.
    pure logical function structure_has_matrices_of(self, other) result(are_same)
       class(structure_t), intent(in) :: self
       type(structure_t), intent(in) :: other
@@ -385,8 +387,8 @@ contains
       end if
    end function structure_has_matrices_of
 
-   !> Structure of matrices and parts that are a weight times those of this one less those of another: a derivative by a value of
-   !> which the two are neighbours.
+   !> Structure whose matrices and parts are a weight times the difference between this one and another: a derivative
+   !> with respect to a value, if the two are neighbours.
    function structure_change_from(self, other, weight) result(change)
       class(structure_t), intent(in) :: self
       class(structure_t), intent(in) :: other
@@ -510,7 +512,7 @@ contains
       real(wp), intent(in) :: mass(:, :)
       character(*), intent(in) :: labels(:)
       type(error_t), allocatable, intent(out) :: error
-      real(wp), parameter :: asymmetry = 1.0e-10_wp        ! matrices often come from text with few digits
+      real(wp), parameter :: asymmetry = 1.0e-10_wp        ! matrices from text often have few digits
       real(wp), allocatable :: scaled(:, :), scale(:)
       integer :: i, info, j, n_dofs
 

@@ -1,7 +1,7 @@
-!> A block of the dynamic stiffness S(w) = K - (w**2 + i drive) M + i w D + sum of Z(w) a b^T between some rows and some columns,
-!> by its nonzero entries.
+!> A block of the dynamic stiffness S(w) = K - (w**2 + i drive) M + i w D + sum of Z(w) a b^T between given rows and
+!> columns, by its nonzero entries.
 !>
-!> The pattern is found once; at each frequency only the entries are touched, so narrow structures cost
+!> The pattern is determined once; at each frequency only the entries are computed, so that narrow structures cost
 !> O(n_dofs).
 module hb_structure_block
    use hb_frequency_part, only: frequency_part_t
@@ -14,9 +14,9 @@ module hb_structure_block
 
    type :: structure_block_t
       integer :: n_entries = 0
-      integer, allocatable :: row(:), column(:)                       !! (n_entries), place inside the block
+      integer, allocatable :: row(:), column(:)                       !! (n_entries), position inside the block
       real(wp), allocatable :: mass(:), damping(:), stiffness(:)      !! (n_entries)
-      type(frequency_part_t), allocatable :: parts(:)                 !! that depend on the frequency, or not allocated
+      type(frequency_part_t), allocatable :: parts(:)                 !! frequency-dependent parts, or not allocated
       real(wp), allocatable :: shares(:, :)                           !! a b^T of each part, (n_entries, n_parts)
    contains
       procedure :: evaluate => structure_block_evaluate
@@ -28,8 +28,8 @@ module hb_structure_block
 
 contains
 
-   !> Collects the entries of the block where mass, damping or stiffness is not zero, column by column; one of no rows or no columns
-   !> has no arrays.
+   !> Collects the entries of the block with nonzero mass, damping or stiffness, column by column; without rows or
+   !> columns there are no arrays.
    subroutine new_structure_block(self, structure, rows, columns)
       type(structure_block_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
@@ -66,7 +66,8 @@ contains
       call add_parts(self, structure, rows, columns)
    end subroutine new_structure_block
 
-   !> Adds the parts that depend on the frequency: what each has at the entries, and entries that the matrices have not.
+   !> Adds the frequency-dependent parts: their contributions to the entries, and entries that the matrices do not
+   !> have.
    subroutine add_parts(self, structure, rows, columns)
       type(structure_block_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure
@@ -176,7 +177,7 @@ contains
       end do
    end subroutine structure_block_scale_by
 
-   !> Values of the entries, s = k - (w**2 + i drive) m + i w d, and what the parts have there.
+   !> Values of the entries, s = k - (w**2 + i drive) m + i w d, plus those of the parts.
    pure subroutine structure_block_evaluate(self, frequency, drive, s)
       class(structure_block_t), intent(in) :: self
       real(wp), intent(in) :: frequency                               !! [rad/s], of any sign
@@ -220,7 +221,8 @@ contains
       ds_ddrive = cmplx(0.0_wp, -self%mass, wp)
    end subroutine structure_block_drive_slope
 
-   !> Sizes of the entries before anything cancels, |k| + w**2 |m| + |w d| + sum of |Z a b|: rounding in S is relative to these.
+   !> Magnitudes of the entries before cancellation, |k| + w**2 |m| + |w d| + sum of |Z a b|: rounding in S is
+   !> relative to these.
    pure subroutine structure_block_magnitude(self, frequency, magnitude)
       class(structure_block_t), intent(in) :: self
       real(wp), intent(in) :: frequency

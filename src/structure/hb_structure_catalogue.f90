@@ -1,4 +1,5 @@
-!> The known builders of structures: a case each. Their names stand in the table of input keys, as the types of `&structure`.
+!> The known builders of structures, one case each. Their names are the types of `&structure` in the table of input
+!> keys.
 module hb_structure_catalogue
    use hb_beam, only: read_beam
    use hb_chain, only: read_chain
@@ -17,8 +18,8 @@ module hb_structure_catalogue
 
 contains
 
-   !> Reads the structure from its group `&structure`, whose key `type` names the builder. Fails before its matrices are made
-   !> where these do not fit into `memory_limit`.
+   !> Reads the structure from its group `&structure`, whose key `type` names the builder. Fails before its matrices
+   !> are allocated if they do not fit into `memory_limit`.
    subroutine read_structure(group, structure, error, memory_limit, fe_models)
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(out) :: structure

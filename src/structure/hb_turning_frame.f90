@@ -1,14 +1,14 @@
-!> Two coordinates that belong to a frame which turns relative to the body whose motion they give.
+!> Two coordinates in a frame that rotates relative to the body whose motion they describe.
 !>
-!> With X = x1 + i x2 in the frame of the body and Y = y1 + i y2 in a frame that turns by the angle W t relative to it,
-!> X = Y exp(i W t) and X' = (Y' + i W Y) exp(i W t). Multiplying by i is the matrix J = ((0, -1), (1, 0)). A mass m, an isotropic
-!> damper d and an isotropic spring k of the body become
+!> With X = x1 + i x2 in the frame of the body and Y = y1 + i y2 in a frame rotated by the angle W t relative to it, X
+!> = Y exp(i W t) and X' = (Y' + i W Y) exp(i W t). Multiplication by i is the matrix J = ((0, -1), (1, 0)). A mass m,
+!> an isotropic damper d and an isotropic spring k of the body become
 !>
 !>     m y'' + (d + 2 m W J) y' + (k - m W**2 + d W J) y:
 !>
-!> Coriolis terms (skew-symmetric), centrifugal terms, and a circulatory stiffness of the damper. Two modes
-!> u = x1 cos(n theta) + x2 sin(n theta) of n nodal diameters, seen from a frame of speed S, have W = n S.
-!> Source: docs/why/theory.md, section 4, frames that turn.
+!> with Coriolis terms (skew-symmetric), centrifugal terms, and a circulatory stiffness of the damper. Two modes u =
+!> x1 cos(n theta) + x2 sin(n theta) of n nodal diameters, in a frame of speed S, have W = n S. Source:
+!> docs/why/theory.md, section 4, rotating frames.
 module hb_turning_frame
    use hb_kinds, only: wp
    implicit none
@@ -24,7 +24,7 @@ contains
       real(wp), intent(inout) :: mass_matrix(:, :), damping_matrix(:, :), stiffness_matrix(:, :)   !! (n_dofs, n_dofs)
       integer, intent(in) :: first
       real(wp), intent(in) :: mass                           !! m [kg]
-      real(wp), intent(in) :: damping                        !! d [N s/m], of the motion that the body sees
+      real(wp), intent(in) :: damping                        !! d [N s/m], for the motion in the frame of the body
       real(wp), intent(in) :: stiffness                      !! k [N/m]
       real(wp), intent(in) :: rate                           !! W [rad/s], of the frame relative to the body
       integer :: i, last

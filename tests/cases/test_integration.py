@@ -175,7 +175,7 @@ def test_forced_mass_is_that_of_the_balance(tmp_path):
         (
             FORCED + "&integration duration=1 /\n"
             "&law type='contact_table', contact='rigid', dofs='x1', n_contacts=1, shapes=-1, gaps=1 /",
-            "no method of &integration holds rigid contacts",
+            "no method of &integration supports rigid contacts",
         ),
         (FORCED + "&integration duration=1e12 /", "at most 2147483647 can be counted"),
         (FORCED + "&integration duration=2e7, transient=1e20 /", "at most 2147483647 can be counted"),

@@ -98,7 +98,7 @@ def test_limit_refuses_with_what_would_fit(tmp_path):
     done = run("solve", source, "--set", "solver%memory_limit=0.1", cwd=tmp_path)
     assert done.status == BAD_INPUT
     assert len(done.messages) == 1
-    assert "102 MiB are there for each process" in done.stderr
+    assert "102 MiB are available for each process" in done.stderr
     assert re.search(r"tangent \d+ MiB.*What would fit: order \d+ instead of 28", done.stderr)
     order = re.search(r"order (\d+) instead", done.stderr).group(1)
     assert run(

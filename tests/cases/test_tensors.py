@@ -41,9 +41,9 @@ def test_a_file_is_as_good_as_lists(tmp_path):
 
 
 @pytest.mark.parametrize("line, message", [
-    ("abc a a", "line 3: 'abc' is no number"), ("inf a a", "line 3: 'inf' is no number"),
-    ("1.0 a c", "line 3: 'c' is none of 'dofs'"),
-    ("1.0 a", "line 3: a term needs a number"), ("1.0 a" + 31 * " b", "line 3: a degree of freedom stands more than 30 times"),
+    ("abc a a", "line 3: 'abc' is not a number"), ("inf a a", "line 3: 'inf' is not a number"),
+    ("1.0 a c", "line 3: 'c' is not one of 'dofs'"),
+    ("1.0 a", "line 3: a term needs a number"), ("1.0 a" + 31 * " b", "line 3: a degree of freedom occurs more than 30 times"),
     ("", "has no terms"),
 ])  # fmt: skip
 def test_what_is_wrong_has_its_line(line, message, tmp_path):

@@ -214,7 +214,7 @@ class Structure:
     @classmethod
     def _from_file(cls, file: h5py.File) -> Structure:
         if _text(file.attrs.get("format", "")) != FORMAT:
-            raise ModelError(f"is no model file: it has no attribute 'format' that says '{FORMAT}'")
+            raise ModelError(f"is not a model file: it has no attribute 'format' with the value '{FORMAT}'")
         if int(file.attrs.get("schema_version", 0)) != SCHEMA_VERSION:
             raise ModelError(f"has schema version {file.attrs.get('schema_version')}, this package reads {SCHEMA_VERSION}")
         labels = _texts(file, "labels")
