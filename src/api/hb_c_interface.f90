@@ -35,7 +35,7 @@ module hb_c_interface
       type(c_ptr) :: axes
    end type c_column_t
 
-   !> struct nhbm_model: a session with the texts that C sees of it.
+   !> struct nhbm_model: a session with the texts passed to C.
    type :: handle_t
       type(session_t) :: session
       type(error_t), allocatable :: failure                           ! of the last call
@@ -356,7 +356,7 @@ contains
       text = c_loc(version_text)
    end function nhbm_version
 
-   !> Row i of the table of input keys, from 0; 0 behind the last.
+   !> Row i of the table of input keys, from 0; 0 after the last.
    integer(c_int) function nhbm_key(i, row, size) bind(c, name="nhbm_key") result(is_row)
       integer(c_int), value :: i, size
       character(c_char), intent(out) :: row(size)
@@ -372,7 +372,7 @@ contains
       row(k) = c_null_char
    end function nhbm_key
 
-   !> Fills the error of C, and gives its code.
+   !> Fills the error of C, and returns its code.
    integer(c_int) function reported(failure, code, error)
       type(error_t), allocatable, intent(in) :: failure
       integer(c_int), intent(in) :: code
@@ -392,7 +392,7 @@ contains
       reported = code
    end function reported
 
-   !> Address of a text that stays until the next one takes its place.
+   !> Address of a text that is valid until it is replaced.
    type(c_ptr) function kept(text, place)
       character(*), intent(in) :: text
       character(c_char), allocatable, target, intent(inout) :: place(:)

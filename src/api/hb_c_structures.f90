@@ -1,4 +1,4 @@
-!> Structures that a program describes to nhbm when an input names them: the functions nhbm_structure_... of nhbm.h.
+!> Structures that a program defines when an input names them: the functions nhbm_structure_... of nhbm.h.
 module hb_c_structures
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_pointer, c_f_procpointer, c_funptr, c_int, c_loc, &
       c_null_char, c_null_funptr, c_null_ptr, c_ptr
@@ -13,7 +13,7 @@ module hb_c_structures
    private
    public :: c_structures_t
 
-   !> Asks the program: fill(context, file, structure).
+   !> Calls the program: fill(context, file, structure).
    type, extends(fe_model_source_t) :: c_structures_t
       type(c_funptr) :: fill = c_null_funptr
       type(c_ptr) :: context = c_null_ptr
@@ -21,7 +21,7 @@ module hb_c_structures
       procedure :: fetch => c_structures_fetch
    end type c_structures_t
 
-   !> struct nhbm_structure: what has been said so far, and what is wrong with it.
+   !> struct nhbm_structure: the data defined so far, and the first error.
    type :: described_t
       type(fe_model_t) :: fe_model
       integer :: n_nodes = 0
@@ -200,7 +200,7 @@ contains
       call fail(d%error, c_text(text))
    end subroutine nhbm_structure_refuse
 
-   !> The words of a text with blanks between.
+   !> The words of a text separated by blanks.
    function words_of(text) result(words)
       character(*), intent(in) :: text
       type(string_t), allocatable :: words(:)

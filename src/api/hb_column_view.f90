@@ -1,4 +1,4 @@
-!> One column of a motion by its name: its values with their shape.
+!> One column of a motion by its name: its values and their shape.
 module hb_column_view
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
@@ -14,19 +14,19 @@ module hb_column_view
       integer :: real = 0
       integer :: integer = 1
       integer :: unknown = 2                                          !! no value is known
-      integer :: text = 3                                             !! hb_session gives the one that there is, the message
+      integer :: text = 3                                             !! hb_session provides the only one, the message
    end type column_kind_t
    type(column_kind_t), parameter :: column_kind = column_kind_t()
 
    type, extends(columns_t) :: column_view_t
-      character(:), allocatable :: name                               !! asked for; empty: all names are listed
+      character(:), allocatable :: name                               !! requested; empty: all names are listed
       logical :: is_found = .false.
       integer :: kind = column_kind%unknown
       real(wp), allocatable :: reals(:)
       integer, allocatable :: integers(:)
-      integer, allocatable :: extents(:)                              !! fastest axis first; none of a single value
-      character(:), allocatable :: units, axes                        !! names of axes, slowest first, with blanks between
-      character(:), allocatable :: names                              !! of all columns, with blanks between
+      integer, allocatable :: extents(:)                              !! fastest axis first; none for a single value
+      character(:), allocatable :: units, axes                        !! names of axes, slowest first, separated by blanks
+      character(:), allocatable :: names                              !! of all columns, separated by blanks
    contains
       procedure :: begin => column_view_begin
       procedure :: look_up => column_view_look_up
@@ -38,7 +38,7 @@ module hb_column_view
 
 contains
 
-   !> Begins to look for a column among those that are gone through next.
+   !> Begins the search for a column among those that follow.
    subroutine column_view_begin(self, name)
       class(column_view_t), intent(inout) :: self
       character(*), intent(in) :: name                                !! empty: `names` are listed
@@ -54,12 +54,12 @@ contains
       self%axes = ""
    end subroutine column_view_begin
 
-   !> Looks a column up. Fails for a name that there is not.
+   !> Looks up a column. Fails for an unknown name.
    subroutine column_view_look_up(self, name, motion, n_outputs, error)
       class(column_view_t), intent(inout) :: self
       character(*), intent(in) :: name                                !! empty: `names` are listed
       type(motion_result_t), intent(in) :: motion
-      integer, intent(in) :: n_outputs                                !! that a tolerance is for
+      integer, intent(in) :: n_outputs                                !! number of outputs of a tolerance
       type(error_t), allocatable, intent(out) :: error
 
       call self%begin(name)
@@ -77,7 +77,7 @@ contains
       call self%refuse_unknown(error)
    end subroutine column_view_look_up
 
-   !> Fails for a name that no column of those that were gone through has, with that which was probably meant.
+   !> Fails if none of the searched columns has the name, with the closest known name.
    subroutine column_view_refuse_unknown(self, error)
       class(column_view_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error

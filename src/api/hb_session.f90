@@ -1,8 +1,8 @@
-!> A model that is solved in process, again and again with other values: an input without files, its present model, and the motion
-!> found last, from which the next one may start.
+!> A model that is solved repeatedly in process with changing values: an input without files, its present model, and
+!> the last motion, from which the next one may start.
 !>
-!> What a point of a sweep is in a run is a call of `solve` here, and a curve comes point by point; numbers are the same to the last
-!> bit. One thread at a time may use a session.
+!> A call of `solve` corresponds to a point of a sweep in a run, and a curve is computed point by point; numbers are
+!> the same to the last bit. Only one thread at a time may use a session.
 module hb_session
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, c_int, c_int64_t, &
@@ -46,15 +46,15 @@ module hb_session
       integer(c_int64_t) :: n_done = 0_c_int64_t, n_steps = 0_c_int64_t
    end type progress_t
 
-   !> Ends what is under way when somebody wants that, and reports how far it is.
+   !> Ends the present work if requested, and reports its progress.
    type, extends(cancellation_t) :: session_cancellation_t
-      type(c_funptr) :: ask = c_null_funptr                           !! wants_end(context) of nhbm.h; null: nobody ever does
+      type(c_funptr) :: ask = c_null_funptr                           !! wants_end(context) of nhbm.h; null: never
       type(c_ptr) :: context = c_null_ptr
-      type(c_funptr) :: told = c_null_funptr                          !! told(context, progress) of nhbm.h; null: nobody is
+      type(c_funptr) :: told = c_null_funptr                          !! told(context, progress) of nhbm.h; null: no reports
       type(c_ptr) :: told_context = c_null_ptr
       type(progress_t), private :: progress
       real(wp), private :: began = 0.0_wp                             ! [s]
-      real(wp), private :: asked = -huge(1.0_wp)                      ! [s] when it was asked last
+      real(wp), private :: asked = -huge(1.0_wp)                      ! [s] time of the last call
    contains
       procedure :: note_progress => session_cancellation_note_progress
       procedure :: wants_end => session_cancellation_wants_end
@@ -73,27 +73,27 @@ module hb_session
       end subroutine told
    end interface
 
-   !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`.
+   !> Owner of external resources: call `destroy`. A variable of this type needs the attribute `target`.
    type :: session_t
       type(document_t) :: document
       type(model_t) :: model
       type(motion_result_t) :: result                                 !! of the last `solve`, or the last point of a curve
-      logical :: has_curve = .false.                                  !! `next` may give a further point
+      logical :: has_curve = .false.                                  !! `next` may return a further point
       type(integration_t), allocatable :: record                      !! of the last `integrate`, if `verify` was not called since
       type(verdict_t) :: verdict                                      !! of the last `verify`
       type(session_cancellation_t) :: cancellation
       type(column_view_t) :: column                                   !! looked up last
-      type(parameter_t), allocatable :: parameters(:)                 !! that have been resolved
-      type(callbacks_t) :: callbacks                                  !! `fe_models` is where structures come from
-      integer :: n_points = 1                                         !! that share the time for stability that a run of the command
-                                                                      !! has beside its points; 0: there is none
+      type(parameter_t), allocatable :: parameters(:)                 !! resolved parameters
+      type(callbacks_t) :: callbacks                                  !! `fe_models` is the source of structures
+      integer :: n_points = 1                                         !! points that share the time for stability which a run of
+                                                                      !! the command has in addition to its points; 0: none
       type(neighbour_t), private :: neighbour
       type(cached_linear_parts_t), private :: kept
       type(curve_plan_t), private :: plan
       type(curve_request_t), private :: request
       class(motion_curve_t), allocatable, private :: curve
       logical, private :: has_begun = .false.                         ! the curve
-      integer, private :: n_sharing = -1                              ! `n_points` that the callbacks are for
+      integer, private :: n_sharing = -1                              ! `n_points` for which the callbacks were set
    contains
       procedure :: read => session_read
       procedure :: set => session_set
@@ -114,7 +114,7 @@ module hb_session
 
 contains
 
-   !> Takes a model from the text of an input, in the place of the one before. Fails with all that is wrong with it.
+   !> Reads a model from the text of an input, which replaces the previous one. Fails with all errors of the input.
    subroutine session_read(self, name, text, error)
       class(session_t), intent(inout), target :: self
       character(*), intent(in) :: name                                !! for messages
@@ -137,13 +137,13 @@ contains
    !> Sets the values of a key, `law(stop)%gap = 1e-3`.
    subroutine session_set(self, path, values, error)
       class(session_t), intent(inout) :: self
-      character(*), intent(in) :: path, values                        !! as `--set` has them
+      character(*), intent(in) :: path, values                        !! as for `--set`
       type(error_t), allocatable, intent(out) :: error
 
       call set_text(self%document, path, values, error)
    end subroutine session_set
 
-   !> Looks a number up by its path, once for all; its number among `parameters`.
+   !> Looks up a number by its path, once; returns its index in `parameters`.
    subroutine session_resolve(self, path, number, error)
       class(session_t), intent(inout) :: self
       character(*), intent(in) :: path
@@ -161,15 +161,15 @@ contains
       number = size(self%parameters)
    end subroutine session_resolve
 
-   !> Sets a number that has been looked up, in the unit of the input. What is wrong with it is reported by the next solution.
+   !> Sets a resolved number, in the unit of the input. The next solution reports errors of its value.
    subroutine session_set_number(self, number, value, error)
       class(session_t), intent(inout) :: self
-      integer, intent(in) :: number                                   !! that `resolve` gave
+      integer, intent(in) :: number                                   !! returned by `resolve`
       real(wp), intent(in) :: value
       type(error_t), allocatable, intent(out) :: error
 
       if (number < 1 .or. number > size(self%parameters)) then
-         call fail(error, "no parameter has this handle; a path that is looked up returns one")
+         call fail(error, "no parameter has this handle; resolving a path returns one")
          return
       end if
       associate (parameter => self%parameters(number))
@@ -178,7 +178,7 @@ contains
       end associate
    end subroutine session_set_number
 
-   !> Brings the model to the present values. Fails with all that is wrong with them.
+   !> Updates the model to the present values. Fails with all errors of the input.
    subroutine session_update(self, error)
       class(session_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
@@ -187,7 +187,7 @@ contains
       call update_model(self%model, self%document, is_new, error, callbacks=self%callbacks)
    end subroutine session_update
 
-   !> The input with all keys that may be given, and their present values; of values that are wrong those before.
+   !> The input with all permitted keys and their present values; invalid values are replaced by the previous ones.
    subroutine session_complete_input(self, text)
       class(session_t), intent(inout), target :: self
       character(:), allocatable, intent(out) :: text
@@ -197,8 +197,8 @@ contains
       call write_complete_text(self%document, text)
    end subroutine session_complete_input
 
-   !> Solves the model with its present values, from the motion found last where one is wanted and there is one. What does not
-   !> converge is reported by the status of the result; an error is one of the model.
+   !> Solves the model with its present values, from the last motion if requested and available. The status of the
+   !> result reports a failure to converge; an error is one of the model.
    subroutine session_solve(self, is_warm, error)
       class(session_t), intent(inout), target :: self
       logical, intent(in) :: is_warm
@@ -238,7 +238,7 @@ contains
       self%result%solve_seconds = wall_clock() - started
    end subroutine session_solve
 
-   !> Begins the curve of the group `&curve`; `next` gives its points.
+   !> Begins the curve of the group `&curve`; `next` returns its points.
    subroutine session_begin_curve(self, error)
       class(session_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
@@ -263,7 +263,7 @@ contains
       self%has_begun = .false.
    end subroutine session_begin_curve
 
-   !> The next point of the curve becomes the result; `has_curve` is false where it was the last. An error ends the curve.
+   !> Makes the next point of the curve the result; `has_curve` is false if it was the last. An error ends the curve.
    subroutine session_next(self, error)
       class(session_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
@@ -290,7 +290,8 @@ contains
       if (allocated(error)) deallocate (error)
    end subroutine session_next
 
-   !> Integrates the model through time with its present values, as `&integration` says. What is interrupted leaves no record.
+   !> Integrates the model in time with its present values, as defined by `&integration`. An interrupted integration
+   !> leaves no record.
    subroutine session_integrate(self, error)
       class(session_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
@@ -308,10 +309,10 @@ contains
       if (self%cancellation%verdict == verdict%interrupted .and. allocated(error)) deallocate (error)
    end subroutine session_integrate
 
-   !> Integrates from the motion that `solve` has found last, and from beside it, until it is clear whether it stays there.
+   !> Integrates from the last motion of `solve`, and from a neighbouring state, until the verdict is clear.
    subroutine session_verify(self, n_periods, error)
       class(session_t), intent(inout), target :: self
-      integer, intent(in) :: n_periods                                !! of the slowest tone, at most; 0: by the decay
+      integer, intent(in) :: n_periods                                !! of the slowest tone, at most; 0: from the decay rate
       type(error_t), allocatable, intent(out) :: error
       type(document_t), target :: document
       type(model_t) :: model
@@ -321,7 +322,7 @@ contains
       self%verdict = verdict_t()
       associate (motion => self%result)
          if (allocated(motion%curve) .or. .not. is_solved(motion%status)) then
-            call fail(error, "there is no motion that `solve` has found and that could be verified")
+            call fail(error, "there is no motion of `solve` that can be verified")
             return
          end if
          document = self%document
@@ -351,7 +352,7 @@ contains
       if (self%cancellation%verdict == verdict%interrupted .and. allocated(error)) deallocate (error)
    end subroutine session_verify
 
-   !> Looks a column of the record up, or of the verdict where `verify` was called last: `column` has it then.
+   !> Looks up a column of the record, or of the verdict if `verify` was called last, in `column`.
    subroutine session_look_up_in_time(self, name, error)
       class(session_t), intent(inout) :: self
       character(*), intent(in) :: name                                !! empty: `column%names` are listed
@@ -364,7 +365,7 @@ contains
       end if
    end subroutine session_look_up_in_time
 
-   !> Looks a column of the result up: `column` has it then. Fails for a name that there is not.
+   !> Looks up a column of the result in `column`. Fails for an unknown name.
    subroutine session_look_up(self, name, error)
       class(session_t), intent(inout) :: self
       character(*), intent(in) :: name                                !! empty: `column%names` are listed
@@ -384,8 +385,8 @@ contains
       call self%column%look_up(name, self%result, size(self%model%accuracy%outputs), error)
    end subroutine session_look_up
 
-   !> Labels of the degrees of freedom along the axes `dof`, `law_dof` and `state_dof`, of the laws along `law`, and of their
-   !> coordinates in a record; none of other axes.
+   !> Labels of the degrees of freedom along the axes `dof`, `law_dof` and `state_dof`, of the laws along `law`, and
+   !> of their coordinates in a record; none for other axes.
    function session_labels_along(self, axis) result(labels)
       class(session_t), intent(in) :: self
       character(*), intent(in) :: axis
@@ -406,7 +407,7 @@ contains
       end select
    end function session_labels_along
 
-   !> Lets that many points share the time that a run has for stability; the model is read anew where it was another number.
+   !> Sets the number of points that share the time of a run for stability; the model is read again if it changes.
    subroutine share_time(self, n_points)
       class(session_t), intent(inout) :: self
       integer, intent(in) :: n_points
@@ -417,10 +418,10 @@ contains
       self%n_sharing = n_points
    end subroutine share_time
 
-   !> Enters the cancellation. What was ended before does not end this.
+   !> Enters the cancellation. An earlier end does not affect it.
    subroutine begin_work(self, time_limit)
       class(session_t), intent(inout), target :: self
-      real(wp), intent(in) :: time_limit                              !! of the processor [s], huge for any
+      real(wp), intent(in) :: time_limit                              !! processor time [s], huge() for no limit
 
       self%cancellation%verdict = verdict%go_on
       self%cancellation%progress = progress_t()
@@ -453,7 +454,7 @@ contains
       self%progress%n_steps = int(n_steps, c_int64_t)
    end subroutine session_cancellation_note_progress
 
-   !> Asks and reports every twentieth of a second, at negligible cost.
+   !> Calls the program every twentieth of a second, at negligible cost.
    logical function session_cancellation_wants_end(self) result(wants)
       class(session_cancellation_t), intent(inout) :: self
       real(wp), parameter :: interval = 0.05_wp

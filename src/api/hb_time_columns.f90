@@ -1,4 +1,4 @@
-!> What time integration gives, by names: a record as its file has it (docs/user/schema.md), or the verdict on a motion.
+!> Results of time integration by name: a record as in its file (docs/user/schema.md), or the verdict on a motion.
 module hb_time_columns
    use hb_column_view, only: column_view_t
    use hb_error, only: error_t
@@ -12,7 +12,7 @@ module hb_time_columns
 
 contains
 
-   !> Looks a column of a record up. Fails for a name that there is not.
+   !> Looks up a column of a record. Fails for an unknown name.
    subroutine find_record_column(column, name, record, model, error)
       class(column_view_t), intent(inout) :: column
       character(*), intent(in) :: name                                !! empty: names are listed
@@ -53,7 +53,7 @@ contains
       call column%refuse_unknown(error)
    end subroutine find_record_column
 
-   !> Looks a column of the verdict on a motion up. Fails for a name that there is not.
+   !> Looks up a column of the verdict on a motion. Fails for an unknown name.
    subroutine find_verdict_column(column, name, verdict, error)
       class(column_view_t), intent(inout) :: column
       character(*), intent(in) :: name                                !! empty: names are listed

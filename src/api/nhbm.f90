@@ -1,4 +1,4 @@
-!> nhbm for programs in Fortran: the one module that they use.
+!> nhbm for programs in Fortran: the only module that they use.
 !>
 !>     type(model_t), target :: model
 !>     type(error_t), allocatable :: error
@@ -11,9 +11,10 @@
 !>     end do
 !>     call model%destroy()
 !>
-!> `model%result` is all that is known of the motion found last; `model%look_up` gives it by the names of the result file as well.
-!> Structures that a program has as matrices: extend `structure_source_t` and allocate `model%callbacks%fe_models` with it. Laws of
-!> its own: `give_law` takes a `law_info_t` and a function of `law_samples_t`, as nhbm_user_law.h describes them.
+!> `model%result` contains all results of the last motion; `model%look_up` also returns them by the names of the
+!> result file. For structures given as matrices: extend `structure_source_t` and allocate `model%callbacks%fe_models`
+!> with it. For laws of the program: `give_law` registers a `law_info_t` and a function of `law_samples_t`, as
+!> nhbm_user_law.h describes them.
 module nhbm
    use hb_error, only: error_t
    use hb_fe_model, only: structure_data_t => fe_model_t, structure_source_t => fe_model_source_t

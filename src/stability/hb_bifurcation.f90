@@ -1,12 +1,12 @@
 !> Functions of the multipliers whose zeros are bifurcations of periodic motions, for curves to locate.
 !>
-!> With all multipliers m but the one that is known: 1 + m is zero where the period doubles, 1 - m where a branch begins (or at
-!> a fold, where the curve itself turns back), 1 - m n of a complex pair where it leaves the unit circle, and of two real ones
-!> where they are the inverse of each other, which is nothing: `is_torus` tells. The function of each kind has the size of the
-!> factor that is closest to zero and the sign of the product of all. So it is zero where one factor is, changes its sign there,
-!> and multipliers that stay away from the unit circle, however many and however close to it, change neither.
-!> Source: Y. A. Kuznetsov, Elements of Applied Bifurcation Theory, 3rd edition, Springer 2004, section 10.2
-!> (for the matrix itself).
+!> With all multipliers m except the trivial one: 1 + m is zero at a period doubling, 1 - m at a branch point (or at a
+!> fold, where the curve itself turns back), 1 - m n of a complex pair where it leaves the unit circle. For two real
+!> ones 1 - m n is zero where they are inverse to each other, which is no bifurcation: `is_torus` distinguishes the
+!> cases. The function of each kind has the magnitude of the factor closest to zero and the sign of the product of
+!> all. It is therefore zero if one factor is, changes its sign there, and does not depend on the number of other
+!> multipliers or their distance from the unit circle. Source: Y. A. Kuznetsov, Elements of Applied Bifurcation
+!> Theory, 3rd edition, Springer 2004, section 10.2 (for the matrix itself).
 module hb_bifurcation
    use hb_kinds, only: wp
    implicit none
@@ -22,10 +22,10 @@ module hb_bifurcation
 
 contains
 
-   !> The function of one kind; positive where all multipliers are small.
+   !> The function of one kind; positive if all multipliers are small.
    pure real(wp) function bifurcation_value(kind, multipliers) result(value)
       integer, intent(in) :: kind
-      complex(wp), intent(in) :: multipliers(:)                       !! with each its conjugate, but half of the last pair
+      complex(wp), intent(in) :: multipliers(:)                       !! each with its conjugate, except half of the last pair
       integer :: i, k
 
       value = huge(1.0_wp)
@@ -47,7 +47,7 @@ contains
 
    contains
 
-      !> Takes a factor: a complex one comes with its conjugate, and both together have a positive product.
+      !> Includes a factor: a complex one occurs with its conjugate, and their product is positive.
       pure subroutine join(factor)
          complex(wp), intent(in) :: factor
 
@@ -71,7 +71,7 @@ contains
       is_torus = angle_of_pair(multipliers) > 0.0_wp
    end function is_torus
 
-   !> Angle [rad] of the pair, complex or real, whose product is closest to 1; 0 where this is real.
+   !> Angle [rad] of the pair, complex or real, whose product is closest to 1; 0 if it is real.
    pure real(wp) function angle_of_pair(multipliers) result(angle)
       complex(wp), intent(in) :: multipliers(:)
       real(wp) :: least

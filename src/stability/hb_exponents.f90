@@ -1,10 +1,10 @@
-!> Lyapunov exponents along a motion of several tones: the rates at which disturbances grow, on average over the torus.
+!> Lyapunov exponents along a motion of several tones: the growth rates of disturbances, averaged over the torus.
 !>
-!> Disturbances are followed period by period, a period of the slowest tone each, and made orthogonal after each (Benettin). The
-!> logarithms of their growth are averaged with a smooth window, which converges faster than any power of the length
-!> where the linear equations can be reduced to constant ones; the difference of both halves of the record is the spread.
-!> Sources: G. Benettin, L. Galgani, A. Giorgilli and J.-M. Strelcyn, Meccanica 15 (1980) 9-20; S. Das, Y. Saiki, E. Sander and
-!> J. A. Yorke, Nonlinearity 30 (2017) 4111-4140.
+!> Disturbances are propagated period by period, each of the slowest tone, and orthogonalised after each (Benettin).
+!> The logarithms of their growth are averaged with a smooth window, which converges faster than any power of the
+!> length if the linear equations can be reduced to constant ones; the difference of both halves of the record is the
+!> spread. Sources: G. Benettin, L. Galgani, A. Giorgilli and J.-M. Strelcyn, Meccanica 15 (1980) 9-20; S. Das, Y.
+!> Saiki, E. Sander and J. A. Yorke, Nonlinearity 30 (2017) 4111-4140.
 module hb_exponents
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_birkhoff, only: bump_weights
@@ -15,62 +15,63 @@ module hb_exponents
    private
    public :: exponents_t, find_exponents, orthogonalise, propagation_t, work_of_exponents
 
-   integer, parameter :: n_periods = 100                              ! on which averages are taken
+   integer, parameter :: n_periods = 100                              ! of an average
    integer, parameter :: usual_most_periods = 800
-   real(wp), parameter :: overrun = 10.0_wp                           ! of the limit by work that was not foreseen: balls of a
-                                                                      ! bearing, whose slopes have kinks, take 3.5 times what is
-                                                                      ! expected
-   real(wp), parameter :: clear_early = 10.0_wp                       ! of the spread, from zero, before all `n_periods`
+   real(wp), parameter :: overrun = 10.0_wp                           ! of the limit by unexpected work: balls of a bearing,
+                                                                      !! whose slopes have kinks, need 3.5 times the expected
+                                                                      !! work
+   real(wp), parameter :: clear_early = 10.0_wp ! distance from zero, relative to the spread, for ending before `n_periods`
 
-   !> Somebody who carries disturbances along a motion.
+   !> Propagation of disturbances along a motion.
    type, abstract :: propagation_t
       integer :: size = 0                                             !! of a disturbance
-      integer :: n_begun = 0                                          !! its first entries, places and velocities
-      integer :: n_followed = 0                                       !! disturbances without those that are known to stay
+      integer :: n_begun = 0                                          !! its first entries, displacements and velocities
+      integer :: n_followed = 0                                       !! disturbances without those that are known to be neutral
       real(wp) :: length = 0.0_wp                                     !! of a period [s]
-      real(wp) :: work = 0.0_wp                                       !! of a period usually, in about a nanosecond
-      real(wp) :: work_left = huge(1.0_wp)                            !! of what all periods may take, likewise
-      real(wp) :: surge = 0.0_wp                                      !! logarithm of the most by which the first disturbance has
-                                                                      !! grown from any time to a later one, where periods see that
+      real(wp) :: work = 0.0_wp                                       !! of a typical period, in about a nanosecond
+      real(wp) :: work_left = huge(1.0_wp)                            !! of all periods, likewise
+      real(wp) :: surge = 0.0_wp                                      !! logarithm of the largest growth of the first
+                                                                      !! disturbance from any time to a later one, if periods
+                                                                      !! record it
    contains
       procedure(settle_memory), deferred :: settle
       procedure(carry_disturbances), deferred :: carry
    end type propagation_t
 
    abstract interface
-      !> Goes some periods along the motion before the first one counts: what remembers finds its place.
+      !> Advances some periods along the motion before the first one counts, until states with memory are periodic.
       subroutine settle_memory(self, n_periods, is_done)
          import :: propagation_t
          class(propagation_t), intent(inout) :: self
          integer, intent(in) :: n_periods
-         logical, intent(out) :: is_done                              !! else the motion was lost
+         logical, intent(out) :: is_done                              !! otherwise the motion was lost
       end subroutine settle_memory
 
-      !> Carries disturbances through the next period.
+      !> Propagates disturbances through the next period.
       subroutine carry_disturbances(self, x, is_done)
          import :: propagation_t, wp
          class(propagation_t), intent(inout) :: self
          real(wp), intent(inout), contiguous :: x(:, :)               !! (size, n_followed)
-         logical, intent(out) :: is_done                              !! else the motion was lost
+         logical, intent(out) :: is_done                              !! otherwise the motion was lost
       end subroutine carry_disturbances
    end interface
 
    type :: exponents_t
-      real(wp), allocatable :: rate(:)                                !! [1/s], the largest first; not allocated where lost
+      real(wp), allocatable :: rate(:)                                !! [1/s], the largest first; not allocated if lost
       real(wp), allocatable :: spread(:)                              !! likewise
       integer :: n_periods = 0
-      logical :: is_cut_short = .false.                               !! more periods would have taken more work than allowed
+      logical :: is_cut_short = .false.                               !! more periods would exceed the permitted work
    end type exponents_t
 
 contains
 
-   !> Follows disturbances until the largest exponent is further from zero than its spread is wide, or the work is done.
+   !> Propagates disturbances until the largest exponent exceeds its spread in magnitude, or the work is used up.
    subroutine find_exponents(self, propagation, work_limit, fewest_periods, most_periods)
       type(exponents_t), intent(out) :: self
       class(propagation_t), intent(inout) :: propagation
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
-      integer, intent(in), optional :: fewest_periods                 !! on which averages are taken, default `n_periods`
-      integer, intent(in), optional :: most_periods                   !! doubled up to that many, while the spread decides
+      integer, intent(in), optional :: fewest_periods                 !! of an average, default `n_periods`
+      integer, intent(in), optional :: most_periods                   !! doubled up to this number, while the spread is too large
       type(exponents_t) :: found
       real(wp), allocatable :: growth(:, :), longer(:, :), x(:, :)
       integer :: forgotten, i, k, limit, n_all
@@ -114,7 +115,7 @@ contains
       self = found
    end subroutine find_exponents
 
-   !> About how many nanoseconds they take, with averages on as many periods as are requested.
+   !> Approximate work in nanoseconds, with averages over the requested number of periods.
    pure real(wp) function work_of_exponents(work_of_period, fewest_periods) result(work)
       real(wp), intent(in) :: work_of_period
       integer, intent(in) :: fewest_periods
@@ -122,7 +123,7 @@ contains
       work = (fewest_periods + n_forgotten_of(fewest_periods))*work_of_period
    end function work_of_exponents
 
-   !> Periods in which disturbances find their directions, before so many on which averages are taken.
+   !> Periods before the average in which disturbances align.
    pure integer function n_forgotten_of(n_periods)
       integer, intent(in) :: n_periods
       integer, parameter :: most = 20
@@ -130,7 +131,7 @@ contains
       n_forgotten_of = min(most, n_periods/5)
    end function n_forgotten_of
 
-   !> Columns made orthogonal and of length 1 from left to right, twice over; logarithms of what they were longer.
+   !> Orthonormalises columns from left to right, twice; returns the logarithms of their lengths.
    pure subroutine orthogonalise(x, growth)
       real(wp), intent(inout) :: x(:, :)
       real(wp), intent(out) :: growth(:)

@@ -1,5 +1,5 @@
-!> Finds Floquet multipliers and Lyapunov exponents of motions, and decides on stability. Source: docs/why/theory.md,
-!> section 8.
+!> Computes Floquet multipliers and Lyapunov exponents of motions, and decides on stability. Source:
+!> docs/why/theory.md, section 8.
 module hb_floquet
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
@@ -22,14 +22,15 @@ module hb_floquet
    public :: assess_exponents, assess_matrix, deflate, eigenvalues_of, floquet_t, has_to_be_integrated, work_on_demand
 
    real(wp), parameter :: safety_of_multipliers = 10.0_wp                            ! on the estimate of the error
-   real(wp), parameter :: largest_surge = log(100.0_wp)               ! what is 1 % grows as large as the motion before it decays
-   real(wp), parameter :: most_work_of_orbit = 1.0e8_wp               ! likewise; high modes need more, and keep the series
+   real(wp), parameter :: largest_surge = log(100.0_wp) ! a disturbance of 1 % grows to the size of the motion before it decays
+   real(wp), parameter :: most_work_of_orbit = 1.0e8_wp ! likewise; high modes need more, and the series is used for them
    real(wp), parameter :: work_on_demand = 6.0e10_wp                  !! in about a nanosecond: a minute
-   real(wp), parameter :: most_turns = 1.0e6_wp                       ! of the fastest harmonic in a period of the slowest tone: the
-                                                                      ! samples of a period are counted by integers, and kept
+   real(wp), parameter :: most_turns = 1.0e6_wp                       ! of the fastest harmonic in a period of the slowest
+                                                                      !! tone: the samples of a period are stored, and counted
+                                                                      !! by default integers
 
    type, extends(stability_finder_t) :: floquet_t
-      real(wp) :: work_in_any_case = 0.0_wp                           !! that `auto` may take on a motion, in about a nanosecond
+      real(wp) :: work_in_any_case = 0.0_wp !! that `auto` may always use for a motion, in about a nanosecond
    contains
       procedure :: find => floquet_find
       procedure :: work_limit => floquet_work_limit
@@ -37,7 +38,7 @@ module hb_floquet
 
 contains
 
-   !> From the equations linearised along the motion; nothing where a law has none.
+   !> From the equations linearised along the motion; no result if a law has none.
    subroutine floquet_find(self, stability, config, motion, structure, laws, excitation, work_allowed)
       class(floquet_t), intent(in) :: self
       type(stability_t), intent(out) :: stability
@@ -57,7 +58,7 @@ contains
       if (config%method == stability_method%off .or. has_to_be_integrated(laws)) return
       how = config
       limit = self%work_limit(config, work_allowed)
-      stability%is_too_costly = least_work(structure%n_dofs) > limit  ! however the motion is: the mass is not divided by
+      stability%is_too_costly = least_work(structure%n_dofs) > limit  ! for any motion: the mass matrix is then not inverted
       if (stability%is_too_costly) return
       call new_variation(variation, structure, laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
       if (allocated(error)) return
@@ -100,11 +101,11 @@ contains
       end if
    end subroutine floquet_find
 
-   !> Work that may be taken, in about a nanosecond: where it is requested as much as it takes.
+   !> Permitted work in about a nanosecond; unlimited if requested explicitly.
    pure real(wp) function floquet_work_limit(self, config, work_allowed) result(limit)
       class(floquet_t), intent(in) :: self
       type(stability_config_t), intent(in) :: config
-      real(wp), intent(in) :: work_allowed                            !! as a usual point may take
+      real(wp), intent(in) :: work_allowed                            !! as for a typical point
 
       limit = huge(1.0_wp)
       if (config%method == stability_method%auto) &
@@ -148,7 +149,7 @@ contains
       call assess_exponents(self, propagation, work_limit, config)
    end subroutine assess_torus
 
-   !> Follows disturbances period by period, and reports what their growth says.
+   !> Propagates disturbances period by period, and derives the verdict from their growth.
    subroutine assess_exponents(self, propagation, work_limit, config)
       type(stability_t), intent(inout) :: self
       class(propagation_t), intent(inout) :: propagation
@@ -167,7 +168,7 @@ contains
       self%n_unstable = count(found%rate > safety*found%spread .and. found%rate > margin)
       if (self%n_unstable > 0) then
          self%verdict = verdict%unstable
-      else if (propagation%surge > largest_surge) then                ! stable for disturbances that are never met
+      else if (propagation%surge > largest_surge) then                ! stable only for disturbances that are too small to matter
          self%verdict = verdict%unknown
          self%growth = exp(propagation%surge)
       else if (maxval(found%rate) < -margin) then
@@ -177,8 +178,9 @@ contains
       end if
    end subroutine assess_exponents
 
-   !> Multipliers of the periodic motion under laws of piecewise constant slope next to the one given; none where there is none.
-   !> Those of a truncated motion may be far off although it is not: they depend on when it enters and leaves contact.
+   !> Multipliers of the periodic motion next to the given one under laws of piecewise constant slope; none if there
+   !> is none. Those of a truncated motion may be inaccurate although the motion is not, because they depend on the
+   !> times at which contact begins and ends.
    subroutine assess_orbit(self, variation, structure, motion, excitation)
       type(stability_t), intent(inout) :: self
       type(variation_t), intent(in) :: variation
@@ -201,7 +203,7 @@ contains
       type(stability_config_t), intent(in) :: config
       type(variation_t), intent(inout) :: variation
       complex(wp), intent(in) :: amplitudes(:, :)
-      logical, intent(in) :: is_free                                  !! the tone is the motion's own
+      logical, intent(in) :: is_free                                  !! the tone is unknown
       type(hill_t), allocatable, intent(inout) :: hill
       type(monodromy_t) :: monodromy
       complex(wp), allocatable :: shifts(:, :, :)
@@ -214,20 +216,20 @@ contains
             call find_monodromy(monodromy, variation, 0.0_wp, config%tolerance, work_on_demand)
          end if
       end associate
-      if (monodromy%estimate >= huge(1.0_wp)) return                  ! ended before it was known
+      if (monodromy%estimate >= huge(1.0_wp)) return                  ! cancelled
       self%estimate = monodromy%estimate
       if (.not. all(ieee_is_finite(monodromy%matrix))) return
       if (is_free) then
          shifts = shifts_of(variation, amplitudes, [.true.])
          shift = real(sum(shifts(:size(monodromy%matrix, 1), :, 1), dim=2))
-         if (variation%n_states > 0) shift = matmul(monodromy%matrix, shift)   ! sliders join
+         if (variation%n_states > 0) shift = matmul(monodromy%matrix, shift)   ! sliders are included
          self%estimate = max(self%estimate, norm2(matmul(monodromy%matrix, shift) - shift)/norm2(shift))
          call deflate(monodromy%matrix, shift)
       end if
       call assess_matrix(self, monodromy%matrix, variation%motion%omega(1))
    end subroutine assess_period
 
-   !> Keeps the multipliers of a monodromy matrix and reports what they say, with the estimate that there is.
+   !> Stores the multipliers of a monodromy matrix and derives the verdict, with the present estimate.
    subroutine assess_matrix(self, matrix, omega)
       type(stability_t), intent(inout) :: self
       real(wp), intent(in) :: matrix(:, :)
@@ -248,7 +250,7 @@ contains
       self%exponents = log(max(abs(self%multipliers), tiny(1.0_wp)))*omega/two_pi
    end subroutine assess_matrix
 
-   !> Whether a law leads through events that have no linearised equations here: rigid ones, and sliders without bounds.
+   !> Whether a law passes events that have no linearised equations here: rigid laws, and sliders without bounds.
    pure logical function has_to_be_integrated(laws)
       type(law_box_t), intent(in) :: laws(:)
       integer :: i
@@ -263,7 +265,7 @@ contains
       end do
    end function has_to_be_integrated
 
-   !> Eigenvalues of a real matrix, the largest first; none where LAPACK fails.
+   !> Eigenvalues of a real matrix, the largest first; none if LAPACK fails.
    subroutine eigenvalues_of(matrix, values)
       real(wp), intent(in) :: matrix(:, :)                            !! (n, n)
       complex(wp), allocatable, intent(out) :: values(:)
@@ -285,7 +287,7 @@ contains
          end if
          values = cmplx(real_part, imaginary, wp)
       end if
-      do i = 2, n                                                     ! pairs stay together: the order of equals is kept
+      do i = 2, n                                                     ! pairs stay adjacent: the sort is stable
          kept = values(i)
          do k = i - 1, 1, -1
             if (abs(values(k)) >= abs(kept)) exit
@@ -295,7 +297,7 @@ contains
       end do
    end subroutine eigenvalues_of
 
-   !> Those of two rows, without cancellation.
+   !> Eigenvalues of a matrix of two rows, without cancellation.
    pure function eigenvalues_of_two(a) result(values)
       real(wp), intent(in) :: a(:, :)
       complex(wp) :: values(2)
@@ -314,8 +316,8 @@ contains
       end if
    end function eigenvalues_of_two
 
-   !> Takes a known eigenvector out of a matrix, exactly so where it is one: by a reflection that turns it into the first unit
-   !> vector, whose row and column go.
+   !> Removes a known eigenvector from a matrix, exactly if it is one: by a reflection that maps it to the first unit
+   !> vector, whose row and column are removed.
    subroutine deflate(matrix, vector)
       real(wp), allocatable, intent(inout) :: matrix(:, :)            !! (n, n), then (n - 1, n - 1)
       real(wp), intent(in) :: vector(:)                               !! (n), not zero

@@ -1,5 +1,6 @@
-!> Distance of a motion from the kinks of its laws: the smallest and the largest value of each switch of a law, as the distance
-!> to a stop, over all phases. Where one of them is zero, the motion grazes: a contact begins, or one is never left any more.
+!> Distance of a motion from the kinks of its laws: the smallest and the largest value of each switch of a law, such
+!> as the distance to a stop, over all phases. If one of them is zero, the motion grazes: a contact begins, or becomes
+!> permanent.
 module hb_grazing
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
@@ -9,14 +10,15 @@ module hb_grazing
    private
    public :: extremes_of_switches
 
-   integer, parameter :: most_looks = 4096                            ! of the grid on which an extreme is searched for first
+   integer, parameter :: most_looks = 4096                            ! size of the grid for the first search of an extreme
    real(wp), parameter :: far = 0.25_wp                               ! from zero, relative to the range of the values
 
 contains
 
-   !> Extremes of all switches, (2, switches of all laws): smallest, largest. None where there are too many tones for a grid.
+   !> Extremes of all switches, (2, switches of all laws): smallest, largest. None if there are too many tones for a
+   !> grid.
    subroutine extremes_of_switches(laws, tuples, omega, amplitudes, extremes)
-      type(law_box_t), intent(inout) :: laws(:)                       !! phases are told to those that turn
+      type(law_box_t), intent(inout) :: laws(:)                       !! phases are set for laws that rotate
       integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
       complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin, (n_dofs, n_harmonics)
@@ -48,7 +50,7 @@ contains
       end do
    end subroutine extremes_of_switches
 
-   !> Phases on a grid that is fine enough for the highest harmonics, (n_tones, any); none where that were too many.
+   !> Phases on a grid that is fine enough for the highest harmonics, (n_tones, any); none if that is too large.
    pure subroutine make_grid(tuples, phases)
       integer, intent(in) :: tuples(:, :)
       real(wp), allocatable, intent(out) :: phases(:, :)
@@ -84,8 +86,8 @@ contains
       end do
    end subroutine find_values
 
-   !> The largest value of a switch times a sign: from the best place of the grid, one tone after the other, to the vertex of the
-   !> parabola through three phases that come closer from round to round.
+   !> The largest value of a switch times a sign: from the best point of the grid, one tone after the other, to the
+   !> vertex of the parabola through three phases whose distance is reduced from iteration to iteration.
    subroutine refine(box, motion, s, phases, values, sense, extreme)
       type(law_box_t), intent(inout) :: box
       type(motion_series_t), intent(in) :: motion
@@ -116,7 +118,7 @@ contains
             best(m) = best(m) + shift
             extreme = max(extreme, maxval(sense*near(s, :)))
          end do
-         width = max(1.0e-4_wp, 0.5_wp*width)                         ! less shows rounding alone
+         width = max(1.0e-4_wp, 0.5_wp*width)                         ! a smaller one would show rounding errors only
       end do
       call find_values(box, motion, reshape(best, [size(best), 1]), near)
       extreme = sense*max(extreme, sense*near(s, 1))

@@ -1,12 +1,13 @@
-!> Hill's problem without its eigenvalues: the solution of x' = A(t) x for disturbances, by products of x with harmonics of the
-!> motion.
+!> Hill's problem without its eigenvalues: the solution of x' = A(t) x for disturbances, from products of x with
+!> harmonics of the motion.
 !>
-!> With A a series in the phases tau = omega t, the products x cos(k.tau) and x sin(k.tau) obey linear equations with constant
-!> coefficients, y' = H y, whose matrix is that of Hill. Of the solution exp(H t) y(0) the part of k = 0 is x(t), so that no
-!> eigenvalue of H has to be chosen. H is cut off at an order; what is lost there reaches k = 0 after as many steps as the order
-!> has, so that time is taken in parts that are short for that: all have one matrix, only the phases at their start differ.
-!> Source: F. Bayer and R. I. Leine, Sorting-free Hill-based stability analysis of periodic solutions through Koopman analysis,
-!> Nonlinear Dynamics 111 (2023) 8439-8466. Here for any number of tones, and with parts of a period.
+!> With A a series in the phases tau = omega t, the products x cos(k.tau) and x sin(k.tau) obey linear equations with
+!> constant coefficients, y' = H y, whose matrix is that of Hill. The part k = 0 of the solution exp(H t) y(0) is
+!> x(t), so that no eigenvalue of H has to be selected. H is truncated at an order; the truncation affects k = 0 after
+!> as many steps as the order, so that time is divided into parts short enough for that: all have the same matrix,
+!> only the phases at their start differ. Source: F. Bayer and R. I. Leine, Sorting-free Hill-based stability analysis
+!> of periodic solutions through Koopman analysis, Nonlinear Dynamics 111 (2023) 8439-8466. Here for any number of
+!> tones, and with parts of a period.
 module hb_koopman_hill
    use hb_cancellation, only: work_is_over
    use hb_error, only: error_t
@@ -18,18 +19,18 @@ module hb_koopman_hill
    private
    public :: hill_t, new_hill
 
-   integer, parameter :: beyond = 6                                   ! order of H above that of A
-   integer, parameter :: fewest_parts = 4, most_parts = 1024          ! of a stretch
+   integer, parameter :: beyond = 6                                   ! order of H minus that of A
+   integer, parameter :: fewest_parts = 4, most_parts = 1024          ! of an interval
    real(wp), parameter :: negligible = 1.0e-12_wp                     ! harmonic of A, relative to the largest
 
    !> The series of A and the matrix of Hill.
    type :: hill_t
       integer :: n = 0                                                !! rows of A
-      logical :: is_too_large = .false.                               !! it would take more work than is allowed
+      logical :: is_too_large = .false.                               !! it would exceed the permitted work
       type(harmonics_t) :: set                                        !! of the products
       real(wp), allocatable :: omega(:)                               !! [rad/s], (n_tones)
       real(wp), allocatable :: matrix(:, :)                           !! H, (n*n_coefficients, n*n_coefficients)
-      integer, private :: n_parts = 0                                 ! of a stretch
+      integer, private :: n_parts = 0                                 ! of an interval
       real(wp), allocatable, private :: part(:, :)                    ! rows of exp(H time) for k = 0, (n, n*n_coefficients)
       real(wp), allocatable, private :: whole(:, :)                   ! exp(H time)
    contains
@@ -40,8 +41,8 @@ module hb_koopman_hill
 
 contains
 
-   !> Hill's problem of a motion whose laws are smooth. A has twice the order of the motion where its law is cubic; what is
-   !> negligible there is left out. Nothing is made where a period of the slowest tone would take more than `work_limit`.
+   !> Creates Hill's problem of a motion whose laws are smooth. A has twice the order of the motion for a cubic law;
+   !> negligible harmonics are omitted. Nothing is computed if a period of the slowest tone would exceed `work_limit`.
    subroutine new_hill(self, variation, work_limit, error)
       type(hill_t), intent(out) :: self
       type(variation_t), intent(inout) :: variation
@@ -80,7 +81,7 @@ contains
       end function is_negligible
    end subroutine new_hill
 
-   !> The first two rounds of `transfer` over a period of the slowest tone.
+   !> Work of the first two iterations of `transfer` over a period of the slowest tone.
    pure real(wp) function work_of(self) result(work)
       type(hill_t), intent(in) :: self
       real(wp) :: turn
@@ -99,7 +100,7 @@ contains
       real(wp) :: angle, weight
       integer :: done, h, i, m, n, n_grid, n_samples(size(series%highest)), place
 
-      n_samples = 4*series%highest + 2                                ! even a quartic of the motion is seen as it is
+      n_samples = 4*series%highest + 2                                ! resolves even a quartic of the motion
       n_grid = product(n_samples)
       n = variation%size
       allocate (cosine(n, n, series%n_harmonics), sine(n, n, series%n_harmonics), source=0.0_wp)
@@ -163,7 +164,7 @@ contains
 
    contains
 
-      !> What the harmonic k feels of the one k + l or k - l, whose side is 1 or -1.
+      !> Coupling of harmonic k to k + l or k - l, whose side is 1 or -1.
       subroutine couple(k, tuple, side, by_cosine, by_sine)
          integer, intent(in) :: k, tuple(:)
          real(wp), intent(in) :: side, by_cosine(:, :), by_sine(:, :)
@@ -192,7 +193,7 @@ contains
       end subroutine add
    end subroutine fill
 
-   !> Makes what `go_on` needs for parts of this length.
+   !> Computes the data of `go_on` for parts of this length.
    subroutine hill_prepare(self, length)
       class(hill_t), intent(inout) :: self
       real(wp), intent(in) :: length                                  !! [s]
@@ -202,7 +203,7 @@ contains
       self%part = self%whole((self%set%cos_at(1) - 1)*self%n + 1:self%set%cos_at(1)*self%n, :)
    end subroutine hill_prepare
 
-   !> Takes disturbances over the part that begins at these phases.
+   !> Propagates disturbances over the part that begins at these phases.
    subroutine hill_go_on(self, phases, x)
       class(hill_t), intent(in) :: self
       real(wp), intent(in) :: phases(:)                               !! [rad], (n_tones)
@@ -222,14 +223,14 @@ contains
       x = matmul(step, x)
    end subroutine hill_go_on
 
-   !> What a stretch of time makes of disturbances. Its parts are halved until the result does not change; stretches of the same
-   !> length that follow have as many.
+   !> Map of disturbances over an interval of time. Its parts are halved until the result does not change; subsequent
+   !> intervals of the same length have as many.
    subroutine hill_transfer(self, start, length, tolerance, matrix, estimate)
       class(hill_t), intent(inout) :: self
       real(wp), intent(in) :: start, length                           !! [s]
       real(wp), intent(in) :: tolerance
       real(wp), allocatable, intent(out) :: matrix(:, :)
-      real(wp), intent(inout) :: estimate                             !! of the error, as the first stretch showed it
+      real(wp), intent(inout) :: estimate                             !! of the error, from the first interval
       real(wp), allocatable :: before(:, :)
 
       if (self%n_parts > 0) then

@@ -1,7 +1,8 @@
 !> Propagation of disturbances along a motion of several tones by its linearised equations.
 !>
-!> A phase of the motion's own can be shifted: such disturbances, known at each time, are taken out. Beside a slow tone a
-!> disturbance may grow for a part of a period and decay on the rest: periods are cut into parts to record the largest growth.
+!> The motion can be shifted in the phase of an unknown tone: such disturbances, known at each time, are removed.
+!> Beside a slow tone a disturbance may grow for a part of a period and decay on the rest: periods are divided into
+!> parts to record the largest growth.
 module hb_linear_propagation
    use hb_cancellation, only: work_is_over
    use hb_exponents, only: orthogonalise, propagation_t
@@ -15,7 +16,7 @@ module hb_linear_propagation
    public :: linear_propagation_t, new_linear_propagation
 
    real(wp), parameter :: most_of_usual = 100.0_wp                    ! work of a period
-   integer, parameter :: turns_of_part = 4                            ! of the fastest tone, at least
+   integer, parameter :: turns_of_part = 4                            ! of the fastest tone
    integer, parameter :: most_parts = 16                              ! of a period
 
    type, extends(propagation_t) :: linear_propagation_t
@@ -23,11 +24,11 @@ module hb_linear_propagation
       complex(wp), allocatable :: shifts(:, :, :)                     !! by phases, as series in the tones, cos - i sin,
                                                                       !! (size, n_harmonics, n_shifts)
       real(wp) :: tolerance = 0.0_wp                                  !! of a period, relative
-      type(hill_t), allocatable :: hill                               !! follows them by Hill's problem, where there is one
+      type(hill_t), allocatable :: hill                               !! propagates them by Hill's problem, if present
       real(wp), private :: time = 0.0_wp                              ! [s]
       integer, private :: n_parts = 1                                 ! of a period
-      real(wp), private :: refine = 0.0_wp                            ! of the first disturbance from its last lowest point, in
-                                                                      ! logarithms
+      real(wp), private :: refine = 0.0_wp                            ! logarithm of the growth of the first disturbance since
+                                                                      !! its last minimum
    contains
       procedure :: settle => linear_propagation_settle
       procedure :: carry => linear_propagation_carry
@@ -35,7 +36,7 @@ module hb_linear_propagation
 
 contains
 
-   !> Disturbances of a motion but those that shift its own phases.
+   !> Disturbances of a motion, except those that shift its own phases.
    subroutine new_linear_propagation(self, variation, shifts, tolerance)
       type(linear_propagation_t), intent(out) :: self
       type(variation_t), intent(inout), target :: variation
@@ -55,7 +56,7 @@ contains
       self%work = self%n_parts*work_of_transfer(variation, self%length/self%n_parts)
    end subroutine new_linear_propagation
 
-   !> Lets sliders find their places.
+   !> Advances until sliders are periodic.
    subroutine linear_propagation_settle(self, n_periods, is_done)
       class(linear_propagation_t), intent(inout) :: self
       integer, intent(in) :: n_periods
@@ -99,7 +100,7 @@ contains
       end do
    end subroutine linear_propagation_carry
 
-   !> Takes out of disturbances what shifts phases of the motion.
+   !> Removes shifts of the phases of the motion from disturbances.
    subroutine remove_shifts(self, x)
       type(linear_propagation_t), intent(in) :: self
       real(wp), intent(inout) :: x(:, :)

@@ -1,8 +1,8 @@
 !> The exponential of a real matrix.
 !>
-!> Two rows: in closed form. More: scaled by a power of two to a norm of at most 1/2, the diagonal Pade approximant of degree 6
-!> (relative error of the backward kind below 1e-16 there), then squared. Source: N. J. Higham, Functions of Matrices, SIAM 2008,
-!> section 10.3.
+!> For two rows a closed form. Otherwise scaling by a power of two to a norm of at most 1/2, the diagonal Pade
+!> approximant of degree 6 (backward error below 1e-16 there), then squaring. Source: N. J. Higham, Functions of
+!> Matrices, SIAM 2008, section 10.3.
 module hb_matrix_exponential
    use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
@@ -13,11 +13,11 @@ module hb_matrix_exponential
 
    integer, parameter :: degree = 6
    integer, parameter :: largest_plain = 12                           ! rows up to which the compiler's products are faster
-   real(wp), parameter :: uncut = 1.0e8_wp                            ! [ns] of work between looks whether it shall end
+   real(wp), parameter :: uncut = 1.0e8_wp                            ! [ns] of work between two checks of the cancellation
 
 contains
 
-   !> exp(a); not finite where that is beyond the range of numbers.
+   !> exp(a); not finite if beyond the range of numbers.
    subroutine exponential_of(a, e)
       real(wp), intent(in) :: a(:, :)                                 !! (n, n)
       real(wp), intent(out) :: e(:, :)                                !! (n, n)
@@ -42,7 +42,7 @@ contains
       do k = 1, degree
          factor = factor*real(degree - k + 1, wp)/real(k*(2*degree - k + 1), wp)
          if (n > largest_plain) then
-            if (work_is_over()) return                                ! a product takes milliseconds and more
+            if (work_is_over()) return                                ! a product takes milliseconds or more
          end if
          power = product_of(scaled, power)
          e = e + factor*power
@@ -96,7 +96,7 @@ contains
       e(2, 1) = s*a21
    end subroutine exponential_of_two
 
-   !> About how many nanoseconds `exponential_of` takes for a matrix of so many rows and this norm, from counts alone.
+   !> Approximate work of `exponential_of` in nanoseconds for a matrix of n rows and this norm, from counts alone.
    pure real(wp) function count_exponential(n, norm) result(work)
       integer, intent(in) :: n
       real(wp), intent(in) :: norm
@@ -105,7 +105,7 @@ contains
       if (n > 2) work = per_multiplication(n)*real(n, wp)**3*(degree + 1.4_wp + squarings_for(norm)) + 500.0_wp
    end function count_exponential
 
-   !> About how many nanoseconds one of `product_of` takes.
+   !> Approximate time of one multiplication of `product_of` in nanoseconds.
    pure real(wp) function per_multiplication(n)
       integer, intent(in) :: n
 
@@ -126,14 +126,14 @@ contains
       norm_of = maxval(sum(abs(a), dim=1))
    end function norm_of
 
-   !> Columns of a product of so many rows, or solutions, that take no longer than `uncut`.
+   !> Columns of a product with n rows, or solutions, that take no longer than `uncut`.
    pure integer function panel_of(n)
       integer, intent(in) :: n
 
       panel_of = max(1, int(min(real(n, wp), uncut/(per_multiplication(n)*real(n, wp)**2))))
    end function panel_of
 
-   !> a b, (n, any); not whole where the work of the thread shall end.
+   !> a b, (n, any); incomplete if the work of the thread was cancelled.
    function product_of(a, b) result(c)
       real(wp), intent(in), contiguous :: a(:, :), b(:, :)
       real(wp) :: c(size(a, 1), size(b, 2))

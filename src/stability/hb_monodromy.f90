@@ -1,8 +1,9 @@
-!> The map of disturbances of a motion over an interval of time, by the linearised equations; over a period, the monodromy matrix.
+!> The map of disturbances of a motion over an interval of time by the linearised equations; over a period, the
+!> monodromy matrix.
 !>
-!> Computed with a number of steps, twice and four times as many and so on, and extrapolated: the error of a symmetric method is a
-!> series in even powers of the step. Source: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I,
-!> 2nd edition, Springer 1993, section II.9.
+!> Computed with a number of steps, with twice as many and so on, and extrapolated: the error of a symmetric method is
+!> a series in even powers of the step. Source: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential
+!> Equations I, 2nd edition, Springer 1993, section II.9.
 module hb_monodromy
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_cancellation, only: work_is_over
@@ -16,7 +17,7 @@ module hb_monodromy
    public :: find_monodromy, find_transfer, monodromy_t, n_looks_of, work_of_monodromy, work_of_transfer
 
    integer, parameter :: fewest_steps = 8
-   integer, parameter :: looks_a_harmonic = 8                         ! for events, in a period of the highest harmonic
+   integer, parameter :: looks_a_harmonic = 8 ! detection times for events in a period of the highest harmonic
    integer, parameter :: fewest_looks = 128
    integer, parameter :: most_doublings = 12
    real(wp), parameter :: slow = 0.1_wp                               ! help more than this: a kink that is not resolved does not
@@ -26,15 +27,15 @@ module hb_monodromy
    end type matrix_t
 
    type :: monodromy_t
-      real(wp), allocatable :: matrix(:, :)                           !! of (q, v/scale, places of sliders that slip at times)
+      real(wp), allocatable :: matrix(:, :)                           !! of (q, v/scale, positions of sliders that slip at times)
       real(wp) :: estimate = huge(1.0_wp)                             !! of its error, relative to its largest entry or 1
-      integer :: n_steps = 0                                          !! of the last time round
-      real(wp) :: work = 0.0_wp                                       !! of all times round, in about a nanosecond; 0 by pieces
+      integer :: n_steps = 0                                          !! of the last iteration
+      real(wp) :: work = 0.0_wp                                       !! of all iterations, in about a nanosecond; 0 by pieces
    end type monodromy_t
 
 contains
 
-   !> Monodromy matrix of a periodic motion, from a time on; sliders that never slip are left out.
+   !> Computes the monodromy matrix of a periodic motion from a given time; sliders that never slip are omitted.
    subroutine find_monodromy(self, variation, start, tolerance, work_limit)
       type(monodromy_t), intent(out) :: self
       type(variation_t), intent(inout) :: variation
@@ -49,8 +50,8 @@ contains
       if (variation%n_states > 0) call drop_stuck(self, variation)
    end subroutine find_monodromy
 
-   !> What a stretch of time makes of disturbances; doubles its steps until the estimate is below the tolerance, no longer falls
-   !> fast or the work is above its limit.
+   !> Computes the map of disturbances over an interval of time; doubles the steps until the estimate is below the
+   !> tolerance, no longer falls fast, or the work exceeds its limit.
    subroutine find_transfer(self, variation, start, finish, tolerance, work_limit)
       type(monodromy_t), intent(out) :: self
       type(variation_t), intent(inout) :: variation
@@ -71,7 +72,7 @@ contains
       end if
       do doubling = 0, most_doublings
          call go_round(variation, pieces, (finish - start)/first_steps(variation, finish - start), 2**doubling, last, self%n_steps)
-         do k = 1, doubling                                           ! the error that is left is of order h**(2k + 2)
+         do k = 1, doubling                                           ! the remaining error is of order h**(2k + 2)
             before = last
             last = last + (last - row(k - 1)%entries)/(2.0_wp**(2*k + 2) - 1.0_wp)
             call move_alloc(before, row(k - 1)%entries)
@@ -93,10 +94,10 @@ contains
       call move_alloc(last, self%matrix)
    end subroutine find_transfer
 
-   !> About how many nanoseconds the monodromy matrix takes usually.
+   !> Approximate work of a typical monodromy matrix in nanoseconds.
    pure real(wp) function work_of_monodromy(variation) result(work)
       type(variation_t), intent(in) :: variation
-      integer, parameter :: usual_periods = 2                         ! until sliders repeat their places
+      integer, parameter :: usual_periods = 2                         ! until sliders are periodic
       real(wp), parameter :: set_up = 3.0e4_wp
 
       associate (length => two_pi/variation%motion%omega(1))
@@ -105,7 +106,8 @@ contains
       end associate
    end function work_of_monodromy
 
-   !> About how many nanoseconds a stretch of time takes usually: after three doublings the error is of order h**10.
+   !> Approximate work of a typical interval of time in nanoseconds: after three doublings the error is of order
+   !> h**10.
    pure real(wp) function work_of_transfer(variation, length) result(work)
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]
@@ -126,11 +128,11 @@ contains
       work = work + 2*n*variation%work_of_node()
    end function work_of_transfer
 
-   !> The part of it for looking for events.
+   !> Its part for the detection of events.
    pure real(wp) function work_of_cuts(variation, length) result(work)
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]
-      real(wp), parameter :: single = 500.0_wp                        ! more for a node looked at alone
+      real(wp), parameter :: single = 500.0_wp                        ! additional work of a node evaluated alone
       integer, parameter :: looks_an_event = 10
 
       work = 0.0_wp
@@ -139,7 +141,7 @@ contains
       work = work + n_looks_of(variation, length)*variation%work_of_node()
    end function work_of_cuts
 
-   !> Events that there usually are: two of each switch, four of each slider in a period of the fastest tone.
+   !> Typical number of events: two for each switch, four for each slider in a period of the fastest tone.
    pure integer function n_events_of(variation, length)
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]
@@ -147,7 +149,7 @@ contains
       n_events_of = nint(maxval(variation%motion%omega)*length/two_pi)*2*(variation%n_switches() + variation%n_states)
    end function n_events_of
 
-   !> What rounding of the matrices of pieces without any change makes of their exponentials, relative.
+   !> Relative effect of rounding in the matrices of constant pieces on their exponentials.
    pure real(wp) function rounding_of(variation, pieces) result(estimate)
       type(variation_t), intent(in) :: variation
       type(piece_t), intent(in) :: pieces(:)
@@ -162,7 +164,7 @@ contains
       end do
    end function rounding_of
 
-   !> How often events are searched for, by the harmonics that carry the motion.
+   !> Number of detection times for events, from the harmonics that carry the motion.
    pure integer function n_looks_of(variation, length)
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]
@@ -170,7 +172,7 @@ contains
       n_looks_of = max(fewest_looks, looks_a_harmonic*(nint(variation%look_frequency*length/two_pi) + 1))
    end function n_looks_of
 
-   !> One step for a period of the highest harmonic, and one more.
+   !> One step per period of the highest harmonic, plus one.
    pure integer function first_steps(variation, length)
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]
@@ -180,7 +182,7 @@ contains
       end associate
    end function first_steps
 
-   !> All pieces one after the other, in steps of about one length, each of them in so many parts.
+   !> Propagates over all pieces, in steps of about the same length, each divided into `n_parts`.
    subroutine go_round(variation, pieces, step, n_parts, x, n_steps)
       type(variation_t), intent(inout) :: variation
       type(piece_t), intent(inout) :: pieces(:)
@@ -203,7 +205,8 @@ contains
       end do
    end subroutine go_round
 
-   !> Leaves out sliders that stick throughout: what is changed there stays for ever, and changes nothing else's stability.
+   !> Omits sliders that always stick: a change of them is permanent, and does not affect the stability of anything
+   !> else.
    subroutine drop_stuck(self, variation)
       type(monodromy_t), intent(inout) :: self
       type(variation_t), intent(in) :: variation

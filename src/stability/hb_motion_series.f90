@@ -5,7 +5,7 @@ module hb_motion_series
    private
    public :: motion_series_t, new_motion_series
 
-   integer, parameter :: n_together = 32                              ! times, for the vectors of the processor
+   integer, parameter :: n_together = 32                              ! times, for vectorisation
 
    type :: motion_series_t
       integer :: n_coordinates = 0
@@ -14,11 +14,12 @@ module hb_motion_series
       real(wp), allocatable :: frequencies(:)                         !! j.omega [rad/s], (n_harmonics)
       complex(wp), allocatable :: amplitudes(:, :)                    !! (n_coordinates, n_harmonics)
       integer, allocatable, private :: rows(:, :)                     ! tuples without their last entry, (n_tones - 1, any)
-      integer, allocatable, private :: first(:)                       ! part of each row, and one behind the last
+      integer, allocatable, private :: first(:)                       ! first part of each row, and one beyond the last
       integer, allocatable, private :: orders(:)                      ! size of the last entry in each part
-      real(wp), allocatable, private :: parts(:, :, :)                ! of rows, (8, n_coordinates, any): factors of the cosine and
-                                                                      ! of the sine of so many times the last phase, each real and
-                                                                      ! imaginary; of the place, then of the rate
+      real(wp), allocatable, private :: parts(:, :, :)                ! of rows, (8, n_coordinates, any): factors of the cosine
+                                                                      !! and of the sine of multiples of the last phase, each
+                                                                      !! real and imaginary; of the displacement, then of the
+                                                                      !! rate
       integer, private :: highest = 0                                 ! entry of a tuple
    contains
       procedure :: at => motion_series_at
@@ -27,7 +28,7 @@ module hb_motion_series
 
 contains
 
-   !> Series of coordinates, sum of Re(amplitude exp(i j.omega t)).
+   !> Creates the series of coordinates, sum of Re(amplitude exp(i j.omega t)).
    subroutine new_motion_series(self, tuples, omega, amplitudes)
       type(motion_series_t), intent(out) :: self
       integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
@@ -43,7 +44,8 @@ contains
       call gather_rows(self)
    end subroutine new_motion_series
 
-   !> Puts tuples that differ in their last entry alone side by side: those of k and -k share cosine and sine of k times the phase.
+   !> Groups tuples that differ only in their last entry: those of k and -k share cosine and sine of k times the
+   !> phase.
    pure subroutine gather_rows(self)
       type(motion_series_t), intent(inout) :: self
       integer :: part(0:self%highest), row(size(self%frequencies))
@@ -98,12 +100,12 @@ contains
       end do
    end function motion_series_phases
 
-   !> Coordinates and their rates at several phases; a motion goes through those of its times.
+   !> Coordinates and their rates at several phases, as along the motion.
    pure subroutine motion_series_at(self, phases, z, v, with_rates)
       class(motion_series_t), intent(in) :: self
       real(wp), intent(in) :: phases(:, :)                            !! [rad], (n_tones, n_times)
       real(wp), intent(out) :: z(:, :), v(:, :)                       !! (n_times, n_coordinates)
-      logical, intent(in), optional :: with_rates                     !! false: v is 0, for half the work; default true
+      logical, intent(in), optional :: with_rates                     !! false: v is 0, at half the cost; default true
       integer :: first, last
       logical :: has_rates
 
@@ -115,8 +117,8 @@ contains
       end do
    end subroutine motion_series_at
 
-   !> Coordinates and their rates at a few phases, side by side: multiples of each phase from the one before, rows from those of the
-   !> last tone.
+   !> Coordinates and their rates at a few phases, vectorised: multiples of each phase from the previous one, rows
+   !> from those of the last tone.
    pure subroutine sum_up(self, phases, has_rates, z, v)
       type(motion_series_t), intent(in) :: self
       real(wp), intent(in) :: phases(:, :)                            !! tau [rad], (n_tones, n_times), at most `n_together`
@@ -124,7 +126,7 @@ contains
       real(wp), intent(out) :: z(:, :), v(:, :)                       !! (n_times, n_coordinates)
       real(wp), dimension(size(phases, 2), 0:self%highest, size(self%omega)) :: cosine, sine
       real(wp), dimension(size(phases, 2)) :: a, b, c, s
-      real(wp), dimension(size(phases, 2), 4) :: sums                 ! of a row: place, rate, each real and imaginary
+      real(wp), dimension(size(phases, 2), 4) :: sums                 ! of a row: displacement, rate, each real and imaginary
       real(wp), dimension(size(phases, 2), self%n_coordinates) :: place, rate
       integer :: coordinate, i, j, k, last, m, n, r
 

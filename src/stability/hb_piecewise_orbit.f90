@@ -1,9 +1,10 @@
-!> The periodic motion next to a given one where all laws have constant slopes between their switches, and its monodromy matrix.
+!> The periodic motion next to a given one for laws with constant slopes between their switches, and its monodromy
+!> matrix.
 !>
-!> Between two switches the equations of motion are linear, so that a state is carried to the next event by matrix exponentials; no
-!> force jumps there, so that the saltation matrix is the identity. Newton's method on the state after a period (shooting) finds the
-!> motion that repeats: its multipliers have no error of truncation. Source: R. I. Leine and H. Nijmeijer, Dynamics and Bifurcations
-!> of Non-Smooth Mechanical Systems, Springer 2004, sections 7.4 and 8.4.
+!> Between two switches the equations of motion are linear, so that matrix exponentials propagate a state to the next
+!> event; no force jumps there, so that the saltation matrix is the identity. Newton's method on the state after a
+!> period (shooting) finds the periodic motion: its multipliers have no truncation error. Source: R. I. Leine and H.
+!> Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004, sections 7.4 and 8.4.
 module hb_piecewise_orbit
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_kinds, only: two_pi, wp
@@ -18,11 +19,11 @@ module hb_piecewise_orbit
    private
    public :: find_piecewise_orbit, has_piecewise_orbit, piecewise_orbit_t, work_of_piecewise_orbit
 
-   integer, parameter :: steps_a_period = 16                          ! of the fastest oscillation: a switch turns once in a step
-   integer, parameter :: n_looks = 256                                ! in a period, for a time without events
+   integer, parameter :: steps_a_period = 16 ! of the fastest oscillation: a switch reverses at most once in a step
+   integer, parameter :: n_looks = 256                                ! in a period, to find an interval without events
    integer, parameter :: fewest_steps = 64                            ! in a period of the motion
    integer, parameter :: most_terms = 60                              ! of an exponential series within a step
-   integer, parameter :: most_events = 1000                           ! in a period: beyond, contact chatters
+   integer, parameter :: most_events = 1000                           ! in a period: with more, contact chatters
    integer, parameter :: most_shots = 20, usual_shots = 5
    integer, parameter :: most_backtracks = 5
    real(wp), parameter :: smallest_scale = 0.1_wp                     ! of one unknown, relative to the largest of its kind
@@ -30,7 +31,7 @@ module hb_piecewise_orbit
    type :: piecewise_orbit_t
       real(wp), allocatable :: matrix(:, :)                           !! monodromy matrix of (q, v/scale)
       real(wp) :: estimate = huge(1.0_wp)                             !! of its error, relative to its largest entry or 1
-      logical :: is_found = .false.                                   !! false: none is near the motion, or it is not clear which
+      logical :: is_found = .false.                                   !! false: none is near the motion, or it is ambiguous
    end type piecewise_orbit_t
 
    !> The linear system of (q, v/scale, 1, cosines, sines of the loads) while no switch changes its sign.
@@ -41,21 +42,21 @@ module hb_piecewise_orbit
       real(wp) :: h = 0.0_wp                                          ! [s]
    end type branch_t
 
-   !> Carries states through time.
+   !> Propagation of states through time.
    type :: flow_t
       integer :: n = 0                                                ! of (q, v/scale)
       integer :: size = 0
       real(wp) :: period = 0.0_wp                                     ! [s]
       real(wp), allocatable :: constant(:, :)                         ! system without laws, (size, size)
-      real(wp), allocatable :: first(:)                               ! the entries behind n at the start
+      real(wp), allocatable :: first(:)                               ! the entries after n at the start
       real(wp), allocatable :: switches(:, :)                         ! switches as linear functions, (n_switches, size)
       real(wp), allocatable :: noise(:)                               ! of them [m], (n_switches)
-      type(branch_t), allocatable :: branches(:)                      ! met so far
+      type(branch_t), allocatable :: branches(:)                      ! encountered so far
    end type flow_t
 
 contains
 
-   !> Whether the motion is one of a system that is linear between switches of laws without memory.
+   !> Whether the motion is that of a system that is linear between switches of laws without memory.
    pure logical function has_piecewise_orbit(variation)
       type(variation_t), intent(in) :: variation
       integer :: i
@@ -69,7 +70,7 @@ contains
       end do
    end function has_piecewise_orbit
 
-   !> About how many nanoseconds it takes, from counts alone.
+   !> Approximate work in nanoseconds, from counts alone.
    pure real(wp) function work_of_piecewise_orbit(variation) result(work)
       type(variation_t), intent(in) :: variation
       integer, parameter :: steps_an_event = 16
@@ -83,7 +84,7 @@ contains
              + (n_events + 1)*count_exponential(variation%size, period*variation%norm/(n_events + 1)))
    end function work_of_piecewise_orbit
 
-   !> Finds the motion that repeats by shooting from the state of a given one far from its events.
+   !> Finds the periodic motion by shooting from the state of a given one far from its events.
    subroutine find_piecewise_orbit(self, variation, structure, amplitudes, excitation)
       type(piecewise_orbit_t), intent(out) :: self
       type(variation_t), intent(in) :: variation                      !! along the given motion
@@ -126,7 +127,7 @@ contains
          end if
          backtrack = 0
          call solve_step(self%matrix, after - x, step, sense)
-         if (.not. sense*sense_before > 0.0_wp .and. shot > 1) return ! a fold lies between: it is not clear which motion is meant
+         if (.not. sense*sense_before > 0.0_wp .and. shot > 1) return ! a fold lies between: the motion is ambiguous
          sense_before = sense
          if (max(maxval(abs(left)), maxval(abs(step/units))) <= rounding) exit
          left_before = left
@@ -137,7 +138,8 @@ contains
       self%estimate = max(maxval(abs(left)), epsilon(1.0_wp)*size(flow%branches)*flow%period*maxval(abs(flow%constant)))
    end subroutine find_piecewise_orbit
 
-   !> The middle of the longest time without events of the given motion: a state there tells most of when the next ones are.
+   !> Middle of the longest interval without events of the given motion, where the state determines the next events
+   !> best.
    function quiet_time(variation) result(time)
       type(variation_t), intent(in) :: variation
       real(wp) :: time                                                !! [s]
@@ -198,7 +200,7 @@ contains
       call dgetrs("N", size(left), 1, a, size(left), pivots, step, size(left), info)
    end subroutine solve_step
 
-   !> Fails where a switch is no linear function, or loads are not those of the motion's tone.
+   !> Fails if a switch is not a linear function, or loads are not of the tone of the motion.
    subroutine new_flow(self, variation, structure, excitation, start, is_done)
       type(flow_t), intent(out) :: self
       type(variation_t), intent(in) :: variation
@@ -247,7 +249,7 @@ contains
       allocate (self%branches(0))
    end subroutine new_flow
 
-   !> Switches of all laws as linear functions of the state.
+   !> Stores the switches of all laws as linear functions of the state.
    subroutine take_switches(self, variation)
       type(flow_t), intent(inout) :: self
       type(variation_t), intent(in) :: variation
@@ -280,7 +282,7 @@ contains
       end do
    end subroutine take_switches
 
-   !> Number of the branch with given signs of the switches; made where it is new.
+   !> Number of the branch with given signs of the switches; created if it is new.
    subroutine find_branch(self, variation, is_positive, number)
       type(flow_t), intent(inout) :: self
       type(variation_t), intent(in) :: variation
@@ -332,7 +334,7 @@ contains
       number = size(self%branches)
    end subroutine find_branch
 
-   !> A state after a period and the derivative of that.
+   !> Computes the state after a period and its derivative.
    subroutine go_round(self, variation, x, after, matrix, is_done)
       type(flow_t), intent(inout) :: self
       type(variation_t), intent(in) :: variation
@@ -398,7 +400,7 @@ contains
       matrix = matmul(e, matrix)
    end subroutine multiply
 
-   !> The state after a part of a step, by the series of the exponential.
+   !> The state after a part of a step, from the series of the exponential.
    pure subroutine carry(a, duration, y, after)
       real(wp), intent(in) :: a(:, :), duration, y(:)
       real(wp), intent(out) :: after(:)
@@ -414,14 +416,14 @@ contains
       end do
    end subroutine carry
 
-   !> The first switch of a branch that changes its sign within a step from y to y_next, and when.
+   !> The first switch of a branch that changes its sign within a step from y to y_next, and its time.
    subroutine next_event(self, branch, y, y_next, h, switch, time)
       type(flow_t), intent(in) :: self
       type(branch_t), intent(in) :: branch
       real(wp), intent(in) :: y(:), y_next(:)
       real(wp), intent(in) :: h                                       !! [s]
       integer, intent(out) :: switch                                  !! 0: none
-      real(wp), intent(out) :: time                                   !! from y on [s]
+      real(wp), intent(out) :: time                                   !! from y [s]
       real(wp), dimension(size(self%switches, 1)) :: distance, distance_next, rate, rate_next, sense
       real(wp) :: extreme, there
       integer :: i
@@ -437,13 +439,13 @@ contains
          if (distance_next(i) < 0.0_wp) then
             if (distance(i) > self%noise(i)) then
                there = zero_of(0.0_wp, h, .false.)
-            else if (rate(i) > 0.0_wp) then                           ! it has just changed, and turns back within the step
+            else if (rate(i) > 0.0_wp) then                           ! it has just changed, and changes back within the step
                extreme = zero_of(0.0_wp, h, .true.)
                there = zero_of(extreme, h, .false.)
             else
                there = 0.0_wp
             end if
-         else if (rate(i) < 0.0_wp .and. rate_next(i) > 0.0_wp) then   ! there and back within the step
+         else if (rate(i) < 0.0_wp .and. rate_next(i) > 0.0_wp) then   ! two changes within the step
             extreme = zero_of(0.0_wp, h, .true.)
             if (value_at(extreme, .false.) >= -self%noise(i)) cycle
             there = 0.0_wp
@@ -469,7 +471,7 @@ contains
          value_at = sense(i)*dot_product(self%switches(i, :), state)
       end function value_at
 
-      !> Where the distance or its rate changes its sign, between two times at which signs differ.
+      !> Zero of the distance or its rate between two times with different signs.
       real(wp) function zero_of(from, to, of_rate)
          real(wp), intent(in) :: from, to
          logical, intent(in) :: of_rate

@@ -1,8 +1,9 @@
 !> Stability of a motion: growth or decay of small disturbances.
 !>
-!> One tone: Floquet multipliers, the eigenvalues of the map of a disturbance over a period; the motion is stable where all are
-!> smaller than 1 in magnitude. Several tones: Lyapunov exponents, stable where all are negative. A shift of a phase of the
-!> motion's own has the multiplier 1 or the exponent 0 and is left out. Source: docs/why/theory.md, section 8.
+!> One tone: Floquet multipliers, the eigenvalues of the map of a disturbance over a period; the motion is stable if
+!> all are smaller than 1 in magnitude. Several tones: Lyapunov exponents, stable if all are negative. A shift in the
+!> phase of an unknown tone has the multiplier 1 or the exponent 0 and is omitted. Source: docs/why/theory.md, section
+!> 8.
 module hb_stability
    use hb_amplitudes, only: amplitudes_t
    use hb_kinds, only: wp
@@ -14,8 +15,8 @@ module hb_stability
    public :: excitation_t, few_periods, harmonic_motion_t, most_multipliers, n_multipliers_of, stability_config_t
    public :: stability_finder_t, stability_method, stability_method_names, stability_t, verdict
 
-   integer, parameter :: most_multipliers = 16                        !! that are kept, the largest
-   integer, parameter :: few_periods = 25                             !! for exponents far from zero, and where more take too long
+   integer, parameter :: most_multipliers = 16                        !! that are stored, the largest
+   integer, parameter :: few_periods = 25                             !! for exponents far from zero, and if more take too long
 
    type :: stability_method_t
       integer :: off = 0
@@ -35,28 +36,28 @@ module hb_stability
 
    type :: stability_config_t
       integer :: method = stability_method%auto
-      real(wp) :: patience = 1.0_wp                                   !! of `auto`: work that it may take, in usual points
-      real(wp) :: work_spent = 0.0_wp                                 !! on the motion, in about a nanosecond: as much `auto` may
-                                                                      !! take in any case
+      real(wp) :: patience = 1.0_wp                                   !! of `auto`: permitted work, relative to a typical point
+      real(wp) :: work_spent = 0.0_wp                                 !! on the motion, in about a nanosecond: `auto` may always
+                                                                      !! use as much
       real(wp) :: tolerance = 1.0e-6_wp                               !! of the monodromy matrix, relative
       integer :: fewest_periods = 100                                 !! of the slowest tone, for exponents
-      integer :: most_periods = 800                                   !! likewise, while the sign of the largest is not clear
-      logical :: is_integrated = .false. !! of the motion that repeats when it is integrated, in any case
+      integer :: most_periods = 800                                   !! likewise, while the sign of the largest is undecided
+      logical :: is_integrated = .false. !! always of the periodic motion of the time integration
    end type stability_config_t
 
    type :: stability_t
       integer :: verdict = verdict%unknown
-      integer :: n_unstable = 0                                       !! multipliers outside of the unit circle, or exponents > 0
-      integer :: method = stability_method%off                        !! that was used
-      logical :: is_integrated = .false.                              !! found along a motion that repeats in the time domain
-      logical :: is_too_costly = .false.                              !! left out: it takes more work than allowed
+      integer :: n_unstable = 0                                       !! multipliers outside the unit circle, or exponents > 0
+      integer :: method = stability_method%off                        !! the one that was used
+      logical :: is_integrated = .false.                              !! computed along a periodic motion of the time domain
+      logical :: is_too_costly = .false.                              !! omitted: it would exceed the permitted work
       integer :: n_periods = 0                                        !! of the slowest tone, over which exponents are averaged
-      real(wp) :: estimate = 0.0_wp                                   !! of the error of the monodromy matrix, relative, of what it
-                                                                      !! makes of a shift of the motion's own phase, or of the
-                                                                      !! largest multiplier by that of the motion; of several
-                                                                      !! tones the spread of the largest exponent [1/s]
-      real(wp) :: growth = 1.0_wp                                     !! of disturbances that decay on average, within a period of
-                                                                      !! the slowest tone, where that hides the verdict
+      real(wp) :: estimate = 0.0_wp                                   !! of the relative error of the monodromy matrix, of its
+                                                                      !! error for a phase shift, or of the change of the
+                                                                      !! largest multiplier with the errors of the motion; for
+                                                                      !! several tones the spread of the largest exponent [1/s]
+      real(wp) :: growth = 1.0_wp                                     !! of disturbances that decay on average, within a period
+                                                                      !! of the slowest tone, if that prevents a verdict
       complex(wp), allocatable :: multipliers(:)                      !! of one tone, the largest first
       real(wp), allocatable :: exponents(:)                           !! [1/s], the largest first; of one tone growth rates
    contains
@@ -70,21 +71,21 @@ module hb_stability
       complex(wp), allocatable :: amplitudes(:, :)                    !! cos - i sin, (n_dofs, n_harmonics)
    end type harmonic_motion_t
 
-   !> What keeps a motion up, and what walls leave of an impact.
+   !> Loads of a motion, and the restitution of walls.
    type :: excitation_t
       type(amplitudes_t) :: loads                                     !! [N]
       real(wp), allocatable :: frequencies(:)                         !! of the loads [rad/s]
-      real(wp) :: restitution = 0.0_wp                                !! of walls that have none of their own
+      real(wp) :: restitution = 0.0_wp                                !! of walls without a value of their own
    end type excitation_t
 
-   !> Somebody who finds out whether a motion is stable, hb_floquet; without one nothing is known.
+   !> Stability solver, hb_floquet; without one nothing is known.
    type, abstract :: stability_finder_t
    contains
       procedure(find_stability), deferred :: find
    end type stability_finder_t
 
    abstract interface
-      !> `auto` does so where it takes no more work than allowed. What cannot be reported stays unknown.
+      !> `auto` does so if it does not exceed the permitted work. Otherwise the result is not known.
       subroutine find_stability(self, stability, config, motion, structure, laws, excitation, work_allowed)
          import :: excitation_t, harmonic_motion_t, law_box_t, stability_config_t, stability_finder_t, stability_t, structure_t, wp
          class(stability_finder_t), intent(in) :: self
@@ -100,15 +101,16 @@ module hb_stability
 
 contains
 
-   !> Number of multipliers that are kept for a structure.
+   !> Number of multipliers stored for a structure.
    pure integer function n_multipliers_of(n_dofs)
       integer, intent(in) :: n_dofs
 
       n_multipliers_of = min(2*n_dofs, most_multipliers)
    end function n_multipliers_of
 
-   !> Compares with what was found along a better motion: a verdict on which both do not agree, or which lies within twice the
-   !> change of the largest multiplier or exponent, is not known; nor is one of stability where multipliers move too far.
+   !> Compares with the result along a more accurate motion: a verdict on which both do not agree, or which lies
+   !> within twice the change of the largest multiplier or exponent, is not known; nor is stability if multipliers
+   !> move too far.
    pure subroutine stability_hold_against(self, better)
       class(stability_t), intent(inout) :: self
       type(stability_t), intent(in) :: better
@@ -134,8 +136,9 @@ contains
       if (self%verdict == verdict%stable .and. move_far(self%multipliers, better%multipliers)) self%verdict = verdict%unknown
    end subroutine stability_hold_against
 
-   !> Whether twice the change of a multiplier takes it to the unit circle and, of a complex one, to its next neighbour: light
-   !> damping leaves pairs on a circle inside, however far they turn on it, until they meet others.
+   !> Whether twice the change of a multiplier moves it to the unit circle and, for a complex one, to its nearest
+   !> neighbour: with light damping pairs lie on a circle inside, on which they may rotate freely until they meet
+   !> others.
    pure logical function move_far(multipliers, better)
       complex(wp), intent(in) :: multipliers(:), better(:)
       real(wp) :: room

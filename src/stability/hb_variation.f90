@@ -1,8 +1,8 @@
 !> The linearised equations along a known motion: the evolution of a small disturbance.
 !>
-!> The state is (q, v/scale, places of sliders). Along the motion the laws' own derivatives make the coefficients, which are smooth
-!> on each piece of the time (hb_variation_pieces). A slider that slips stands on its bound and has no memory of its own; one that
-!> sticks keeps its position.
+!> The state is (q, v/scale, positions of sliders). The derivatives of the laws along the motion are the coefficients,
+!> which are smooth on each piece of time (hb_variation_pieces). A slider that slips is on its bound and has no memory
+!> of its own; one that sticks keeps its position.
 module hb_variation
    use hb_error, only: error_t, fail
    use hb_hysteretic_law, only: hysteretic_law_t
@@ -17,19 +17,19 @@ module hb_variation
    private
    public :: least_work, new_variation, piece_t, variation_t
 
-   real(wp), parameter :: nearness = 1.0e-6_wp                        ! of arguments whose difference makes a derivative
+   real(wp), parameter :: nearness = 1.0e-6_wp                        ! of arguments for a difference quotient
    real(wp), parameter :: singular = 1.0e-13_wp                       ! pivot of the mass
 
-   !> A stretch of time without events inside.
+   !> An interval of time without events inside.
    type :: piece_t
       real(wp) :: start = 0.0_wp, finish = 0.0_wp                     !! [s]
       logical :: is_after_event = .false., is_before_event = .false.
       integer, allocatable :: slip(:)                                 !! (n_states) 1 on the lower bound, -1 on the upper, 0 sticks
-      real(wp), allocatable :: held(:)                                !! (n_states) place of those that stick
+      real(wp), allocatable :: held(:)                                !! (n_states) position of sliders that stick
       real(wp), allocatable :: by_place(:, :, :), by_rate(:, :, :), by_state(:, :, :)   !! slopes of the laws at nodes
    end type piece_t
 
-   !> Where a law stands in the lists of all.
+   !> Position of a law in the lists of all laws.
    type :: place_t
       integer :: first = 0, last = 0                                  !! coordinates
       integer :: first_state = 1, last_state = 0
@@ -43,15 +43,15 @@ module hb_variation
       real(wp) :: scale = 1.0_wp                                      !! of velocities [1/s]
       real(wp) :: norm = 0.0_wp                                       !! of the constant part [1/s]
       type(motion_series_t) :: motion                                 !! of the coordinates
-      integer, allocatable :: slip(:)                                 !! where the last piece ended, as in it
+      integer, allocatable :: slip(:)                                 !! at the end of the last piece
       real(wp), allocatable :: held(:)
       logical, allocatable :: has_slipped(:)                          !! (n_states) in any piece so far
       type(law_box_t), allocatable :: laws(:)
       type(place_t), allocatable :: places(:)
       real(wp), allocatable :: constant(:, :)                         !! A of the structure alone, (size, size)
       real(wp), allocatable :: kick(:, :), shape(:, :)                !! M^-1 S and S, (n_dofs, n_coordinates)
-      real(wp) :: look_frequency = 0.0_wp                             !! highest one that carries the motion, for events [rad/s]
-      real(wp), allocatable :: reach(:)                               !! of the motion of each coordinate [m]
+      real(wp) :: look_frequency = 0.0_wp !! highest frequency that carries the motion, for events [rad/s]
+      real(wp), allocatable :: reach(:)                               !! amplitude of the motion of each coordinate [m]
       logical, private :: has_turning = .false.
    contains
       procedure :: matrix_at => variation_matrix_at
@@ -67,7 +67,7 @@ module hb_variation
 
 contains
 
-   !> Fails for a singular mass, for rigid laws and for laws whose memory does not tell its bounds.
+   !> Fails for a singular mass, for rigid laws and for laws with memory without bounds.
    subroutine new_variation(self, structure, laws, tuples, omega, amplitudes, error)
       type(variation_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
@@ -98,7 +98,7 @@ contains
             select type (law)
             class is (hysteretic_law_t)
                if (.not. law%has_bounds) then
-                  call fail(error, "the memory of law '"//law%label//"' has no bounds that could be followed")
+                  call fail(error, "the memory of law '"//law%label//"' has no bounds that can be followed")
                   return
                end if
                place%first_state = self%n_states + 1
@@ -121,7 +121,8 @@ contains
       call divide_by_mass(self, structure, error)
    end subroutine new_variation
 
-   !> The frequency beyond which the motion of each coordinate has next to nothing: events of what is there matter as little.
+   !> The frequency beyond which the motion of each coordinate is negligible, so that events due to higher ones are as
+   !> well.
    pure real(wp) function carrying_frequency(self) result(frequency)
       type(variation_t), intent(in) :: self
       integer, parameter :: n_parts = 64
@@ -170,12 +171,12 @@ contains
       end do
       self%constant(n + 1:2*n, :n) = -stiffness/self%scale
       self%constant(n + 1:2*n, n + 1:2*n) = -damping
-      ! what is left below these is no number of full precision, and takes processors a hundred times as long
+      ! smaller numbers are subnormal, which slows processors down by a factor of a hundred
       where (abs(self%constant) < tiny(1.0_wp)/epsilon(1.0_wp)) self%constant = 0.0_wp
       self%norm = maxval(sum(abs(self%constant), dim=1))
    end subroutine divide_by_mass
 
-   !> A at several phases of a motion whose laws are smooth; along the motion phases go with the time.
+   !> A at several phases of a motion whose laws are smooth.
    subroutine variation_matrices(self, phases, a)
       class(variation_t), intent(inout) :: self
       real(wp), intent(in) :: phases(:, :)                            !! [rad], (n_tones, any)
@@ -195,7 +196,7 @@ contains
       end associate
    end subroutine variation_matrices
 
-   !> Whether no law has a memory, or forces with kinks that it provides.
+   !> Whether no law has a memory or kinks.
    pure logical function variation_is_smooth(self) result(is_smooth)
       class(variation_t), intent(in) :: self
       integer :: i
@@ -203,7 +204,7 @@ contains
       is_smooth = self%n_states == 0 .and. all([(self%laws(i)%law%n_switches == 0, i=1, size(self%laws))])
    end function variation_is_smooth
 
-   !> Switches and sliders of all laws: each makes events as the motion goes to and fro.
+   !> Number of switches and sliders of all laws, each of which causes events.
    pure integer function variation_n_switches(self) result(n)
       class(variation_t), intent(in) :: self
       integer :: i
@@ -211,7 +212,7 @@ contains
       n = sum([(self%laws(i)%law%n_switches + self%laws(i)%law%n_states, i=1, size(self%laws))])
    end function variation_n_switches
 
-   !> Whether the slopes of all laws stay as they are throughout a piece.
+   !> Whether the slopes of all laws are constant on each piece.
    pure logical function variation_is_piecewise_linear(self) result(is_linear)
       class(variation_t), intent(in) :: self
       integer :: i
@@ -255,7 +256,7 @@ contains
       type(piece_t), intent(in) :: piece
       real(wp), intent(in) :: phases(:, :)                            !! [rad], (n_tones, n_times)
       real(wp), intent(out) :: by_place(:, :, :), by_rate(:, :, :)    !! (n_coordinates, n_coordinates, n_times)
-      real(wp), intent(out) :: by_state(:, :, :)                      !! (n_coordinates, n_states, n_times), of those that stick
+      real(wp), intent(out) :: by_state(:, :, :)                      !! (n_coordinates, n_states, n_times), for sliders that stick
       real(wp) :: v(size(phases, 2), self%n_coordinates), z(size(phases, 2), self%n_coordinates)
       real(wp), allocatable :: df_dp(:, :, :), df_dv(:, :, :), df_dz(:, :, :), f(:, :), nothing(:, :)
       integer :: c, d, i, n, n_times
@@ -333,7 +334,8 @@ contains
       end associate
    end subroutine find_slopes_with_memory
 
-   !> How the bound on which a slider stands moves with each coordinate, (n_states, n_coordinates); zero for those that stick.
+   !> Derivative of the bound of each slipping slider with respect to each coordinate, (n_states, n_coordinates); zero
+   !> for those that stick.
    pure subroutine variation_find_bound_slopes(self, law, place, z, v, slip, slopes)
       class(variation_t), intent(in) :: self
       class(hysteretic_law_t), intent(in) :: law
@@ -358,7 +360,7 @@ contains
       end do
    end subroutine variation_find_bound_slopes
 
-   !> About how many nanoseconds a step of length h takes beyond its nodes, from counts alone.
+   !> Approximate work of a step of length h in nanoseconds without its nodes, from counts alone.
    pure real(wp) function variation_work_of_step(self, h) result(work)
       class(variation_t), intent(in) :: self
       real(wp), intent(in) :: h                                       !! [s]
@@ -369,7 +371,7 @@ contains
       end associate
    end function variation_work_of_step
 
-   !> What any transfer of so many degrees of freedom takes at least, in the units of `work_of_step`: half a step.
+   !> Least work of a transfer for n_dofs degrees of freedom, in the units of `work_of_step`: half a step.
    pure real(wp) function least_work(n_dofs) result(work)
       integer, intent(in) :: n_dofs
 
@@ -377,7 +379,7 @@ contains
       if (n_dofs > 1) work = per_multiplication(huge(1))*(2.0_wp*n_dofs)**3
    end function least_work
 
-   !> About how many nanoseconds a node of a step or a look for events takes, from counts alone.
+   !> Approximate work of a node of a step or of event detection in nanoseconds, from counts alone.
    pure real(wp) function variation_work_of_node(self) result(work)
       class(variation_t), intent(in) :: self
 

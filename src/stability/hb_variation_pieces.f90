@@ -1,8 +1,8 @@
-!> Time cut at the events of a motion: where a switch of a law changes its sign, or a slider begins or ends to slip.
+!> Division of time at the events of a motion: a switch of a law changes its sign, or a slider begins or ends to slip.
 !>
-!> On each piece the coefficients of the linearised equations are smooth, so that it is integrated at high order. No force jumps at
-!> an event, so that the state does not either (its saltation matrix is the identity: R. I. Leine and H. Nijmeijer, Dynamics and
-!> Bifurcations of Non-Smooth Mechanical Systems, Springer 2004, section 7.4).
+!> On each piece the coefficients of the linearised equations are smooth, so that it is integrated at high order. No
+!> force jumps at an event, so that the state does not either (its saltation matrix is the identity: R. I. Leine and
+!> H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004, section 7.4).
 module hb_variation_pieces
    use hb_cancellation, only: work_is_over
    use hb_hysteretic_law, only: hysteretic_law_t
@@ -15,32 +15,32 @@ module hb_variation_pieces
    public :: bracket_t, cut_time, settle_sliders
 
    integer, parameter :: most_halvings = 60                           ! 40 leave differences that a curve may show
-   integer, parameter :: most_passes = 3                              ! events of a slider between two looks
-   integer, parameter :: most_periods = 4                             ! of a period, until sliders repeat their places
+   integer, parameter :: most_passes = 3                              ! events of a slider between two detection times
+   integer, parameter :: most_periods = 4                             ! until sliders are periodic
 
    type :: event_t
       real(wp) :: time = 0.0_wp
       integer :: slider = 0                                           ! 0: a switch of a law
       integer :: slip = 0                                             ! of the slider from then on
-      real(wp) :: held = 0.0_wp                                       ! its place
+      real(wp) :: held = 0.0_wp                                       ! its position
    end type event_t
 
-   !> The sliders of a law between two looks.
+   !> The sliders of a law between two detection times.
    type :: slip_search_t
       type(variation_t), pointer :: variation => null()
       integer :: i = 0                                                ! law
       integer :: s = 0, slider = 0                                    ! slider, among those of the law and among all
-      real(wp) :: times(2) = 0.0_wp                                   ! of the looks
-      real(wp), dimension(:), allocatable :: lower, upper, lower_rate, upper_rate   ! bounds where it was looked last
+      real(wp) :: times(2) = 0.0_wp                                   ! detection times
+      real(wp), dimension(:), allocatable :: lower, upper, lower_rate, upper_rate   ! bounds at the last evaluation
       type(event_t), allocatable :: events(:)
-      integer :: n = 0                                                ! of these
+      integer :: n = 0                                                ! number of events
    end type slip_search_t
 
-   !> Where a function changes its sign: by false position (Illinois), until numbers come to an end.
+   !> Zero of a function by false position (Illinois), to rounding.
    type :: bracket_t
       real(wp) :: low, high                                           !! arguments
       real(wp) :: value_low = 0.0_wp, value_high = 0.0_wp             !! values there, of opposite signs
-      real(wp) :: middle = 0.0_wp                                     !! where to look next, in the end the zero
+      real(wp) :: middle = 0.0_wp                                     !! next argument, finally the zero
       integer, private :: side = 0, pass = 0
    contains
       procedure :: is_wide => bracket_is_wide
@@ -49,7 +49,7 @@ module hb_variation_pieces
 
 contains
 
-   !> Cuts a stretch of time at its events, which are searched for between so many instants.
+   !> Divides an interval of time at its events, which are searched for between `n_looks` instants.
    subroutine cut_time(self, start, finish, n_looks, pieces)
       type(variation_t), intent(inout) :: self
       real(wp), intent(in) :: start, finish                           !! [s]
@@ -92,7 +92,7 @@ contains
       needs_rates = law%needs_velocity .or. law%n_states > 0
    end function needs_rates
 
-   !> Follows sliders round a period until they repeat their places.
+   !> Propagates sliders round a period until they are periodic.
    subroutine settle_sliders(self, start, finish, n_looks)
       type(variation_t), intent(inout) :: self
       real(wp), intent(in) :: start, finish                           !! [s]
@@ -111,7 +111,8 @@ contains
       self%has_slipped = .false.
    end subroutine settle_sliders
 
-   !> Changes of sign of the switches of law i, all followed to their places together: a motion costs less at many times at once.
+   !> Sign changes of the switches of law i, all located together, because a motion is evaluated more cheaply at many
+   !> times at once.
    subroutine find_switching(self, i, times, z, v, events)
       type(variation_t), intent(inout) :: self
       integer, intent(in) :: i
@@ -160,7 +161,7 @@ contains
       end subroutine narrow_together
    end subroutine find_switching
 
-   !> Chooses the next middle, the start where nothing changes its sign; false where there is none to be examined.
+   !> Chooses the next middle; the start if there is no sign change. False if no further evaluation is needed.
    logical function bracket_is_wide(self) result(is_wide)
       class(bracket_t), intent(inout) :: self
 
@@ -175,7 +176,7 @@ contains
                 .and. self%high - self%low > 4.0_wp*epsilon(1.0_wp)*max(abs(self%low), abs(self%high))
    end function bracket_is_wide
 
-   !> Takes the value at the middle for that at one of the ends.
+   !> Replaces the value at one of the ends by that at the middle.
    subroutine bracket_narrow(self, value)
       class(bracket_t), intent(inout) :: self
       real(wp), intent(in) :: value
@@ -210,7 +211,7 @@ contains
       end associate
    end subroutine switches_at
 
-   !> Lets sliders stand where they were left, but within their bounds.
+   !> Starts sliders at their last positions, moved into their bounds.
    subroutine place_sliders(self, time)
       type(variation_t), intent(inout) :: self
       real(wp), intent(in) :: time
@@ -240,7 +241,7 @@ contains
       self%has_slipped = self%has_slipped .or. self%slip /= 0
    end subroutine place_sliders
 
-   !> Follows the sliders of law i, and notes where each begins or ends to slip.
+   !> Propagates the sliders of law i, and records where each begins or ends to slip.
    subroutine find_slipping(self, i, times, z, v, events)
       type(variation_t), intent(inout), target :: self
       integer, intent(in) :: i
@@ -273,11 +274,11 @@ contains
       events = search%events(:search%n)
    end subroutine find_slipping
 
-   !> Follows a slider from one look to the next, over the events between them.
+   !> Propagates a slider from one detection time to the next, over the events in between.
    subroutine follow_slider(search, lower_rate_before, upper_rate_before, z, v)
       type(slip_search_t), intent(inout) :: search
-      real(wp), intent(in) :: lower_rate_before, upper_rate_before    !! of its bounds at the look before
-      real(wp), intent(in) :: z(:), v(:)                              !! of the law at this one
+      real(wp), intent(in) :: lower_rate_before, upper_rate_before    !! of its bounds at the previous detection time
+      real(wp), intent(in) :: z(:), v(:)                              !! of the law at the present one
       real(wp) :: margin
       integer :: pass
 
@@ -308,7 +309,7 @@ contains
       end associate
    end subroutine follow_slider
 
-   !> Bounds between which the sliders of the law hold, and their rates.
+   !> Computes the bounds of the sliders of the law and their rates.
    subroutine find_bounds(search, z, v)
       type(slip_search_t), intent(inout) :: search
       real(wp), intent(in) :: z(:), v(:)
@@ -319,7 +320,7 @@ contains
       end select
    end subroutine find_bounds
 
-   !> Notes an event at a time; one that ends a slip keeps the place of the slider there.
+   !> Records an event; one that ends a slip stores the position of the slider.
    subroutine note(search, slip, time)
       type(slip_search_t), intent(inout) :: search
       integer, intent(in) :: slip
@@ -327,7 +328,7 @@ contains
 
       associate (variation => search%variation, slider => search%slider)
          if (slip == 0) variation%held(slider) = merge(search%lower(search%s), search%upper(search%s), &
-                                                       variation%slip(slider) == 1)          ! as `time_of` left them
+                                                       variation%slip(slider) == 1)          ! as left by `time_of`
          search%n = search%n + 1
          search%events(search%n) = event_t(time, slider, slip, variation%held(slider))
          variation%slip(slider) = slip
@@ -335,7 +336,8 @@ contains
       end associate
    end subroutine note
 
-   !> A bound that turns between two looks may push the slider just there: however short, it forgets where it was.
+   !> Whether a bound that reverses between two detection times moves the slider there: however short the slip, the
+   !> slider forgets its position.
    logical function gives_way_at_turn(search, side, margin) result(gives_way)
       type(slip_search_t), intent(inout) :: search
       integer, intent(in) :: side
@@ -347,8 +349,8 @@ contains
       if (gives_way) call note(search, side, time_of(search, side, .false., turn))
    end function gives_way_at_turn
 
-   !> When, until a time, a bound reaches the slider or, where that `stops`, the bound that pushes it turns back; leaves the bounds
-   !> as they are then.
+   !> Time until which a bound reaches the slider or, with `stops`, the bound that moves it reverses; sets the bounds
+   !> to that time.
    real(wp) function time_of(search, side, stops, until)
       type(slip_search_t), intent(inout) :: search
       integer, intent(in) :: side
@@ -366,7 +368,8 @@ contains
       if (stops) call look(search, time_of)
    end function time_of
 
-   !> How far the bound has pushed the slider at a time, or would have; where that `stops`, how fast it moves away.
+   !> Distance by which the bound has moved, or would have moved, the slider at a time; with `stops`, its speed away
+   !> from it.
    real(wp) function beyond(search, time, side, stops)
       type(slip_search_t), intent(inout) :: search
       real(wp), intent(in) :: time
@@ -383,7 +386,7 @@ contains
       end associate
    end function beyond
 
-   !> The last event of the slider, or the look before.
+   !> The last event of the slider, or the previous detection time.
    pure real(wp) function earliest(search)
       type(slip_search_t), intent(in) :: search
       integer :: e
@@ -393,7 +396,7 @@ contains
       if (e > 0) earliest = max(earliest, search%events(e)%time)
    end function earliest
 
-   !> Finds the bounds at a time.
+   !> Computes the bounds at a time.
    subroutine look(search, time)
       type(slip_search_t), intent(inout) :: search
       real(wp), intent(in) :: time
@@ -405,7 +408,7 @@ contains
       end associate
    end subroutine look
 
-   !> Puts events into the order of time.
+   !> Sorts events by time.
    pure subroutine sort(events)
       type(event_t), intent(inout) :: events(:)
       type(event_t) :: kept
@@ -421,7 +424,7 @@ contains
       end do
    end subroutine sort
 
-   !> The pieces between events.
+   !> Creates the pieces between events.
    subroutine make_pieces(self, start, finish, slip, held, events, pieces)
       type(variation_t), intent(inout) :: self
       real(wp), intent(in) :: start, finish
@@ -451,7 +454,7 @@ contains
       pieces(size(pieces))%finish = finish
    end subroutine make_pieces
 
-   !> Reports law i the phase of the tone with which it turns.
+   !> Sets the phase of the tone with which law i rotates.
    subroutine set_time(self, i, time)
       type(variation_t), intent(inout) :: self
       integer, intent(in) :: i

@@ -1,7 +1,8 @@
 !> Integration of disturbances over a piece of time without events.
 !>
-!> Method: commutator-free Magnus integrator of fourth order, which takes any stiffness of the constant part, with the moments of A
-!> in a step by Simpson's rule. Source: S. Blanes and P. C. Moan, Applied Numerical Mathematics 56 (2006) 1519-1537.
+!> Method: commutator-free Magnus integrator of fourth order, exact for any stiffness of the constant part, with the
+!> moments of A in a step by Simpson's rule. Source: S. Blanes and P. C. Moan, Applied Numerical Mathematics 56 (2006)
+!> 1519-1537.
 module hb_variation_steps
    use hb_cancellation, only: work_is_over
    use hb_hysteretic_law, only: hysteretic_law_t
@@ -12,12 +13,12 @@ module hb_variation_steps
    private
    public :: propagate
 
-   real(wp), parameter :: inside = 1.0e-8_wp                          ! of a piece, where its ends are examined
+   real(wp), parameter :: inside = 1.0e-8_wp                          ! fraction of a piece by which its ends are evaluated inside
    real(wp), parameter :: near = 0.25_wp, middle = 1.0_wp/3.0_wp, far = -1.0_wp/12.0_wp   ! weights of the nodes of a half step
 
 contains
 
-   !> Takes changes of the state from the start to the end of a piece in steps of equal length.
+   !> Propagates changes of the state from the start to the end of a piece in steps of equal length.
    subroutine propagate(self, piece, n_steps, x)
       type(variation_t), intent(inout) :: self
       type(piece_t), intent(inout) :: piece
@@ -51,7 +52,7 @@ contains
       if (self%n_states > 0) call move_sliders(self, piece, x)
    end subroutine propagate
 
-   !> All of a piece in which the laws keep their slopes, those of its middle, in one exponential.
+   !> Propagates over a piece with constant slopes of the laws, those of its middle, with one exponential.
    subroutine propagate_constant(self, piece, x)
       type(variation_t), intent(inout) :: self
       type(piece_t), intent(inout) :: piece
@@ -70,7 +71,7 @@ contains
       x = product_of(e, x)
    end subroutine propagate_constant
 
-   !> Steps of a single degree of freedom, without a matrix being made.
+   !> Steps of a single degree of freedom, without forming a matrix.
    subroutine propagate_two(self, piece, h, x)
       type(variation_t), intent(in) :: self
       type(piece_t), intent(in) :: piece
@@ -98,7 +99,7 @@ contains
 
    contains
 
-      !> x = e x, which `matmul` would make room for.
+      !> x = e x, for which `matmul` would allocate memory.
       subroutine turn()
          integer :: j
 
@@ -108,8 +109,8 @@ contains
       end subroutine turn
    end subroutine propagate_two
 
-   !> Sees to it that the slopes at the ends and in the middle of each step are known; those of half as many steps are used again.
-   !> At events a piece is examined from inside.
+   !> Computes the slopes at the ends and in the middle of each step, reusing those of half as many steps. At events a
+   !> piece is evaluated from inside.
    subroutine refine(self, piece, n_steps)
       type(variation_t), intent(inout) :: self
       type(piece_t), intent(inout) :: piece
@@ -143,7 +144,7 @@ contains
       call move_alloc(by_state, piece%by_state)
    end subroutine refine
 
-   !> Places of sliders that have slipped at the end of a piece: those of their bounds.
+   !> Moves sliders that have slipped at the end of a piece to their bounds.
    subroutine move_sliders(self, piece, x)
       type(variation_t), intent(in) :: self
       type(piece_t), intent(in) :: piece

@@ -593,7 +593,7 @@ class Model:
         """
         live = self._sessions.get(self._solved)
         if live is None:
-            raise ModelError("there is no motion that `solve` has found and that could be verified")
+            raise ModelError("there is no motion of `solve` that can be verified")
         session = live.session
         if motion is not None and not np.array_equal(motion["coefficients"].values, session.column("coefficients").values):
             raise ModelError("only the motion that this model has found last can be verified")
