@@ -1,12 +1,13 @@
 !> Central differences with exact unilateral constraints: explicit, of second order, walls and friction by multipliers.
 !>
-!> In the form of velocities at half steps, v(n+1/2) = v(n) + h/2 a(n), q(n+1) = q(n) + h v(n+1/2), which is the scheme of three
-!> displacements; the damping matrix is taken implicitly. Before a step is done, impulses at the rigid laws correct the half-step
-!> velocity: a wall that would be crossed is met exactly (the impulse only pushes, and a coordinate that comes in with v leaves
-!> with at most -e v), friction stops the coordinate or acts with its limit. At e = 0 a coordinate loses its normal velocity when
-!> it meets the wall: what is lost is the energy of the mass that the discrete structure lumps there, which tends to nothing as
-!> the mesh is refined. Source: N. J. Carpenter, R. L. Taylor and M. G. Katona, Int. J. Numer. Meth. Engng 32 (1991) 103-128;
-!> J. J. Moreau, Comput. Methods Appl. Mech. Engrg. 177 (1999) 329-349.
+!> With velocities at half steps, v(n+1/2) = v(n) + h/2 a(n), q(n+1) = q(n) + h v(n+1/2), which is equivalent to the
+!> scheme of three displacements; the damping matrix is treated implicitly. Before a step is completed, impulses at
+!> the rigid laws correct the half-step velocity: a wall that would be crossed is met exactly (the impulse only
+!> pushes, and a coordinate that arrives with v leaves with at most -e v), friction stops the coordinate or acts with
+!> its limit. At e = 0 a coordinate loses its normal velocity when it meets the wall: the energy lost is that of the
+!> mass lumped there in the discrete structure, which tends to zero as the mesh is refined. Source: N. J. Carpenter,
+!> R. L. Taylor and M. G. Katona, Int. J. Numer. Meth. Engng 32 (1991) 103-128; J. J. Moreau, Comput. Methods Appl.
+!> Mech. Engrg. 177 (1999) 329-349.
 module hb_central_differences
    use hb_error, only: error_t, fail
    use hb_integration_system, only: integration_state_t, integration_system_t
@@ -136,7 +137,7 @@ contains
    subroutine push(self, q, v, error)
       class(central_differences_t), intent(inout) :: self
       real(wp), intent(in) :: q(:)
-      real(wp), intent(in) :: v(:)                                    !! at the half step before [m/s]
+      real(wp), intent(in) :: v(:)                                    !! at the previous half step [m/s]
       type(error_t), allocatable, intent(out) :: error
       real(wp), dimension(size(self%rigid)) :: after, before, free, z
       real(wp) :: change, new, scale
@@ -171,14 +172,14 @@ contains
             end if
          end do
       end associate
-      call fail(error, "central_differences: the impulses of the rigid laws do not settle")
+      call fail(error, "central_differences: the impulses of the rigid laws do not converge")
    end subroutine push
 
-   !> Change of velocity, against the coordinate, that the law wants of a coordinate with the given free velocity.
+   !> Change of velocity, against the coordinate, that the law requires for a coordinate with the given free velocity.
    pure real(wp) function impulse_of(rigid, step, z, before, free) result(change)
       type(hold_t), intent(in) :: rigid
       real(wp), intent(in) :: step
-      real(wp), intent(in) :: z, before, free                         !! place, velocity a step before, velocity without impulse
+      real(wp), intent(in) :: z, before, free                         !! position, velocity a step before, velocity without impulse
       real(wp) :: high, low
 
       change = 0.0_wp

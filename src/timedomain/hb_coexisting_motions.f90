@@ -17,10 +17,10 @@ module hb_coexisting_motions
 
 contains
 
-   !> Integrates from as many starts as the model requests, the first one as `settle` has it. What comes out is the first motion of
-   !> the tones; where there are others beside it, the status is `several`, with as many as there are.
+   !> Integrates from as many starts as the model requests, the first one as in `settle`. The result is the first
+   !> motion of the tones; if there are others, the status is `several`, with their number.
    subroutine settle_from_starts(model, law_dofs, settled, error)
-      type(model_t), intent(in) :: model                              !! all of its tones given
+      type(model_t), intent(in) :: model                              !! all tones given
       integer, intent(in) :: law_dofs(:)
       type(steady_motion_t), intent(out) :: settled
       type(error_t), allocatable, intent(out) :: error
@@ -44,7 +44,7 @@ contains
             call settle(model, law_dofs, each(i), error, start)
             settled%work = settled%work + each(i)%work
             if (work_is_over()) return
-            if (allocated(error)) each(i)%status = outcome%pending    ! it runs away from there
+            if (allocated(error)) each(i)%status = outcome%pending    ! it diverges from there
          end do
       end associate
       if (allocated(error)) deallocate (error)
@@ -66,13 +66,13 @@ contains
       call report_motions(motion, each%status, each%amplitude, settled%message)
    end subroutine settle_from_starts
 
-   !> Returns which motions there are: their amplitudes, and from how many starts each is reached.
+   !> Returns a text with the amplitudes of the motions, and the number of starts that lead to each.
    pure subroutine report_motions(motion, status, amplitude, message)
-      integer, intent(in) :: motion(:)                                !! in which each start ends; 0: in none that is known
+      integer, intent(in) :: motion(:)                                !! motion in which each start ends; 0: none of them
       integer, intent(in) :: status(:)                                !! of each start, one of `outcome`
       real(wp), intent(in) :: amplitude(:)                            !! of each start [m]
       character(:), allocatable, intent(out) :: message
-      integer, parameter :: most_named = 8                            ! a message has an end
+      integer, parameter :: most_named = 8                            ! limits the length of the message
       integer :: first, k
 
       message = "integrated from "//to_text(size(motion))//" starts: "//to_text(maxval(motion))//" motion"

@@ -1,8 +1,9 @@
 !> Unknown frequencies of a quasi-periodic record, one after the other by size.
 !>
-!> The largest line of the windowed spectrum is refined to where the windowed average is stationary, taken out, and so on; then
-!> each line is refined again with the others taken out. Source: J. Laskar, The chaotic motion of the solar system: a numerical
-!> estimate of the size of the chaotic zones, Icarus 88 (1990) 266-291, with the window of hb_birkhoff.
+!> The largest line of the windowed spectrum is refined to a stationary point of the windowed average and subtracted,
+!> and so on; then each line is refined again with the others subtracted. Source: J. Laskar, The chaotic motion of the
+!> solar system: a numerical estimate of the size of the chaotic zones, Icarus 88 (1990) 266-291, with the window of
+!> hb_birkhoff.
 module hb_frequency_analysis
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_birkhoff, only: average_at, bump_weights
@@ -18,8 +19,8 @@ module hb_frequency_analysis
 
 contains
 
-   !> The largest lines x = mean + sum of Re(amplitude exp(i w t)), in the order found. Fewer than requested may be there: the
-   !> rest is NaN in frequencies and zero in amplitudes.
+   !> The largest lines x = mean + sum of Re(amplitude exp(i w t)), in the order found. There may be fewer than
+   !> requested: the remaining frequencies are NaN and amplitudes zero.
    subroutine find_frequencies(x, start, step, frequencies, amplitudes, error)
       real(wp), intent(in), contiguous :: x(:)                        !! (n_samples), at least 32
       real(wp), intent(in) :: start, step                             !! [s]
@@ -32,7 +33,7 @@ contains
 
       n = size(x)
       if (n < 32) then
-         call fail(error, "a record of fewer than 32 samples has no lines to look for")
+         call fail(error, "a record needs at least 32 samples for frequency analysis")
          return
       end if
       weights = bump_weights(n)
@@ -97,7 +98,8 @@ contains
 
    !> Moves a frequency to the maximum of the windowed average within +- `reach`, by bisection of its slope.
    !>
-   !> Times count from the middle of the record, where the window is symmetric: the phase then does not enter the slope.
+   !> Times are relative to the middle of the record, where the window is symmetric: the phase then does not affect
+   !> the slope.
    pure subroutine refine(x, weights, start, step, reach, frequency, amplitude)
       real(wp), intent(in), contiguous :: x(:), weights(:)
       real(wp), intent(in) :: start, step, reach

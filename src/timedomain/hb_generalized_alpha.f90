@@ -1,9 +1,9 @@
 !> The generalized-alpha method: implicit, of second order, unconditionally stable for linear structures, for singular masses too.
 !>
-!> Forces of inertia are taken at n+1-alpha_m, all others at n+1-alpha_f. Laws touch the structure at few coordinates z
-!> only, so Newton's method, with the exact derivatives of the laws, runs in z alone: the structure is factored once.
-!> The spectral radius at infinite frequency sets the damping of what the step does not resolve; 1 is the trapezoidal rule.
-!> Source: J. Chung and G. M. Hulbert, J. Applied Mechanics 60 (1993) 371-375.
+!> Inertia forces are evaluated at n+1-alpha_m, all others at n+1-alpha_f. Laws act on a few coordinates z only, so
+!> that Newton's method, with the exact derivatives of the laws, iterates on z alone: the structure is factorised
+!> once. The spectral radius at infinite frequency determines the damping of motions that the step does not resolve; 1
+!> is the trapezoidal rule. Source: J. Chung and G. M. Hulbert, J. Applied Mechanics 60 (1993) 371-375.
 module hb_generalized_alpha
    use hb_error, only: error_t, fail
    use hb_integration_system, only: integration_state_t, integration_system_t
@@ -36,7 +36,7 @@ module hb_generalized_alpha
 
 contains
 
-   !> Fails where the structure has rigid laws or a singular effective stiffness.
+   !> Fails if the structure has rigid laws or a singular effective stiffness.
    subroutine new_generalized_alpha(self, system, step, spectral_radius, tolerance, error)
       type(generalized_alpha_t), intent(out) :: self
       type(integration_system_t), intent(inout), target :: system
@@ -47,8 +47,8 @@ contains
       integer :: info
 
       if (system%laws%has_rigid()) then
-         call fail(error, "generalized_alpha cannot hold rigid walls or rigid friction; of the methods of &integration "// &
-                   "cvode and central_differences can")
+         call fail(error, "generalized_alpha does not support rigid walls or rigid friction; of the methods of &integration "// &
+                   "cvode and central_differences do")
          return
       end if
       self%system => system
@@ -67,7 +67,7 @@ contains
                        left*self%stiffness
          call dgetrf(n, n, self%factor, n, self%pivots, info)
          if (info > 0) then
-            call fail(error, "generalized_alpha: neither mass nor stiffness holds "//trim(system%structure%labels(info)))
+            call fail(error, "generalized_alpha: there is neither mass nor stiffness at "//trim(system%structure%labels(info)))
             return
          end if
          self%compliance = system%laws%shape
@@ -77,7 +77,8 @@ contains
       end associate
    end subroutine new_generalized_alpha
 
-   !> Takes a state; its accelerations are in equilibrium with it, those of massless degrees of freedom zero.
+   !> Sets the initial state; its accelerations are in equilibrium with it, those of massless degrees of freedom are
+   !> zero.
    subroutine generalized_alpha_start(self, state, error)
       class(generalized_alpha_t), intent(inout) :: self
       type(integration_state_t), intent(inout) :: state
@@ -128,7 +129,7 @@ contains
          do i = 1, n_steps
             law_before = matmul(laws%shape, laws%f)
             call laws%start_step(self%origin + (self%n_steps + i - 1)*h, q, v, state%s)
-            ! q_new = q_guess where a_new = a_guess = -(...)/(beta h**2) makes the unknown q_new itself
+            ! q_new = q_guess if a_new = a_guess = -(...)/(beta h**2) makes q_new itself the unknown
             q_guess = q + h*v + (0.5_wp - beta)*h**2*a
             v_guess = v + (1.0_wp - gamma)*h*a
             call self%system%loads%at(self%origin + (self%n_steps + i)*h, load)
@@ -136,7 +137,7 @@ contains
                     + matmul(self%mass, (1.0_wp - am)/(beta*h**2)*q_guess - am*a) &
                     + (1.0_wp - af)*matmul(self%damping, gamma/(beta*h)*q_guess - v_guess)
             call dgetrs("N", n, 1, self%factor, n, self%pivots, right, n, info)
-            call solve_laws(self, right, q_guess, v_guess, error)      ! adds what the laws do to the motion
+            call solve_laws(self, right, q_guess, v_guess, error)      ! adds the effect of the laws to the motion
             if (allocated(error)) then
                error%message = error%message//" at t = "//to_text(self%origin + (self%n_steps + i)*h)//" s"
                return
@@ -154,7 +155,7 @@ contains
 
    !> Newton's method for z = z_free - (1 - alpha_f) S^T compliance f(z, z'), z' = rate_guess + gamma/(beta h) (z - z_guess).
    !>
-   !> `q` is the motion without the new forces of the laws on entry, with them on return.
+   !> On entry `q` is the motion without the new forces of the laws, on return with them.
    subroutine solve_laws(self, q, q_guess, v_guess, error)
       class(generalized_alpha_t), intent(inout) :: self
       real(wp), intent(inout) :: q(:)

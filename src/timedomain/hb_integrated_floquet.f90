@@ -1,5 +1,5 @@
-!> Floquet multipliers and Lyapunov exponents by time integration, where laws lead through events that have no linearised equations:
-!> the map from one period to the next, by differences. Source: docs/why/theory.md, section 8.
+!> Floquet multipliers and Lyapunov exponents by time integration, for laws with events that have no linearised
+!> equations: the map from one period to the next, by differences. Source: docs/why/theory.md, section 8.
 module hb_integrated_floquet
    use hb_error, only: error_t
    use hb_exponents, only: orthogonalise, propagation_t, work_of_exponents
@@ -17,18 +17,19 @@ module hb_integrated_floquet
    private
    public :: integrated_floquet_t, integrated_propagation_t, new_integrated_propagation
 
-   real(wp), parameter :: distance = 1.0e-5_wp ! of the time integrations beside the motion, scaled: kinks and jumps
-                                                                      ! within it are rare, and rounding is small beside it
-   integer, parameter :: fewest_steps = 200                           ! in a period of the fastest tone, where they are fixed
-   real(wp), parameter :: unmoved = 1.0e-9_wp                         ! change of a place that friction never lets go, scaled
+   real(wp), parameter :: distance = 1.0e-5_wp ! of the neighbouring trajectories, scaled: kinks and jumps in between are rare,
+                                               !! and rounding is small in comparison
+   integer, parameter :: fewest_steps = 200                           ! in a period of the fastest tone, for fixed steps
+   real(wp), parameter :: unmoved = 1.0e-9_wp                         ! change of a coordinate that friction always holds, scaled
 
-   !> Propagation of disturbances along a motion of several tones by time integration, of the motion and of states on both sides of
-   !> it. It continues from period to period, and is only compared with the given motion, which it may leave.
+   !> Propagation of disturbances along a motion of several tones by time integration of the motion and of states on
+   !> both sides of it. It continues from period to period, and is only compared with the given motion, from which it
+   !> may diverge.
    type, extends(propagation_t) :: integrated_propagation_t
       type(state_map_t) :: integration
       real(wp), private :: time = 0.0_wp                              ! [s]
       real(wp), allocatable, private :: x(:)                          ! state of the time integration, scaled
-      real(wp), allocatable, private :: still(:, :)                   ! orthonormal, places held for ever, (size, any)
+      real(wp), allocatable, private :: still(:, :)                   ! orthonormal, coordinates that are always held, (size, any)
    contains
       procedure :: settle => integrated_propagation_settle
       procedure :: carry => integrated_propagation_carry
@@ -41,7 +42,8 @@ module hb_integrated_floquet
 
 contains
 
-   !> Along the motion where laws have linearised equations and nothing else is requested, else by time integration a period.
+   !> Uses the linearised equations along the motion if all laws have them and nothing else is requested, otherwise
+   !> time integration over a period.
    subroutine integrated_floquet_find(self, stability, config, motion, structure, laws, excitation, work_allowed)
       class(integrated_floquet_t), intent(in) :: self
       type(stability_t), intent(out) :: stability
@@ -70,13 +72,13 @@ contains
          limit = self%work_limit(config, work_allowed)
          if (motion%tones%n_tones == 1) then
             call integration_period(stability, config, system, series, motion%tones%is_unknown(1), excitation%restitution, limit)
-         else if (.not. any(motion%tones%is_unknown)) then            ! with tones of its own it would drift along itself
+         else if (.not. any(motion%tones%is_unknown)) then            ! with unknown tones it would drift along the motion
             call integration_periods(stability, config, system, series, excitation%restitution, limit)
          end if
       end if
    end subroutine integrated_floquet_find
 
-   !> By time integration from a torus and from beside it, period by period.
+   !> By time integration from a torus and from neighbouring states, period by period.
    subroutine integration_periods(self, config, system, motion, restitution, work_limit)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
@@ -96,14 +98,15 @@ contains
       call assess_exponents(self, propagation, min(work_limit, work_on_demand), config)
    end subroutine integration_periods
 
-   !> By time integration a period of one tone from the motion and from beside it, for laws that ask for it: multipliers are those
-   !> of the motion that repeats there, their change from the motion given is the least of the estimate.
+   !> By time integration over a period of one tone from the motion and from neighbouring states, for laws that
+   !> require it: multipliers are those of the periodic motion there, and the estimate is at least their change from
+   !> the given motion.
    subroutine integration_period(self, config, system, series, is_free, restitution, work_limit)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(integration_system_t), intent(inout), target :: system
       type(motion_series_t), intent(in) :: series                     !! of the motion
-      logical, intent(in) :: is_free                                  !! the tone is the motion's own
+      logical, intent(in) :: is_free                                  !! the tone is unknown
       real(wp), intent(in) :: restitution                             !! of rigid walls
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
       type(error_t), allocatable :: error
@@ -129,7 +132,7 @@ contains
       call self%hold_against(before)
    end subroutine integration_period
 
-   !> Fails for laws that no method can follow.
+   !> Fails for laws that no integrator supports.
    subroutine new_integrated_propagation(self, system, motion, restitution, tolerance, error)
       type(integrated_propagation_t), intent(out) :: self
       type(integration_system_t), intent(inout), target :: system     !! of all degrees of freedom
@@ -148,7 +151,8 @@ contains
       self%work = (2*self%n_followed + 1)*self%integration%work_of(1)
    end subroutine new_integrated_propagation
 
-   !> From the motion on; what rigid friction holds all the time has its place taken out of the disturbances, which stay there.
+   !> Advances from the motion; coordinates that rigid friction always holds are removed from the disturbances, which
+   !> are constant there.
    subroutine integrated_propagation_settle(self, n_periods, is_done)
       class(integrated_propagation_t), intent(inout) :: self
       integer, intent(in) :: n_periods
@@ -179,7 +183,7 @@ contains
       self%n_followed = self%n_begun - size(self%still, 2)
    end subroutine integrated_propagation_settle
 
-   !> The time integration itself through the next period; not done where it leaves the motion.
+   !> Integrates over the next period; not done if it diverges from the motion.
    subroutine go_on(self, is_done)
       type(integrated_propagation_t), intent(inout) :: self
       logical, intent(out) :: is_done

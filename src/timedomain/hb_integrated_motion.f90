@@ -1,9 +1,10 @@
 !> The last resort: time integration of the model until its motion is steady.
 !>
-!> Windows follow each other, each twice as long as the one before. The averages over each (hb_birkhoff) are coefficients at all
-!> tuples of the set; how far they differ from those of the window before, which is shorter and nearer to the start, is the
-!> spread, and where it no longer falls the motion has no order or is still on its way. Averages see nothing of lines between the
-!> tuples: what the series leaves of the record has to repeat as the tones do (hb_recurrence), or in several periods of them.
+!> Windows follow one another, each twice as long as the previous one. The averages over each (hb_birkhoff) are
+!> coefficients at all tuples of the set; their difference from those of the previous window, which is shorter and
+!> nearer to the start, is the spread. If the spread no longer falls, the motion is aperiodic or still in its
+!> transient. Averages do not show lines between the tuples: the remainder of the record after subtraction of the
+!> series must repeat as the tones do (hb_recurrence), or after several periods of them.
 module hb_integrated_motion
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_advice, only: rounded
@@ -33,31 +34,31 @@ module hb_integrated_motion
    public :: fastest_of, has_bounds_of, largest_in_parts, settle
 
    integer, parameter :: first_window = 50                            ! periods of the slowest tone
-   integer, parameter :: other_window = 70                            ! likewise, from a given state: averages of its own
-   integer, parameter :: more_steps = 5                               ! of an implicit method, than there are samples
-   integer, parameter :: coarse_steps = 3                             ! likewise at first, where the set is given
+   integer, parameter :: other_window = 70                            ! likewise, from a given state: with averages of its own
+   integer, parameter :: more_steps = 5                               ! of an implicit method, relative to the number of samples
+   integer, parameter :: coarse_steps = 3                             ! likewise at first, for a given set
    integer, parameter :: most_halvings = 3                            ! of fixed steps
-   real(wp), parameter :: largest_change = 0.1_wp                     ! by the last of them: of a motion that is known, if not well
-   real(wp), parameter :: steps_of_mode = 1.0_wp                      ! of central differences in a radian of the fastest mode
-   real(wp), parameter :: work_of_mode = 4.0_wp                       ! looks of cvode, likewise
+   real(wp), parameter :: largest_change = 0.1_wp ! by the last of them: the motion is known, though inaccurately
+   real(wp), parameter :: steps_of_mode = 1.0_wp                      ! of central differences per radian of the fastest mode
+   real(wp), parameter :: work_of_mode = 4.0_wp                       ! right-hand sides of cvode, likewise
    integer, parameter :: most_windows = 7
-   integer, parameter :: least_windows = 4                            ! before the spread counts as one that does not fall
-   integer, parameter :: samples_of_harmonic = 16                     ! of the highest one in its period, at least
-   integer, parameter :: samples_of_candidate = 4                     ! likewise, where most of the highest ones carry nothing
-   real(wp), parameter :: share_of_fit = 0.01_wp                      ! of the error aimed at: what a product must gain
-   real(wp), parameter :: work_of_product = 60.0_wp                   ! [ns] for each sample
-   real(wp), parameter :: seen = 0.75_wp                              ! of a record by a fit
-   integer, parameter :: parts = 4                                    ! of a record, the worst of which tells the error of a series
-   real(wp), parameter :: numbers_of_unknown = 1.5_wp                 ! of the record that a fit sees first, below its highest
-                                                                      ! frequency
-   real(wp), parameter :: gaining = 0.8_wp                            ! error of a fit, relative to the one before
+   integer, parameter :: least_windows = 4                            ! before the spread can count as not falling
+   integer, parameter :: samples_of_harmonic = 16                     ! of the highest one per period, at least
+   integer, parameter :: samples_of_candidate = 4                     ! likewise, if most of the highest ones are negligible
+   real(wp), parameter :: share_of_fit = 0.01_wp                      ! of the requested error: least gain of a product
+   real(wp), parameter :: work_of_product = 60.0_wp                   ! [ns] per sample
+   real(wp), parameter :: seen = 0.75_wp                              ! fraction of a record used by a fit
+   integer, parameter :: parts = 4                                    ! of a record; the worst one determines the error of a series
+   real(wp), parameter :: numbers_of_unknown = 1.5_wp                 ! of the record used by the first fit, below its highest
+                                                                      !! frequency
+   real(wp), parameter :: gaining = 0.8_wp                            ! error of a fit, relative to the previous one
    real(wp), parameter :: largest_record = 1.0e7_wp                   ! numbers
    real(wp), parameter :: most_terms = 2.0e9_wp                       ! of the averages over one window
    real(wp), parameter :: largest_spread = 1.0e-2_wp                  ! of a steady motion, relative
    real(wp), parameter :: aim = 1.0e-2_wp ! spread at which the time integration ends, relative to that allowed
    real(wp), parameter :: close = 0.1_wp                              ! likewise, after `least_windows`
    real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm
-   real(wp), parameter :: falling = 0.5_wp                            ! spread relative to the one before
+   real(wp), parameter :: falling = 0.5_wp                            ! spread relative to the previous one
    real(wp), parameter :: kick = 1.0e-6_wp                            ! of the length of the system, at the start
    character(*), parameter :: more_work = ", raise &solver fallback_work"
    character(*), parameter :: ended = "time integration was ended before its time"
@@ -65,11 +66,12 @@ module hb_integrated_motion
 
 contains
 
-   !> Integrates from the state given, else from the `&start` amplitudes, else from rest, a little beside both: no symmetry then
-   !> holds a motion that nobody would see. Where `cvode` spends all of the work on the fastest motions of the structure, which hard
-   !> stops keep going, or would do so on candidates, a method of fixed steps has as much again.
+   !> Integrates from the given state, otherwise from the `&start` amplitudes, otherwise from rest, slightly perturbed
+   !> so that no symmetry preserves an unstable motion. If `cvode` uses up all of its work on the fastest motions of
+   !> the structure, which hard stops excite, or would do so on candidates, a method with fixed steps has the same
+   !> budget again.
    subroutine settle(model, law_dofs, settled, error, start)
-      type(model_t), intent(in) :: model                              !! all of its tones given
+      type(model_t), intent(in) :: model                              !! all tones given
       integer, intent(in) :: law_dofs(:)
       type(steady_motion_t), intent(out) :: settled
       type(error_t), allocatable, intent(out) :: error
@@ -100,7 +102,7 @@ contains
       settled = again
    end subroutine settle
 
-   !> Whether there is cvode and it can follow the sliders of all laws.
+   !> Whether cvode is available and supports the sliders of all laws.
    pure logical function has_bounds_of(model) result(has_bounds)
       type(model_t), intent(in) :: model
       integer :: i
@@ -114,8 +116,9 @@ contains
       end do
    end function has_bounds_of
 
-   !> Integrates by a method of fixed steps and with steps half as long from where that has ended, to an accuracy until the motion
-   !> no longer changes by more than is allowed. The answer is that of the shortest steps; the last change counts as its error.
+   !> Integrates by a method with fixed steps, and with steps half as long from the end of the previous integration;
+   !> with a tolerance until the motion no longer changes by more than permitted. The result is that of the shortest
+   !> steps; the last change counts as its error.
    subroutine follow_in_steps(model, law_dofs, budget, settled, error, start)
       type(model_t), intent(in) :: model
       integer, intent(in) :: law_dofs(:)
@@ -164,7 +167,7 @@ contains
          settled%status = outcome%pending
    end subroutine follow_in_steps
 
-   !> Frequency of the fastest mode of the structure without damping [rad/s], 0 where it is not known.
+   !> Frequency of the fastest mode of the structure without damping [rad/s], 0 if not known.
    real(wp) function fastest_of(model) result(fastest)
       type(model_t), intent(in) :: model
       type(error_t), allocatable :: error
@@ -178,7 +181,7 @@ contains
       if (.not. allocated(error) .and. modes%n_modes > 0) fastest = maxval(modes%frequency)
    end function fastest_of
 
-   !> Distance of the samples of a record [s].
+   !> Sampling interval of a record [s].
    real(wp) function sample_step(model) result(step)
       type(model_t), intent(in) :: model
 
@@ -200,7 +203,7 @@ contains
       end associate
    end function periods_of_first
 
-   !> What the averages over a record, or a fit to it, take [ns].
+   !> Work of the averages over a record, or of a fit to it [ns].
    pure real(wp) function work_of_averages(model, n_samples, n_coordinates, n_products) result(work)
       type(model_t), intent(in) :: model
       integer, intent(in) :: n_samples, n_coordinates
@@ -213,7 +216,7 @@ contains
       end if
    end function work_of_averages
 
-   !> Spread that a steady motion may have.
+   !> Largest permitted spread of a steady motion.
    pure real(wp) function allowed_of(model) result(allowed)
       type(model_t), intent(in) :: model
 
@@ -221,7 +224,7 @@ contains
    end function allowed_of
 
    subroutine follow(model, law_dofs, settled, state, error, start)
-      type(model_t), intent(in) :: model                              !! all of its tones given
+      type(model_t), intent(in) :: model                              !! all tones given
       integer, intent(in) :: law_dofs(:)
       type(steady_motion_t), intent(out) :: settled
       type(integration_state_t), intent(out) :: state                 !! the last one
@@ -271,7 +274,7 @@ contains
             call integrate_from(system, config, step, [(i, i=1, system%n_dofs)], state, next, error)
             settled%is_out_of_work = next%is_out_of_work
             if (next%is_out_of_work .and. allocated(settled%message)) then
-               deallocate (error)                                     ! what there is may be enough, unless it was reported but once
+               deallocate (error)                                     ! the data so far may suffice, unless there is only one window
                if (settled%status == outcome%time_domain) exit
                settled%status = outcome%pending
                settled%message = settled%message//"; no work is left to see more"//more_work
@@ -324,14 +327,14 @@ contains
       end associate
    end subroutine follow
 
-   !> Whether a longer window would say nothing else: the motion is accurate enough or gains no more, or another kind of motion is
-   !> found twice and stays as far from what is allowed, or within it.
+   !> Whether a longer window would not change the result: the motion is accurate enough or no longer improves, or
+   !> another kind of motion is found twice with a spread that remains above, or within, the permitted one.
    pure logical function is_final(settled, status_before, spread_before, allowed, aim_of_lines)
       type(steady_motion_t), intent(in) :: settled
       integer, intent(in) :: status_before
       real(wp), intent(in) :: spread_before
       real(wp), intent(in) :: allowed                                 !! spread
-      real(wp), intent(in) :: aim_of_lines                            !! error at which to end where lines are found, else 0
+      real(wp), intent(in) :: aim_of_lines                            !! error at which to end if lines are found, otherwise 0
 
       associate (spread => settled%spread)
          if (settled%status /= outcome%time_domain) then
@@ -360,16 +363,16 @@ contains
       state%q = state%q + kick*system%length*[(scattered(i), i=1, system%n_dofs)]
    end subroutine begin
 
-   !> Describes what a steady record is. What a fit to candidates leaves of a motion that repeats is lines beyond them, and so may
-   !> be what little it leaves of any: such lines turn faster than returns are reported. The motion is known to that then.
+   !> Describes a steady record. The remainder of a fit to candidates consists of lines beyond them: they are faster
+   !> than the resolution of returns. The motion is known to that accuracy.
    subroutine tell(model, settled, z, remainder, record, allowed, has_forgotten, is_last)
       type(model_t), intent(in) :: model
       type(steady_motion_t), intent(inout) :: settled
       real(wp), intent(in) :: z(:, :)                                 !! [m], (n_samples, n_coordinates)
-      real(wp), intent(in) :: remainder(:, :)                         !! what the series leaves of it, likewise
+      real(wp), intent(in) :: remainder(:, :)                         !! remainder of the record without the series, likewise
       type(integration_record_t), intent(in) :: record
       real(wp), intent(in) :: allowed                                 !! largest spread of a steady motion
-      logical, intent(in) :: has_forgotten                            !! how it began, as far as damping shows
+      logical, intent(in) :: has_forgotten                            !! the transient has decayed, as far as damping determines it
       logical, intent(in) :: is_last                                  !! there is no longer window
       real(wp) :: left_out
       character(:), allocatable :: integrated_for
@@ -378,7 +381,7 @@ contains
 
       integrated_for = "integrated for "//to_text(settled%n_periods)//" periods of the slowest tone"
       left_out = largest_share(remainder, z)
-      settled%left_out = merge(0.0_wp, left_out, model%integration%aim > 0.0_wp) ! of a fit the spread has it
+      settled%left_out = merge(0.0_wp, left_out, model%integration%aim > 0.0_wp) ! for a fit included in the spread
       finds_lines = model%integration%aim > 0.0_wp
       part = turns_to_repeat(remainder, scale_of(z), model%tones%omega*record%step/two_pi, left_out, allowed)
       settled%status = outcome%pending
@@ -414,7 +417,8 @@ contains
       end select
    end subroutine tell
 
-   !> Root mean square of what is left of a record, in a part of it, relative to that of its motion without the mean: the largest.
+   !> Largest root mean square of the remainder of a record, in a part of it, relative to that of its motion without
+   !> the mean.
    pure real(wp) function largest_share(remainder, z) result(share)
       real(wp), intent(in) :: remainder(:, :)                         !! (any, n_coordinates)
       real(wp), intent(in) :: z(:, :)                                 !! the record, (n_samples, n_coordinates)
@@ -422,8 +426,9 @@ contains
       share = maxval(norm2(remainder, 1)/scale_of(z))/sqrt(real(size(remainder, 1), wp))
    end function largest_share
 
-   !> Gives the largest such share of the parts of a record, each as long as what a fit has not seen: the phases of several tones
-   !> in which a series is worst may be in any of them, and of the beginning a fit sees little.
+   !> Returns the largest such share of the parts of a record, each as long as the part not used by a fit: the phases
+   !> of several tones for which a series is worst may be in any of them, and a fit has little weight at the
+   !> beginning.
    pure real(wp) function largest_in_parts(remainder, z) result(share)
       real(wp), intent(in) :: remainder(:, :), z(:, :)                !! (n_samples, n_coordinates)
       integer :: part
@@ -436,7 +441,7 @@ contains
       end associate
    end function largest_in_parts
 
-   !> Root mean squares of a record without the means; 1 of what rests.
+   !> Root mean squares of a record without the means; 1 for coordinates at rest.
    pure function scale_of(z) result(scale)
       real(wp), intent(in) :: z(:, :)                                 !! (n_samples, n_coordinates)
       real(wp) :: scale(size(z, 2))
@@ -446,7 +451,7 @@ contains
       where (scale <= 0.0_wp) scale = 1.0_wp
    end function scale_of
 
-   !> Amplitude of an oscillation with the same root mean square, of the coordinate that has the largest one.
+   !> Amplitude of an oscillation with the same root mean square, for the coordinate with the largest one.
    pure real(wp) function amplitude_of(z) result(amplitude)
       real(wp), intent(in) :: z(:, :)                                 !! (n_samples, n_coordinates)
       integer :: k
@@ -454,7 +459,7 @@ contains
       amplitude = sqrt(2.0_wp/size(z, 1))*maxval([(norm2(z(:, k) - sum(z(:, k))/size(z, 1)), k=1, size(z, 2))])
    end function amplitude_of
 
-   !> Averages at all tuples, cos - i sin, (n_harmonics, any); of candidates, by a fit of them all.
+   !> Averages at all tuples, cos - i sin, (n_harmonics, any); for candidates by a fit of all of them.
    function averages_of(model, x, record, fit) result(c)
       type(model_t), intent(in) :: model
       real(wp), intent(in) :: x(:, :)                                 !! (n_samples, any)
@@ -472,7 +477,7 @@ contains
       end do
    end function averages_of
 
-   !> What a candidate may carry beside others: the less, the higher its order.
+   !> Weight of a candidate relative to others: the smaller, the higher its order.
    pure function importance_of(model) result(importance)
       type(model_t), intent(in) :: model
       real(wp) :: importance(model%harmonics%n_harmonics)
@@ -480,7 +485,7 @@ contains
       importance = 1.0_wp/(1 + sum(abs(model%harmonics%tuples), dim=1))
    end function importance_of
 
-   !> Differences of motions relative to the first, by coordinate, of what carries at least so much of it.
+   !> Differences of motions relative to the first, by coordinate, for coefficients above `least`.
    pure function distance_of(c, other, least) result(distance)
       complex(wp), intent(in) :: c(:, :), other(:, :)                 !! (n_harmonics, n_coordinates)
       real(wp), intent(in) :: least
@@ -493,7 +498,7 @@ contains
       end do
    end function distance_of
 
-   !> What a series leaves of its record.
+   !> Remainder of a record without its series.
    function remainder_of(x, c, record, frequencies) result(remainder)
       real(wp), intent(in) :: x(:, :)                                 !! (n_samples, any)
       complex(wp), intent(in) :: c(:, :)                              !! (n_harmonics, any)

@@ -1,8 +1,9 @@
 !> First guesses from time integration: the motion at the end of a time integration.
 !>
-!> Time integration finds attractors: of several motions a stable one, and one that no linear mode leads to. With given tones it
-!> starts from rest, with unknown ones from random displacements and velocities of several sizes, or from the `&start` amplitudes;
-!> the frequencies are then read from the record (hb_record_tones), the coefficients are averages over it (hb_birkhoff).
+!> Time integration finds attractors: a stable one of several motions, and motions to which no linear mode leads. With
+!> given tones it starts from rest, with unknown ones from random displacements and velocities of several sizes, or
+!> from the `&start` amplitudes; the frequencies are then read from the record (hb_record_tones), the coefficients are
+!> averages over it (hb_birkhoff).
 module hb_integrated_start
    use hb_birkhoff, only: coefficients_at
    use hb_error, only: error_t
@@ -18,7 +19,7 @@ module hb_integrated_start
    private
    public :: change_of, first_kick, integrate_once, integrated_guess, steady
 
-   integer, parameter :: periods_of_transient = 200, periods_of_record = 50   ! of the slowest tone, unless &integration says
+   integer, parameter :: periods_of_transient = 200, periods_of_record = 50   ! of the slowest tone, unless given in &integration
    integer, parameter :: samples_of_harmonic = 8                      ! of the highest one in its period, at least
    real(wp), parameter :: kicks(4) = [3.0_wp, 30.0_wp, 0.3_wp, 300.0_wp]   ! of the length of the laws
    real(wp), parameter :: first_kick = kicks(1)
@@ -28,12 +29,12 @@ module hb_integrated_start
 
 contains
 
-   !> Integrates, and gives the guess as hb_motion takes it: coefficients at the degrees of freedom of the laws, then all base
-   !> frequencies. Not allocated where nothing is left to move, or where the motion has no tone of its own. An error is one of
-   !> time integration, such as a law that the method cannot follow.
+   !> Integrates, and returns the guess in the form of hb_motion: coefficients at the degrees of freedom of the laws,
+   !> then all base frequencies. Not allocated if the motion decays, or if it has no unknown tone. An error is one of
+   !> time integration, such as a law that the method does not support.
    subroutine integrated_guess(model, omega, law_dofs, guess, error)
       type(model_t), intent(in) :: model
-      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), guesses where unknown, all > 0
+      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), guesses if unknown, all > 0
       integer, intent(in) :: law_dofs(:)
       real(wp), allocatable, intent(out) :: guess(:)
       type(error_t), allocatable, intent(out) :: error
@@ -52,12 +53,12 @@ contains
          if (allocated(error)) then
             n_failed = n_failed + 1
             if (n_failed == n_tries) return
-            deallocate (error)                                        ! another kick may lead to an end
+            deallocate (error)                                        ! another perturbation may succeed
             cycle
          end if
          found = omega
          if (any(model%tones%is_unknown)) then
-            found = model%tones%omega                                 ! only guesses of the user count
+            found = model%tones%omega                                 ! only guesses of the user are used
             call find_tones(record%every_displacement, record%start, record%step, model%harmonics%tuples, model%tones%is_unknown, &
                             found, share, error)
             if (allocated(error)) return
@@ -71,7 +72,7 @@ contains
       end do
    end subroutine integrated_guess
 
-   !> Integrates through the transient and the record of `&integration`, or of as many periods as stand above.
+   !> Integrates through the transient and the record of `&integration`, or through the default number of periods.
    subroutine integrate_once(model, omega, law_dofs, kick, record, error)
       type(model_t), intent(in) :: model
       real(wp), intent(in) :: omega(:)
@@ -94,7 +95,7 @@ contains
          state%q = sum(real(model%start%values), 2)
          state%v = matmul(-aimag(model%start%values), frequencies(model%start%harmonics))
       else if (any(model%tones%is_unknown)) then
-         ! Multiples of the golden ratio spread evenly, so that no shape is left out
+         ! Multiples of the golden ratio are equidistributed, so that no shape is missed
          state%q = kick*length_of(model)*[(scattered(2*i), i=1, system%n_dofs)]
          state%v = kick*length_of(model)*minval(omega, mask=model%tones%is_unknown)*[(scattered(2*i + 1), i=1, system%n_dofs)]
       end if
@@ -110,7 +111,7 @@ contains
                       law_dofs, state, record, error)
    end subroutine integrate_once
 
-   !> Typical length of the laws [m], 1 where they have none.
+   !> Typical length of the laws [m], 1 if they have none.
    pure real(wp) function length_of(model)
       type(model_t), intent(in) :: model
       integer :: i
@@ -122,7 +123,7 @@ contains
       if (length_of <= 0.0_wp) length_of = 1.0_wp
    end function length_of
 
-   !> Whether the motion has fallen to nothing beside what it began with; one that loads move has not.
+   !> Whether the motion has decayed relative to its start; false for a motion driven by loads.
    pure logical function is_dead(model, record, kick, has_start)
       type(model_t), intent(in) :: model
       type(integration_record_t), intent(in) :: record

@@ -1,5 +1,5 @@
-!> Time integration of a model as its group `&integration` has it: record, coefficients of it, and the state from which it can go
-!> on.
+!> Time integration of a model as defined by its group `&integration`: record, its coefficients, and the state from
+!> which it can be continued.
 module hb_integration
    use hb_error, only: annotate, error_t, fail
    use hb_integration_config, only: integration_start, step_of
@@ -18,21 +18,21 @@ module hb_integration
 
    integer, parameter :: fewest_samples = 32                          ! from which frequencies are read
 
-   !> What time integration has come to.
+   !> Results of a time integration.
    type :: integration_t
       type(integration_system_t) :: system
       type(integration_record_t) :: record
       type(integration_assessment_t) :: assessment
       type(integration_state_t) :: state                              !! the last one
       real(wp), allocatable :: omega(:)                               !! base frequencies [rad/s], (n_tones)
-      real(wp) :: share = 0.0_wp                                      !! of the power of the record that unknown tones explain
-      integer, allocatable :: motion(:)                               !! in which each start ends, from 1; 0: it runs away
+      real(wp) :: share = 0.0_wp                                      !! of the power of the record explained by unknown tones
+      integer, allocatable :: motion(:)                               !! in which each start ends, from 1; 0: it diverges
       type(integration_assessment_t), allocatable :: motions(:)       !! each of them, (maxval(motion))
    end type integration_t
 
 contains
 
-   !> Fails where `&integration` does not say what is to be integrated.
+   !> Fails if `&integration` is incomplete.
    subroutine check_integration(model, error)
       type(model_t), intent(in) :: model
       type(error_t), allocatable, intent(out) :: error
@@ -76,12 +76,12 @@ contains
       if (model%integration%starts > 1 .and. .not. allocated(error)) call integrate_others(model, frequencies, step, self, error)
    end subroutine integrate_model
 
-   !> Integrates from the other starts, as long as from the first one, and distinguishes motions.
+   !> Integrates from the other starts, as long as from the first one, and distinguishes their motions.
    subroutine integrate_others(model, frequencies, step, content, error)
       type(model_t), intent(in) :: model
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
       real(wp), intent(in) :: step                                    !! [s]
-      type(integration_t), intent(inout) :: content                 !! with what the first start has come to
+      type(integration_t), intent(inout) :: content                 !! with the results of the first start
       type(error_t), allocatable, intent(out) :: error
       type(integration_assessment_t) :: each(model%integration%starts)
       type(integration_record_t) :: record
@@ -101,7 +101,7 @@ contains
          else
             call state_on_sphere(system, model%tones%omega, size_of_motion, i - 1, state)
             call integrate_from(system, model%integration, step, model%output%dofs, state, record, error)
-            if (allocated(error)) kind(i) = 0                         ! it runs away from there
+            if (allocated(error)) kind(i) = 0                         ! it diverges from there
             if (kind(i) > 0) call assess(record, frequencies, 0, each(i), error)
          end if
          c(:, :, i) = 0.0_wp
@@ -118,8 +118,8 @@ contains
       end do
    end subroutine integrate_others
 
-   !> Base frequencies for the time integration: unknown ones without a first guess take those of the linear structure, the lowest
-   !> first.
+   !> Base frequencies for the time integration: unknown ones without a first guess are those of the linear structure,
+   !> the lowest first.
    subroutine guess_frequencies(model, omega, error)
       type(model_t), intent(in) :: model
       real(wp), allocatable, intent(out) :: omega(:)                  !! [rad/s], (n_tones), > 0
@@ -148,7 +148,8 @@ contains
       call annotate(error, "give first guesses of the frequencies in &tones")
    end subroutine guess_frequencies
 
-   !> Reads the frequencies of unknown tones from a record. Where it has none, guesses stay and the share is zero.
+   !> Reads the frequencies of unknown tones from a record. If it has none, guesses are unchanged and the share is
+   !> zero.
    subroutine read_frequencies(model, record, omega, share, error)
       type(model_t), intent(in) :: model
       type(integration_record_t), intent(in) :: record
@@ -159,7 +160,7 @@ contains
 
       share = 0.0_wp
       if (.not. any(model%tones%is_unknown) .or. size(record%every_displacement, 1) < fewest_samples) return
-      found = model%tones%omega                                       ! only guesses of the user count
+      found = model%tones%omega                                       ! only guesses of the user are used
       call find_tones(record%every_displacement, record%start, record%step, model%harmonics%tuples, model%tones%is_unknown, &
                       found, share, error)
       if (share > 0.0_wp) omega = found

@@ -1,9 +1,9 @@
 !> Time integration by multistep methods of variable order and step, event by event.
 !>
-!> Between events the equations are smooth, so that the tolerance is kept at high order; at an event the integration stops, the
-!> branch of the law changes (hb_integration_equations), and it starts anew. The step of the record only says where samples are
-!> taken. A rigid wall sends a coordinate back with the coefficient of restitution times its speed; what is slower than 1e-6 of the
-!> fastest motion so far stays on the wall.
+!> Between events the equations are smooth, so that the tolerance is met at high order; at an event the integration
+!> stops, the branch of the law changes (hb_integration_equations), and the integrator is restarted. The step of the
+!> record only defines the sampling. A rigid wall reflects a coordinate with the coefficient of restitution times its
+!> speed; a speed below 1e-6 of the largest so far does not bounce.
 module hb_integration_cvode
    use hb_cancellation, only: work_is_over
    use hb_error, only: error_t, fail
@@ -21,18 +21,18 @@ module hb_integration_cvode
    private
    public :: integration_cvode_t, new_integration_cvode
 
-   ! Rounding of the time at each step of CVODE is systematic; it is small where time counts from near by.
+   ! Rounding of the time at each step of CVODE is systematic; it is small if the origin of time is near.
    integer, parameter :: steps_from_base = 1000
    integer, parameter :: max_events = 100000                          ! from one sample to the next
-   real(wp), parameter :: slow = 1.0e-6_wp                            ! relative speed that does not bounce
+   real(wp), parameter :: slow = 1.0e-6_wp                            ! relative speed below which there is no bounce
    real(wp), parameter :: smallest_scale = 1.0e-3_wp                  ! of a displacement, relative to the length of the system
 
    type, extends(integrator_t) :: integration_cvode_t
       type(integration_equations_t), pointer :: equations => null()
       type(cvode_t) :: cvode
       real(wp) :: step = 0.0_wp
-      real(wp) :: origin = 0.0_wp                                     !! [s] where it started
-      real(wp) :: base = 0.0_wp                                       !! [s] from where the time of CVODE counts
+      real(wp) :: origin = 0.0_wp                                     !! [s] initial time
+      real(wp) :: base = 0.0_wp                                       !! [s] origin of the time of CVODE
       integer :: n_since_base = 0                                     !! steps
       integer(int64) :: n_steps = 0_int64
       real(wp) :: time_scale = 0.0_wp                                 !! [s], far below all periods
@@ -46,7 +46,7 @@ module hb_integration_cvode
 
 contains
 
-   !> Fails for a singular mass, and for a law with memory that does not know its bounds.
+   !> Fails for a singular mass, and for a law with memory without bounds.
    subroutine new_integration_cvode(self, system, step, tolerance, is_stiff, rigid, error)
       type(integration_cvode_t), intent(out) :: self
       type(integration_system_t), intent(inout), target :: system
@@ -62,7 +62,7 @@ contains
          select type (law => system%laws%laws(i)%law)
          class is (hysteretic_law_t)
             if (law%has_bounds) cycle
-            call fail(error, "cvode cannot follow the states of law '"//law%label//"'; the other methods of &integration can")
+            call fail(error, "cvode does not support the states of law '"//law%label//"'; the other methods of &integration do")
             return
          end select
       end do
@@ -107,12 +107,12 @@ contains
          equations%mode = 0
          call self%equations%hold_active()
          call self%system%accelerations%begin(state%time, 0.0_wp)
-         call choose_branches(self, 0.0_wp)                           ! may change velocities, so before
+         call choose_branches(self, 0.0_wp)                           ! may change velocities, therefore first
          call begin_at(self, state%time, error)
       end associate
    end subroutine integration_cvode_start
 
-   !> Counts time from here on.
+   !> Sets the origin of time.
    subroutine begin_at(self, time, error)
       class(integration_cvode_t), intent(inout) :: self
       real(wp), intent(in) :: time                                    !! [s]
@@ -131,7 +131,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: found(self%equations%n_events()), i, n_events
       logical :: is_event
-      real(wp) :: end_time, t                                         ! t counts from the base
+      real(wp) :: end_time, t                                         ! t is relative to the base
 
       do i = 1, n_steps
          end_time = self%origin + (self%n_steps + i)*self%step
@@ -148,7 +148,7 @@ contains
             call self%cvode%restart(t, error)
             if (allocated(error)) return
             is_event = end_time - self%base - t > 8.0_wp*epsilon(1.0_wp)*abs(t)
-            if (.not. is_event) exit                                  ! it happened at the sample
+            if (.not. is_event) exit                                  ! it occurred at the sample
          end do
          if (is_event) then
             call fail(error, "cvode: events without end at t = "//to_text(self%base + t)//" s")
@@ -168,7 +168,7 @@ contains
       if (self%system%laws%n_states > 0) call find_places(self, end_time - self%base, state%s)
    end subroutine integration_cvode_advance
 
-   !> Places of all sliders in the present state.
+   !> Positions of all sliders in the present state.
    subroutine find_places(self, t, s)
       class(integration_cvode_t), intent(inout) :: self
       real(wp), intent(in) :: t                                       !! [s], from the base
@@ -232,7 +232,7 @@ contains
       end associate
    end subroutine change_branches
 
-   !> Sends a coordinate back from a wall, with all others that are in contact held.
+   !> Reflects a coordinate at a wall; all others in contact are constrained.
    subroutine hit_wall(self, i, side)
       class(integration_cvode_t), intent(inout) :: self
       integer, intent(in) :: i, side
@@ -251,7 +251,7 @@ contains
       end associate
    end subroutine hit_wall
 
-   !> Gives the coordinates that are held the rates told, by an impulse on each.
+   !> Sets the rates of the constrained coordinates, by an impulse on each.
    subroutine stop_active(self, rates)
       class(integration_cvode_t), intent(inout) :: self
       real(wp), intent(in) :: rates(:)                                !! [m/s], of the active ones
@@ -267,7 +267,8 @@ contains
       end associate
    end subroutine stop_active
 
-   !> Modes of the rigid laws that are consistent in the present state: walls push, friction keeps its limit or slips against it.
+   !> Finds modes of the rigid laws that are consistent in the present state: walls push, friction is within its limit
+   !> or slips against it.
    subroutine settle_rigid(self, t)
       class(integration_cvode_t), intent(inout) :: self
       real(wp), intent(in) :: t
@@ -329,7 +330,7 @@ contains
             end associate
          end do
          call equations%hold_active()
-         if (size(equations%active) > 0) call stop_active(self, 0.0_wp*equations%active)   ! what is held does not creep on
+         if (size(equations%active) > 0) call stop_active(self, 0.0_wp*equations%active)   ! constrained coordinates must not creep
          call look_ahead(self, t, ahead)
          call equations%gather(t, y)
          call self%system%laws%switches_here(now)
@@ -341,7 +342,7 @@ contains
       end associate
    end subroutine choose_branches
 
-   !> Whether slider i slips: its place, outside or on a bound, is pushed where the motion goes.
+   !> Whether slider i slips: its position, outside or on a bound, is moved in the direction of the motion.
    subroutine choose_slip(self, t, i)
       class(integration_cvode_t), intent(inout) :: self
       real(wp), intent(in) :: t
@@ -363,7 +364,7 @@ contains
       end associate
    end subroutine choose_slip
 
-   !> Gathers coordinates, bounds and switches a moment later.
+   !> Computes coordinates, bounds and switches slightly later.
    subroutine look_ahead(self, t, switches)
       class(integration_cvode_t), intent(inout) :: self
       real(wp), intent(in) :: t

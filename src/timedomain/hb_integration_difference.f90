@@ -1,12 +1,13 @@
 !> Difference between an integrated record and a motion given by coefficients, and distance of two records, period by period.
 !>
-!> Looked at are all degrees of freedom, relative to the largest motion in their unit, and the coordinates of all laws, relative
-!> to their own motion, so that a contact that moves little shows as much as what is large.
+!> The difference includes all degrees of freedom, relative to the largest motion in their unit, and the coordinates
+!> of all laws, relative to their own motion, so that a contact with a small motion has the same weight as a large
+!> one.
 !>
-!> A motion with tones of its own may begin at any phase of them: an error of its frequency only moves it along itself, by a
-!> phase that grows with time and says nothing of its shape. So the phases of unknown tones are fitted to each period by the
-!> method of least squares; their slope over time is the difference of the frequencies, and what is left is the difference of
-!> the motions. Likewise two time integrations that are apart along the motion are not apart.
+!> A motion with unknown tones may start at any phase of them: an error of its frequency only shifts it along itself,
+!> by a phase that grows with time and is not an error of its shape. Therefore the phases of unknown tones are fitted
+!> to each period by least squares; their slope over time is the difference of the frequencies, and the remainder is
+!> the difference of the motions. Likewise a distance of two time integrations along the motion does not count.
 module hb_integration_difference
    use hb_birkhoff, only: coefficients_at
    use hb_kinds, only: two_pi, wp
@@ -17,8 +18,8 @@ module hb_integration_difference
    public :: integration_difference_t, motion, new_integration_difference, series_t
 
    integer, parameter :: max_fits = 8                                 ! steps of Gauss and Newton in one period
-   integer, parameter :: fewest_periods = 3                           ! from which a drift is taken
-   integer, parameter :: fewest_looks = 40                            ! in a period of the fastest tone
+   integer, parameter :: fewest_periods = 3                           ! for a drift
+   integer, parameter :: fewest_looks = 40                            ! per period of the fastest tone
    real(wp), parameter :: largest_step = 0.5_wp                       ! of a phase in one fit [rad]
    real(wp), parameter :: smallest_motion = 1.0e-3_wp                 ! of a coordinate, relative to the largest motion
    real(wp), parameter :: smallest_part = 5.0e-2_wp                   ! of one tone, relative to the motion of the coordinate
@@ -34,12 +35,12 @@ module hb_integration_difference
    type :: integration_difference_t
       integer :: n_dofs = 0, n_items = 0                              !! items: degrees of freedom, then coordinates of laws
       integer :: n_periods = 0
-      integer :: n_kept = 0                                           !! periods whose differences are kept for the tones
+      integer :: n_kept = 0                                           !! periods whose differences are stored for the tones
       real(wp) :: period = 0.0_wp                                     !! of the slowest tone [s]
-      real(wp) :: length = 0.0_wp                                     !! scale where nothing moves [m]
+      real(wp) :: length = 0.0_wp                                     !! scale if nothing moves [m]
       real(wp), allocatable :: largest(:, :)                          !! difference, relative, (n_items, n_periods)
       real(wp), allocatable :: apart(:)                               !! distance of both records, relative, (n_periods)
-      real(wp), allocatable :: scale(:)                               !! that they are relative to [m], (n_items)
+      real(wp), allocatable :: scale(:)                               !! [m], (n_items), of the relative differences
       real(wp), allocatable :: share(:)                               !! largest motion over that scale, >= 1, (n_items)
       ! The motion
       complex(wp), allocatable :: amplitudes(:, :)                    !! cos - i sin [m], (n_harmonics, n_items)
@@ -59,14 +60,14 @@ module hb_integration_difference
 
 contains
 
-   !> Difference to a motion.
+   !> Creates the difference from a motion.
    subroutine new_integration_difference(self, series, shape, units, length, n_kept)
       type(integration_difference_t), intent(out) :: self
       type(series_t), intent(in) :: series
       real(wp), intent(in) :: shape(:, :)                             !! of the coordinates of the laws, (n_dofs, any)
       character(*), intent(in) :: units(:)                            !! (n_dofs)
-      real(wp), intent(in) :: length                                  !! of the system [m]: scale where nothing moves
-      integer, intent(in) :: n_kept                                   !! last periods that are kept for `parts`
+      real(wp), intent(in) :: length                                  !! of the system [m]: scale if nothing moves
+      integer, intent(in) :: n_kept                                   !! last periods stored for `parts`
       integer :: m, n
 
       n = size(series%amplitudes, 2)
@@ -88,7 +89,8 @@ contains
       allocate (self%remainder(0, size(shape, 2)))
    end subroutine new_integration_difference
 
-   !> Adds the periods of two records from the same time on, the second one of a time integration close to the first.
+   !> Adds the periods of two records that start at the same time, the second one of a time integration close to the
+   !> first.
    subroutine difference_add(self, record, other, n_new)
       class(integration_difference_t), intent(inout) :: self
       type(integration_record_t), intent(in) :: record, other         !! of all degrees of freedom, in their order
@@ -136,7 +138,7 @@ contains
       self%n_periods = n + n_new
    end subroutine difference_add
 
-   !> Keeps the differences of the last periods at the coordinates of the laws.
+   !> Stores the differences of the last periods at the coordinates of the laws.
    subroutine keep(self, period, t, remainder)
       class(integration_difference_t), intent(inout) :: self
       integer, intent(in) :: period                                   !! its number
@@ -147,7 +149,7 @@ contains
       if (size(remainder, 2) == 0 .or. self%n_kept == 0) return
       n = size(self%time)
       first = 1
-      if (period > self%n_kept) first = size(t) + 1                   ! all periods have equally many samples
+      if (period > self%n_kept) first = size(t) + 1                   ! all periods have the same number of samples
       allocate (joined(n - first + 1 + size(t), size(remainder, 2)))
       joined(:n - first + 1, :) = self%remainder(first:, :)
       joined(n - first + 2:, :) = remainder
@@ -155,8 +157,8 @@ contains
       call move_alloc(joined, self%remainder)
    end subroutine keep
 
-   !> Differences of the first harmonic of each tone at the coordinates of the laws in the periods kept, relative to their own
-   !> amplitude; and how much smaller that is than the largest motion.
+   !> Differences of the first harmonic of each tone at the coordinates of the laws in the stored periods, relative to
+   !> their own amplitude; and the ratio of that to the largest motion.
    subroutine difference_parts(self, differences, shares)
       class(integration_difference_t), intent(in) :: self
       real(wp), allocatable, intent(out) :: differences(:, :)         !! (n_coordinates, n_tones), 0: tone not in the set
@@ -184,10 +186,10 @@ contains
       end do
    end subroutine difference_parts
 
-   !> Integrated frequencies minus those of the motion [rad/s], (n_tones), 0 of known tones: from the first periods.
+   !> Integrated frequencies minus those of the motion [rad/s], (n_tones), 0 for known tones: from the first periods.
    pure function difference_drift(self, n_periods) result(drift)
       class(integration_difference_t), intent(in) :: self
-      integer, intent(in) :: n_periods                                !! at least three are taken where there are
+      integer, intent(in) :: n_periods                                !! at least three are used if available
       real(wp) :: drift(size(self%omega))
       integer :: m, n
 
@@ -199,7 +201,7 @@ contains
       end do
    end function difference_drift
 
-   !> Phases with the smallest sum of squares of the difference, from those given on.
+   !> Phases with the smallest sum of squares of the difference, starting from the given ones.
    subroutine fit(self, waves, x, phase)
       type(integration_difference_t), intent(in) :: self
       complex(wp), intent(in) :: waves(:, :)                          !! exp(i j.omega t), (n_samples, n_harmonics)
@@ -218,14 +220,14 @@ contains
       end do
    end subroutine fit
 
-   !> Phases by which a small difference of the degrees of freedom is one along the motion, by least squares.
+   !> Phase changes for which a small difference of the degrees of freedom is along the motion, by least squares.
    subroutine along(self, waves, phase, difference, change, is_found, left)
       type(integration_difference_t), intent(in) :: self
       complex(wp), intent(in) :: waves(:, :)
       real(wp), intent(in) :: phase(:), difference(:, :)              !! [rad]; [m], (n_samples, n_dofs)
       real(wp), intent(out) :: change(:)                              !! [rad], as phase
       logical, intent(out) :: is_found
-      real(wp), intent(inout), optional :: left(:, :)                 !! [m], (n_samples, n_items): less what is along the motion
+      real(wp), intent(inout), optional :: left(:, :)                 !! [m], (n_samples, n_items): minus the part along the motion
       real(wp), allocatable :: directions(:, :, :)
       complex(wp), allocatable :: there(:, :)
       real(wp) :: normal(size(phase), size(phase)), weights(self%n_dofs)
@@ -251,7 +253,7 @@ contains
       end do
    end subroutine along
 
-   !> Largest distance of two time integrations in one period, relative, without what is along the motion.
+   !> Largest distance of two time integrations in one period, relative, without the part along the motion.
    real(wp) function distance(self, waves, phase, between)
       type(integration_difference_t), intent(in) :: self
       complex(wp), intent(in) :: waves(:, :)
@@ -289,7 +291,7 @@ contains
       x = matmul(real(waves, wp), real(amplitudes, wp)) - matmul(aimag(waves), aimag(amplitudes))
    end function moved
 
-   !> Degrees of freedom and behind them the coordinates of the laws.
+   !> Degrees of freedom followed by the coordinates of the laws.
    pure function with_coordinates(self, q) result(x)
       type(integration_difference_t), intent(in) :: self
       real(wp), intent(in) :: q(:, :)                                 !! [m], (n_samples, n_dofs)
@@ -308,8 +310,8 @@ contains
       x = real(matmul(cmplx(cos(frequencies*t), sin(frequencies*t), wp), amplitudes), wp)
    end function motion
 
-   !> Scales: of a degree of freedom the largest motion in its unit, where that is rest the length of the system; of a
-   !> coordinate its own motion, the amplitude of an oscillation with the same mean square.
+   !> Scales: for a degree of freedom the largest motion in its unit, or the length of the system if that is at rest;
+   !> for a coordinate its own motion, the amplitude of an oscillation with the same mean square.
    pure subroutine find_scale(self, record)
       class(integration_difference_t), intent(inout) :: self
       type(integration_record_t), intent(in) :: record

@@ -1,11 +1,12 @@
-!> The equations of motion between two events, and the events: each law stays on the smooth branch that was last chosen. Time
-!> counts from the start of the loads.
+!> The equations of motion between two events, and the events: each law remains on the smooth branch that was last
+!> chosen. Time is relative to the start of the loads.
 !>
-!> Events are: a switch of a law changes its sign; a slider begins or ends to slip; a rigid wall is met or left; rigid friction
-!> begins to slip or stops. A slider that slips is on its bound, one that sticks keeps its place, so that neither needs an
-!> equation of its own. Rigid contact and stop are held by the reactions that keep the accelerations of their coordinates zero.
-!> Source: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 2nd edition, Springer 1993, section
-!> II.6 (discontinuous equations); F. Pfeiffer and C. Glocker, Multibody Dynamics with Unilateral Contacts, Wiley 1996.
+!> Events are: a switch of a law changes its sign; a slider begins or ends to slip; contact with a rigid wall begins
+!> or ends; rigid friction begins or ends to slip. A slider that slips is on its bound, one that sticks keeps its
+!> position, so that neither needs an equation of its own. Rigid contact and sticking are enforced by the reactions
+!> that keep the accelerations of their coordinates zero. Source: E. Hairer, S. P. Norsett and G. Wanner, Solving
+!> Ordinary Differential Equations I, 2nd edition, Springer 1993, section II.6 (discontinuous equations); F. Pfeiffer
+!> and C. Glocker, Multibody Dynamics with Unilateral Contacts, Wiley 1996.
 module hb_integration_equations
    use hb_error, only: error_t
    use hb_hysteretic_law, only: hysteretic_law_t
@@ -27,12 +28,12 @@ module hb_integration_equations
       ! Switches of the laws, one after the other
       logical, allocatable :: is_positive(:)
       ! Sliders, as the states of all laws
-      integer, allocatable :: slip(:)                                 !! 1 pushed by its lower bound, -1 by its upper, 0 sticks
-      real(wp), allocatable :: held(:)                                !! place of those that stick [m]
+      integer, allocatable :: slip(:)                                 !! 1 moved by its lower bound, -1 by its upper, 0 sticks
+      real(wp), allocatable :: held(:)                                !! position of sliders that stick [m]
       ! Rigid laws
       type(hold_t), allocatable :: rigid(:)
-      integer, allocatable :: mode(:)                                 !! wall: 0 open, else the side; friction: slip, 0 stop
-      integer, allocatable :: active(:)                               !! those whose coordinate is held
+      integer, allocatable :: mode(:)                                 !! wall: 0 open, otherwise the side; friction: slip, 0 stick
+      integer, allocatable :: active(:)                               !! those with a constrained coordinate
       real(wp), allocatable :: kick(:, :)                             !! M^-1 S of all rigid laws
       real(wp), allocatable :: factor(:, :)                           !! of S^T M^-1 S of the active ones
       integer, allocatable :: pivots(:)
@@ -84,7 +85,7 @@ contains
    !> Coordinates and rates of the laws in y = (q, v) at a time.
    subroutine equations_gather(self, t, y)
       class(integration_equations_t), intent(inout) :: self
-      real(wp), intent(in) :: t                                       !! [s], from where the loads were told to begin
+      real(wp), intent(in) :: t                                       !! [s], relative to the start of the loads
       real(wp), intent(in), contiguous :: y(:)
 
       associate (n => self%system%n_dofs)
@@ -130,7 +131,7 @@ contains
       end associate
    end subroutine equations_rhs
 
-   !> Forces of all laws on the branches held, at the coordinates gathered.
+   !> Forces of all laws on their present branches, at the gathered coordinates.
    subroutine law_forces(self)
       type(integration_equations_t), intent(inout) :: self
       real(wp) :: place(1, self%system%laws%n_states)
@@ -162,7 +163,7 @@ contains
       end associate
    end subroutine law_forces
 
-   !> Bounds of all sliders at the coordinates gathered.
+   !> Bounds of all sliders at the gathered coordinates.
    subroutine equations_find_bounds(self)
       class(integration_equations_t), intent(inout) :: self
       integer :: i
@@ -179,7 +180,7 @@ contains
       end do
    end subroutine equations_find_bounds
 
-   !> Reactions that keep the accelerations of the active coordinates zero; `a` holds those without them.
+   !> Reactions that keep the accelerations of the active coordinates zero; `a` contains those without them.
    subroutine find_reactions(self)
       type(integration_equations_t), intent(inout) :: self
       real(wp) :: right(size(self%active))
@@ -194,7 +195,7 @@ contains
       self%reaction(self%active) = right
    end subroutine find_reactions
 
-   !> Makes the list of active rigid laws from their modes, and the factor of their equations.
+   !> Lists the active rigid laws from their modes, and factorises their equations.
    subroutine equations_hold_active(self)
       class(integration_equations_t), intent(inout) :: self
       integer :: i, info, k
@@ -211,7 +212,8 @@ contains
       end associate
    end subroutine equations_hold_active
 
-   !> In this order: switches, two of each slider, two of each rigid law. All of the latter fall to zero at their events.
+   !> In this order: switches, two for each slider, two for each rigid law. All of the latter fall to zero at their
+   !> events.
    subroutine equations_events(self, t, y, g)
       class(integration_equations_t), intent(inout) :: self
       real(wp), intent(in) :: t
@@ -258,8 +260,8 @@ contains
       end do
    end subroutine equations_events
 
-   !> The error of each unknown counts relative to its largest value so far; small ones are lifted, so that what hardly moves
-   !> does not set the step.
+   !> The error of each unknown is relative to its largest value so far; small ones have a lower limit, so that nearly
+   !> constant unknowns do not determine the step.
    subroutine equations_weights(self, y, w)
       class(integration_equations_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: y(:)

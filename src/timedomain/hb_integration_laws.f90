@@ -1,7 +1,7 @@
 !> The laws of a model at one moment: their coordinates, forces and states.
 !>
-!> Coordinates of all laws stand one after the other, z = S^T q; a force f on them acts as S f on the structure, on the
-!> left-hand side. Rigid laws get no force here: that is for the methods that can hold a constraint.
+!> The coordinates of all laws follow one another, z = S^T q; a force f on them acts as S f on the structure, on the
+!> left-hand side. Rigid laws have no force here: they need a method that supports constraints.
 module hb_integration_laws
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: int64, wp
@@ -10,7 +10,7 @@ module hb_integration_laws
    private
    public :: integration_laws_t, new_integration_laws
 
-   !> Place of one law in the lists of all, and its arguments as arrays of one sample.
+   !> Position of one law in the lists of all, and its arguments as arrays of one sample.
    type :: place_t
       integer :: first = 0, last = 0                                  !! coordinates
       integer :: first_state = 1, last_state = 0
@@ -29,15 +29,15 @@ module hb_integration_laws
       type(law_box_t), allocatable :: laws(:)
       type(place_t), allocatable :: places(:)                         !! as laws
       real(wp), allocatable :: shape(:, :)                            !! S, (n_dofs, n_coordinates)
-      real(wp), allocatable :: z(:), z_rate(:)                        !! where `gather` was called, (n_coordinates)
-      real(wp), allocatable :: z_start(:), z_rate_start(:)            !! where the step started
+      real(wp), allocatable :: z(:), z_rate(:)                        !! after `gather`, (n_coordinates)
+      real(wp), allocatable :: z_start(:), z_rate_start(:)            !! at the start of the step
       real(wp), allocatable :: f(:)                                   !! forces [N], (n_coordinates)
       real(wp), allocatable :: s_start(:), s(:)                       !! states at the start of the step and now, (n_states)
       real(wp) :: time_start = 0.0_wp                                 !! of the step [s]
-      integer(int64) :: n_looks = 0_int64 !! times that a motion was examined: what a time integration costs
-      integer(int64) :: most_looks = huge(1_int64)                    !! after which equations that are followed give up
-      real(wp), allocatable :: omega(:)                               !! tones whose phases laws want [rad/s]
-      logical :: has_turning = .false.                                !! whether a law wants one
+      integer(int64) :: n_looks = 0_int64 !! number of evaluations of a motion: the cost of a time integration
+      integer(int64) :: most_looks = huge(1_int64)                    !! after which the equations stop
+      real(wp), allocatable :: omega(:)                               !! tones whose phases laws need [rad/s]
+      logical :: has_turning = .false.                                !! whether a law needs a phase
    contains
       procedure :: gather => laws_gather
       procedure :: start_step => laws_start_step
@@ -52,7 +52,8 @@ module hb_integration_laws
 
 contains
 
-   !> Gives each law of a model its place among the coordinates, states and switches of all, and room for one sample.
+   !> Assigns each law of a model its positions among the coordinates, states and switches of all, and memory for one
+   !> sample.
    subroutine new_integration_laws(self, laws, n_dofs, omega)
       type(integration_laws_t), intent(out) :: self
       type(law_box_t), intent(in) :: laws(:)
@@ -118,7 +119,7 @@ contains
       end do
    end subroutine laws_gather
 
-   !> Reports laws that turn with a tone its phase. `evaluate` and `differentiate` do so by themselves.
+   !> Sets the phase of laws that rotate with a tone. `evaluate` and `differentiate` do this themselves.
    pure subroutine laws_set_time(self, time)
       class(integration_laws_t), intent(inout) :: self
       real(wp), intent(in) :: time                                    !! [s]
@@ -132,7 +133,7 @@ contains
       end do
    end subroutine laws_set_time
 
-   !> Takes motion and states as those at the start of a step.
+   !> Stores motion and states as those at the start of a step.
    pure subroutine laws_start_step(self, time, q, v, s)
       class(integration_laws_t), intent(inout) :: self
       real(wp), intent(in) :: time                                    !! [s]
@@ -147,7 +148,7 @@ contains
       self%s = s
    end subroutine laws_start_step
 
-   !> Forces at the coordinates gathered; laws with memory follow the path from the start of the step.
+   !> Forces at the gathered coordinates; laws with memory follow the path from the start of the step.
    subroutine laws_evaluate(self, elapsed)
       class(integration_laws_t), intent(inout) :: self
       real(wp), intent(in) :: elapsed                                 !! [s] since the start of the step, >= 0
@@ -245,7 +246,7 @@ contains
       call self%switches_here(values)
    end subroutine laws_switch_values
 
-   !> Values of all switches at the coordinates gathered and the time set.
+   !> Values of all switches at the gathered coordinates and the present time.
    pure subroutine laws_switches_here(self, values)
       class(integration_laws_t), intent(in) :: self
       real(wp), intent(out) :: values(:)                              !! (n_switches)
@@ -260,14 +261,14 @@ contains
       end do
    end subroutine laws_switches_here
 
-   !> Whether there are laws that no force of their own describes.
+   !> Whether there are rigid laws.
    pure logical function laws_has_rigid(self)
       class(integration_laws_t), intent(in) :: self
 
       laws_has_rigid = any(self%places%is_held_back)
    end function laws_has_rigid
 
-   !> Names of the coordinates: the label of the law, followed by a number where it has several.
+   !> Names of the coordinates: the label of the law, followed by a number if it has several.
    function laws_coordinate_labels(self) result(labels)
       class(integration_laws_t), intent(in) :: self
       character(64) :: labels(self%n_coordinates)

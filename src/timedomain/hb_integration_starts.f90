@@ -1,9 +1,9 @@
-!> Several starts of a time integration, and which of the motions where they end are the same.
+!> Several starts of a time integration, and the identification of equal motions in which they end.
 !>
-!> After rest or a given state the starts are points of spheres of displacement and velocity about rest, of once, three and ten
-!> times the size of the motion. Their directions follow multiples of the golden ratio, which spread evenly and are the same in
-!> each run; shapes are those in which forces in proportion to mass, of random signs, displace the structure, so that no mesh is
-!> shaken in its finest modes.
+!> After rest or a given state the starts are points on spheres of displacement and velocity about rest, of one, three
+!> and ten times the size of the motion. Their directions follow multiples of the golden ratio, which are
+!> equidistributed and the same in each run; shapes are displacements under forces proportional to mass with random
+!> signs, so that a mesh is not excited in its finest modes.
 module hb_integration_starts
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state
    use hb_kinds, only: two_pi, wp
@@ -16,7 +16,7 @@ module hb_integration_starts
    real(wp), parameter :: radii(3) = [1.0_wp, 3.0_wp, 10.0_wp]         ! of spheres, relative to the motion
    real(wp), parameter :: least_distance = 1.0e-2_wp                  ! of two motions, relative
    real(wp), parameter :: safety = 5.0_wp                             ! of spreads
-   real(wp), parameter :: smallest = 1.0e-3_wp                        ! motion of a coordinate that is examined, of the largest
+   real(wp), parameter :: smallest = 1.0e-3_wp ! smallest motion of a coordinate that counts, relative to the largest
 
 contains
 
@@ -47,7 +47,7 @@ contains
 
    contains
 
-      !> A displacement relative to what the laws feel of it.
+      !> A displacement relative to its effect on the coordinates of the laws.
       pure function unit_of(shape) result(unit)
          real(wp), intent(in) :: shape(:)
          real(wp) :: felt, unit(size(shape))
@@ -59,13 +59,13 @@ contains
       end function unit_of
    end subroutine state_on_sphere
 
-   !> Number of the motion in which each start ends, from 1 in the order of the starts, 0 where it ends in none. Two starts end
-   !> in the same motion if they are of the same kind and, where its averages mean something, their coefficients differ by no
-   !> more than their spreads allow.
+   !> Number of the motion in which each start ends, from 1 in the order of the starts, 0 if it ends in none. Two
+   !> starts end in the same motion if they are of the same kind and, if their averages are meaningful, their
+   !> coefficients differ by no more than their spreads permit.
    pure function motions_of(c, kind, spread) result(motion)
       complex(wp), intent(in) :: c(:, :, :)                           !! averages, (n_harmonics, n_coordinates, n_starts)
       integer, intent(in) :: kind(:)                                  !! (n_starts); 0: none
-      real(wp), intent(in) :: spread(:)                               !! of the averages, relative, (n_starts); 1: they mean nothing
+      real(wp), intent(in) :: spread(:)                               !! of the averages, relative, (n_starts); 1: not meaningful
       integer :: motion(size(kind))
       integer :: i, j
 
@@ -93,7 +93,7 @@ contains
       distance = maxval([(norm2(abs(a(:, k) - b(:, k)))/own(k), k=1, size(a, 2))])
    end function distance
 
-   !> Gives numbers between -1 and 1: multiples of the golden ratio, which spread evenly.
+   !> Returns numbers between -1 and 1: multiples of the golden ratio, which are equidistributed.
    pure real(wp) function scattered(i)
       integer, intent(in) :: i
 

@@ -1,6 +1,7 @@
 !> The equations of motion of a model in time, M q'' + D q' + K q + S f(z, z', states) = F(t), z = S^T q.
 !>
-!> Laws and structure are those of the model; no series, transform or balance enters, so that time integration can check them.
+!> Laws and structure are those of the model; no series, transform or balance is used, so that time integration can
+!> verify them.
 module hb_integration_system
    use hb_error, only: error_t, fail
    use hb_integration_laws, only: integration_laws_t, new_integration_laws
@@ -13,7 +14,7 @@ module hb_integration_system
    public :: integration_loads_t, integration_matrix_t, integration_state_t, integration_system_t, new_integration_loads, &
       new_integration_matrix, new_integration_state, new_integration_system
 
-   !> The state from which a time integration continues: all that the future motion depends on.
+   !> The state from which a time integration continues: everything on which the future motion depends.
    type :: integration_state_t
       real(wp) :: time = 0.0_wp                                       !! [s]
       real(wp), allocatable :: q(:)                                   !! displacements [m], (n_dofs)
@@ -39,7 +40,7 @@ module hb_integration_system
       procedure :: here => loads_here
    end type integration_loads_t
 
-   !> A square matrix that is multiplied many times: by its non-zero entries where they are few, else as it is.
+   !> A square matrix for many multiplications: by its nonzero entries if they are few, otherwise dense.
    type :: integration_matrix_t
       integer :: n = 0
       logical :: is_sparse = .false.
@@ -57,7 +58,7 @@ module hb_integration_system
       type(integration_laws_t) :: laws
       type(integration_loads_t) :: loads                              !! F [N]
       real(wp) :: length = 0.0_wp                                     !! typical displacement [m]
-      ! What follows is divided by the mass, and only there after `divide_by_mass`
+      ! The following are divided by the mass, and only available after `divide_by_mass`
       type(integration_matrix_t) :: damping, stiffness                !! M^-1 D [1/s], M^-1 K [1/s**2]
       real(wp), allocatable :: shape(:, :)                            !! M^-1 S [1/kg], (n_dofs, n_coordinates)
       type(integration_loads_t) :: accelerations                      !! M^-1 F [m/s**2]
@@ -93,7 +94,7 @@ contains
       end do
    end subroutine new_integration_system
 
-   !> Makes what `accelerate` needs; fails for a singular mass.
+   !> Computes the data for `accelerate`; fails for a singular mass.
    subroutine system_divide_by_mass(self, error)
       class(integration_system_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
@@ -105,13 +106,13 @@ contains
       factor = self%structure%mass
       call dpotrf("L", n, factor, n, info)
       if (info == 0) then
-         do i = 1, n                                                  ! a pivot is a rest of the diagonal
+         do i = 1, n                                                  ! pivots are remainders of the diagonal
             if (factor(i, i)**2 <= singular*self%structure%mass(i, i)) info = i
          end do
       end if
       if (info /= 0) then
          call fail(error, "the mass matrix is singular at "//trim(self%structure%labels(info))// &
-                   "; of the methods of &integration only generalized_alpha can follow such a structure")
+                   "; of the methods of &integration only generalized_alpha supports such a structure")
          return
       end if
       right = self%structure%damping
@@ -128,7 +129,7 @@ contains
       call dpotrs("L", n, self%loads%n_active, factor, n, self%accelerations%sine, n, info)
    end subroutine system_divide_by_mass
 
-   !> Accelerations of a motion: M^-1 (F - D v - K q - S f). On entry `a` holds M^-1 F.
+   !> Accelerations of a motion: M^-1 (F - D v - K q - S f). On entry `a` contains M^-1 F.
    subroutine system_accelerate(self, q, v, elapsed, a)
       class(integration_system_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: q(:), v(:)                  !! [m], [m/s], (n_dofs)
@@ -147,7 +148,7 @@ contains
       end do
    end subroutine system_accelerate
 
-   !> Takes a matrix; where few entries are other than zero, these alone.
+   !> Stores a matrix; if few entries are nonzero, only these.
    pure subroutine new_integration_matrix(self, entries)
       type(integration_matrix_t), intent(out) :: self
       real(wp), intent(in) :: entries(:, :)                           !! (n, n)
@@ -196,7 +197,7 @@ contains
       end if
    end subroutine matrix_subtract_product
 
-   !> Keeps the columns that are not zero of amplitudes c = cos - i sin.
+   !> Stores the nonzero columns of amplitudes c = cos - i sin.
    pure subroutine new_integration_loads(self, amplitudes, frequencies)
       type(integration_loads_t), intent(out) :: self
       complex(wp), intent(in) :: amplitudes(:, :)                     !! (n_dofs, n_harmonics)
@@ -228,7 +229,7 @@ contains
       end do
    end subroutine loads_at
 
-   !> Value some time after the one given to `begin`. Phases of long times are taken once, not at each call.
+   !> Value some time after the one given to `begin`. Phases of long times are computed once, not at each call.
    pure subroutine loads_after(self, elapsed, values)
       class(integration_loads_t), intent(in) :: self
       real(wp), intent(in) :: elapsed                                 !! [s]
@@ -243,7 +244,7 @@ contains
       end do
    end subroutine loads_after
 
-   !> Prepares equal steps from a time on.
+   !> Prepares equal steps from a given time.
    pure subroutine loads_begin(self, time, step)
       class(integration_loads_t), intent(inout) :: self
       real(wp), intent(in) :: time, step                              !! [s]
@@ -255,7 +256,7 @@ contains
       self%phasor = cmplx(cos(self%frequency*time), sin(self%frequency*time), wp)
    end subroutine loads_begin
 
-   !> One step on.
+   !> Advances by one step.
    pure subroutine loads_go_on(self)
       class(integration_loads_t), intent(inout) :: self
       real(wp) :: time
@@ -269,7 +270,7 @@ contains
       end if
    end subroutine loads_go_on
 
-   !> Value where the steps are.
+   !> Value at the present step.
    pure subroutine loads_here(self, values)
       class(integration_loads_t), intent(in) :: self
       real(wp), intent(out), contiguous :: values(:)                  !! (n_dofs)

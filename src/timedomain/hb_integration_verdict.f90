@@ -1,8 +1,10 @@
-!> The verdict of a time integration on the motion from which it starts, decided period by period from two numbers: how far the time
-!> integration is from the motion, and how far it is from a second time integration that began very close to it.
+!> The verdict of a time integration on the motion from which it starts, decided period by period from two numbers:
+!> the difference between time integration and motion, and the distance to a second time integration that started very
+!> close to it.
 !>
-!> The distance of both time integrations grows where the motion is unstable, however exact it is, and falls by the decay of what
-!> the start lacked where it is stable. So growth is checked first, and differences count when the transient has decayed.
+!> The distance of both time integrations grows if the motion is unstable, however accurate it is, and falls with the
+!> decay of the initial error if it is stable. Growth is therefore checked first, and differences count after the
+!> transient has decayed.
 module hb_integration_verdict
    use hb_kinds, only: wp
    implicit none
@@ -10,17 +12,17 @@ module hb_integration_verdict
    public :: decide, growth_of, limit_of, n_settled, verdict, verdict_kind_t, verdict_names, verdict_text
 
    real(wp), parameter :: safety = 5.0_wp                             ! on the estimate of the certificate
-   real(wp), parameter :: largest_limit = 0.08_wp                     ! of a motion, whatever the estimate says; with several tones
-                                                                      ! a longer time integration would find up to a tenth
+   real(wp), parameter :: largest_limit = 0.08_wp                     ! of a motion, whatever the estimate; with several tones
+                                                                      !! a longer time integration would find up to a tenth
    real(wp), parameter :: smallest_limit = 1.0e-9_wp
-   real(wp), parameter :: grown = 30.0_wp                             ! of the distance: no doubt
-   real(wp), parameter :: growing = 3.0_wp                            ! of the distance: before the motion was left, growth
-   real(wp), parameter :: forgotten = 100.0_wp                        ! fall of the distance after which the start does not matter
-   real(wp), parameter :: falling = 1.3_wp                            ! of the difference, from one stretch of periods to the next
+   real(wp), parameter :: grown = 30.0_wp                             ! of the distance: certain
+   real(wp), parameter :: growing = 3.0_wp ! of the distance: before the difference exceeds its limit, growth
+   real(wp), parameter :: forgotten = 100.0_wp                        ! fall of the distance after which the start has no influence
+   real(wp), parameter :: falling = 1.3_wp                            ! of the difference, from one group of periods to the next
    real(wp), parameter :: half_decay = 1.5_wp                     ! likewise over `decay` periods, as a logarithm: half of its fall
-   real(wp), parameter :: halved = 2.0_wp                             ! fall of the distance that is one
-   real(wp), parameter :: neutral = 1.2_wp                            ! rise of the distance that is none
-   real(wp), parameter :: sheared = 4.5_wp                            ! likewise where nothing decays: like the square of time
+   real(wp), parameter :: halved = 2.0_wp                             ! fall of the distance that counts
+   real(wp), parameter :: neutral = 1.2_wp                            ! rise of the distance that does not count
+   real(wp), parameter :: sheared = 4.5_wp                            ! likewise if nothing decays: like the square of time
    integer, parameter :: fewest_fitted = 2                            ! periods
 
    type :: verdict_kind_t
@@ -35,7 +37,7 @@ module hb_integration_verdict
 
 contains
 
-   !> Verdict in words.
+   !> Text of a verdict.
    pure function verdict_text(kind) result(text)
       integer, intent(in) :: kind
       character(100) :: text
@@ -49,21 +51,21 @@ contains
       end select
    end function verdict_text
 
-   !> Largest difference [of the motion of a coordinate] at which time integration agrees: a small multiple of the estimate, never
-   !> more than 8 %.
+   !> Largest difference (relative to the motion of a coordinate) at which time integration agrees: a small multiple
+   !> of the estimate, at most 8 %.
    pure elemental real(wp) function limit_of(estimate, share)
-      real(wp), intent(in) :: estimate                                !! relative error that the certificate lets expect
-      real(wp), intent(in) :: share                                   !! by how much it may be larger in this coordinate, >= 1
+      real(wp), intent(in) :: estimate                                !! relative error according to the certificate
+      real(wp), intent(in) :: share                                   !! factor by which it may be larger in this coordinate, >= 1
 
       limit_of = min(largest_limit, max(safety*min(estimate, 1.0_wp), smallest_limit)*min(share, 1.0_wp/smallest_limit))
    end function limit_of
 
-   !> Verdict after some periods; `not_done` where the time integration must continue.
+   !> Verdict after some periods; `not_done` if the time integration must continue.
    pure integer function decide(ratio, distance, fewest, decay, is_last) result(kind)
       real(wp), intent(in) :: ratio(:)                                !! of the difference to its limit, (n_periods)
       real(wp), intent(in) :: distance(:) !! of both time integrations, logarithm, 0 at the start, (n_periods)
-      integer, intent(in) :: fewest                                   !! periods that show all of the motion
-      integer, intent(in) :: decay                                    !! periods in which the structure forgets, 0: it does not
+      integer, intent(in) :: fewest                                   !! periods that cover the whole motion
+      integer, intent(in) :: decay !! periods in which the transient of the structure decays, 0: it does not
       logical, intent(in) :: is_last                                  !! no more periods
       integer :: kept, n, stretch, tail
       logical :: has_forgotten, has_left, is_falling
@@ -76,10 +78,10 @@ contains
       has_left = maxval(ratio(n - tail + 1:)) > 1.0_wp
       kept = n
       if (has_left) kept = findloc(ratio > 1.0_wp, .true., dim=1) - 1
-      start = max(distance(1), 0.0_wp)                                ! what fell in the first period fell
+      start = max(distance(1), 0.0_wp)                                ! the fall in the first period counts
       gain = 0.0_wp
       rise = 0.0_wp
-      if (has_left) kept = min(n, max(kept, fewest_fitted))           ! left at once: two periods tell growth from a first shock
+      if (has_left) kept = min(n, max(kept, fewest_fitted)) ! left at once: two periods distinguish growth from an initial jump
       if (kept >= fewest_fitted) then
          gain = distance(kept) - start
          rise = rise_of(distance(:kept))
@@ -89,7 +91,7 @@ contains
          kind = verdict%unstable
       else if (has_left) then
          stretch = tail
-         if (is_last) stretch = max(tail, n/4)                        ! what wanders falls from time to time
+         if (is_last) stretch = max(tail, n/4)                        ! fluctuations fall from time to time
          is_falling = n >= 2*stretch
          if (is_falling) is_falling = mean_of(n - stretch + 1, n) < mean_of(n - 2*stretch + 1, n - stretch) &
                                       - min(log(falling), half_decay*stretch/max(1, decay))
@@ -115,14 +117,15 @@ contains
       end function mean_of
    end function decide
 
-   !> The last periods, in which a time integration counts as settled.
+   !> The last periods, in which a time integration counts as steady.
    pure integer function n_settled(n, fewest)
       integer, intent(in) :: n, fewest                                !! periods
 
       n_settled = max(1, min(n/2, max(5, fewest/2)))
    end function n_settled
 
-   !> Slope of the logarithm of the distance, a period, over the second half of the periods before the motion was left.
+   !> Slope of the logarithm of the distance, per period, over the second half of the periods before the difference
+   !> exceeds its limit.
    pure real(wp) function growth_of(ratio, distance) result(growth)
       real(wp), intent(in) :: ratio(:), distance(:)                   !! as in `decide`
       integer :: kept

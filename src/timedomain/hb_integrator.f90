@@ -1,4 +1,4 @@
-!> The abstract integrator: from a state in steps of one size.
+!> The abstract integrator: steps of constant size from a given state.
 module hb_integrator
    use hb_error, only: error_t
    use hb_integration_system, only: integration_state_t, integration_system_t
@@ -17,7 +17,7 @@ module hb_integrator
    end type integrator_t
 
    abstract interface
-      !> Takes a state as the first one; what is behind a rigid wall is put onto it.
+      !> Sets the first state; coordinates behind a rigid wall are moved onto it.
       subroutine start_integration(self, state, error)
          import :: error_t, integrator_t, integration_state_t
          class(integrator_t), intent(inout) :: self
@@ -25,7 +25,7 @@ module hb_integrator
          type(error_t), allocatable, intent(out) :: error
       end subroutine start_integration
 
-      !> Goes on from the state where the last call ended, which `state` must hold.
+      !> Continues from the state of the last call, which `state` must contain.
       subroutine advance_integration(self, state, n_steps, error)
          import :: error_t, integrator_t, integration_state_t
          class(integrator_t), intent(inout) :: self
@@ -37,7 +37,8 @@ module hb_integrator
 
 contains
 
-   !> Forces of the laws [N] on their coordinates in a state, on the left-hand side; 0 for rigid laws unless a method provides them.
+   !> Forces of the laws [N] on their coordinates in a state, on the left-hand side; 0 for rigid laws unless a method
+   !> provides them.
    subroutine integrator_forces(self, state, f)
       class(integrator_t), intent(inout) :: self
       type(integration_state_t), intent(in) :: state
@@ -46,7 +47,7 @@ contains
       call law_forces(self%system, state, f)
    end subroutine integrator_forces
 
-   !> Forces of all laws but the rigid ones in a state.
+   !> Forces of all laws except the rigid ones in a state.
    subroutine law_forces(system, state, f)
       type(integration_system_t), intent(inout) :: system
       type(integration_state_t), intent(in) :: state
@@ -58,7 +59,7 @@ contains
       f = system%laws%f
    end subroutine law_forces
 
-   !> Gives back what an outside library holds; safe to call twice.
+   !> Frees the memory of an external library; safe to call twice.
    subroutine integrator_destroy(self)
       class(integrator_t), intent(inout) :: self
    end subroutine integrator_destroy

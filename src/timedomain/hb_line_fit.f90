@@ -1,11 +1,11 @@
-!> Coefficients of many lines of a record by least squares with a smooth window, all of them at once.
+!> Coefficients of many lines of a record by least squares with a smooth window, all at once.
 !>
-!> Averages (hb_birkhoff) see a line alone only where its neighbours are several turns of the whole record away: with thousands of
-!> combination tones that takes records of hours. A fit to all lines needs a record that has more samples than they have
-!> coefficients; of two lines that it does not part, the one of lower weight is left small. Conjugate gradients on the normal
-!> equations, each product by two fast transforms: a line between two places of the spectrum is spread over its neighbours by a
-!> Kaiser-Bessel kernel. Source: A. Dutt and V. Rokhlin, SIAM J. Sci. Comput. 14 (1993) 1368-1393; J. Keiner, S. Kunis and
-!> D. Potts, ACM Trans. Math. Softw. 36 (2009) 19.
+!> Averages (hb_birkhoff) isolate a line only if its neighbours are several cycles of the whole record away: with
+!> thousands of combination tones this needs records of hours. A fit to all lines needs a record with more samples
+!> than coefficients; of two lines that it cannot separate, the one of lower weight remains small. Conjugate gradients
+!> on the normal equations, each product by two fast transforms: a line between two positions of the spectrum is
+!> distributed over its neighbours by a Kaiser-Bessel kernel. Source: A. Dutt and V. Rokhlin, SIAM J. Sci. Comput. 14
+!> (1993) 1368-1393; J. Keiner, S. Kunis and D. Potts, ACM Trans. Math. Softw. 36 (2009) 19.
 module hb_line_fit
    use hb_birkhoff, only: bump_weights
    use hb_cancellation, only: work_is_over
@@ -16,14 +16,14 @@ module hb_line_fit
    private
    public :: line_fit_t, new_line_fit
 
-   integer, parameter :: width = 14                                   ! places over which a line is spread: errors of 1e-11
+   integer, parameter :: width = 14                                   ! positions over which a line is distributed: errors of 1e-11
    integer, parameter :: most_products = 100
 
    type :: line_fit_t
       integer :: n_products = 0                                       !! of all fits so far
       real(wp), private, allocatable :: importance(:)                 ! (n_lines)
-      real(wp), private, allocatable :: window(:), shape(:)           ! (n_samples); what spreading does to the samples
-      integer, private, allocatable :: first(:)                       ! place of a line, (n_lines)
+      real(wp), private, allocatable :: window(:), shape(:)           ! (n_samples); effect of the kernel on the samples
+      integer, private, allocatable :: first(:)                       ! position of a line, (n_lines)
       real(wp), private, allocatable :: kernel(:, :)                  ! (width, n_lines)
       complex(wp), private, allocatable :: phase(:)                   ! of a line at the middle sample, (n_lines)
       type(real_block_t), private :: samples
@@ -37,13 +37,13 @@ module hb_line_fit
 
 contains
 
-   !> Prepares fits to records of so many samples, the first of which are seen; the others are for the series to be held against.
+   !> Prepares fits to records of n_samples samples, of which the first n_seen are used; the others verify the series.
    subroutine new_line_fit(self, n_samples, n_seen, start, step, frequencies, importance, error)
       type(line_fit_t), intent(inout) :: self
       integer, intent(in) :: n_samples, n_seen                        !! >= 3
-      real(wp), intent(in) :: start, step                             !! [s], time of the first sample, distance of two
+      real(wp), intent(in) :: start, step                             !! [s], time of the first sample, sampling interval
       real(wp), intent(in) :: frequencies(:)                          !! of the lines [rad/s], below pi/step in size
-      real(wp), intent(in) :: importance(:)                           !! > 0; of two lines alike the larger one gets the motion
+      real(wp), intent(in) :: importance(:)                           !! > 0; of two similar lines the larger one gets the motion
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: beta, place
       integer :: h, k, middle, n
@@ -75,8 +75,8 @@ contains
          call new_fft_plan(self%plan, [n], 1, planning%estimate, self%samples%values, self%spectrum%values, error)
    end subroutine new_line_fit
 
-   !> Coefficients c - i s of x = sum c cos(w t) + s sin(w t), until a further product would change the root mean square of what is
-   !> left of the record by less than `goal`, relative to the record.
+   !> Coefficients c - i s of x = sum c cos(w t) + s sin(w t), until a further product would change the root mean
+   !> square of the remainder by less than `goal`, relative to the record.
    subroutine line_fit_coefficients(self, x, goal, coefficients)
       class(line_fit_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)                                    !! (n_samples)
@@ -135,7 +135,7 @@ contains
       end associate
    end function line_fit_series
 
-   !> Frees what FFTW holds; safe to call twice.
+   !> Frees the memory of FFTW; safe to call twice.
    subroutine line_fit_destroy(self)
       class(line_fit_t), intent(inout) :: self
 
@@ -178,7 +178,7 @@ contains
       square = sum(real(y, wp)**2 + aimag(y)**2)
    end function square
 
-   !> What the kernel makes of a sample: its transform, width sinh(r)/r with r**2 = beta**2 - place**2 > 0.
+   !> Effect of the kernel on a sample: its transform, width sinh(r)/r with r**2 = beta**2 - place**2 > 0.
    pure real(wp) function shape_at(beta, place) result(shape)
       real(wp), intent(in) :: beta, place
       real(wp) :: r

@@ -1,8 +1,9 @@
-!> Locked tones: whether a model with several tones ends in a periodic motion when it is followed through time.
+!> Locked tones: whether a time integration of a model with several tones ends in a periodic motion.
 !>
-!> Where two tones lock, the motion is periodic, and there is no torus: a search for one diverges, or ends in
-!> harmonics that the set does not have. Time integration shows it. The record counts as periodic when multiples of one frequency
-!> carry all of its power; a beat, however slow, takes from that before its period is as long as twenty records.
+!> If two tones lock, the motion is periodic, and there is no torus: a search for one diverges, or ends in harmonics
+!> that the set does not contain. Time integration shows this. The record counts as periodic if multiples of one
+!> frequency carry all of its power; a beat, however slow, reduces that share before its period is as long as twenty
+!> records.
 module hb_locking
    use hb_birkhoff, only: bump_weights, coefficients_at
    use hb_error, only: error_t
@@ -17,13 +18,13 @@ module hb_locking
    public :: find_locking
 
    integer, parameter :: most_multiples = 80
-   integer, parameter :: largest_structure = 64                       ! degrees of freedom that are integrated unasked
+   integer, parameter :: largest_structure = 64 ! degrees of freedom of models that are integrated automatically
    real(wp), parameter :: all_power = 1.0_wp - 1.0e-5_wp
 
 contains
 
-   !> Integrates, and looks for a common frequency of all that moves. Where time integration fails nothing is known, and nothing
-   !> said; nor of a large structure, which may take longer to integrate than the search took.
+   !> Integrates, and searches for a common frequency of the motion. If time integration fails, or for a large
+   !> structure, whose integration may take longer than the search did, the result is not known.
    subroutine find_locking(locking, model, omega, law_dofs)
       type(locking_t), intent(out) :: locking
       type(model_t), intent(in) :: model
@@ -52,7 +53,7 @@ contains
       if (locking%is_locked) locking%multiples = max(1, nint(omega/locking%base))
    end subroutine find_locking
 
-   !> Frequency of the largest line of all [rad/s]; 0 where nothing moves.
+   !> Frequency of the largest of all lines [rad/s]; 0 if nothing moves.
    subroutine find_leading_line(record, leading, error)
       type(integration_record_t), intent(in) :: record
       real(wp), intent(out) :: leading
@@ -74,7 +75,7 @@ contains
       end associate
    end subroutine find_leading_line
 
-   !> Share of the power of a record, its mean left out, that multiples of one frequency carry up to the highest.
+   !> Share of the power of a record, without its mean, in multiples of one frequency up to the highest.
    real(wp) function share_of_multiples(record, base, highest) result(share)
       type(integration_record_t), intent(in) :: record
       real(wp), intent(in) :: base, highest                           !! [rad/s]

@@ -1,10 +1,11 @@
-!> The period map by time integration, where the motion leads through events that have no linearised equations:
-!> impacts, rigid friction that holds and lets go, sliders in a plane.
+!> The period map by time integration, for motions with events that have no linearised equations: impacts, rigid
+!> friction that sticks and slips, sliders in a plane.
 !>
-!> The state that repeats is found by Newton's method from that of the motion (shooting); the derivative of the map there is its
-!> monodromy matrix, from central differences over distances that shrink (and steps, of a method that has them), extrapolated. What
-!> the next distance changes is the estimate; where the map has a kink or a jump, as at a grazing impact, it stays large. Source:
-!> A. H. Nayfeh and B. Balachandran, Applied Nonlinear Dynamics, Wiley 1995, sections 6.5 and 7.1.
+!> Newton's method finds the periodic state from that of the motion (shooting); the derivative of the map there is the
+!> monodromy matrix, from central differences over decreasing distances (and steps, for a method with fixed steps),
+!> extrapolated. The change with the next distance is the estimate; it remains large if the map has a kink or a jump,
+!> as at a grazing impact. Source: A. H. Nayfeh and B. Balachandran, Applied Nonlinear Dynamics, Wiley 1995, sections
+!> 6.5 and 7.1.
 module hb_period_map
    use hb_error, only: error_t
    use hb_integration_system, only: integration_system_t
@@ -17,39 +18,40 @@ module hb_period_map
    private
    public :: find_period_map, new_period_map, period_map_t, work_of_period_map
 
-   real(wp), parameter :: farthest = 5.0e-3_wp                        ! of two states whose difference makes a derivative, scaled
+   real(wp), parameter :: farthest = 5.0e-3_wp                        ! of two states in a difference quotient, scaled
    real(wp), parameter :: nearer = 0.2_wp                             ! from one distance to the next
    integer, parameter :: most_levels = 4                              ! distances
-   real(wp), parameter :: repeats = 1.0e-7_wp                         ! what may be left of a state after a period, scaled
-   real(wp), parameter :: enough = 1.0e-9_wp                          ! what no step is made for, likewise
+   real(wp), parameter :: repeats = 1.0e-7_wp                         ! permitted defect of a state after a period, scaled
+   real(wp), parameter :: enough = 1.0e-9_wp                          ! defect that needs no further step, likewise
    integer, parameter :: most_shots = 30
-   integer, parameter :: most_matrices = 4                            ! on the way
-   real(wp), parameter :: slow = 0.3_wp                               ! fall of what is left that asks for a new matrix
-   real(wp), parameter :: neutral = 1.0e-2_wp                         ! change of what stays as it is: a push apart slips a little
-   integer, parameter :: periods_of_sliders = 3                       ! in which they find their places
-   integer, parameter :: n_looks = 256                                ! for the phase that is farthest from events
+   integer, parameter :: most_matrices = 4                            ! during the iteration
+   real(wp), parameter :: slow = 0.3_wp                               ! reduction of the defect that requires a new matrix
+   real(wp), parameter :: neutral = 1.0e-2_wp ! change of a coordinate that counts as constant: a perturbed one slips slightly
+   integer, parameter :: periods_of_sliders = 3                       ! until they are periodic
+   integer, parameter :: n_looks = 256                                ! to find the phase farthest from events
    real(wp), parameter :: usual_shots = 6.0_wp
 
    type :: period_map_t
-      real(wp), allocatable :: matrix(:, :)                           !! monodromy of what does not stay for ever, scaled
-      real(wp), allocatable :: first(:, :)                            !! that at the state of the motion as it was given
-      real(wp), allocatable :: shift(:)                               !! of the phase of a tone of its own, as the matrix
+      real(wp), allocatable :: matrix(:, :)                           !! monodromy of the part that is not always held, scaled
+      real(wp), allocatable :: first(:, :)                            !! that at the state of the given motion
+      real(wp), allocatable :: shift(:)                               !! of the phase of an unknown tone, as the matrix
       real(wp) :: estimate = huge(1.0_wp)                             !! of the error of the matrix, relative to its largest entry
       logical :: is_found = .false.
       real(wp), private :: tolerance = 0.0_wp
-      real(wp), private :: share = 1.0_wp                             ! of the period that is integrated: a half of an odd motion,
-      real(wp), private :: sense = 1.0_wp                             ! which is mirrored then, -1
+      real(wp), private :: share = 1.0_wp                             ! of the period that is integrated: half for an odd motion,
+      real(wp), private :: sense = 1.0_wp                             ! which is then mirrored, -1
       real(wp), private :: start = 0.0_wp, period = 0.0_wp            ! [s]
       real(wp), allocatable, private :: x(:)                          ! state, scaled
       real(wp), allocatable, private :: rate(:)                       ! of the motion at the start [1/s], scaled
-      real(wp), allocatable, private :: still(:, :)                   ! places that stay while friction holds, (size, any)
-      real(wp), allocatable, private :: free(:, :)                    ! orthonormal, of all states at which they stay
+      real(wp), allocatable, private :: still(:, :) ! coordinates that are constant while friction holds, (size, any)
+      real(wp), allocatable, private :: free(:, :)                    ! orthonormal, of all states with these coordinates constant
       type(state_map_t), private :: integration
    end type period_map_t
 
 contains
 
-   !> Takes the state of a motion at the phase that is farthest from its events. Fails for laws that no method can follow.
+   !> Takes the state of a motion at the phase that is farthest from its events. Fails for laws that no integrator
+   !> supports.
    subroutine new_period_map(self, system, motion, restitution, tolerance, error)
       type(period_map_t), intent(out) :: self
       type(integration_system_t), intent(inout), target :: system     !! of all degrees of freedom
@@ -72,7 +74,7 @@ contains
       end if
    end subroutine new_period_map
 
-   !> Whether a motion has odd harmonics alone, and laws that let it.
+   !> Whether a motion has only odd harmonics, and laws that permit this.
    pure logical function is_odd(system, motion)
       type(integration_system_t), intent(in) :: system
       type(motion_series_t), intent(in) :: motion
@@ -87,7 +89,7 @@ contains
       end do
    end function is_odd
 
-   !> Places that may stay for ever: of coordinates that rigid friction holds, and of sliders.
+   !> Coordinates that may be constant: those held by rigid friction, and sliders.
    subroutine list_still(self)
       type(period_map_t), intent(inout) :: self
       integer :: i, k, n
@@ -108,7 +110,7 @@ contains
       end associate
    end subroutine list_still
 
-   !> Phase [rad] at which open walls are far and friction slips fast, as far as it can be had for all at once.
+   !> Phase [rad] at which open walls are far and friction slips fast, as a compromise between all.
    function farthest_phase(integration) result(phase)
       type(state_map_t), intent(in) :: integration
       real(wp) :: phase
@@ -135,17 +137,17 @@ contains
       phase = phases(1, maxloc(minval(far, dim=2), dim=1))
    end function farthest_phase
 
-   !> About how many nanoseconds it takes, from counts alone.
+   !> Approximate work in nanoseconds, from counts alone.
    pure real(wp) function work_of_period_map(self) result(work)
       type(period_map_t), intent(in) :: self
 
       work = (8.0_wp*size(self%x) + usual_shots)*self%integration%work_of(2)
    end function work_of_period_map
 
-   !> Finds the state that repeats and the matrix there; `is_found` reports whether there is one close to the motion.
+   !> Finds the periodic state and the matrix there; `is_found` states whether it is close to the motion.
    subroutine find_period_map(self, is_free, work_limit)
       type(period_map_t), intent(inout) :: self
-      logical, intent(in) :: is_free                                  !! the tone is the motion's own
+      logical, intent(in) :: is_free                                  !! the tone is unknown
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
       real(wp), allocatable :: before(:, :), best(:, :), here(:, :), now(:, :), there(:, :)
       real(wp) :: estimate
@@ -185,7 +187,7 @@ contains
       self%is_found = .true.
    end subroutine find_period_map
 
-   !> Lets sliders find their places along the motion.
+   !> Advances along the motion until sliders are periodic.
    subroutine settle_sliders(self, is_done)
       type(period_map_t), intent(inout) :: self
       logical, intent(out) :: is_done
@@ -202,7 +204,7 @@ contains
       end do
    end subroutine settle_sliders
 
-   !> A state after a period, or the mirror image of that after half of one.
+   !> State after a period, or the mirror image of that after half of one.
    subroutine carry(self, level, x, after, is_done)
       type(period_map_t), intent(inout) :: self
       integer, intent(in) :: level
@@ -235,8 +237,8 @@ contains
       if (is_done) matrix = self%sense*matrix
    end subroutine differentiate
 
-   !> Orthonormal directions in which nothing is changed that stays for ever: where friction never lets go, each place is as good
-   !> as its neighbours, and the motions there stay apart.
+   !> Orthonormal directions without changes of constant coordinates: where friction never slips, each position is as
+   !> good as its neighbours, and the motions there remain apart.
    subroutine leave_still(self, matrix)
       type(period_map_t), intent(inout) :: self
       real(wp), intent(in) :: matrix(:, :)
@@ -266,7 +268,7 @@ contains
       self%free = q(:, k + 1:)
    end subroutine leave_still
 
-   !> Goes to the state that repeats: Newton's method, each matrix used as long as it helps.
+   !> Moves to the periodic state: Newton's method, reusing each matrix as long as it helps.
    subroutine shoot(self, is_free, is_done)
       type(period_map_t), intent(inout) :: self
       logical, intent(in) :: is_free
@@ -276,7 +278,7 @@ contains
       real(wp) :: before, left
       integer :: level, n_matrices, shot
 
-      level = merge(3, 1, self%integration%has_own_steps) ! accurate, as near a bifurcation little is left of the matrix
+      level = merge(3, 1, self%integration%has_own_steps) ! accurate, because near a bifurcation the matrix is nearly singular
       begun = self%x
       n_matrices = 0
       before = huge(1.0_wp)
@@ -300,7 +302,7 @@ contains
          if (.not. is_done) return
          self%x = self%x + matmul(self%free, step(:size(self%free, 2)))
          if (is_free) self%period = self%period + step(size(step))
-         associate (n => 2*self%integration%system%n_dofs)               ! of laws the motion has no states
+         associate (n => 2*self%integration%system%n_dofs)               ! the motion does not determine states of laws
             is_done = maxval(abs(self%x(:n) - begun(:n))) <= same_motion
          end associate
          if (.not. is_done) return
@@ -308,8 +310,8 @@ contains
       is_done = left <= repeats
    end subroutine shoot
 
-   !> Newton's step: (matrix - 1) step = -left; of a motion with a tone of its own with the change of the period behind it, and
-   !> nothing along the motion.
+   !> Newton's step: (matrix - 1) step = -left; for an unknown tone with the change of the period appended, and no
+   !> component along the motion.
    subroutine solve_step(self, matrix, left, is_free, step, is_done)
       type(period_map_t), intent(in) :: self
       real(wp), intent(in) :: matrix(:, :), left(:)

@@ -1,8 +1,8 @@
 !> Base frequencies of a quasi-periodic record, for a given set of harmonics.
 !>
-!> Each line of the spectrum (hb_frequency_analysis) may be any tuple of the set; of the base frequencies that this makes possible
-!> those are taken whose harmonics carry most of the power of the record. The power of a harmonic is that of its average with the
-!> window of hb_birkhoff.
+!> Each line of the spectrum (hb_frequency_analysis) may be any tuple of the set; of the resulting candidate base
+!> frequencies those are selected whose harmonics carry most of the power of the record. The power of a harmonic is
+!> that of its average with the window of hb_birkhoff.
 module hb_record_tones
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_birkhoff, only: bump_weights, coefficients_at
@@ -16,33 +16,33 @@ module hb_record_tones
 
    integer, parameter :: n_lines = 6                                  ! of each degree of freedom
    integer, parameter :: most_dofs = 4, most_tuples = 40, most_candidates = 300, most_of_several = 8
-   integer, parameter :: highest_share = 3                            ! lines are taken for harmonics 1 to 3 of a tone
-   real(wp), parameter :: as_good = 1.0e-3_wp                         ! of the power
+   integer, parameter :: highest_share = 3                            ! a line may be harmonic 1 to 3 of a tone
+   real(wp), parameter :: as_good = 1.0e-3_wp                         ! difference of the power that does not count
    real(wp), parameter :: same_line = 0.3_wp                          ! in units of the resolution of the record
    real(wp), parameter :: smallest_line = 1.0e-3_wp                   ! relative to the motion
 
-   !> A record with what is searched for in it.
+   !> A record and the data of the search.
    type :: search_t
       real(wp), allocatable :: x(:, :)                                ! the degrees of freedom that move most, (n_samples, any)
       real(wp), allocatable :: mean(:)                                ! of each of them
       real(wp), allocatable :: power(:)                               ! of each of them
       real(wp) :: start, step, resolution
       integer, allocatable :: tuples(:, :)                            ! the lowest ones but zero, (n_tones, any)
-      logical, allocatable :: is_fundamental(:)                       ! of an unknown tone, as tuples
-      integer, allocatable :: tones(:)                                ! that are unknown
-      real(wp), allocatable :: omega(:)                               ! of all tones, where unknown a guess or 0
+      logical, allocatable :: is_fundamental(:)                       ! the lowest ones except zero, (n_tones, any)
+      integer, allocatable :: tones(:)                                ! the unknown ones
+      real(wp), allocatable :: omega(:)                               ! of all tones, a guess or 0 if unknown
    end type search_t
 
 contains
 
-   !> Finds the unknown ones among the base frequencies. Of several that are equally good the one nearest to the guess is taken,
+   !> Finds the unknown base frequencies. Of several that are equally good the one nearest to the guess is selected,
    !> without a guess the one with the largest fundamental; several unknown tones are in ascending order.
    subroutine find_tones(x, start, step, tuples, is_unknown, omega, share, error)
       real(wp), intent(in), contiguous :: x(:, :)                     !! record, (n_samples, n_dofs), at least 32 samples
-      real(wp), intent(in) :: start, step                             !! time of the first sample, distance of two [s]
+      real(wp), intent(in) :: start, step                             !! time of the first sample, sampling interval [s]
       integer, intent(in) :: tuples(:, :)                             !! of the set, (n_tones, n_harmonics)
       logical, intent(in) :: is_unknown(:)                            !! (n_tones)
-      real(wp), intent(inout) :: omega(:)                             !! [rad/s], (n_tones), where unknown a guess or 0
+      real(wp), intent(inout) :: omega(:)                             !! [rad/s], (n_tones), if unknown a guess or 0
       real(wp), intent(out) :: share                                  !! of the power that they explain, 0: nothing found
       type(error_t), allocatable, intent(out) :: error
       type(search_t) :: search
@@ -83,7 +83,7 @@ contains
       if (share > 0.0_wp) omega(search%tones) = candidates(:, best)
    end subroutine find_tones
 
-   !> The degrees of freedom that move most, with the power of each.
+   !> The degrees of freedom with the largest motion, with the power of each.
    subroutine choose_dofs(self, x)
       type(search_t), intent(inout) :: self
       real(wp), intent(in) :: x(:, :)
@@ -107,7 +107,7 @@ contains
       self%mean = mean(dofs)
    end subroutine choose_dofs
 
-   !> The lowest tuples but zero.
+   !> The lowest tuples except zero.
    subroutine choose_tuples(self, tuples)
       type(search_t), intent(inout) :: self
       integer, intent(in) :: tuples(:, :)
@@ -197,7 +197,7 @@ contains
       end do
    end subroutine candidates_of_several
 
-   !> Shares of the power of the record that harmonics of these tones carry, and their fundamentals alone.
+   !> Shares of the power of the record in harmonics of these tones, and in their fundamentals alone.
    subroutine explain(self, values, all_harmonics, fundamental)
       type(search_t), intent(in) :: self
       real(wp), intent(in) :: values(:)                               ! of the unknown tones

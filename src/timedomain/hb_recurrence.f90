@@ -1,13 +1,15 @@
-!> Whether a record repeats as a motion of given tones does: after a time in which all of their phases come back.
+!> Whether a record repeats as a motion of given tones does: after a time in which all their phases return.
 !>
-!> A motion of given tones is a function of their phases. After a shift in which each tone makes nearly whole turns, and before
-!> it, its record is nearly the same: the mean of both differs from it by a curvature times the square of what is missing to whole
-!> turns. A motion with a period of n turns repeats where whole turns are multiples of n and changes elsewhere; one without order
-!> nowhere does. With one tone this is the stroboscopic section. Source: J.-P. Eckmann, S. Oliffson Kamphorst and D. Ruelle,
-!> Recurrence plots of dynamical systems, Europhysics Letters 4 (1987) 973-977.
+!> A motion of given tones is a function of their phases. Shifted forwards and backwards by a time in which each tone
+!> makes nearly whole cycles, its record is nearly the same: the mean of both differs from it by a curvature times the
+!> square of the phase defect. A motion with a period of n cycles repeats where the numbers of cycles are multiples of
+!> n and differs elsewhere; an aperiodic one never repeats. With one tone this is the stroboscopic section. Source:
+!> J.-P. Eckmann, S. Oliffson Kamphorst and D. Ruelle, Recurrence plots of dynamical systems, Europhysics Letters 4
+!> (1987) 973-977.
 !>
-!> Tones whose ratio is nearly that of small whole numbers return well after these, and badly after anything else for a long time.
-!> So the defect of a return counts, beside another that misses less, as much as that would have of it.
+!> Tones whose ratio is close to that of small integers return accurately after these, and inaccurately after any
+!> other time that is not very long. The defect of a return is therefore scaled to the phase defect of the most
+!> accurate one.
 module hb_recurrence
    use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
@@ -15,31 +17,31 @@ module hb_recurrence
    private
    public :: defect_of, find_return, repetition, turns_to_repeat
 
-   !> What a record shows beside a number of turns after which it repeats.
+   !> Results other than a number of cycles after which a record repeats.
    type :: repetition_t
-      integer :: none = 0                                             !! it repeats nowhere
+      integer :: none = 0                                             !! it does not repeat
       integer :: not_known = -1
    end type repetition_t
    type(repetition_t), parameter :: repetition = repetition_t()
 
-   integer, parameter :: most_parts = 8                               ! turns after which a motion may repeat
-   real(wp), parameter :: least_gain = 0.7_wp                         ! what is missing to whole turns, beside a shorter shift
-   real(wp), parameter :: exact = 1.0e-9_wp                           ! turns
-   real(wp), parameter :: farthest = 0.05_wp                          ! turns that may be missing
-   real(wp), parameter :: near = 1.0e-4_wp                            ! likewise: of no account
-   real(wp), parameter :: clearly = 0.3_wp                            ! below which one part of the motion is none of another
-   real(wp), parameter :: mostly = 0.7_wp                             ! above which it is another
+   integer, parameter :: most_parts = 8                               ! largest number of cycles after which a motion may repeat
+   real(wp), parameter :: least_gain = 0.7_wp                         ! phase defect, relative to a shorter shift
+   real(wp), parameter :: exact = 1.0e-9_wp                           ! cycles
+   real(wp), parameter :: farthest = 0.05_wp                          ! largest phase defect, in cycles
+   real(wp), parameter :: near = 1.0e-4_wp                            ! likewise: negligible
+   real(wp), parameter :: clearly = 0.3_wp                            ! ratio below which one part of the motion is negligible
+   real(wp), parameter :: mostly = 0.7_wp                             ! ratio above which it is significant
 
 contains
 
-   !> Turns of the tones after which a record repeats: 1 for a motion of them, 2 to 8 for one that takes several; else a
-   !> `repetition`.
+   !> Cycles of the tones after which a record repeats: 1 for a motion of them, 2 to 8 for one that takes several;
+   !> otherwise a `repetition`.
    function turns_to_repeat(x, scale, turns, share, allowed) result(part)
       real(wp), intent(in) :: x(:, :)                                 !! record, (n_samples, any)
       real(wp), intent(in) :: scale(:)                                !! of each column
       real(wp), intent(in) :: turns(:)                                !! of each tone from one sample to the next
       real(wp), intent(in) :: share                                   !! largest root mean square of a column, relative
-      real(wp), intent(in) :: allowed                                 !! defect of a motion that repeats
+      real(wp), intent(in) :: allowed                                 !! permitted defect of a motion that repeats
       integer :: part
       real(wp), dimension(2**size(turns) - 1, most_parts) :: defect, missing
       real(wp) :: in_one, largest(most_parts), least, within
@@ -68,23 +70,24 @@ contains
       end if
    end function turns_to_repeat
 
-   !> Largest defect of the record over all ways in which numbers of turns can be odd multiples of `part`, negative where the record
-   !> is too short to tell.
+   !> Largest defect of the record over all combinations in which numbers of cycles can be odd multiples of `part`,
+   !> negative if the record is too short.
    real(wp) function defect_of(x, scale, turns, part)
       real(wp), intent(in) :: x(:, :), scale(:), turns(:)             !! as in `turns_to_repeat`
-      integer, intent(in) :: part                                     !! turns in which the motion may repeat
+      integer, intent(in) :: part                                     !! cycles in which the motion may repeat
       real(wp), dimension(2**size(turns) - 1) :: defect, missing
 
       call find_defects(x, scale, turns, part, defect, missing)
       defect_of = maxval(defect)
    end function defect_of
 
-   !> Finds, for each way in which numbers of turns can be odd multiples of `part`, the root mean square of
-   !> what the record differs from the mean of itself before and after, relative: -1 where the record is too short to tell.
+   !> For each combination in which numbers of cycles can be odd multiples of `part`, computes the root mean square of
+   !> the difference of the record from the mean of itself shifted forwards and backwards, relative: -1 if the record
+   !> is too short.
    subroutine find_defects(x, scale, turns, part, defect, missing)
       real(wp), intent(in) :: x(:, :), scale(:), turns(:)             !! as in `turns_to_repeat`
       integer, intent(in) :: part
-      real(wp), intent(out) :: defect(:), missing(:)                  !! and turns missing to whole ones, (2**n_tones - 1)
+      real(wp), intent(out) :: defect(:), missing(:)                  !! and phase defects in cycles, (2**n_tones - 1)
       integer :: class, k, n, shift
 
       n = size(x, 1)
@@ -100,14 +103,14 @@ contains
       end do
    end subroutine find_defects
 
-   !> Finds the shift after which all tones have made nearly a multiple of `part` turns, an odd one where the bit of the tone in
-   !> `class` is set, an even one elsewhere; 0 where there is none. Of equally good ones the shortest.
+   !> Finds the shift after which all tones have made nearly a multiple of `part` cycles, an odd one if the bit of the
+   !> tone in `class` is set, an even one otherwise; 0 if there is none. Of equally good ones the shortest.
    pure subroutine find_return(turns, part, class, longest, shift, nearest)
       real(wp), intent(in) :: turns(:)                                !! of each tone from one sample to the next
       integer, intent(in) :: part, class
       integer, intent(in) :: longest                                  !! samples
       integer, intent(out) :: shift                                   !! samples
-      real(wp), intent(out) :: nearest                                !! turns missing then, of the tone that misses most
+      real(wp), intent(out) :: nearest                                !! phase defect in cycles, of the tone with the largest
       real(wp) :: missing, whole
       integer :: i, m
 

@@ -1,6 +1,6 @@
-!> Constraints of rigid laws: walls that are not crossed, friction that holds or slips at its limit.
+!> Constraints of rigid laws: walls that are not crossed, friction that sticks or slips at its limit.
 !>
-!> A method without a stiffness for them needs the constraint itself, coordinate by coordinate.
+!> A method without a stiffness for them needs the constraint itself, for each coordinate.
 module hb_rigid_laws
    use hb_error, only: error_t, fail
    use hb_integration_laws, only: integration_laws_t
@@ -12,10 +12,10 @@ module hb_rigid_laws
 
 contains
 
-   !> How the rigid ones among the laws are held, in their order; fails for one that cannot be.
+   !> Collects the constraints of the rigid laws, in their order; fails if one has none.
    subroutine collect_rigid(laws, restitution, rigid, error)
       type(integration_laws_t), intent(in) :: laws
-      real(wp), intent(in) :: restitution                             !! of walls that have none of their own; < 0: 0
+      real(wp), intent(in) :: restitution                             !! of walls without a value of their own; < 0: 0
       type(hold_t), allocatable, intent(out) :: rigid(:)
       type(error_t), allocatable, intent(out) :: error
       type(hold_t) :: hold
@@ -35,7 +35,7 @@ contains
       end do
    end subroutine collect_rigid
 
-   !> Moves what is behind a wall onto it, by the shortest way in the metric of the mass.
+   !> Moves coordinates behind a wall onto it, along the shortest path in the metric of the mass.
    pure subroutine put_before_walls(rigid, shape, kick, q)
       type(hold_t), intent(in) :: rigid(:)
       real(wp), intent(in) :: shape(:, :)                             !! of the coordinates of all laws, (n_dofs, any)

@@ -1,9 +1,9 @@
 !> The classical Runge-Kutta method of fourth order with a fixed step, on displacements and velocities.
 !>
-!> Explicit: the step must stay below 2.8 divided by the largest frequency of the structure. A step in which a switch of a law
-!> changes its sign is taken in parts, so that kinks do not cost order; where sliders begin to slip they do.
-!> Source: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 2nd edition, Springer 1993,
-!> section II.1.
+!> Explicit: the step must be below 2.8 divided by the largest frequency of the structure. A step in which a switch of
+!> a law changes its sign is divided, so that kinks do not reduce the order; the onset of slip of sliders does.
+!> Source: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 2nd edition, Springer
+!> 1993, section II.1.
 module hb_runge_kutta_4
    use hb_error, only: error_t, fail
    use hb_integration_system, only: integration_state_t, integration_system_t

@@ -93,7 +93,7 @@ contains
       self%config%largest = 1.0e4_wp*maxval(reach)
    end subroutine new_state_map
 
-   !> State of the motion, scaled; states of laws are zero, they have to find their places.
+   !> State of the motion, scaled; states of laws are zero and must first become periodic.
    function state_map_state_at(self, time) result(x)
       class(state_map_t), intent(in) :: self
       real(wp), intent(in) :: time                                    !! [s]
@@ -123,7 +123,7 @@ contains
       end associate
    end function state_map_rate_at
 
-   !> A state some time later.
+   !> State after a given time.
    subroutine state_map_carry(self, start, duration, x, after, is_done)
       class(state_map_t), intent(inout) :: self
       real(wp), intent(in) :: start, duration                         !! [s]
@@ -149,7 +149,7 @@ contains
       if (is_done) is_done = all(ieee_is_finite(after))
    end subroutine state_map_carry
 
-   !> What is left later of changes in some directions, by central differences, per change.
+   !> Remaining changes after a time for changes in some directions, by central differences, per change.
    subroutine state_map_differences(self, start, duration, x, distance, directions, changes, is_done)
       class(state_map_t), intent(inout) :: self
       real(wp), intent(in) :: start, duration                         !! [s]
@@ -170,7 +170,7 @@ contains
       end do
    end subroutine state_map_differences
 
-   !> Lets integrates take so much work from now on.
+   !> Limits the work of the following time integrations.
    subroutine state_map_allow(self, work)
       class(state_map_t), intent(inout) :: self
       real(wp), intent(in) :: work                                    !! in about a nanosecond
@@ -179,7 +179,7 @@ contains
          int(min(work/work_of_look(self%system%n_dofs, self%system%laws%n_coordinates, .false.), 1.0e18_wp), int64)
    end subroutine state_map_allow
 
-   !> About how many nanoseconds a period of the slowest tone takes, from counts alone.
+   !> Approximate work of a period of the slowest tone in nanoseconds, from counts alone.
    pure real(wp) function state_map_work_of(self, level) result(work)
       class(state_map_t), intent(in) :: self
       integer, intent(in) :: level
@@ -190,7 +190,7 @@ contains
       work = work*work_of_look(self%system%n_dofs, self%system%laws%n_coordinates, .false.)
    end function state_map_work_of
 
-   !> Steps of a time integration at a level, those of a period of the slowest tone; one where the method chooses its own.
+   !> Steps of a time integration at a level in a period of the slowest tone; one if the method chooses its own.
    pure integer function n_steps_of(self, level) result(n_steps)
       type(state_map_t), intent(in) :: self
       integer, intent(in) :: level
@@ -203,7 +203,7 @@ contains
       end associate
    end function n_steps_of
 
-   !> About the largest natural frequency [rad/s], from the diagonals.
+   !> Approximate largest natural frequency [rad/s], from the diagonals.
    pure real(wp) function fastest_mode(structure) result(fastest)
       type(structure_t), intent(in) :: structure
       integer :: i

@@ -19,12 +19,12 @@ module hb_time_integration
 
 contains
 
-   !> Adds time integration to the callbacks of the points of a run. Stability may take two seconds in all, beside what it may
-   !> take at each point. Time integration may take as much at all points together as at a single one, but not less than a fortieth
-   !> of it, a second.
+   !> Adds time integration to the callbacks of the points of a run. Stability may use two seconds in total, in
+   !> addition to its permitted work at each point. Time integration may use as much for all points together as for a
+   !> single one, but at least a fortieth of it, a second, for each.
    subroutine add_time_integration(callbacks, n_points)
       type(callbacks_t), intent(inout) :: callbacks
-      integer, intent(in) :: n_points                                 !! of the run; 0: stability has nothing beside the points
+      integer, intent(in) :: n_points                                 !! of the run; 0: no additional time for stability
       type(integrated_floquet_t) :: finder
       real(wp), parameter :: nanoseconds_of_run = 2.0e9_wp, least_share = 1.0_wp/40.0_wp
 

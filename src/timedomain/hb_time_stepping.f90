@@ -1,6 +1,6 @@
 !> Time integration of a model from a state, with a record of the motion.
 !>
-!> `integrate_from` does all of it; `assess` finds coefficients of a record.
+!> `integrate_from` performs the whole integration; `assess` computes coefficients of a record.
 module hb_time_stepping
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_birkhoff, only: coefficients_at
@@ -23,9 +23,9 @@ module hb_time_stepping
    private
    public :: assess, integrate_from, integration_assessment_t, integration_record_t
 
-   integer, parameter :: steps_between_looks = 32                     ! a few microseconds of the smallest system at least
+   integer, parameter :: steps_between_looks = 32                     ! a few microseconds at least for the smallest system
 
-   !> What is kept of a motion: all samples of the displacements asked for, every so many of the rest.
+   !> Stored motion: all samples of the requested displacements, every n-th sample of the others.
    type :: integration_record_t
       real(wp) :: start = 0.0_wp                                      !! time of the first sample [s]
       real(wp) :: step = 0.0_wp                                       !! from one sample to the next [s]
@@ -33,12 +33,12 @@ module hb_time_stepping
       real(wp), allocatable :: time(:)                                !! [s], (n_stored)
       real(wp), allocatable :: displacement(:, :), velocity(:, :)     !! (n_stored, n_retained_dofs)
       real(wp), allocatable :: force(:, :)                            !! of the laws [N], (n_stored, n_coordinates)
-      real(wp) :: cpu_seconds = 0.0_wp                                !! of processor, set-up of the method included [s]
-      logical :: is_under_way = .false.                               !! the method was begun: an error is one of the motion
+      real(wp) :: cpu_seconds = 0.0_wp                                !! processor time, including set-up of the method [s]
+      logical :: is_under_way = .false.                               !! the method has started: an error is one of the motion
       logical :: is_out_of_work = .false.                             !! the error is that of the budget
    end type integration_record_t
 
-   !> What a record says of the steady motion.
+   !> Analysis of a record of a steady motion.
    type :: integration_assessment_t
       complex(wp), allocatable :: coefficients(:, :)                  !! c - i s, (n_harmonics, n_retained_dofs)
       real(wp), allocatable :: spread(:, :)                           !! |difference| of both halves of the record, likewise
@@ -105,14 +105,14 @@ contains
       end select
    end subroutine new_integrator
 
-   !> Advances step by step and writes down.
+   !> Advances step by step and records.
    subroutine follow(integrator, system, config, retained_dofs, state, record, error)
       class(integrator_t), intent(inout) :: integrator
       type(integration_system_t), intent(inout), target :: system         !! the integrator points to it
       type(integration_config_t), intent(in) :: config
       integer, intent(in) :: retained_dofs(:)
       type(integration_state_t), intent(inout) :: state
-      type(integration_record_t), intent(inout) :: record                 !! has its step
+      type(integration_record_t), intent(inout) :: record                 !! with its step
       type(error_t), allocatable, intent(out) :: error
       integer :: done, i, n_kept, n_steps, n_stored, n_transient, stat, stride
 
@@ -155,13 +155,13 @@ contains
 
    contains
 
-      !> Whether more was spent than may be, which is the reason of any failure then.
+      !> Checks the budget and the cancellation; either is then the reason of a failure.
       subroutine look()
          record%is_out_of_work = system%laws%n_looks > config%most_looks
          if (record%is_out_of_work) then
-            call fail(error, "the time integration has had its budget of work")
+            call fail(error, "the time integration has used up its budget of work")
          else if (.not. allocated(error) .and. work_is_over()) then
-            call fail(error, "the time integration was ended before its time")
+            call fail(error, "the time integration was cancelled")
          end if
       end subroutine look
 
@@ -179,7 +179,7 @@ contains
       end subroutine keep
    end subroutine follow
 
-   !> Fails where steps cannot be counted, or where the record would not fit into memory.
+   !> Fails if steps cannot be counted, or if the record would not fit into memory.
    subroutine check_length(config, step, n_kept, n_coordinates, error)
       type(integration_config_t), intent(in) :: config
       real(wp), intent(in) :: step                                    !! [s], > 0
@@ -195,7 +195,7 @@ contains
                    to_text(step)//" s, at most "//to_text(huge(1))//" can be counted: give a shorter duration or a larger step")
       else if (bytes > available_memory()) then
          call fail(error, "a record of "//to_text(config%duration)//" s takes "//to_text(nint(bytes/2.0_wp**20))// &
-                   " MiB, more than there is: give a shorter duration, a larger step or a larger decimation")
+                   " MiB, more than available: give a shorter duration, a larger step or a larger decimation")
       end if
    end subroutine check_length
 
@@ -223,7 +223,7 @@ contains
       call fail(error, "the motion is not finite at t = "//to_text(state%time)//" s: an explicit method may need a smaller step")
    end subroutine check_finite
 
-   !> Coefficients of given frequencies with the difference between both halves of the record, and the largest lines.
+   !> Coefficients at given frequencies with the difference between both halves of the record, and the largest lines.
    subroutine assess(record, frequencies, n_peaks, assessment, error)
       type(integration_record_t), intent(in) :: record
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)

@@ -1,11 +1,11 @@
 !> Verification of a motion by time integration that starts on it.
 !>
 !> One integration starts on the motion at time zero, a second one very close to it. The verdict is that of
-!> hb_integration_verdict: they diverge where the motion is unstable; else they converge as the transient decays, and the remaining
-!> difference of integration and motion is the error of the motion.
-!> Tones that the balance has found may drift (hb_integration_difference): as far as that is more than the errors of the frequencies
-!> let expect, the motion is wrong. It lasts until this is decided, at most as long as the decay of the linear structure takes,
-!> within a bound of work.
+!> hb_integration_verdict: they diverge if the motion is unstable; otherwise they converge as the transient decays,
+!> and the remaining difference of integration and motion is the error of the motion. Frequencies of unknown tones may
+!> drift (hb_integration_difference): if the drift exceeds the estimated errors of the frequencies, the motion is
+!> wrong. The integration lasts until this is decided, at most as long as the decay of the linear structure takes,
+!> within a limit of work.
 module hb_verification
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
@@ -27,83 +27,83 @@ module hb_verification
    private
    public :: claim_t, verdict_t, verify_motion
 
-   integer, parameter :: periods_of_sliders = 20                      ! of the motion, in which sliders find their places
-   integer, parameter :: fewest_periods = 20                          ! of the slowest tone; of several twice that, and two beats
+   integer, parameter :: periods_of_sliders = 20                      ! of the motion, until sliders are periodic
+   integer, parameter :: fewest_periods = 20 ! of the slowest tone; with several tones twice that, and two beats
    integer, parameter :: most_periods_of_beats = 100
-   integer, parameter :: least_bound = 100, greatest_bound = 1000     ! periods at which a time integration ends without a decision,
-                                                                      ! at least and at last
-   integer, parameter :: longest_decay = 1000000                      ! periods; a slower one is none to be distinguished from it
-   integer, parameter :: usual_bound = 150                            ! where nothing in the structure decays
+   integer, parameter :: least_bound = 100, greatest_bound = 1000     ! periods at which a time integration ends without a
+                                                                      !! decision, at first and finally
+   integer, parameter :: longest_decay = 1000000                      ! periods; a slower decay counts as none
+   integer, parameter :: usual_bound = 150                            ! if nothing in the structure decays
    integer, parameter :: most_samples = 400000                        ! of one time integration, beyond the fewest periods
    integer, parameter :: periods_at_once = 5
    real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm: the bound
-   real(wp), parameter :: most_decay = 3.0_wp                         ! likewise: the start is forgotten
-   real(wp), parameter :: integration_tolerance = 1.0e-13_wp          ! of the time integration, unless the input requests less
-   real(wp), parameter :: remembered = 10.0_wp                        ! fall of the distance below which the start still counts
+   real(wp), parameter :: most_decay = 3.0_wp                         ! likewise: the start has no influence any more
+   real(wp), parameter :: integration_tolerance = 1.0e-13_wp ! of the time integration, unless the input requests a smaller one
+   real(wp), parameter :: remembered = 10.0_wp ! fall of the distance below which the start still has influence
    real(wp), parameter :: nearness = 1.0e-6_wp ! of the second time integration at its start, relative to the motion
-   real(wp), parameter :: too_far = 1.0e-4_wp, too_near = 1.0e-10_wp  ! distances at which it is brought back there
+   real(wp), parameter :: too_far = 1.0e-4_wp, too_near = 1.0e-10_wp  ! distances at which it is reset
    real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the motion
    integer, parameter :: fewest_steps = 1000                          ! of fixed steps in a period of the slowest tone, and in
    real(wp), parameter :: step_of_mode = 0.1_wp                       ! radians of the fastest mode: errors of 1e-6 in a period
-   real(wp), parameter :: gone = 2.0_wp                               ! likewise, where the time integration breaks off
+   real(wp), parameter :: gone = 2.0_wp                               ! likewise, at which the time integration is stopped
 
-   !> A motion with what is said of its errors.
+   !> A motion with its estimated errors.
    type :: claim_t
       integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics)
       real(wp), allocatable :: omega(:)                               !! [rad/s], (n_tones)
       complex(wp), allocatable :: amplitudes(:, :)                    !! cos - i sin [m], (n_harmonics, n_dofs)
       real(wp) :: estimate = 0.0_wp                                 !! by truncation and aliasing together, relative; NaN: not known
       real(wp), allocatable :: frequency_estimates(:)                 !! [rad/s], (n_tones); NaN: not known
-      logical :: is_averaged = .false.                               !! it was found by time integration, as averages in a given set
+      logical :: is_averaged = .false. !! it was computed by time integration, as averages in a given set
       real(wp) :: spread = 0.0_wp                                     !! of these averages, relative
    end type claim_t
 
-   !> What time integration says of a motion.
+   !> Result of the verification of a motion.
    type :: verdict_t
       integer :: kind = verdict%not_done
       integer :: skipped_status = 0                                   !! outcome of a point without a motion to start from
       real(wp) :: first_difference = 0.0_wp                           !! in the first period, relative: the worst coordinate
-      real(wp) :: difference = 0.0_wp                                 !! in the last ones, of the coordinate worst for its limit
+      real(wp) :: difference = 0.0_wp !! in the last ones, of the coordinate with the largest ratio to its limit
       real(wp) :: limit = 0.0_wp                                      !! of that difference
       character(:), allocatable :: coordinate                         !! its name
-      real(wp) :: growth = 0.0_wp                                     !! of what is close to the motion [1/s]
-      real(wp), allocatable :: drift(:)                               !! of the frequencies found [rad/s], (n_tones)
+      real(wp) :: growth = 0.0_wp                                     !! of neighbouring trajectories [1/s]
+      real(wp), allocatable :: drift(:)                               !! of the unknown frequencies [rad/s], (n_tones)
       real(wp) :: duration = 0.0_wp                                   !! of the time integration [s]
       integer :: n_periods = 0                                        !! of the slowest tone, likewise
    end type verdict_t
 
-   !> How long a time integration is, in periods of the slowest tone.
+   !> Length of a time integration, in periods of the slowest tone.
    type :: length_t
       real(wp) :: period = 0.0_wp                                     !! [s]
       integer :: n_samples = 0                                        !! in a period
       integer :: fewest = 0, bound = 0                                !! periods
-      integer :: most = 0                                             !! to which the bound is raised where nothing is decided
-      integer :: decay = 0                                            !! in which the linear structure forgets; 0: it does not
+      integer :: most = 0                                             !! to which the bound is raised without a decision
+      integer :: decay = 0 !! in which the transient of the linear structure decays; 0: it does not
    end type length_t
 
-   !> Both integrations, and what was seen of them so far.
+   !> Both integrations, and their results so far.
    type :: pair_t
       type(integration_system_t) :: system
       type(integration_config_t) :: config
-      type(integration_state_t) :: state, other                       !! of the one on the motion, and of the one beside it
+      type(integration_state_t) :: state, other                       !! of the one on the motion, and of the neighbouring one
       type(integration_record_t) :: record
       type(length_t) :: length
       type(integration_difference_t) :: difference
       real(wp), allocatable :: scale(:), speed(:)                     !! [m], [m/s], (n_dofs)
-      real(wp), allocatable :: distance(:)                            !! logarithm, after each stretch
-      real(wp), allocatable :: ratio(:)                               !! of difference and limit, in each period
-      real(wp) :: estimate, share                                    !! of the motion, relative; how much larger it is of velocities
+      real(wp), allocatable :: distance(:)                            !! logarithm, after each group of periods
+      real(wp), allocatable :: ratio(:)                               !! of difference to limit, in each period
+      real(wp) :: estimate, share                                    !! of the motion, relative; factor for velocities
       real(wp) :: expected                                            !! difference in the last periods
-      real(wp) :: moved_back = 0.0_wp                                 !! logarithm of all that the other was brought back by
+      real(wp) :: moved_back = 0.0_wp                                 !! logarithm of the total factor of all resets
    end type pair_t
 
 contains
 
-   !> Integrates from a motion of a model, and from beside it, until what they say is decided.
+   !> Integrates from a motion of a model, and from a neighbouring state, until the verdict is decided.
    subroutine verify_motion(model, claim, n_periods, result, error)
       type(model_t), intent(inout) :: model
       type(claim_t), intent(in) :: claim
-      integer, intent(in) :: n_periods                                !! of the slowest tone, at most; 0: by the decay
+      integer, intent(in) :: n_periods                                !! of the slowest tone, at most; 0: from the decay rate
       type(verdict_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       type(pair_t), target :: pair
@@ -124,7 +124,7 @@ contains
       call write_up(pair, claim, result)
    end subroutine verify_motion
 
-   !> Puts one state on the motion and one beside it.
+   !> Sets one state on the motion and one beside it.
    subroutine begin_pair(self, model, claim, n_periods)
       type(pair_t), intent(inout), target :: self
       type(model_t), intent(in) :: model
@@ -169,7 +169,7 @@ contains
       end associate
    end subroutine begin_pair
 
-   !> Takes both through the next stretch of periods.
+   !> Integrates both through the next group of periods.
    subroutine go_on(self, result, error)
       type(pair_t), intent(inout), target :: self
       type(verdict_t), intent(inout) :: result
@@ -209,7 +209,7 @@ contains
       end associate
    end subroutine go_on
 
-   !> Whether an integration that broke off was on its way to infinity.
+   !> Whether an integration that was stopped was diverging.
    pure logical function has_run_away(self)
       type(pair_t), intent(in) :: self
 
@@ -239,7 +239,7 @@ contains
          n_kept = findloc(self%ratio > 1.0_wp, .true., dim=1) - 1
          if (n_kept < 0) n_kept = difference%n_periods
          result%drift = difference%drift(n_kept)
-         if (result%kind == verdict%unstable) return                  ! what drifts then is the motion that it goes to
+         if (result%kind == verdict%unstable) return                  ! the drift is then that of the motion to which it diverges
          most_drift = limit_of(self%estimate*self%share, 1.0_wp)*omega
          where (ieee_is_finite(claim%frequency_estimates)) most_drift = max(most_drift, &
             limit_of(claim%frequency_estimates/omega, 1.0_wp)*omega)
@@ -248,8 +248,9 @@ contains
       end associate
    end subroutine write_up
 
-   !> Verdict on a motion that was integrated: another time integration, from the motion itself and with its own tolerance, until it
-   !> is steady. What the set cannot hold of the motion is not part of its coefficients, so that these are compared.
+   !> Verdict on a motion that was integrated: a second time integration, from the motion itself and with its own
+   !> tolerance, until it is steady. The part of the motion outside the set is not in its coefficients, so that
+   !> coefficients are compared.
    subroutine verify_integrated(model, system, tuples, amplitudes, start, spread, result, error)
       type(model_t), intent(in) :: model
       type(integration_system_t), intent(in) :: system
@@ -297,8 +298,8 @@ contains
       if (result%difference <= result%limit) result%kind = verdict%agrees
    end subroutine verify_integrated
 
-   !> Length of the time integration from a motion: at least until all of it was seen, at most until the slowest mode of the linear
-   !> structure is forgotten, as far as the bound of work allows.
+   !> Length of the time integration from a motion: at least one that covers all of it, at most one in which the
+   !> slowest mode of the linear structure decays, as far as the limit of work permits.
    subroutine choose_length(self, model, omega, n_periods)
       type(length_t), intent(out) :: self
       type(model_t), intent(in) :: model
@@ -331,7 +332,7 @@ contains
       self%most = n_periods
    end subroutine choose_length
 
-   !> Components between 1/2 and 1 of either sign, in no order that a structure would have.
+   !> Components between 1/2 and 1 of either sign, in an order unrelated to any structure.
    pure function directions(n, offset) result(values)
       integer, intent(in) :: n, offset
       real(wp) :: values(n)
@@ -342,13 +343,12 @@ contains
                  (0.5_wp + 0.5_wp*modulo((offset + i)*root, 1.0_wp)), i=1, n)]
    end function directions
 
-   !> Brings the second time integration back to the distance at which it began, in the same direction, where it is too far or too
-   !> near.
+   !> Resets the second time integration to its initial distance, in the same direction, if it is too far or too near.
    subroutine bring_back(state, other, scale, speed, moved_back)
       type(integration_state_t), intent(in) :: state
       type(integration_state_t), intent(inout) :: other
       real(wp), intent(in) :: scale(:), speed(:)                      !! [m], [m/s], (n_dofs)
-      real(wp), intent(inout) :: moved_back                           !! logarithm of all that it was brought back by
+      real(wp), intent(inout) :: moved_back                           !! logarithm of the total factor
       real(wp) :: apart
 
       apart = max(maxval(abs(other%q - state%q)/scale), maxval(abs(other%v - state%v)/speed))
@@ -359,7 +359,7 @@ contains
       moved_back = moved_back + log(apart/nearness)
    end subroutine bring_back
 
-   !> The coordinate, or the tone of a coordinate, that is worst for its limit in the last periods.
+   !> The coordinate, or the tone of a coordinate, with the largest ratio to its limit in the last periods.
    subroutine find_worst(difference, system, length, estimate, result)
       type(integration_difference_t), intent(in) :: difference
       type(integration_system_t), intent(in) :: system
@@ -377,7 +377,7 @@ contains
       result%limit = limit_of(estimate, difference%share(i))
       labels = [character(64) :: system%structure%labels, system%laws%coordinate_labels()]
       result%coordinate = trim(labels(i))
-      if (n < length%fewest) return                                   ! tones do not part in so short a time
+      if (n < length%fewest) return                                   ! tones cannot be separated in so short a time
       call difference%parts(differences, shares)
       do m = 1, size(differences, 2)
          do c = 1, size(differences, 1)
@@ -389,9 +389,9 @@ contains
       end do
    end subroutine find_worst
 
-   !> How much larger an error of the displacements is as one of the velocities: what is left out has frequencies beyond the
-   !> highest one, and the velocity that the time integration lacks at its start makes a motion with the leading one, until it
-   !> decays.
+   !> Factor by which an error of the displacements is larger as one of the velocities: omitted harmonics have
+   !> frequencies beyond the highest one, and the velocity missing at the start of the time integration excites a
+   !> motion with the leading frequency, until it decays.
    pure real(wp) function velocity_share(amplitudes, frequencies) result(share)
       complex(wp), intent(in) :: amplitudes(:, :)                     !! (n_harmonics, n_dofs)
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s]
@@ -402,7 +402,7 @@ contains
       if (leading > 0.0_wp) share = max(share, maxval(abs(frequencies))/leading)
    end function velocity_share
 
-   !> Frequency of the harmonic that moves most [rad/s].
+   !> Frequency of the harmonic with the largest amplitude [rad/s].
    pure real(wp) function leading_of(amplitudes, frequencies)
       complex(wp), intent(in) :: amplitudes(:, :)                     !! (n_harmonics, n_dofs)
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s]
