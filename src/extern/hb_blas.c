@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <sys/mman.h>
 
-/* From OpenBLAS's cblas.h; null where BLAS comes from another library. */
+/* From OpenBLAS's cblas.h; null if BLAS is another library. */
 void openblas_set_num_threads(int n_threads) __attribute__((weak));
 int openblas_get_num_threads(void) __attribute__((weak));
 
@@ -20,7 +20,7 @@ void hb_use_one_blas_thread(void)
    openblas_set_num_threads(1);
 }
 
-/* Of the buffer that OpenBLAS 0.3 takes at its first call; its own constant is not exported. */
+/* Size of the buffer that OpenBLAS 0.3 allocates at its first call; its own constant is not exported. */
 static const size_t buffer_bytes = 144u << 20;
 
 int hb_take_blas_memory(void)

@@ -39,7 +39,7 @@ static uint32_t multiply(uint32_t a, uint32_t b)
    return product;
 }
 
-/* What n zero bytes make of the register: it times x to the power of 8 n. Source: M. Adler, crc32_combine of zlib. */
+/* Effect of n zero bytes on the register: multiplication by x to the power of 8 n. Source: M. Adler, crc32_combine of zlib. */
 static uint32_t after_zeros(uint32_t crc, size_t n)
 {
    uint32_t square = 1u << 23; /* x to the power of 8 */
@@ -51,7 +51,7 @@ static uint32_t after_zeros(uint32_t crc, size_t n)
    return crc;
 }
 
-/* Rows of results are mostly places that are not in use. */
+/* Most elements of a row of results are unused. */
 static size_t count_zeros(const unsigned char *b, size_t n_bytes)
 {
    static const unsigned char zeros[LEAST_ZEROS];

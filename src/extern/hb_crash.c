@@ -16,7 +16,7 @@
 #define MAX_TEXT 512
 #define MAX_LAST_WORDS 1024
 #define MAX_ENTRY 128
-#define STACK_SIZE 65536 /* for the handler alone, where the stack of the process has come to its end */
+#define STACK_SIZE 65536 /* for the handler, in case of a stack overflow */
 
 typedef struct {
    int number;
@@ -59,7 +59,7 @@ static int has_stack = 0;
 static stack_t stack_before;
 static char handler_stack[STACK_SIZE];
 
-/* From here on, nothing but what POSIX allows in a handler. */
+/* The following functions call only what POSIX permits in a handler. */
 
 static size_t append(char *text, size_t length, const char *words)
 {
@@ -100,10 +100,10 @@ static int put_row(long long row, const char *cause)
    return put(bytes, sizeof bytes, place.status_offset + row * (long long)sizeof bytes);
 }
 
-/* Notes that the point under way has crashed, and says so; returns 0 where none is. */
+/* Records and reports that the present point has crashed; returns 0 if there is none. */
 static int note_crash(const char *cause)
 {
-   if (getpid() != watched_process) return 0; /* a child that the code of a law has made */
+   if (getpid() != watched_process) return 0; /* a child process created by the code of a law */
    const long long row = atomic_exchange(&row_under_way, -1);
    if (row < 0) return 0;
    const int is_noted = put_row(row, cause);
@@ -152,10 +152,10 @@ static void on_crash(int number, siginfo_t *information, void *context)
    if (i < n_crashes) (void)note_crash(crashes[i].cause);
    if (is_guarded) hb_leave(last_status);
    if (i < n_crashes) sigaction(number, &before[i], NULL);
-   if (information->si_code <= 0) raise(number); /* it was sent; a fault comes again by itself after the return */
+   if (information->si_code <= 0) raise(number); /* it was sent; a fault occurs again after the return */
 }
 
-/* Lets no other library end its work: some of them would wait here for other ranks. */
+/* Prevents exit handlers of other libraries, some of which would wait for other ranks. */
 static void on_exit_of_process(void)
 {
    if (note_crash("exit()") != 0) hb_leave(place.exit_status);
@@ -166,9 +166,9 @@ int hb_end_within_point(const char *cause)
    return note_crash(cause) != 0 ? place.exit_status : 0;
 }
 
-/* From here on, the usual again. */
+/* The following functions are not called in a handler. */
 
-/* Gives the first n signals, and handlers, what they had before. */
+/* Restores the previous handlers of the first n signals. */
 static void put_back(size_t n)
 {
    while (n-- > 0) (void)sigaction(crashes[n].number, &before[n], NULL);
@@ -176,7 +176,7 @@ static void put_back(size_t n)
    is_caught = 0;
 }
 
-/* Catches all crashes, also where something has caught them since they were caught here. */
+/* Catches all crashes, also if other handlers were installed in the meantime. */
 static int catch_crashes(void)
 {
    if (!is_caught) {
@@ -197,7 +197,7 @@ static int catch_crashes(void)
    return 0;
 }
 
-/* Ends what nobody needs any more. */
+/* Removes handlers that are no longer needed. */
 static void let_go(void)
 {
    if (!is_caught) return;
@@ -207,7 +207,7 @@ static void let_go(void)
       put_back(n_crashes);
 }
 
-/* Lets a signal come after some seconds of work. */
+/* Requests a signal after some seconds of processor time. */
 static int set_limit(double seconds)
 {
    const time_t whole = (time_t)seconds;
@@ -222,7 +222,7 @@ static int set_limit(double seconds)
    return setitimer(ITIMER_VIRTUAL, &timer, NULL);
 }
 
-/* Lowers the limit on the address space to so much more than is in use. */
+/* Limits the address space to the present size plus a number of bytes. */
 static void limit_memory(double bytes)
 {
    FILE *const pages = fopen("/proc/self/statm", "r");

@@ -43,7 +43,7 @@ int hb_full_folder(const char *path, char *full, int n_bytes)
    return fits ? (int)length : -1;
 }
 
-/* Whether the file of that name is the one that is open: its maker may have given it another name meanwhile. */
+/* Whether the file of that name is the open one: it may have been renamed in the meantime. */
 static int is_named(int descriptor, const char *path)
 {
    struct stat open_file, named_file;

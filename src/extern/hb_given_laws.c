@@ -15,7 +15,7 @@ typedef struct given_law {
 static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
 static given_law_t *laws;
 
-/* Where the pointer to the law of a name stands, that of a null pointer behind the last if there is none. */
+/* Address of the pointer to the law of a name, or of the null pointer after the last one if there is none. */
 static given_law_t **place_of(const char *name)
 {
    given_law_t **place = &laws;
@@ -59,7 +59,7 @@ void hb_forget_law(const char *name)
    (void)pthread_mutex_unlock(&mutex);
 }
 
-/* Whether the program has given a law of that name; copies what there is. */
+/* Whether the program has registered a law of that name; copies its data. */
 int hb_find_given_law(const char *name, nhbm_law_info_t *info, nhbm_law_evaluate_2_function *evaluate)
 {
    const given_law_t *law;

@@ -1,11 +1,11 @@
-/* A lock around what two threads of a program must not do at once. Source: POSIX.1-2017. */
+/* A lock for operations that two threads of a program must not perform at the same time. Source: POSIX.1-2017. */
 #ifndef HB_LOCK_H
 #define HB_LOCK_H
 
-/* Waits until nobody holds the lock, and takes it. */
+/* Waits for the lock and acquires it. */
 void hb_lock(void);
 
-/* Gives it back. */
+/* Releases it. */
 void hb_unlock(void);
 
 #endif

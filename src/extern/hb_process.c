@@ -28,7 +28,7 @@ static char last_words[MAX_TEXT];
 static size_t n_last_words = 0;
 static int last_status = 1;
 
-/* Calls nothing but what POSIX allows in a handler. */
+/* Calls only what POSIX permits in a handler. */
 static void on_signal(int number)
 {
    if (ends_at_once) {
@@ -71,7 +71,7 @@ void hb_note_unfinished(const char *path)
    unfinished[0] = '\0';
    if (length == 0 || length >= sizeof unfinished) return;
    memcpy(unfinished + 1, path + 1, length);
-   unfinished[0] = path[0]; /* last: the name is whole now */
+   unfinished[0] = path[0]; /* last: the name is complete now */
 }
 
 void hb_survive_failed_writes(void)
@@ -96,7 +96,7 @@ const char *hb_caught_signal_name(void)
 }
 
 static char exit_words[MAX_TEXT];
-static int exit_status_of_others = 0; /* 0: exit() is ours */
+static int exit_status_of_others = 0; /* 0: exit() is permitted */
 static pid_t this_process;
 
 static void on_exit_by_others(void)
