@@ -87,6 +87,7 @@ def test_a_slider_sticks_until_the_motion_has_come_back_by_twice_its_reach(tmp_p
     found = summary(contact, Motion(results, 0), results.power_laws(0))
     stick = [np.arccos(1 - 2 * STICKING / amplitude) / np.pi for amplitude in (1.0, 2.0)]
     np.testing.assert_allclose(found["slip share"], [1 - stick[0], 0.0, 1 - stick[1]], atol=2 / 256)
+    np.testing.assert_allclose(found["stick share"], [stick[0], 1.0, stick[1]], atol=2 / 256)
     np.testing.assert_allclose(found["largest friction"], [2.0, 1.5, 2.0], rtol=1e-3)
     assert found["loss"].tolist() == [3.0, 1.0, 2.0] and "open share" not in found
 

@@ -37,7 +37,7 @@ def draw_figure_4(found):
             _over_time(axes[0, column], one)
             axes[0, column].set_title(f"spring {one.title}")
             _difference(axes[1, column], [one], [INTEGRATED])
-        axes[0, -1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+        axes[0, -1].legend(**style.ABOVE)
         title = "Figure 4: time integration on top of the balance of order 7"
         style.head(fig, title, "midspan, 20 s after the transient; below: time integration minus balance")
     return fig
@@ -50,9 +50,9 @@ def draw_figure_7(found):
         _over_time(axes[0], found[-1])
         axes[0].axhline(1.5, color=style.WALL, lw=0.9)
         axes[0].text(found[-1].t[-1], 1.56, "wall", ha="right", va="bottom", color=style.MUTED, size=8.5)
-        axes[0].legend(loc="lower left", ncols=2)
+        axes[0].legend(**style.ABOVE)
         _difference(axes[1], found[::3], [style.COLOURS[4], INTEGRATED], [one.title for one in found[::3]])
-        axes[1].legend(loc="lower left", ncols=2)
+        axes[1].legend(**style.ABOVE)
         title = "Figure 7: the rigid wall, time integration on top of the balance of order 12"
         style.head(fig, title, "midspan, 20 s after the transient; below: time integration minus balance")
     return fig
@@ -61,7 +61,7 @@ def draw_figure_7(found):
 def _over_time(ax, one):
     ax.plot(one.t, 1e3 * one.balanced, color=BALANCED, lw=2.4, alpha=0.55, label="balance")
     ax.plot(one.t, 1e3 * one.integrated, color=INTEGRATED, lw=0.8, label="integration")
-    ax.set_ylabel("displacement [mm]")
+    ax.set_ylabel("Displacement [mm]")
     ax.set_xlim(one.t[0], one.t[-1])
 
 
@@ -73,8 +73,8 @@ def _difference(ax, found, colours, labels=("",)):
         factor, units = 10.0**-power, rf"$10^{{{power}}}$ m"
     for one, colour, label in zip(found, colours, labels):
         ax.plot(one.t, factor * one.difference, color=colour, lw=0.8, label=label)
-    ax.set_ylabel(f"difference [{units}]")
-    ax.set_xlabel("time [s]")
+    ax.set_ylabel(f"Difference [{units}]")
+    ax.set_xlabel("Time $t$ [s]")
 
 
 def draw_coefficients(order, error):
@@ -89,8 +89,8 @@ def draw_coefficients(order, error):
             ax.loglog(x, rate(x), color=style.MUTED, lw=0.9, ls=style.REFERENCE, label=rate.text("N"))
         ax.set_xticks(order[known], [f"{n:.0f}" for n in order[known]])
         ax.minorticks_off()
-        ax.set(xlabel="order $N$ of the series", ylabel="relative rms error of eight tuples")
-        ax.legend()
+        ax.set(xlabel="Order $N$ of the series", ylabel="Relative rms error of eight tuples")
+        ax.legend(**style.ABOVE)
         ax.grid(True)
         style.head(fig, "Elastic stop under two tones (C2a)", "against coefficients with 11 digits by integration with events")
     return fig
@@ -156,14 +156,14 @@ def draw_orders(findings):
                 label = finding.case.title + (f": {rate.text('N')}" if rate else "")
                 look = {"color": style.COLOURS[i], "marker": style.MARKERS[i]}
                 ax.plot(orders, np.maximum(errors, 1e-15), ms=4.5, label=label, **look)
-            ax.set(xlabel="order $N$ of the series", yscale="log", xscale="linear" if is_smooth else "log")
+            ax.set(xlabel="Order $N$ of the series", yscale="log", xscale="linear" if is_smooth else "log")
             ax.grid(True)
             ax.legend(loc="lower left", fontsize=7.0, bbox_to_anchor=(0.0, 1.06), borderaxespad=0.0)
             ticks = range(1, 23, 2) if is_smooth else (3, 5, 7, 9, 13, 17, 25)
             ax.set_xticks(ticks, [str(n) for n in ticks])
             if not is_smooth:
                 ax.minorticks_off()
-        axes[0].set_ylabel("relative rms error")
+        axes[0].set_ylabel("Relative rms error")
         style.head(fig, "Error over order: smooth laws (left), contact and friction (right)")
     return fig
 
@@ -179,13 +179,13 @@ def draw_tones(found):
             label = f"{one.name}: best series of this order"
             right.loglog(SHOWN_ORDERS, one.best, color=colour, lw=1.0, ls=style.REFERENCE, label=label)
             right.loglog(one.orders, one.errors, color=colour, marker="o", ms=4.5, label=f"{one.name}: balance")
-        left.set(xlabel="time [s]", ylabel="relative difference", title="two time integrations from different starts")
-        right.set(xlabel="order $N$ of the series", ylabel="relative rms error", title="what a series of order N can do, and does")
+        left.set(xlabel="Time $t$ [s]", ylabel="Relative difference", title="two time integrations from different starts")
+        right.set(xlabel="Order $N$ of the series", ylabel="Relative rms error", title="what a series of order N can do, and does")
         right.set_xticks(SHOWN_ORDERS[::2], [str(n) for n in SHOWN_ORDERS[::2]])
         right.minorticks_off()
         right.set_ylim(2e-3, 0.6)
         for ax in (left, right):
             ax.grid(True)
-            ax.legend(fontsize=7.5)
+            ax.legend(fontsize=7.5, loc="upper left", bbox_to_anchor=(0.0, -0.18))
         style.head(fig, "The beam on a stop: a torus with its two tones, slow to converge")
     return fig

@@ -342,26 +342,27 @@ def follow(z: np.ndarray, reach: np.ndarray, start: np.ndarray) -> tuple[np.ndar
 def summary(contact: Contact, motion: Motion, power: np.ndarray) -> dict[str, np.ndarray]:
     """What is left of the history over a period of one tone, or a long time of several, at each node; what the law has of it."""
     n = int(np.ceil(motion.window / motion.step))
-    n_open = n_slip = gap = 0.0
+    n_open = n_stick = n_slip = gap = 0.0
     smallest, largest, normal, friction = np.inf, -np.inf, -np.inf, -np.inf
     for found in _blocks(contact, motion, 0.0, motion.window / n, n):
         n_open = n_open + (found.status == OPEN).sum(axis=0)
+        n_stick = n_stick + (found.status == STICK).sum(axis=0)
         n_slip = n_slip + (found.status == SLIP).sum(axis=0)
         gap = gap + found.gap.sum(axis=0)
         smallest = np.minimum(smallest, found.gap.min(axis=0))
         largest = np.maximum(largest, found.gap.max(axis=0))
         normal = np.maximum(normal, found.normal_force.max(axis=0))
         friction = np.maximum(friction, found.friction.max(axis=0))
-    values = {"open share": n_open / n, "slip share": n_slip / n, "smallest gap": smallest, "mean gap": gap / n,
-              "largest gap": largest, "largest normal force": normal, "largest friction": friction,
+    values = {"open share": n_open / n, "stick share": n_stick / n, "slip share": n_slip / n, "smallest gap": smallest,
+              "mean gap": gap / n, "largest gap": largest, "largest normal force": normal, "largest friction": friction,
               "loss": power[contact.laws]}  # fmt: skip
-    unknown = ["open share"] * (not contact.opens) + ["slip share", "loss"] * (not contact.slides)
+    unknown = ["open share"] * (not contact.opens) + ["stick share", "slip share", "loss"] * (not contact.slides)
     for name in unknown + ["loss"] * (contact.table is not None and contact.slides):
         del values[name]
     return {name: value for name, value in values.items() if np.isfinite(value).any()}
 
 
-UNITS = {"open share": "1", "slip share": "1", "smallest gap": "m", "mean gap": "m", "largest gap": "m",
+UNITS = {"open share": "1", "stick share": "1", "slip share": "1", "smallest gap": "m", "mean gap": "m", "largest gap": "m",
          "largest normal force": "N", "largest friction": "N", "loss": "W"}  # fmt: skip
 
 

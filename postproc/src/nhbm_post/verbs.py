@@ -260,18 +260,19 @@ def deflection(arguments):
         structure = structure_of(results, point, arguments.model)
         tuples, frequencies, coefficients = motions(results, structure, point, arguments.unconverged)
         about = _origin(results, point, "motion")
+        factor, unit = results.frequency_scale()
     if arguments.time is not None:
         motion = (coefficients * np.exp(1j * frequencies * arguments.time)).real.sum(axis=1)
         field = structure.displacement(motion)
-        sizes = ("displacement", np.linalg.norm(field, axis=1))
+        sizes = ("Displacement", np.linalg.norm(field, axis=1))
         fig = draw.draw_deflection(structure, field, sizes, f"Motion at {arguments.time:g} s", about)
     else:
         h = harmonic_of(tuples, coefficients, arguments.tuple)
         shape = structure.displacement(coefficients[:, h].real) + 1j * structure.displacement(coefficients[:, h].imag)
         largest = shape.ravel()[np.argmax(np.abs(shape))]
         moment = (shape * np.exp(-1j * np.angle(largest))).real
-        words = f"Harmonic ({','.join(str(k) for k in tuples[h])}), {abs(frequencies[h]):.6g} rad/s"
-        sizes = ("amplitude", np.linalg.norm(np.abs(shape), axis=1))
+        words = f"Harmonic ({','.join(str(k) for k in tuples[h])}), {factor * abs(frequencies[h]):.6g} {unit}"
+        sizes = ("Amplitude", np.linalg.norm(np.abs(shape), axis=1))
         fig = draw.draw_deflection(structure, moment, sizes, words, about)
     _save(fig, arguments)
 

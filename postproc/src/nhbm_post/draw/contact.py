@@ -17,7 +17,7 @@ _PANEL = 2.3  # [inch]
 def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarray | None, about: str):
     """A panel for each of `values` (n_nodes), at the nodes' `points` (n_nodes, 3) as seen along the direction in which the patch
     is thinnest; over the place along it where it is a line, over the number of the contact where they stand at no nodes."""
-    name_of_place = "contact" if points is None else ""
+    name_of_place = "Contact" if points is None else ""
     if points is None:
         points = np.outer(np.arange(1.0, contact.n + 1), [1.0, 0.0, 0.0])
     extent = np.ptp(points, axis=0)
@@ -39,7 +39,7 @@ def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarr
             if is_line:
                 order = np.argsort(points[:, along], kind="stable")
                 ax.plot(points[order, along], factor * value[order], "o-", markersize=3.5, color=style.COLOURS[0])
-                ax.set(xlabel=name_of_place or f"{'xyz'[along]} [m]", ylabel=style.with_unit(name, units))
+                ax.set(xlabel=name_of_place or f"{'xyz'[along]} [m]", ylabel=style.with_unit(name.capitalize(), units))
                 ax.ticklabel_format(useOffset=False)
                 ax.set_ylim(*((-0.02, 1.02) if name.endswith("share") else ax.get_ylim()))
                 ax.grid(True)
@@ -50,7 +50,7 @@ def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarr
                 cmap=style.COLOUR_MAP, edgecolors=style.INK, linewidths=0.3, **limits,
             )  # fmt: skip
             fig.colorbar(drawn, ax=ax, shrink=0.85)
-            ax.set_title(style.with_unit(name, units))
+            ax.set_title(style.with_unit(name.capitalize(), units))
             ax.set(xlabel=f"{'xyz'[first]} [m]", ylabel=f"{'xyz'[second]} [m]", aspect="equal" if is_to_scale else "auto")
             for k, set_limits in ((first, ax.set_xlim), (second, ax.set_ylim)):
                 margin = 0.12 * extent[along if is_to_scale else k]
@@ -77,13 +77,13 @@ def draw_contact_time(
     """Open, stick and slip at each node over time, nodes in the order of their place along the patch, or of their angle about the
     axis z, contacts that stand at no nodes in that of their numbers, and the forces of all."""
     if points is None:
-        order, of_rows = np.arange(contact.n), "contact"
+        order, of_rows = np.arange(contact.n), "Contact"
     elif has_axis:
-        order, of_rows = np.argsort(np.arctan2(points[:, 1], points[:, 0]), kind="stable"), "node, in the order of the angle"
+        order, of_rows = np.argsort(np.arctan2(points[:, 1], points[:, 0]), kind="stable"), "Node, in the order of the angle"
     else:
         along = int(np.argmax(np.ptp(points, axis=0)))
         order = np.lexsort((*np.delete(points, along, axis=1).T, np.round(points[:, along], 12)))
-        of_rows = f"node, in the order of {'xyz'[along]}"
+        of_rows = f"Node, in the order of {'xyz'[along]}"
     with style.look():
         fig = style.figure(6.6, 5.0)
         closed = "stick" if contact.slides else "closed"
@@ -104,7 +104,7 @@ def draw_contact_time(
         for (name, force), colour in zip(forces.items(), style.COLOURS):
             lower.plot(t, by * force, color=colour, label=name)
         lower.set(xlabel=f"Time $t$ [{units}]", ylabel=style.with_unit("Sum of forces", force_units), xlim=(t[0], t[-1]))
-        lower.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncol=2, borderaxespad=0.2)
+        lower.legend(**style.ABOVE)
         lower.grid(True)
         style.head(fig, f"Contact '{contact.label}', {contact.kind}, over time", about)
     return fig

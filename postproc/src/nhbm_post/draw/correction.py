@@ -273,7 +273,7 @@ def _draw_curves(axes, tau, motion, corrected, touch, label) -> None:
         axes[1].plot(
             tau[touch], corrected[touch], ".", color=style.CORRECTED, markersize=4, label="at the wall"
         )
-    axes[1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncol=2, borderaxespad=0.2)
+    axes[1].legend(**style.ABOVE)
     for ax in axes:
         ax.set(xlabel=r"$\tau_1$ [rad]", ylabel=label, xlim=(0.0, 2.0 * np.pi))
         style.phase_ticks(ax.xaxis)

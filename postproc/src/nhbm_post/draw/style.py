@@ -28,6 +28,8 @@ CORRECTED = "#D55E00"
 FAILURE = "#C00000"
 
 _LEGEND_ROW = 0.19  # [inch]
+# Legend of a few entries outside the data, above the axes on the right.
+ABOVE = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncol": 2, "borderaxespad": 0.2}
 
 ENDINGS = (".png", ".pdf", ".svg")
 

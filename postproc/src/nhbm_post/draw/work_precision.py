@@ -15,15 +15,15 @@ from . import style
 
 # Parts of the wall time that can stand on an axis.
 PARTS = {
-    "total": "wall time without certificate",
-    "cpu": "processor time without certificate",
-    "setup": "wall time of the set-up",
-    "solver": "wall time of the iterations",
-    "certificate": "wall time of the certificate",
+    "total": "Wall time without certificate",
+    "cpu": "Processor time without certificate",
+    "setup": "Wall time of the set-up",
+    "solver": "Wall time of the iterations",
+    "certificate": "Wall time of the certificate",
 }
 # Axes that have a symbol, by the end of their path.
 _SYMBOLS = {"order": "N", "n_unknowns": "n"}
-_AXES = {"order": "order $N$ of the series", "samples": "samples per tone", "n_unknowns": "number of unknowns $n$"}
+_AXES = {"order": "Order $N$ of the series", "samples": "Samples per tone", "n_unknowns": "Number of unknowns $n$"}
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def draw_work_precision(bench: Bench, errors: Errors, *, part: str = "total"):
             _mark_ends(ax, over, bench, points, middle, error)
         ax.set(xscale="log", yscale="log")
         ax.set_xlabel(style.with_unit(PARTS[part], "s"))
-        ax.set_ylabel("relative rms error")
+        ax.set_ylabel("Relative rms error")
         _finish(fig, ax, bench, "Error over time", f"along each curve: {_axis(bench, over).replace('$', '')}")
     return fig
 
@@ -84,7 +84,7 @@ def draw_convergence(bench: Bench, errors: Errors, *, over: str = ""):
         ax.set_yscale("log")
         _number_axis(ax, x, is_logarithmic=bool(algebraic) and 2 * sum(algebraic) >= len(algebraic))
         ax.set_xlabel(_axis(bench, over))
-        ax.set_ylabel("relative rms error")
+        ax.set_ylabel("Relative rms error")
         _finish(fig, ax, bench, f"Error over {over.split('%')[-1]}", "thin lines: fitted rates, over the points that they span")
     return fig, list(zip(curves, rates))
 
