@@ -3,18 +3,24 @@
 module verb_check
    use arguments, only: arguments_t
    use console, only: say
+   use hb_accurate_motion, only: solve_to_tolerance
    use hb_basis, only: basis_t
+   use hb_cancellation, only: cancellation_t
+   use hb_clock, only: wall_clock
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t
    use hb_guard, only: lower_guard, raise_guard
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
+   use hb_level, only: level_t
    use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text, sizes_of
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of, find_basis
    use hb_model_warnings, only: commensurate_text, has_no_load
    use hb_modes, only: modes_t, natural_frequencies, new_modes
+   use hb_motion_result, only: motion_result_t
    use hb_mpi, only: comm_t, rank_of
+   use hb_outcome, only: outcome, outcome_name
    use hb_structure, only: structure_t
    use hb_study, only: study_t
    use hb_text, only: number_of, to_text
@@ -56,6 +62,7 @@ contains
       call check_laws(study%model%laws, study%model%tones%n_tones, all_right)
       call write_doubts(study, doubts)
       if (.not. all_right) return
+      call write_cost(study)
       if (doubts%n_commensurate + doubts%n_without_load > 0) then
          call say("the input can be solved, but is hardly what is meant: see above")
       else
@@ -156,6 +163,48 @@ contains
       end associate
    end subroutine describe_accuracy
 
+   !> Solves the first point to its tolerance, for a second at most, and reports what that takes: what the tolerance will probably
+   !> cost elsewhere.
+   subroutine write_cost(study)
+      type(study_t), intent(in) :: study
+      real(wp), parameter :: limit = 1.0_wp                           !! [s] of the processor
+      type(cancellation_t), target :: cancellation
+      type(error_t), allocatable :: error
+      type(level_t) :: level
+      type(motion_result_t) :: result
+      real(wp) :: seconds, started
+      character(9) :: number
+
+      if (.not. study%model%accuracy%is_on) return
+      started = wall_clock()
+      call cancellation%enter(min(limit, study%model%solver%time_limit))
+      call solve_to_tolerance(study%model, result, error, level)
+      call cancellation%leave()
+      seconds = wall_clock() - started
+      if (allocated(error)) return                                    ! solve says it
+      if (result%status == outcome%timed_out) then
+         call say("cost        the first point takes longer than "//to_text(nint(limit))//" s; a small sweep and "// &
+                  "`nhbm plan --cost-from` tell more")
+         return
+      end if
+      write (number, "(es9.1)") seconds
+      call say("cost        "//trim(adjustl(number))//" s for the first point ("//outcome_name(result%status)//", "// &
+               number_of(result%n_harmonics, "harmonic")//")"//of_all(study, seconds))
+   end subroutine write_cost
+
+   !> What all points of a sweep take at that rate; empty for a single point.
+   function of_all(study, seconds) result(text)
+      type(study_t), intent(in) :: study
+      real(wp), intent(in) :: seconds
+      character(:), allocatable :: text
+      character(9) :: number
+
+      text = ""
+      if (study%plan%n_points == 1) return
+      write (number, "(es9.1)") seconds*study%plan%n_points
+      text = "; at this rate "//trim(adjustl(number))//" s for "//number_of(study%plan%n_points, "point")//" on one rank"
+   end function of_all
+
    !> What is behind a size that only the lowest level has.
    pure function on_lowest(is_chosen) result(text)
       logical, intent(in) :: is_chosen
@@ -237,15 +286,28 @@ contains
       character(24) :: number
       integer :: i
 
-      as = "(g0.6)"
-      if (present(form)) as = form
       text = ""
       do i = 1, size(values)
-         write (number, as) values(i)/unit
+         as = six_digits(values(i)/unit)
+         if (present(form)) as = form
+         write (number, as) values(i)/unit + 0.0_wp                   ! no -0
          if (i > 1) text = text//", "
          text = text//trim(adjustl(number))
       end do
    end function list_text
+
+   !> The form in which a number has six digits.
+   pure function six_digits(value) result(form)
+      real(wp), intent(in) :: value
+      character(:), allocatable :: form
+      integer :: power
+
+      form = "(es24.5)"
+      if (.not. abs(value) > 0.0_wp) form = "(f24.1)"
+      if (.not. (abs(value) >= 1.0e-4_wp .and. abs(value) < 0.999999e6_wp)) return
+      power = floor(log10(abs(value)*(1.0_wp + 5.0e-7_wp)))           ! of what it is rounded to
+      form = "(f24."//to_text(max(0, 5 - power))//")"
+   end function six_digits
 
    !> Describes how many unknowns are left where the motion is sought among odd ones.
    subroutine describe_symmetry(model, n_coordinates)

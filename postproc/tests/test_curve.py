@@ -8,6 +8,7 @@ from synthetic import box, write_results
 from nhbm_post import ReaderError, Results
 from nhbm_post.cli import main
 from nhbm_post.draw import draw_response
+from nhbm_post.draw.jumps import jumps_at_folds
 from nhbm_post.measure import Measure
 from nhbm_post.report import info
 
@@ -119,6 +120,15 @@ def test_arrows_lead_from_folds_to_where_a_sweep_jumps(tmp_path):
         assert arrows(draw_response(results, measure=Measure("harmonic", (1,)))) == []
     with Results(curve_file(tmp_path / "next.h5", stability=[1, 0, 0, -1, 0, 1, 1, 0, 0])) as results:
         assert arrows(draw_response(results, measure=Measure("harmonic", (1,))))[0] == ((3.0, 3.0), (3.0, 2.0))
+
+
+def test_a_fold_beside_a_graze_has_its_jump():
+    """The response of a stop turns back where it first touches: fold, graze and what is known lie in a row."""
+    x = np.array([1.0, 2.0, 3.0, 2.5, 2.0, 2.01, 2.5, 3.5])
+    y = np.array([3.0, 4.0, 6.0, 4.0, 2.1, 2.0, 1.0, 0.5])
+    kind = np.array(["start", "regular", "fold", "regular", "fold", "graze", "regular", "end"])
+    found = jumps_at_folds(x, y, kind, np.array([1, 1, 0, -1, 0, 0, 1, 1]))
+    assert found == [(3.0, 6.0, 0.75), (2.0, 2.1, 4.0)]
 
 
 def test_families_and_backbones_share_a_picture(tmp_path):

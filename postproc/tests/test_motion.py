@@ -109,6 +109,8 @@ def test_state_moves_along_the_motion(n_tones):
     state = np.ravel(drawn(fig, "state").get_data())
     phases = np.mod(series.omega * t, 2.0 * np.pi)
     assert state == pytest.approx([x, float(series.velocity().evaluate(t))] if n_tones == 1 else phases)
+    whole = fig.axes[1].lines[0].get_xdata()
+    assert whole[-1] == pytest.approx(times[-1] + times[1] - times[0])  # a period is drawn to where it closes
 
 
 def test_animations_are_written(tmp_path, capsys):

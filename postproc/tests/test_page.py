@@ -126,6 +126,8 @@ def test_a_click_shows_the_point(tmp_path, chromium):
         assert chromium.run("document.getElementById('certificate').rows.length") >= 3
     dashes = set(chromium.run("[...document.querySelectorAll('#response .curve')].map(e => e.getAttribute('stroke-dasharray'))"))
     assert "7 4" in dashes and "" in dashes
+    n_jumps = sum(len(curve["falls"]) for curve in data["curves"])
+    assert n_jumps > 0 and chromium.run("document.querySelectorAll('#response .jump').length") == n_jumps
     assert not chromium.errors
 
 
@@ -178,6 +180,9 @@ def test_page_fits_its_window_and_paper(tmp_path, chromium, width):
     chromium.size(800 - width // 4, 700)
     chromium.wait("document.querySelector('#response svg').viewBox.baseVal.width <= document.documentElement.clientWidth")
     assert chromium.pdf().startswith(b"%PDF")
+    chromium.run("window.dispatchEvent(new Event('beforeprint'))")  # charts are drawn anew for paper
+    assert chromium.run("document.querySelector('#response svg').viewBox.baseVal.width") <= 700
+    chromium.run("window.dispatchEvent(new Event('afterprint'))")
     assert chromium.run("document.querySelector('details').open") is True
     chromium.call("Emulation.setEmulatedMedia", media="print")
     assert chromium.run("getComputedStyle(document.getElementById('shape')).objectFit") == "contain"  # paper is not as wide

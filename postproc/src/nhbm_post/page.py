@@ -182,6 +182,7 @@ def _curves(results: Results, dof: str, points: list[int]) -> tuple[list[dict], 
             "x": _numbers(curve.x),
             "between": curve.stability_between.tolist(),
             "breaks": np.flatnonzero(curve.is_jump).tolist(),
+            "falls": [_numbers(np.array(jump)) for jump in curve.jumps] if results.curve else [],
         }
         for curve in found
     ]

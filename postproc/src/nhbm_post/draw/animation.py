@@ -31,7 +31,7 @@ def structure_in_motion(structure: Structure, fields: list[np.ndarray], times: n
 
     sizes = [np.linalg.norm(field, axis=1) for field in fields]
     k = int(np.argmax([size.max() for size in sizes]))
-    fig = draw_deflection(structure, fields[k], ("displacement", sizes[k]), "Motion", about)
+    fig = draw_deflection(structure, fields[k], ("Displacement", sizes[k]), "Motion", about)
     (drawn,) = fig.axes[0].collections
     faces, scale = surface(structure.cells), scale_of(structure, fields[k])
     factor, units = style.unit_scale(float(np.ptp(times)), "s")
@@ -54,7 +54,7 @@ def hypertime_in_motion(series: Series, times: np.ndarray, about: str):
     factor, units = style.unit_scale(series.peak(), series.units)
     label = style.with_unit(series.axis_label, units)
     by, seconds = style.unit_scale(float(times[-1]), "s")
-    fine = np.linspace(times[0], times[-1], 20 * len(times))
+    fine = np.linspace(times[0], times[-1] + times[1] - times[0], 20 * len(times) + 1)  # to where the first picture comes again
     with style.look():
         fig = style.figure(8.0, 3.9)
         left, right = fig.subplots(1, 2)

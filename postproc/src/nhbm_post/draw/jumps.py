@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+# What need not change the stability. A graze may: where it and a fold are one, what is known lies beyond both.
+_PASSED = ("regular", "peak", "value", "start", "end", "minimum", "amplitude", "resonance", "graze")
+
 
 def jumps_at_folds(x: np.ndarray, y: np.ndarray, kind: np.ndarray, stability: np.ndarray) -> list[tuple[float, float, float]]:
     """(x, y of the fold, y of the motion jumped to) of each fold at which what is stable ends.
@@ -32,7 +35,7 @@ def jumps_at_folds(x: np.ndarray, y: np.ndarray, kind: np.ndarray, stability: np
 def _known_beside(fold: int, step: int, kind: np.ndarray, stability: np.ndarray) -> int:
     """What is known of the stability on one side of a fold, as far as nothing else happens there; 0 where nothing is."""
     i = fold + step
-    while 0 <= i < kind.size and kind[i] in ("regular", "peak", "value", "start", "end"):
+    while 0 <= i < kind.size and kind[i] in _PASSED:
         if stability[i] != 0:
             return int(stability[i])
         i += step
