@@ -2,6 +2,7 @@
 module command_table
    use console, only: say, say_entry
    use hb_text, only: join, split, string_t
+   use starters, only: starter_names
    implicit none
    private
    public :: long_name, option_names, options_of, takes_value, verb_names, write_completion, write_help, write_manual
@@ -197,7 +198,7 @@ contains
       call say("\&"//trim(adjustl(text)))
    end subroutine write_item
 
-   !> Writes the script by which bash, or zsh with the ways of bash, completes verbs, their options and names of files.
+   !> Writes the script by which bash, or zsh with the ways of bash, completes verbs, their options, names of starters and files.
    subroutine write_completion(shell)
       character(*), intent(in) :: shell                 !! bash or zsh
       integer :: i
@@ -209,7 +210,9 @@ contains
       do i = 1, size(verbs)
          call say("      "//trim(verbs(i)%name)//") words='"//join(option_names(trim(verbs(i)%name)), " ")//"' ;;")
       end do
-      call say([character(80) :: "      esac", "   fi", "   [[ $COMP_CWORD != 1 && $word != -* ]] && words=", &
+      call say([character(80) :: "      esac", "      [[ $word != -* ]] && words= && case ${COMP_WORDS[1]} in"])
+      call say("      new) words='"//join(starter_names(), " ")//"' ;;")
+      call say([character(80) :: "      completion) words='bash zsh' ;;", "      esac", "   fi", &
                 "   COMPREPLY=($(compgen -W ""$words"" -- ""$word""))", "}", "complete -o default -F _nhbm nhbm"])
    end subroutine write_completion
 

@@ -277,6 +277,20 @@ def test_map_holds_a_cell_a_point(tmp_path):
     assert save(fig, tmp_path / "a.png", 50).stat().st_size > 5000
 
 
+def test_map_hatches_what_is_unstable(tmp_path):
+    path = grid_file(tmp_path / "a.h5")
+    with Results(path) as results:
+        assert not any("unstable" in text for text in legend_of(draw_map(results)))
+    with h5py.File(path, "r+") as file:
+        file["is_stable"] = np.where(np.arange(15) % 5 > 2, -1, 1).astype(np.int32)
+    with Results(path) as results:
+        fig = draw_map(results)
+    assert "6 unstable" in legend_of(fig)
+    (hatched,) = [c for ax in fig.axes for c in ax.collections if c.get_hatch() or getattr(c, "hatches", None)]
+    box = hatched.get_paths()[0].get_extents()
+    assert box.x0 == pytest.approx(3.5) and (box.y0, box.y1) == pytest.approx((1.0, 3.0))
+
+
 def test_map_shows_what_the_sweep_lacks(tmp_path):
     with Results(grid_file(tmp_path / "a.h5", n_points=13)) as results:
         fig = draw_map(results, over=("law(1)%gap", "tones%frequency"))

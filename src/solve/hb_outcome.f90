@@ -67,7 +67,7 @@ module hb_outcome
 
    character(*), parameter :: remedies(0:21) = [character(232) :: &
       "nhbm resume solves it.", &
-      "nhbm verify compares it with time integration; a tolerance (&accuracy) in place of an order chooses the harmonics.", &
+      "nhbm verify compares it with time integration. Where an order was given, a tolerance (&accuracy) would choose it.", &
       "Check units and loads first (nhbm check), then come from a setting that is solved: a sweep with "// &
          "first_guess = 'neighbour' in &solver; or start from time integration.", &
       "Allow more work, or come from a setting that is solved: a sweep with first_guess = 'neighbour' in &solver.", &

@@ -143,9 +143,14 @@ contains
       character(:), allocatable :: sign
 
       text = ""
-      if (ieee_is_finite(record%residual(point)) .and. record%residual(point) > 0.0_wp) &      ! 0: from time integration
-         text = " Its residual is "//rounded(record%residual(point))//" of the forces (asked for: "// &
-                rounded(limit("solver", "tolerance"))//")."
+      if (ieee_is_finite(record%residual(point)) .and. record%residual(point) > 0.0_wp) then   ! 0: from time integration
+         text = " Its residual is "//rounded(record%residual(point))//" of the forces"
+         if (is_solved(record%status(point)) .and. has_tolerance()) then
+            text = text//", enough for the tolerance."                ! hb_accurate_motion, share_of_residual
+         else
+            text = text//" (asked for: "//rounded(limit("solver", "tolerance"))//")."
+         end if
+      end if
       if (is_solved(record%status(point))) then
          sign = " The estimated error is "
          call add(record%truncation(point), " by the harmonics left out", "truncation")
@@ -166,6 +171,14 @@ contains
          text = text//sign//rounded(value)//cause//" (limit "//rounded(limit("certificate", key))//")"
          sign = ", "
       end subroutine add
+
+      !> Whether a tolerance of the motion is asked for.
+      logical function has_tolerance()
+         type(document_t) :: copy
+
+         copy = document
+         has_tolerance = copy%count("accuracy") > 0
+      end function has_tolerance
 
       !> What the input asks for: with a tolerance that of the motion.
       real(wp) function limit(group_name, key) result(value)

@@ -160,7 +160,8 @@ def test_manual_page_has_every_verb_and_option_of_the_help(tmp_path):
 def test_shells_complete_verbs_and_options(tmp_path):
     script = run("completion", "bash", cwd=tmp_path).stdout
     ask = '\nCOMP_WORDS=(nhbm {}); COMP_CWORD={}; _nhbm; echo "${{COMPREPLY[@]}}"'
-    script += ask.format("re", 1) + ask.format("solve --time", 2) + ask.format("solve inp", 2)
-    assert subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True).stdout == "resume\n--time-limit\n\n"
+    script += ask.format("re", 1) + ask.format("solve --time", 2) + ask.format("solve inp", 2) + ask.format("new du", 2)
+    found = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True).stdout
+    assert found == "resume\n--time-limit\n\nduffing\n"
     assert run("completion", "zsh", cwd=tmp_path).stdout.startswith("autoload")
     assert "bash or zsh" in run("completion", "fish", cwd=tmp_path).stderr

@@ -98,6 +98,7 @@ def page_data(results: Results, model: Path | None = None) -> tuple[dict, list[s
                 "units": results.units("motion", dof),
                 "what": results.series(_first(results), dof).words,
                 "size": _numbers(sizes[dof][points]),
+                "place": results.labels().index(dof),
             }
             for dof in dofs
         ],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib import colormaps
+from matplotlib import colormaps, rc_context
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.patches import Patch
 
@@ -16,6 +16,7 @@ from ..text import list_text
 from . import marks, style
 from .response import is_logarithmic
 
+_UNSTABLE = "////"
 _OUTSIDE = "#e4e6ea"
 _UNSOLVED = "#ffffff"
 
@@ -84,6 +85,11 @@ def draw_map(
         handles = marks.keys(counts, 0)
         if (~is_there).any():
             handles.append(Patch(facecolor=_OUTSIDE, label=f"{int((~is_there).sum())} not in the sweep"))
+        is_unstable = is_there & (results.stability()[number] < 0)
+        if is_unstable.any():
+            label = f"{int(is_unstable.sum())} unstable"
+            dark = colormaps[style.COLOUR_MAP](0.25)
+            handles.append(Patch(facecolor=dark, edgecolor="white", linewidth=0.0, hatch=_UNSTABLE, label=label))
         fig = style.figure(6.6, 4.8)
         (ax,) = style.below_legends(fig, [handles], 4.0)
         labels, edges = [], []
@@ -95,10 +101,15 @@ def draw_map(
             labels.append(style.with_unit(with_symbol(*axis_words(results, axis)), unit))
             edges.append(_edges(middles, scale))
         colours = colormaps[style.COLOUR_MAP].with_extremes(bad=_UNSOLVED)
-        shown = ax.pcolormesh(*edges, np.ma.masked_invalid(cells), norm=norm, cmap=colours, rasterized=cells.size > 4000)
+        # Edges as wide as a hair in the colour of the cell: viewers of vectors show seams else.
+        seamless = {"edgecolors": "face", "linewidth": 0.6, "rasterized": cells.size > 4000}
+        shown = ax.pcolormesh(*edges, np.ma.masked_invalid(cells), norm=norm, cmap=colours, **seamless)
         bar = fig.colorbar(shown, ax=ax, label=style.with_unit(symbol, units))
         bar.outline.set_linewidth(0.5)
         centres = [_centres(edge, scale) for edge, scale in zip(edges, scales)]
+        if is_unstable.any():
+            with rc_context({"hatch.color": "white"}):
+                ax.contourf(*centres, is_unstable.astype(float), levels=[0.5, 1.5], colors="none", hatches=[_UNSTABLE])
         size = float(np.clip(0.55 * 72.0 * 4.0 / max(number.shape), 1.3, 6.0))
         for name, is_solved, group in statuses:
             rows, columns = np.nonzero(np.isin(number, group))
