@@ -46,7 +46,7 @@ def view(source: Path) -> list[str]:
     if len(axes) > 1 and min(lengths) > 3:
         return ["map"]
     if len(sweeps) == 1 and lengths[0] > 3:
-        return ["response"]
+        return ["response", *(["--tuple", "0,1"] if "frequency(2)" in sweeps[0] else [])]
     return ["spectrum", "--form", "stem"] if n_tones > 1 else ["time"]
 
 

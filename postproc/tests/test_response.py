@@ -324,6 +324,6 @@ def test_time_says_how_its_point_ended(tmp_path, monkeypatch):
     assert "truncated: solved, but the harmonics left out matter" in head_of(drawn[0])
     assert main(["time", str(path), "--point", "0,1"]) == 0
     legend = legend_of(drawn[1])
-    assert legend == ["1-HBM, tones%frequency = 1 rad/s", "1-HBM, tones%frequency = 2 rad/s (truncated)"]
+    assert legend == ["harmonic balance, tones%frequency = 1 rad/s", "harmonic balance, tones%frequency = 2 rad/s (truncated)"]
     assert main(["spectrum", str(path), "--point", "1"]) == 0
     assert "TRUNCATED" not in head_of(drawn[2]) and "truncated: solved" in head_of(drawn[2])

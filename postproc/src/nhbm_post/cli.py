@@ -136,8 +136,8 @@ def _parser() -> argparse.ArgumentParser:
         verbs.time,
         "motion over time (figures 4 and 7 of the paper)",
         "Draws a degree of freedom over time, for one or several points of a sweep, over other result "
-        "files or over recorded time series. Default window: 8 periods of the slowest tone from t = 0, or "
-        "the last 8 periods of an overlaid record. --output NAME.csv writes the numbers in place of a picture.",
+        "files or over recorded time series. Default window: 2 periods of one tone, 8 of the slowest of several, from t = 0, or "
+        "the last ones of an overlaid record. --output NAME.csv writes the numbers in place of a picture.",
     )
     options.add_dof(sub)
     options.add_quantity(sub)

@@ -453,7 +453,7 @@ def _series(results: Results, point: int, dof: str | None, arguments):
 
 def _legend(results: Results, point: int, points: list[int]) -> str:
     """What tells a point from the others drawn with it, or the method where it is alone."""
-    series_text = f"{results.n_tones}-HBM"
+    series_text = "time integration" if results.status_name(point) == "time_domain" else "harmonic balance"
     differing = [
         p.text(point) for p in results.parameters.values() if len({str(v) for v in p.values[points]}) > 1
     ]

@@ -16,7 +16,7 @@ from ..series import Series
 from . import style
 
 # Window unless said otherwise, in periods of the slowest harmonic with weight, and its resolution.
-_PERIODS = 8.0
+_PERIODS = (2.0, 8.0)  # of one tone; of the slowest of several
 _SAMPLES_A_PERIOD = 24
 _MIN_SAMPLES, _MAX_SAMPLES = 2000, 200_000
 
@@ -210,7 +210,7 @@ def _draw_difference(ax, curves, reference, first: Series) -> None:
 def _window(series: Series, references, t_from, t_to) -> tuple[float, float]:
     """Start and end [s]: as given, else some periods of the slowest tone, at the end of a record if any."""
     slowest = _slowest(series)
-    length = _PERIODS * 2.0 * np.pi / slowest if slowest > 0.0 else 1.0
+    length = _PERIODS[series.n_tones > 1] * 2.0 * np.pi / slowest if slowest > 0.0 else 1.0
     ends = [reference.t[-1] for reference in references if isinstance(reference, Record)]
     if t_from is None and t_to is None and ends:
         starts = [reference.t[0] for reference in references if isinstance(reference, Record)]
