@@ -26,14 +26,17 @@ def words(source: Path) -> str:
     for line in source.read_text(encoding="utf-8").splitlines():
         if not line.startswith("!"):
             break
-        if "expect:" in line or "label:" in line:
+        if re.match(r"! (expect|label|picture):", line):
             continue
         lines.append(line.lstrip("! "))
     return "\n".join(lines).strip().replace("$", "\\$").replace("*", "\\*").replace("_", "\\_")
 
 
 def view(source: Path) -> list[str]:
-    """Arguments of nhbm-post that suit an input."""
+    """Arguments of nhbm-post for an input: what its comment `! picture:` has, else what suits it."""
+    chosen = re.search(r"^! picture: (.*)$", source.read_text(encoding="utf-8"), re.MULTILINE)
+    if chosen:
+        return chosen[1].split()
     text = re.sub(r"!.*", "", source.read_text(encoding="utf-8"))
     n_tones = len(re.findall(r"[\d.]+|\.true\.|\.false\.", (re.search(r"(?:frequency|hertz|unknown)\s*=\s*([^/\n]*?)(?:,\s*\w+\s*=|/|\n)", text) or [0, ""])[1]))
     if source.parent.name == "models":
@@ -46,7 +49,7 @@ def view(source: Path) -> list[str]:
     if len(axes) > 1 and min(lengths) > 3:
         return ["map"]
     if len(sweeps) == 1 and lengths[0] > 3:
-        return ["response", *(["--tuple", "0,1"] if "frequency(2)" in sweeps[0] else [])]
+        return ["response"]
     return ["spectrum", "--form", "stem"] if n_tones > 1 else ["time"]
 
 
