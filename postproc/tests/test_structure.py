@@ -118,6 +118,21 @@ def test_model_that_the_input_names_is_taken(files, tmp_path, capsys, monkeypatc
     assert status == 2 and "its input names no model file" in err
 
 
+def test_sets_of_the_input_name_degrees_of_freedom(files, capsys):
+    folder, c = files
+    write_model(folder / "full.h5", ["n2.z", "q1"], [1, 0], ["z", "y"])
+    with h5py.File(folder / "full.h5", "a") as file:
+        file.create_dataset("sets/names", data=["tip", "both"], dtype=h5py.string_dtype())
+        file["sets/indptr"], file["sets/nodes"] = [0, 1, 3], [1, 0, 1]
+    words = "&structure\n   type = 'model'\n   file = 'full.h5'\n/\n"
+    of_run = {"dofs": ("n2.z", "q1"), "law_dofs": ("n2.z",)}
+    write_results(folder / "named.h5", TUPLES, FREQUENCY, c[None], input_groups=words, **of_run)
+    values = [run(capsys, "value", folder / "named.h5", "--dof", dof, "--tuple", "1,0")[1] for dof in ("n2.z", "tip.z")]
+    assert values[0] and values[0] == values[1]
+    assert "'both' are 2 degrees of freedom; name one" in run(capsys, "value", folder / "named.h5", "--dof", "both", "--tuple", "1,0")[2]
+    assert "stored: n2.z, q1" in run(capsys, "value", folder / "named.h5", "--dof", "tip.x", "--tuple", "1,0")[2]
+
+
 def test_what_does_not_fit_is_told(files, capsys):
     folder, _ = files
     write_model(folder / "other.h5", ["n9.z"], [1], ["z"])

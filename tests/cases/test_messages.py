@@ -143,6 +143,26 @@ def test_check_prints_natural_frequencies(tmp_path):
         assert [float(word) for word in text.split(",")] == pytest.approx(values, rel=1e-5)
 
 
+def test_check_prints_small_numbers_as_such(tmp_path):
+    said = run("check", write(tmp_path, MASS), cwd=tmp_path).stdout
+    assert re.search(r"^frequencies 0\.159155 Hz$", said, re.MULTILINE), said
+    said = run("check", "case.nml", "--set", "structure%ground_stiffness=0.01", cwd=tmp_path).stdout
+    assert re.search(r"^frequencies 0\.0159155 Hz$", said, re.MULTILINE), said
+
+
+def test_check_says_what_the_tolerance_costs(tmp_path):
+    text = MASS + "&law type = 'elastic_stop', dof = 'x1', gap = 0.1, stiffness = 20.0 /\n&accuracy tolerance = 1e-3 /\n"
+    text += "&sweep parameter = 'tones%frequency', from = 0.2, to = 1.5, n = 50 /\n"
+    cost = r"^cost +(\S+) s for the first point \((\w+), (\d+) harmonics\); at this rate (\S+) s for 50 points on one rank$"
+    found = re.search(cost, run("check", write(tmp_path, text), cwd=tmp_path).stdout, re.MULTILINE)
+    assert found and found[2] == "converged"
+    solve(text, tmp_path)
+    with h5py.File(tmp_path / "case.h5") as file:
+        assert int(found[3]) == file["n_harmonics"][0]
+    assert float(found[4]) == pytest.approx(50 * float(found[1]), rel=0.1)
+    assert "cost" not in run("check", write(tmp_path, MASS + "&harmonics order = 3 /\n"), cwd=tmp_path).stdout
+
+
 def test_check_prints_damping_ratios(tmp_path):
     said = run("check", write(tmp_path, MASS), cwd=tmp_path).stdout  # m = k = 1: c/2
     assert re.search(r"^damping +(\S+) of critical$", said, re.MULTILINE)[1] == "5.00E-02"

@@ -11,7 +11,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from .errors import ReaderError
+from .errors import ReaderError, UsageError
 from .outcome import CONVERGED, EMPTY, NAMES, SOLVED, UNUSED, sentence, words
 from .series import Series
 from .text import list_text, number_text, range_text, tuple_text
@@ -593,12 +593,25 @@ class Results:
 
     def _dof_index(self, dof: str, quantity: str) -> int:
         labels = self.labels(quantity)
-        if dof not in labels:
+        named = [dof] if dof in labels else self._dofs_of_set(dof)
+        if len(named) > 1:
+            raise ReaderError(f"{self.path}: '{dof}' are {len(named)} degrees of freedom; name one: {list_text(named)}")
+        if not named or named[0] not in labels:
             raise ReaderError(
                 f"{self.path}: no {QUANTITIES[quantity].words} of degree of freedom '{dof}'; "
                 f"stored: {list_text(labels)}"
             )
-        return labels.index(dof)
+        return labels.index(named[0])
+
+    def _dofs_of_set(self, name: str) -> list[str]:
+        """Labels of a set of nodes and a direction, as `tip.z` in the input; none where the model file has no such set or is not
+        at hand."""
+        from .structure import has_model, structure_of
+
+        try:
+            return structure_of(self, 0, None).dofs_of(name) if has_model(self) else []
+        except (ReaderError, UsageError):
+            return []
 
     def _coefficients_dataset(self, quantity: str) -> h5py.Dataset:
         return self._dataset(QUANTITIES[quantity].coefficients)

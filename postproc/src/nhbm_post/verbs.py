@@ -288,6 +288,7 @@ def contact(arguments):
         found = chosen(contacts(results, structure, point), arguments.law, results)
         motion = Motion(results, point, arguments.unconverged)
         places, about = structure.points[found.nodes] if found.table is None else None, _origin(results, point, "motion")
+        arguments.view = arguments.view or ("patch" if found.n > 1 else "time")
         if arguments.view == "patch":
             values = summary(found, motion, results.power_laws(point))
             ends = {name: [number_text(value.min()), number_text(value.max())] for name, value in values.items()}
