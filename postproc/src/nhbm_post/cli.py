@@ -408,9 +408,9 @@ def _parser() -> argparse.ArgumentParser:
         "contact",
         verbs.contact,
         "what contacts of a structure do: open, stick, slip, gaps, forces",
-        "Draws the nodes of a law on a set. patch: share of the time that each is open, sticks and slips, smallest, mean and largest gap, "
-        "largest forces, mean loss; time: which nodes are open, stick or slip at which moment, and the sum of their forces. "
-        "Shares are those of a period, or of 32 periods of the slowest of several tones and 8 of their slowest beat.",
+        "Draws the nodes of a law on a set. patch: share of the time that each is open, sticks and slips, smallest, mean and "
+        "largest gap, largest forces, mean loss; time: which nodes are open, stick or slip at which moment, and the sum of "
+        "their forces. Shares are those of a period, or of 32 periods of the slowest of several tones and 8 of their slowest beat.",
     )
     options.add_model(sub)
     sub.add_argument("--law", metavar="LABEL", help="label of the law (default: the first that is a contact)")
