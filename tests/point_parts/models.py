@@ -36,6 +36,7 @@ class Law:
     shape: np.ndarray
     parameters: tuple[float, ...]
     said: str | None = None  # the group of an input where it is not that of this law alone
+    tuple_: tuple[int, ...] = ()  # of the tones, where the last parameter is a frequency
 
     def text(self, labels: list[str]) -> str:
         if self.said is not None:
@@ -72,17 +73,36 @@ class Model:
     order: int
     laws: list[Law] = field(default_factory=list)
     loads: list[tuple[tuple[int, ...], np.ndarray, np.ndarray]] = field(default_factory=list)
-    base: str = ""  # the groups of the loads, where these are those of a base that moves
+    moves: list[tuple[tuple[int, ...], str, float, float]] = field(default_factory=list)  # of a base, in place of loads
 
     def text(self) -> str:
         tones = _listed(self.omega)
         text = self.structure + f"&tones frequency={tones} /\n&harmonics order={self.order} /\n"
         text += "".join(law.text(self.labels) for law in self.laws)
-        for harmonic, cosine, sine in [] if self.base else self.loads:
+        return text + self.load_text()
+
+    def load_text(self) -> str:
+        text = ""
+        for harmonic, cosine, sine in [] if self.moves else self.loads:
             for label, c, s in zip(self.labels, cosine, sine):
                 if c or s:
                     text += f"&load dof='{label}', tuple={_listed(harmonic)}, cos={float(c)!r}, sin={float(s)!r} /\n"
-        return text + self.base
+        for harmonic, kind, c, s in self.moves:
+            for label in self.labels:
+                text += f"&load dof='{label}', tuple={_listed(harmonic)}, cos={c!r}, sin={s!r}, kind='base_{kind}' /\n"
+        return text
+
+    def retune(self, omega) -> None:
+        """Other tones: what laws and loads have of them follows."""
+        self.omega = np.array(omega, dtype=float)
+        self.laws = [
+            replace(law, parameters=(*law.parameters[:-1], float(np.dot(law.tuple_, self.omega)))) if law.tuple_ else law
+            for law in self.laws
+        ]
+        whole = self.mass @ np.ones(len(self.mass))
+        for i, (harmonic, kind, c, s) in enumerate(self.moves):
+            loaded = whole * (float(np.dot(harmonic, self.omega)) ** 2 if kind == "displacement" else -1.0)
+            self.loads[i : i + 1] = [(harmonic, c * loaded, s * loaded)]
 
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies without damping [rad/s], decay rates [1/s] of all oscillatory motions."""
@@ -94,7 +114,7 @@ class Model:
     @property
     def title(self) -> str:
         laws = " and ".join(law.text(self.labels).split("'")[1] for law in self.laws if law.said != "")
-        laws = "base and " * bool(self.base) + laws
+        laws = "base and " * bool(self.moves) + laws
         return f"{len(self.mass)} dofs, {len(self.omega)} tones, order {self.order}, {laws}"
 
 
@@ -267,7 +287,6 @@ def _later_laws(model: Model, draw, shape: np.ndarray, name: str) -> list[Law]:
     force = static * amplitude
     tuple_ = np.eye(len(model.omega), dtype=int)[draw.integers(0, len(model.omega))] * int(draw.integers(1, 3))
     phase = f"tuple={_listed(tuple_)}"
-    frequency = float(tuple_ @ model.omega)
     place = _place(model.labels, shape, "dof")
     soft = [_law(model, draw, _coordinate(model, draw), int(draw.integers(0, N_SOFT)))]
     if name == "base":
@@ -290,7 +309,7 @@ def _later_laws(model: Model, draw, shape: np.ndarray, name: str) -> list[Law]:
             "coefficient": draw.uniform(0.05, 0.5) * 4 * static * gap**3 / 27 / (1 + part**2 / 2),
             "gap": gap, "voltage": 1.0, "voltage_cos": part * np.cos(angle), "voltage_sin": part * np.sin(angle),
         }  # fmt: skip
-        return [_said(model, shape, name, values, frequency, phase)]
+        return [_said(model, shape, name, values, tuple_, phase)]
     if name == "bouc_wen":
         values = {
             "stiffness": static * 10 ** draw.uniform(-0.5, 0.7),
@@ -307,7 +326,7 @@ def _later_laws(model: Model, draw, shape: np.ndarray, name: str) -> list[Law]:
             "stiffness_cos": change * np.cos(angle), "stiffness_sin": change * np.sin(angle), "damping_cos": loss,
             "damping_sin": 0.0, "backlash": amplitude * draw.uniform(0.05, 0.5) * (draw.random() < 0.4),
         }  # fmt: skip
-        return [_said(model, shape, name, values, frequency, phase), *soft[: int(draw.integers(0, 2))]]
+        return [_said(model, shape, name, values, tuple_, phase), *soft[: int(draw.integers(0, 2))]]
     moduli = static * 10 ** draw.uniform(-1.0, 0.5, int(draw.integers(1, 3)))  # dynamic_stiffness
     times = 10 ** draw.uniform(-1.0, 1.0, len(moduli)) / model.omega[0]
     said = f"&dynamic_stiffness type='maxwell', {place}, moduli={_listed(moduli)}, times={_listed(times)} /\n"
@@ -315,13 +334,14 @@ def _later_laws(model: Model, draw, shape: np.ndarray, name: str) -> list[Law]:
     return soft + [Law(KINDS.index("maxwell"), shape, part, said * (i == 0)) for i, part in enumerate(parts)]
 
 
-def _said(model: Model, shape, name: str, values: dict, frequency: float | None = None, more: str = "") -> Law:
-    """A law whose parameters in integration.c are its keys in this order, perhaps with a frequency behind them."""
+def _said(model: Model, shape, name: str, values: dict, tuple_=(), more: str = "") -> Law:
+    """A law whose parameters in integration.c are its keys in this order, perhaps with the frequency of a tuple behind them."""
     parameters = tuple(float(value) for value in values.values())
     keys = ", ".join(f"{key}={value!r}" for key, value in zip(values, parameters))
     keys = ", ".join(part for part in (_place(model.labels, shape, "dof"), keys, more) if part)
-    parameters += () if frequency is None else (frequency,)
-    return Law(KINDS.index(name), shape, parameters, f"&law type='{name}', {keys} /\n")
+    tuple_ = tuple(int(j) for j in tuple_)
+    parameters += (float(np.dot(tuple_, model.omega)),) if tuple_ else ()
+    return Law(KINDS.index(name), shape, parameters, f"&law type='{name}', {keys} /\n", tuple_)
 
 
 def _laws_of_a_journal(model: Model, draw, name: str) -> list[Law]:
@@ -331,6 +351,7 @@ def _laws_of_a_journal(model: Model, draw, name: str) -> list[Law]:
     scales = [_scale(model, axes[i]) for i in (x, y)]
     amplitude, speed = (float(np.hypot(*(scale[i] for scale in scales))) for i in (0, 1))
     static = min(scale[2] for scale in scales)
+    tuple_: tuple[int, ...] = ()
     labels = [model.labels[i] for i in (x, y, *rest[:1])]
     said = f"dof='{labels[0]}', second_dofs='{labels[1]}', "
     if name in ("squeeze_film", "short_bearing"):
@@ -349,6 +370,7 @@ def _laws_of_a_journal(model: Model, draw, name: str) -> list[Law]:
         said += f"n_balls={n}, stiffness={stiffness!r}, exponent={exponent!r}, clearance={clearance!r}, tuple={_listed(passing)}"
         kind, law = "balls", name
         parameters = (stiffness, exponent, clearance, float(n), float(passing @ model.omega))
+        tuple_ = tuple(int(j) for j in passing)
     else:
         deep, _, below = _scale(model, axes[rest[0]])
         stiffness, friction = float(static * 10 ** draw.uniform(-0.5, 1.0)), float(draw.uniform(0.2, 0.8))
@@ -360,7 +382,7 @@ def _laws_of_a_journal(model: Model, draw, name: str) -> list[Law]:
     words = f"&law type='{law}', {said} /\n" + INTEGRATED_BY.get(law, "")
     first = KINDS.index(f"{kind}_x")
     places = [axes[i] for i in ((x, y, rest[0]) if kind == "contact" else (x, y))]
-    return [Law(first + i, place, parameters, words * (i == 0)) for i, place in enumerate(places)]
+    return [Law(first + i, place, parameters, words * (i == 0), tuple_) for i, place in enumerate(places)]
 
 
 def _coupled(model: Model, draw) -> list[Law]:
@@ -395,16 +417,11 @@ def _coupled(model: Model, draw) -> list[Law]:
 
 def _move_base(model: Model, draw) -> None:
     """Loads of a base that moves all degrees of freedom, by an acceleration or a displacement a tone."""
-    loads = []
     for harmonic, _, _ in model.loads:
-        kind = draw.choice(["acceleration", "displacement"])
+        kind = str(draw.choice(["acceleration", "displacement"]))
         c, s = (float(value) for value in draw.normal(size=2))
-        w = float(np.dot(harmonic, model.omega))
-        loaded = model.mass @ np.ones(len(model.mass)) * (w**2 if kind == "displacement" else -1.0)
-        loads.append((harmonic, c * loaded, s * loaded))
-        for label in model.labels:
-            model.base += f"&load dof='{label}', tuple={_listed(harmonic)}, cos={c!r}, sin={s!r}, kind='base_{kind}' /\n"
-    model.loads = loads
+        model.moves.append((harmonic, kind, c, s))
+    model.retune(model.omega)
 
 
 def _place(labels: list[str], shape: np.ndarray, key: str) -> str:

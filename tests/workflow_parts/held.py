@@ -32,6 +32,7 @@ BEYOND = 0.1  # largest tail of a reference, relative to the tolerance
 BEYOND_TWO = 0.5
 SHARE_OF_CURVE = 30  # points of a curve that are looked at
 ONE_OF_MANY = "one of many"
+ANSWERS = ("converged", "time_domain")
 RESUMED_AFTER = (0.02, 0.4)  # seconds until a run is stopped
 GIVEN_UP = "references given up"
 PATIENCE = 20.0  # processor seconds of the references of a model, after which only the direct way to one is tried
@@ -49,6 +50,7 @@ class Point:
     said: str = ""  # of stability
     leaves: bool = False  # integration in time leaves it since neighbours part
     value: float = np.nan  # of the fastest swept parameter
+    is_passed_over: bool = False  # what only integration in time could say: unstable, or not one of those that were drawn for it
 
     @property
     def off(self) -> float:
@@ -67,6 +69,7 @@ class Case:
     points: list[Point]
     seconds: float = 0.0  # of processor, of the program
     note: str = ""
+    later: str = ""  # the law of LATER in the model
 
     def as_json(self) -> dict:
         return asdict(self)
@@ -82,7 +85,7 @@ def hold(library, folder: Path, seed: int, number: int, workflow: Workflow, n_in
     result = source.with_suffix(".h5")
     source.write_text(f"! tests/workflows --seed {seed} --first {number} --count 1: {workflow.title}\n" + workflow.text())
     result.unlink(missing_ok=True)
-    case = Case(number, workflow.kind, workflow.title, [])
+    case = Case(number, workflow.kind, workflow.title, [], later=workflow.later)
     draw = np.random.default_rng([seed, number, 1])
     case.seconds, case.note = _run(workflow, source, result, draw)
     if not result.exists():
@@ -161,7 +164,7 @@ def look_at(library, workflow: Workflow, file: h5py.File, case: Case, draw, n_in
         values = {path: float(column[i]) for path, column in paths.items()}
         point = Point(i, statuses[i], value=values.get(workflow.axes[-1].path, np.nan))
         case.points.append(point)
-        if point.status != "converged":
+        if point.status not in ANSWERS[: 1 + (workflow.later == "restitution")]:
             continue
         point.estimate = float(np.hypot(file["truncation_estimate"][i], file["aliasing_estimate"][i]))
         stable = {1: "stable", 0: "not known", -1: "unstable"}[int(file["is_stable"][i])]
@@ -177,8 +180,16 @@ def look_at(library, workflow: Workflow, file: h5py.File, case: Case, draw, n_in
     picked = draw.choice(len(others), min(n_integrations, len(others)), replace=False) if others else []
     is_rigid = any(KINDS[law.kind] == "rigid_wall" for law in workflow.model.laws)
     without = [point for point in case.points if point.number in found and not np.isfinite(point.error)]
-    for point in [p for p in without if p.said == "stable" or is_rigid] + [others[k] for k in picked]:
+    integrated = [p for p in without if p.said == "stable" or is_rigid] + [others[k] for k in picked]
+    if workflow.later:
+        may = [p for p in without if p.said != "unstable"]
+        integrated = [may[k] for k in draw.choice(len(may), min(n_integrations, len(may)), replace=False)] if may else []
+        for point in without:
+            point.is_passed_over = all(point is not one for one in integrated)
+    for point in integrated:
         point.time_error, point.leaves = found[point.number].error_in_time(library)
+        if workflow.later and point.leaves and point.said == "not known":
+            point.leaves, point.is_passed_over = False, True
 
 
 def _text(value) -> str:
@@ -228,7 +239,9 @@ class Stored:
 
     @property
     def has_reference(self) -> bool:
-        """Not of rigid walls, nor of Jenkins elements on a torus."""
+        """Not of rigid walls, nor of Jenkins elements on a torus, nor of laws of LATER."""
+        if self.workflow.later:
+            return False
         names = [KINDS[law.kind] for law in self.model.laws]
         return "rigid_wall" not in names and not (len(self.omega) > 1 and "jenkins" in names)
 

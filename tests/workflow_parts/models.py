@@ -5,13 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from point_parts.models import KINDS, Law, Model, _coordinate, _law, _listed, _scale, _structure
+from point_parts.models import (
+    KINDS, LATER, LEAST_DOFS, Law, Model, _coordinate, _later_laws, _law, _listed, _move_base, _scale, _structure,
+)  # fmt: skip
 
 SWEPT = ("frequency", "load", "gap", "stiffness", "damping")
 WORKFLOWS = (*SWEPT, "nested", "ranks", "resumed", "curve", "two_tones", "mode_amplitude", "mode_energy", "limit_cycle")
 SHARES = (6, 3, 2, 2, 2, 2, 1, 2, 4, 4, 2, 2, 2)  # how often each of them is drawn
 POINTS = {"nested": (3, 10), "ranks": (4, 8), "resumed": (5, 16), "two_tones": (10,)}
 ONE_LINE = 24  # points of all other sweeps
+FORCED = ("frequency", "load", "damping", "nested", "ranks", "resumed", "curve", "two_tones")  # of models with a law of LATER
+FEWER = {"nested": (2, 4), "ranks": (2, 4), "resumed": (2, 8), "two_tones": (5,)}  # points of these
+SHORT_LINE = 8
 AT_WALLS = 8  # points of a line where a law is rigid, which takes seconds a point
 ODD = ("cubic_spring", "elastic_stop", "jenkins", "cubic_damping")
 GENERAL = ("elastic_stop", "polynomial", "piecewise_linear", "quadratic_damping", "coulomb_tanh", "rigid_wall")
@@ -44,6 +49,7 @@ class Workflow:
     more: str = ""  # groups beside those of the model
     mode_dof: int | None = None
     measure: str = ""  # of a normal mode: amplitude or energy
+    later: str = ""  # the kind of LATER in the model
 
     @property
     def is_autonomous(self) -> bool:
@@ -57,6 +63,8 @@ class Workflow:
     def title(self) -> str:
         laws = " and ".join(_name(law) for law in self.model.laws)
         over = ", ".join(f"{axis.path} {axis.first:.3g} to {axis.last:.3g}" for axis in self.axes)
+        if self.later:
+            laws = " and ".join([self.later, *(_name(law) for law in self.model.laws if law.said is None)])
         return f"{self.kind}, {len(self.model.mass)} dofs, {laws}, {over}"
 
     def text(self) -> str:
@@ -64,10 +72,7 @@ class Workflow:
         tones = "unknown=.true." if self.is_autonomous else f"frequency={_listed(model.omega)}"
         text = model.structure + f"&tones {tones} /\n" + self.more
         text += "".join(law.text(model.labels) for law in model.laws)
-        for harmonic, cosine, _ in model.loads:
-            for label, c in zip(model.labels, cosine):
-                if c:
-                    text += f"&load dof='{label}', tuple={_listed(harmonic)}, cos={float(c)!r} /\n"
+        text += model.load_text()
         if self.kind == "curve":
             axis = self.axes[0]
             return text + f"&curve parameter='{axis.path}', from={axis.first!r}, to={axis.last!r} /\n"
@@ -79,7 +84,7 @@ class Workflow:
         for path, value in values.items():
             group, key = path.split("%")
             if group == "tones":
-                model.omega = np.array([value, *model.omega[1:]])
+                model.retune([value, *model.omega[1:]])
             elif group == "load(1)":
                 harmonic, cosine, sine = model.loads[0]
                 model.loads[0] = harmonic, np.where(cosine != 0, value, 0.0), sine
@@ -92,9 +97,11 @@ class Workflow:
         return model
 
 
-def random_workflow(seed: int, number: int, kinds: tuple[str, ...] = WORKFLOWS) -> Workflow:
-    """The workflow of a number; the same on every machine."""
+def random_workflow(seed: int, number: int, kinds: tuple[str, ...] = WORKFLOWS, laws: tuple[str, ...] = ()) -> Workflow:
+    """The workflow of a number; the same on every machine. With `laws`, some of LATER, the models have one after the other."""
     draw = np.random.default_rng([seed, number])
+    if laws:
+        return _later(draw, laws[number % len(laws)], tuple(kind for kind in FORCED if kind in kinds))
     shares = np.array([SHARES[WORKFLOWS.index(kind)] for kind in kinds], dtype=float)
     kind = str(draw.choice(kinds, p=shares / shares.sum()))
     if kind.startswith("mode_"):
@@ -113,15 +120,22 @@ def random_workflow(seed: int, number: int, kinds: tuple[str, ...] = WORKFLOWS) 
         model.laws.append(_one_law(model, draw, ODD if draw.random() < 0.5 else ("elastic_stop", "polynomial")))
     if kind == "curve" and _is_rigid(model.laws[0]):
         model.laws[0] = _one_law(model, draw, ("elastic_stop",))
-    tone = "tones%frequency" + ("(1)" if kind == "two_tones" else "")
+    own = 0.0
+    if kind in ("gap", "stiffness"):
+        own = model.laws[0].parameters[1 if kind == "gap" else 0]
+    return Workflow(kind, model, _axes(model, draw, kind, lowest, own, POINTS, AT_WALLS if _is_rigid(model.laws[0]) else ONE_LINE))
+
+
+def _axes(model: Model, draw, kind: str, lowest: float, own: float, points: dict, longest: int) -> tuple[Axis, ...]:
+    """What a workflow sweeps; `own`: the value of a law that it begins with."""
+    tone = "tones%frequency" + ("(1)" if len(model.omega) > 1 else "")
     frequencies = (tone, lowest * draw.uniform(0.15, 0.7), lowest * draw.uniform(1.3, 3.2))
     force = float(np.abs(model.loads[0][1]).sum())
     loads = ("load(1)%cos", force * draw.uniform(0.05, 0.3), force * draw.uniform(1.0, 4.0))
-    n = POINTS.get(kind, (ONE_LINE,))
+    n = points.get(kind, (ONE_LINE,))
     if kind in SWEPT[2:]:
         ranges = {"gap": (0.03, 1.5), "stiffness": (0.03, 30.0), "damping": (0.3, 30.0)}[kind]
         path = {"gap": "law(1)%gap", "stiffness": "law(1)%stiffness", "damping": "structure%damping_mass"}[kind]
-        own = model.laws[0].parameters[1 if kind == "gap" else 0] if kind != "damping" else 0.0
         own = own or max(_damping_mass(model.structure), 1e-2 * lowest)
         axes = [(path, own * ranges[0], own * ranges[1])]
     elif kind == "load" or kind == "two_tones" and draw.random() < 0.5:
@@ -130,12 +144,37 @@ def random_workflow(seed: int, number: int, kinds: tuple[str, ...] = WORKFLOWS) 
         axes = [loads, frequencies]
     else:
         axes = [frequencies]
+    if model.moves:  # whose load is no force
+        axes = [axis for axis in axes if not axis[0].startswith("load")] or [frequencies]
     made = []
     for (path, low, high), count in zip(axes, n):
-        count = min(count, AT_WALLS) if _is_rigid(model.laws[0]) else count
         ends = (low, high) if draw.random() < 0.5 else (high, low)
-        made.append(Axis(path, float(ends[0]), float(ends[1]), count, not path.startswith("tones") and kind != "load"))
-    return Workflow(kind, model, tuple(made))
+        is_log = not path.startswith("tones") and kind != "load"
+        made.append(Axis(path, float(ends[0]), float(ends[1]), min(count, longest), is_log))
+    return tuple(made)
+
+
+def _later(draw, law: str, kinds: tuple[str, ...]) -> Workflow:
+    """A workflow of a model with a law or term of LATER."""
+    if law == "restitution":  # motions that strike walls are time-domain solutions, of which there are no curves
+        kinds = tuple(kind for kind in kinds if kind not in ("curve", "two_tones"))
+    if law == "base":
+        kinds = tuple(kind for kind in kinds if kind != "load")
+    shares = np.array([SHARES[WORKFLOWS.index(kind)] for kind in kinds], dtype=float)
+    kind = str(draw.choice(kinds, p=shares / shares.sum()))
+    least = LEAST_DOFS.get(law, 1)
+    model = _structure(draw, int(draw.integers(least, 4)))
+    while least > 1 and model.labels[0].startswith("q"):
+        model = _structure(draw, int(draw.integers(least, 4)))
+    lowest = float(np.sort(model.modes()[0])[0])
+    model.omega = np.array([lowest * draw.uniform(0.3, 1.6)])
+    if kind == "two_tones":
+        model.omega = np.append(model.omega, model.omega[0] * draw.uniform(0.4, 2.4) * (1 + 1e-3 * np.sqrt(2)))
+    _loads(model, draw)
+    if law == "base":
+        _move_base(model, draw)
+    model.laws += _later_laws(model, draw, _coordinate(model, draw), law)
+    return Workflow(kind, model, _axes(model, draw, kind, lowest, 0.0, FEWER, SHORT_LINE), later=law)
 
 
 def _loads(model: Model, draw) -> None:
