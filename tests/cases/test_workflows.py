@@ -87,6 +87,13 @@ def test_a_model_of_each_kind(library, tmp_path, kind, number):
     assert len(off) > 5 and max(off) < 1
 
 
+@pytest.mark.parametrize(("law", "number"), [("hertz", 0), ("base", 3)])
+def test_a_model_with_a_law_that_came_later(library, tmp_path, law, number):
+    case = hold(library, tmp_path, 1, number, random_workflow(1, number, ("frequency",), (law,)), 2)
+    off = [point.off for point in case.points if np.isfinite(point.off)]
+    assert len(off) == 2 and max(off) < 1
+
+
 def test_references_that_take_too_long_are_given_up(library, tmp_path):
     sweep = Axis("tones%frequency", 3.0, 0.15, 40, False)
     case = hold(library, tmp_path, 0, 0, Workflow("frequency", one_mass(CUBIC), (sweep,)), 1, limit=0.05)

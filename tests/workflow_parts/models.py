@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from point_parts.models import (
-    KINDS, LATER, LEAST_DOFS, Law, Model, _coordinate, _later_laws, _law, _listed, _move_base, _scale, _structure,
+    KINDS, LEAST_DOFS, Law, Model, _coordinate, _later_laws, _law, _listed, _move_base, _scale, _structure,
 )  # fmt: skip
 
 SWEPT = ("frequency", "load", "gap", "stiffness", "damping")
