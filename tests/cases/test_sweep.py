@@ -509,7 +509,9 @@ def test_killed_run_leaves_a_sound_file(ranks, tmp_path):
             assert process.poll() is None, process.stderr.read()
             assert time.monotonic() < deadline, "no result file appeared"
             time.sleep(0.01)
-        time.sleep(1.0)
+        while not read(result, "status").any():  # the file may be read while the run writes it
+            assert time.monotonic() < deadline, "no point was written"
+            time.sleep(0.1)
         assert process.poll() is None, "the run ended before it could be killed"
         kill(process, ranks)
         process.wait(timeout=60.0)

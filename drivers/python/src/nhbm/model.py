@@ -73,6 +73,8 @@ class Model:
     >>> model = nhbm.Model(oscillator, tones=[0.9])
     >>> model.load("x1", 1, cos=0.3)
     >>> model.law("cubic_spring", "x1", stiffness=0.5, label="spring")
+    >>> model
+    <nhbm.Model: structure chain; frequency [0.9]; 1 load; 1 law (cubic_spring)>
     >>> motion = model.solve(order=7)
     >>> print(f"{float(motion.nhbm.amplitude('x1', 1)):.6f} m, stable: {int(motion['is_stable'])}")
     0.737765 m, stable: 1
@@ -103,6 +105,15 @@ class Model:
                 ) from None
         for name, keys in groups.items():
             self.set(name, **keys)
+
+    def __repr__(self) -> str:
+        kinds = {name: [keys for other, keys in self._lists if other == name] for name, _ in self._lists}
+        parts = [f"structure {self._groups['structure']['type']}" if "structure" in self._groups else f"input {self._name}"]
+        parts += [f"{key} {value}" for key, value in self._groups.get("tones", {}).items()]
+        for name, entries in kinds.items():
+            types = [str(keys["type"]) for keys in entries if "type" in keys]
+            parts.append(f"{len(entries)} {name}{'s' if len(entries) > 1 else ''}" + (f" ({', '.join(types)})" if types else ""))
+        return f"<nhbm.Model: {'; '.join(parts)}>"
 
     def _clear(self) -> None:
         self._base, self._folder, self._name = "", Path(), "model"
