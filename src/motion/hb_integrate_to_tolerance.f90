@@ -17,7 +17,7 @@ module hb_integrate_to_tolerance
    use hb_model, only: model_t, share_of_integrated
    use hb_model_basis, only: coordinates_of
    use hb_modes, only: slowest_decay
-   use hb_motion, only: start_from, status_of_ended
+   use hb_motion, only: forget_motion, start_from, status_of_ended
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
    use hb_primary_method, only: integration_counts_t, integration_is_cheaper, primary_method
@@ -145,6 +145,10 @@ contains
       if (settled%status == outcome%pending .or. .not. (is_struck .or. allocated(integrated%coefficients))) then
          if (allocated(settled%message)) result%message = settled%message
          if (is_struck .and. settled%is_out_of_work) result%status = outcome%out_of_budget
+         if (any(settled%status == [outcome%subharmonic, outcome%broadband]) .and. estimate_of(result) >= reliable) then
+            call forget_motion(result)                                ! its estimate says that it is no motion
+            result%status = settled%status
+         end if
          return
       end if
       estimate_before = estimate_of(result)
@@ -321,9 +325,9 @@ contains
 
       settled%status = outcome%pending
       settled%is_out_of_work = .true.
-      settled%message = "time integration over "//to_text(settled%n_periods)//" periods of the slowest tone: "// &
-                        to_text(n_candidates)//" tuples leave "//rounded(settled%spread)// &
-                        " of the worst quarter, and there is no work left for more; raise &solver fallback_work"
+      settled%message = "time integration over "//to_text(settled%n_periods)//" periods of the slowest tone: a series of "// &
+                        to_text(n_candidates)//" harmonics misses the record by "//rounded(settled%spread)// &
+                        " in its worst quarter, and no work is left for a longer series; raise &solver fallback_work"
    end subroutine leave_open
 
    !> Order of the first box of candidates: with one tone or a coarse tolerance fewer than there is room for.

@@ -26,13 +26,13 @@ module hb_motion
    use hb_primary_method, only: primary_method
    use hb_solver, only: solve
    use hb_solver_types, only: fallback, report_t
-   use hb_stability, only: stability_method
+   use hb_stability, only: stability_method, stability_t
    use hb_structure, only: most_dense
    use hb_thresholds, only: rounding
    use hb_time_domain, only: locking_t, may_be_locked, steady_motion_t
    implicit none
    private
-   public :: solve_motion, start_from, status_of_ended
+   public :: forget_motion, solve_motion, start_from, status_of_ended
 
    integer, parameter :: steps_from_integration = 20                  ! of the balance, from a motion that is known
 
@@ -234,14 +234,19 @@ contains
       is_proven_odd = result%asymmetry <= rounding
    end function is_proven_odd
 
-   !> Takes out what was found before an error: it is not known to be a motion.
+   !> Discards a motion that an error, or time integration, has shown to be none.
    pure subroutine forget_motion(result)
       type(motion_result_t), intent(inout) :: result
+      type(certificate_t) :: no_certificate
+      type(stability_t) :: no_stability
 
       if (allocated(result%coefficients)) deallocate (result%coefficients)
       if (allocated(result%force_coefficients)) deallocate (result%force_coefficients)
       if (allocated(result%corrected_coefficients)) deallocate (result%corrected_coefficients)
       if (allocated(result%improved_coefficients)) deallocate (result%improved_coefficients)
+      result%certificate = no_certificate
+      result%is_near_commensurate = .false.
+      result%stability = no_stability
    end subroutine forget_motion
 
    !> Solves the model in a basis.

@@ -379,7 +379,7 @@ contains
       integer :: part
       logical :: finds_lines
 
-      integrated_for = "integrated for "//to_text(settled%n_periods)//" periods of the slowest tone"
+      integrated_for = "time integration over "//to_text(settled%n_periods)//" periods of the slowest tone"
       left_out = largest_share(remainder, z)
       settled%left_out = merge(0.0_wp, left_out, model%integration%aim > 0.0_wp) ! for a fit included in the spread
       finds_lines = model%integration%aim > 0.0_wp
@@ -395,9 +395,9 @@ contains
       select case (settled%status)
       case (outcome%time_domain)
          if (finds_lines) then
-            settled%message = integrated_for//": the series leaves "//rounded(settled%spread)//" of the worst quarter"
+            settled%message = integrated_for//": the series misses the record by "//rounded(settled%spread)//" in its worst quarter"
          else
-            settled%message = integrated_for//": the averages spread by "//rounded(settled%spread)// &
+            settled%message = integrated_for//": the averages scatter by "//rounded(settled%spread)// &
                               ", harmonics beyond the set carry "//rounded(left_out)//" of the motion"
          end if
       case (outcome%subharmonic)
@@ -405,15 +405,15 @@ contains
                            " times lower"
       case (outcome%broadband)
          if (finds_lines) then
-            settled%message = integrated_for//": "//to_text(model%harmonics%n_harmonics)//" tuples leave "// &
-               rounded(settled%spread)// &
-                              " of the worst quarter, and that does not repeat as the tones do"
+            settled%message = integrated_for//": the motion is none of these tones, a series of "// &
+                              to_text(model%harmonics%n_harmonics)//" harmonics misses the record by "// &
+                              rounded(settled%spread)//" in its worst quarter"
          else
-            settled%message = integrated_for//": the motion does not repeat, its averages spread by "//rounded(settled%spread)
+            settled%message = integrated_for//": the motion does not repeat, its averages scatter by "//rounded(settled%spread)
          end if
       case default
-         settled%message = integrated_for//": the averages spread by "//rounded(settled%spread)// &
-                           ", and it does not show yet whether the motion repeats"
+         settled%message = integrated_for//": the averages scatter by "//rounded(settled%spread)// &
+                           ", too short to decide whether the motion repeats"
       end select
    end subroutine tell
 
