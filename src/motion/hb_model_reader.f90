@@ -16,8 +16,10 @@ module hb_model_reader
    use hb_model_loads, only: loaded_tuples, read_loads, read_starts
    use hb_model_settings, only: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
    use hb_model_tones, only: check_fundamentals, read_normal_mode, read_phase, read_tones
+   use hb_primary_method, only: primary_method
    use hb_properties, only: properties_t
    use hb_solver_types, only: share_of_solver
+   use hb_stability, only: stability_method
    use hb_structure, only: structure_t
    use hb_structure_catalogue, only: read_structure
    use hb_text, only: shown, string_t, to_text
@@ -162,11 +164,23 @@ contains
       if (document%count("normal_mode") > 0) call read_normal_mode(self, document%optional_group("normal_mode"))
       call read_integration(self%integration, document%optional_group("integration"))
       call read_gradient(self, document)
+      if (.not. self%may_integrate) call refuse_integration()
       self%integration%work_limit = work_of_method*self%solver%fallback_work
       if (.not. self%solver%has_fallback_work) self%integration%work_limit = &
          self%callbacks%share_of_integration*self%integration%work_limit
 
    contains
+
+      !> What a key requests and a &dynamic_stiffness has no equations for.
+      subroutine refuse_integration()
+         character(*), parameter :: reason = "'integration' needs equations in time, which a &dynamic_stiffness has not"
+
+         group => document%optional_group("solver")
+         if (self%start_from_integration) call group%problem("first_guess", reason)
+         if (self%primary_method == primary_method%integration) call group%problem("primary_method", reason)
+         group => document%optional_group("stability")
+         if (self%stability%method == stability_method%integration) call group%problem("method", reason)
+      end subroutine refuse_integration
 
       subroutine check_size()
          call check_memory(sizes_of(self), self%memory_limit, error)

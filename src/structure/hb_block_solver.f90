@@ -1,14 +1,16 @@
 !> Linear equations with a square block of the dynamic stiffness, at one frequency after the other.
 !>
 !> Blocks that are diagonal except for a border are factorised as such (hb_arrow_factors), narrow ones as band
-!> matrices (hb_narrow_band, or LAPACK), large ones with few entries as sparse matrices (UMFPACK), others as dense
-!> ones (LAPACK, or hb_small_lu); all but the first with row exchanges. Rows and columns are scaled once by the
-!> magnitudes on the diagonal, so that the verdict "singular" does not depend on units.
+!> matrices (hb_narrow_band, or LAPACK), if necessary in another order of the unknowns (hb_narrow_order), large ones
+!> with few entries as sparse matrices (UMFPACK), others as dense ones (LAPACK, or hb_small_lu); all but the first with
+!> row exchanges. Rows and columns are scaled once by the magnitudes on the diagonal, so that the verdict "singular"
+!> does not depend on units.
 module hb_block_solver
    use hb_arrow_factors, only: arrow_factors_t, new_arrow_factors
    use hb_kinds, only: wp
    use hb_lapack, only: zgbtrf, zgbtrs, zgetrf, zgetrs
    use hb_narrow_band, only: factorise_narrow, solve_narrow, widest_narrow
+   use hb_narrow_order, only: narrow_order
    use hb_small_lu, only: factorise_small, largest_small, solve_small
    use hb_structure_block, only: structure_block_t
    use hb_umfpack, only: umfpack_t
@@ -30,6 +32,7 @@ module hb_block_solver
       type(arrow_factors_t), private :: arrow
       complex(wp), allocatable :: rhs(:, :)                  !! (n, n_rhs + 1), right-hand sides, solutions
       integer, private :: n_lower = 0, n_upper = 0, n_rhs = 0
+      integer, allocatable, private :: order(:)              !! of the unknowns in the factors, if it is another one
       type(structure_block_t), private :: entries            !! scaled
       complex(wp), allocatable, private :: scale(:)          !! (n), real values, complex to multiply `rhs`
       complex(wp), allocatable, private :: probe(:)          !! (n), in no particular direction
@@ -74,12 +77,12 @@ contains
       call self%entries%scale_by(scale)
 
       self%scale = cmplx(scale, kind=wp)
-      self%n_lower = max(0, maxval(block%row - block%column))
-      self%n_upper = max(0, maxval(block%column - block%row))
-      n_rows = 2*self%n_lower + self%n_upper + 1                      ! LAPACK needs room for row exchanges
+      n_rows = find_band(self)
       call new_arrow_factors(self%arrow, n, block%row, block%column)
       self%is_sparse = n >= least_sparse .and. real(min(n_rows, n), wp)*n > emptiness*block%n_entries
       if (self%arrow%is_arrow) self%is_sparse = .false.
+      if (2*n_rows > n .and. block%n_entries < n*(n/8) .and. .not. (self%is_sparse .or. self%arrow%is_arrow)) &
+         n_rows = put_in_order(self)
       self%is_banded = 2*n_rows <= n .and. .not. (self%is_sparse .or. self%arrow%is_arrow)
       self%is_narrow = self%is_banded .and. self%n_lower + self%n_upper <= widest_narrow
       if (.not. self%is_banded) n_rows = max(1, n)
@@ -90,6 +93,38 @@ contains
       self%probe = [(cmplx(cos(real(e, wp)), kind=wp), e=1, n)]
       allocate (self%matrix(n_rows, n), self%pivots(n), self%row_sum(n))
    end subroutine new_block_solver
+
+   !> Finds the outermost diagonals with entries and returns the number of rows of the band, for LAPACK with room for row
+   !> exchanges.
+   integer function find_band(self) result(n_rows)
+      class(block_solver_t), intent(inout) :: self
+
+      associate (row => self%entries%row, column => self%entries%column)
+         self%n_lower = max(0, maxval(row - column))
+         self%n_upper = max(0, maxval(column - row))
+      end associate
+      n_rows = 2*self%n_lower + self%n_upper + 1
+   end function find_band
+
+   !> Reorders the unknowns if that gives a narrow band, and returns the number of rows of the band.
+   integer function put_in_order(self) result(n_rows)
+      class(block_solver_t), intent(inout) :: self
+      integer :: i, place(self%n)
+      type(structure_block_t) :: before
+
+      before = self%entries
+      place = narrow_order(self%n, before%row, before%column)
+      self%entries%row = place(before%row)
+      self%entries%column = place(before%column)
+      n_rows = find_band(self)
+      if (2*n_rows <= self%n) then
+         allocate (self%order(self%n))
+         self%order(place) = [(i, i=1, self%n)]
+      else
+         self%entries = before
+         n_rows = find_band(self)
+      end if
+   end function put_in_order
 
    !> Sorts the entries by columns, and by rows within a column.
    subroutine sort_by_column(self)
@@ -226,6 +261,17 @@ contains
       class(block_solver_t), intent(in) :: self
       character, intent(in) :: form
       complex(wp), contiguous, intent(inout) :: b(:, :)      !! (n, any)
+
+      if (allocated(self%order)) b = b(self%order, :)
+      call substitute(self, form, b)
+      if (allocated(self%order)) b(self%order, :) = b
+   end subroutine back_substitute
+
+   !> The same in the order of the factors.
+   subroutine substitute(self, form, b)
+      class(block_solver_t), intent(in) :: self
+      character, intent(in) :: form
+      complex(wp), contiguous, intent(inout) :: b(:, :)      !! (n, any)
       integer :: i, info
 
       if (self%is_arrow) then
@@ -244,7 +290,7 @@ contains
       else
          call zgetrs(form, self%n, size(b, 2), self%matrix, self%n, self%pivots, b, self%n, info)
       end if
-   end subroutine back_substitute
+   end subroutine substitute
 
    !> Euclidean length of a single column.
    pure real(wp) function length_of(column)

@@ -284,6 +284,8 @@ contains
          else if (any(self%over%kind == [curve_kind%flip, curve_kind%torus]) .and. &
                   model%stability%method == stability_method%off) then
             error_text = "flips and tori are located by the multipliers that &stability finds"
+         else if (any(self%over%kind == [curve_kind%flip, curve_kind%torus]) .and. .not. model%may_integrate) then
+            error_text = "flips and tori are located by multipliers, which are not known with a &dynamic_stiffness"
          else if (.not. document%is_real(self%over%moving%parameter)) then
             error_text = "is no real number; only such can move by and by"
          end if

@@ -140,7 +140,7 @@ contains
          call group%get("first_guess", guess)
          if (.not. fallbacks) then
             text = solve_with(run, "solver%fallback=.true.")
-         else if (guess /= "integration" .and. .not. any(run%tones%is_unknown)) then
+         else if (guess /= "integration" .and. .not. any(run%tones%is_unknown) .and. run%here%count("dynamic_stiffness") == 0) then
             text = solve_with(run, "solver%first_guess='integration'")
          end if
       end if
@@ -247,7 +247,7 @@ contains
       character(10) :: duration
 
       command = ""
-      if (any(run%tones%is_unknown)) return
+      if (any(run%tones%is_unknown) .or. run%here%count("dynamic_stiffness") > 0) return
       command = "nhbm integrate "//shell_word(run%names%input)//earlier(run, [string_t ::])
       if (size(run%plan%parameters) > 0) command = command//" --point "//to_text(run%kind%first - 1)
       write (duration, "(es8.1e2)") 200.0_wp*two_pi/minval(run%tones%omega)

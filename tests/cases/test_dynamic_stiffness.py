@@ -124,3 +124,20 @@ def test_what_needs_time_is_refused():
     free.dynamic_stiffness("loss_factor", "x1", stiffness=1.0, loss_factor=0.1)
     with pytest.raises(nhbm.ModelError, match="unknown tones"):
         free.solve(order=3)
+
+
+@pytest.mark.parametrize(
+    "key", ["solver%first_guess='integration'", "solver%primary_method='integration'", "stability%method='integration'"]
+)
+def test_keys_that_request_time_integration_are_refused(key, tmp_path):
+    mount = str(ROOT / "inputs" / "gallery" / "viscoelastic_mount.nml")
+    result = run("check", mount, "--set", key, cwd=tmp_path)
+    assert result.status == 2 and f"{key.split('=')[0].split('%')[1]}: 'integration' needs equations in time" in result.stderr
+
+
+def test_a_curve_of_flips_is_refused(tmp_path):
+    mount = (ROOT / "inputs" / "gallery" / "viscoelastic_mount.nml").read_text().split("&sweep")[0]
+    curve = "&curve parameter='tones%frequency', from=4.0, to=20.0, follow='flip', over='load(1)%cos', over_from=1.5, over_to=3.0 /\n"
+    (tmp_path / "flips.nml").write_text(mount + curve)
+    result = run("solve", "flips.nml", cwd=tmp_path)
+    assert result.status == 2 and "not known with a &dynamic_stiffness" in result.stderr
