@@ -1,4 +1,4 @@
-"""How pictures are to look, as the options say: for a screen with headings, or for a paper, whose caption has them."""
+"""The appearance of pictures, set by options: for a screen, with headings, or for a paper, where the caption contains them."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ PAPER_WIDTH = {1: 90.0, 2: 180.0}  # [mm] of a column, and of a page of two
 
 @dataclass(frozen=True)
 class Appearance:
-    """`title` in place of that of the picture; `width` [mm]; `is_paper`: no heading, small type."""
+    """`title` replaces that of the picture; `width` [mm]; `is_paper`: no heading, small type."""
 
     title: str | None = None
     width: float | None = None
     is_paper: bool = False
 
     def scale(self, width: float, n_columns: int = 1) -> float:
-        """Factor on a picture of a width in inches."""
+        """Scale factor of a picture with a width in inches."""
         wanted = self.width or (PAPER_WIDTH[n_columns] if self.is_paper else None)
         return wanted / 25.4 / width if wanted else 1.0
 
@@ -29,13 +29,13 @@ _chosen: ContextVar[Appearance] = ContextVar("appearance", default=_PLAIN)
 
 
 def chosen() -> Appearance:
-    """The appearance of the pictures that are drawn now."""
+    """The present appearance of pictures."""
     return _chosen.get()
 
 
 @contextmanager
 def appearance(title: str | None = None, width: float | None = None, is_paper: bool = False) -> Iterator[None]:
-    """Pictures drawn and saved inside look so."""
+    """Context in which pictures are drawn and saved with this appearance."""
     token = _chosen.set(Appearance(title, width, is_paper))
     try:
         yield

@@ -1,4 +1,4 @@
-"""Values of the input in words with their symbols, as the axes of pictures have them; elsewhere a value is called by its path."""
+"""Values of the input in words with their symbols, for the axes of pictures; elsewhere a value is named by its path."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def with_symbol(words: str, symbol: str) -> str:
 
 
 def axis_words(results: Results, axis: Parameter) -> tuple[str, str]:
-    """(words, symbol) of what an axis of a picture shows."""
+    """(words, symbol) of the quantity on an axis of a picture."""
     if axis.path.startswith("tones%"):
         number = re.search(r"\((\d+)\)$", axis.path)
         tone = int(number[1]) - 1 if number else 0

@@ -1,4 +1,5 @@
-"""Files of `nhbm-bench`: a result file with the costs of its points beside them. And errors against a reference."""
+"""Reads the files of `nhbm-bench`, result files that also contain the costs of the points, and computes errors against a
+reference."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ from .reader import SCHEMA_VERSION, _strings, _text, open_file
 from .text import number_text
 
 KERNELS = ("residual", "tangent", "newton_step", "solution", "point")
-# What a cost may be drawn over, and how the axis is called; swept parameters are named by their paths.
+# Quantities over which a cost may be drawn, and their axis labels; swept parameters are labelled by their paths.
 SIZES = {
     "n_unknowns": "unknowns",
     "n_harmonics": "harmonics",
@@ -28,7 +29,7 @@ SIZES = {
 
 @dataclass(frozen=True)
 class Curve:
-    """Points that differ in one thing alone, in ascending order of it."""
+    """Points that differ in one quantity only, in ascending order of it."""
 
     label: str
     points: np.ndarray
@@ -36,7 +37,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Motion:
-    """Coefficients by their tuples: `values` (dof, tuple, 2); NaN: not known."""
+    """Coefficients by their tuples: `values` (dof, tuple, 2); NaN: unknown."""
 
     dofs: list[str]
     tuples: np.ndarray
@@ -44,7 +45,7 @@ class Motion:
 
 
 class Bench:
-    """Points of one file of `nhbm-bench`, or of several with the same columns, one after the other."""
+    """Points of one file of `nhbm-bench`, or of several files with the same columns in sequence."""
 
     def __init__(self, *paths: str | os.PathLike):
         self.path = Path(paths[0])
@@ -82,7 +83,7 @@ class Bench:
             )  # fmt: skip
 
     def column(self, name: str) -> np.ndarray:
-        """A column by its name, such as `bench_total_seconds`, a swept parameter also by its path or the end of it."""
+        """A column by its name, such as `bench_total_seconds`; a swept parameter also by its path or the end of the path."""
         for path, column in self._paths.items():
             if name in (path, path.split("%")[-1]):
                 name = column
@@ -93,7 +94,7 @@ class Bench:
 
     @property
     def is_solved(self) -> np.ndarray:
-        """Which points are solved, well enough for the certificate or not."""
+        """Whether each point is solved, within the limits of the certificate or not."""
         return np.isin(self.column("status"), SOLVED)
 
     @property
@@ -105,7 +106,7 @@ class Bench:
         return "kernel_point_seconds" in self._columns
 
     def varying(self) -> str:
-        """What makes a curve unless said otherwise: the first swept number that varies, else the first size that does."""
+        """Default abscissa: the first swept number that varies, otherwise the first size that does."""
         for name in (*self._paths, *SIZES):
             column = self._columns.get(self._paths.get(name, name))
             if column is not None and column.dtype.kind in "fiu" and len(set(column.tolist())) > 1:
@@ -113,7 +114,7 @@ class Bench:
         return "n_unknowns"
 
     def axis(self, over: str) -> str:
-        """Name of an axis."""
+        """Label of an axis."""
         return SIZES.get(over, over)
 
     def curves(self, over: str) -> list[Curve]:
@@ -130,14 +131,14 @@ class Bench:
         return curves
 
     def motion(self, point: int) -> Motion:
-        """Motion at the degrees of freedom of the laws, without laws at all that are stored."""
+        """Motion at the degrees of freedom of the laws; without laws at all stored ones."""
         return self._motions[point]
 
     def errors(self, reference: Motion | None = None, *, only_known: bool = False, is_improved: bool = False) -> np.ndarray:
-        """Relative rms difference of each point to a reference, over hypertime; NaN for what is not solved.
+        """Relative rms difference of each point from a reference, over hypertime; NaN for unsolved points.
 
-        Without a reference it is the solved point with the most harmonics; all points of that set have no error of their own.
-        `only_known`: over the tuples of the reference alone, else over all of both, what one lacks counting as zero.
+        Without a reference the solved point with the most harmonics is used; points of that set then have no error. With
+        `only_known` the sum is over the tuples of the reference, otherwise over all tuples of both, with zero for missing ones.
         """
         errors = np.full(self.n_points, np.nan)
         rated = self.is_solved
@@ -155,7 +156,7 @@ class Bench:
 
 
 def _motion(file, dofs: list[str], point: int) -> Motion:
-    """Motion of a point; by `&accuracy` each has tuples of its own, and room behind them."""
+    """Motion of a point; with `&accuracy` each point has its own tuples, followed by unused elements."""
     values = file["coefficients"][point]
     if "tuples" in file:
         values = values[:, : max(1, int(file["n_harmonics"][point]))]
@@ -164,7 +165,7 @@ def _motion(file, dofs: list[str], point: int) -> Motion:
 
 
 def _at(dofs: list[str], motion: Motion) -> Motion:
-    """The motion at some degrees of freedom; as it is where one of them is not there, or none is asked for."""
+    """The motion at some degrees of freedom; unchanged if one of them is missing or none is given."""
     if not dofs or not set(dofs) <= set(motion.dofs):
         return motion
     return Motion(list(dofs), motion.tuples, motion.values[[motion.dofs.index(dof) for dof in dofs]])
@@ -189,7 +190,7 @@ def relative_error(found: Motion, reference: Motion, *, only_known: bool = False
 
 
 def _by_tuple(motion: Motion) -> dict[tuple[str, tuple[int, ...]], np.ndarray]:
-    """Known pairs by degree of freedom and tuple, of j and -j the one whose first entry that is not zero is positive."""
+    """Known pairs by degree of freedom and tuple; of j and -j the one whose first nonzero entry is positive."""
     pairs = {}
     for dof, values in zip(motion.dofs, motion.values):
         for j, pair in zip(motion.tuples.tolist(), values):

@@ -25,14 +25,14 @@ beam_spectrum.png; --output chooses another name, and its ending the format (.pn
 
 
 class _Parser(argparse.ArgumentParser):
-    """argparse, but a mistake gives one line and status 2."""
+    """An argparse parser that reports an error in one line, with status 2."""
 
     def error(self, message):
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Runs one command; returns the exit status: 0, or 2 for a mistake of the user."""
+    """Runs one command; returns the exit status: 0, or 2 for an error of the user."""
     parser = _parser()
     arguments = parser.parse_args(options.join_negative(sys.argv[1:] if argv is None else list(argv)))
     if "files" in arguments:
@@ -45,7 +45,7 @@ def main(argv: list[str] | None = None) -> int:
     except NhbmPostError as error:
         print(f"nhbm-post {arguments.command}: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
-    except BrokenPipeError:  # the reader of a pipe, for example head, has seen enough
+    except BrokenPipeError:  # the reader of a pipe, for example head, has closed it
         _say_no_more()
     except DAMAGES as error:
         if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
@@ -59,7 +59,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _say_no_more() -> None:
-    """What is still held back for standard output is lost."""
+    """Discards the buffered standard output."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

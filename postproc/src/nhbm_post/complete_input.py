@@ -1,4 +1,4 @@
-"""Groups of the input after defaults, as a result file holds it: one key a line, long lists go on in the next."""
+"""Groups of the complete input in a result file: one key per line, long lists continue in the next line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _WORD = re.compile(r"(?:(\d+)\*)?('(?:[^']|'')*'|[^\s,']+)")
 
 
 def groups(text: str, name: str) -> list[dict[str, list[str]]]:
-    """The groups of a name in the order of the input: the values of each key, texts without their quotes."""
+    """The groups of a name in the order of the input: the values of each key, strings without quotes."""
     return [
         {key: _values(values) for key, values in _KEY.findall(body)} for group, body in _GROUP.findall(text) if group == name
     ]

@@ -1,10 +1,12 @@
-"""What contacts do at the nodes of a structure: gaps, forces, stick and slip over time, and what of these is left over a period.
+"""The state of contacts at the nodes of a structure: gaps, forces, stick and slip as functions of time, and their summary over a
+period.
 
-The laws are evaluated along the stored motion. Stops: the gap g - z, and k max(z - g, 0). Friction with memory: the slider w of
-f = k (z - w) is pushed by the window |z - w| <= mu N/k (docs/why/theory.md, section 5.5), step by step. Rigid laws have their
-force from the result. Whether a wall is closed says the sign of f + e (z - g), whether rigid friction slips the size of
-f + e dz/dt: for any e, since the gap is zero where the force is not, and the rate where the force is below its limit. The contacts
-of a table are those of one law, with gaps g0 + A q and a matrix A that may turn with a tone; they stand at no node.
+The laws are evaluated along the stored motion. Stops have the gap g - z and the force k max(z - g, 0). Friction with memory: the
+slider w of f = k (z - w) is moved by the window |z - w| <= mu N/k (docs/why/theory.md, section 5.5), step by step. The forces of
+rigid laws are those of the result. A wall is closed according to the sign of f + e (z - g), and rigid friction slips according to
+the size of f + e dz/dt, for any e, since the gap is zero where the force is not, and the rate is zero where the force is below its
+limit. The contacts of a table are those of one law, with gaps g0 + A q and a matrix A that may rotate with a tone; they have no
+nodes.
 """
 
 from __future__ import annotations
@@ -26,11 +28,11 @@ KINDS = ("annular_clearance", "coulomb_rigid", "elastic_stop", "iwan", "jenkins"
 TABLES = ("blade_contact", "contact_table")
 
 _STEPS = 16  # in a period of the fastest harmonic
-_PERIODS = 32  # of the slowest of several tones: what shares are taken over, or
-_BEATS = 8  # periods of the slowest beat of two of them where that is longer
-_BEFORE = 8  # of that part of it in which sliders forget their start; those of one tone along one coordinate need one period
+_PERIODS = 32  # of the slowest of several tones: averaging time of shares, or
+_BEATS = 8  # periods of the slowest beat of two of them if that is longer
+_BEFORE = 8  # share of that time until sliders forget their start; one period for one tone and one coordinate
 _MOST = 300_000  # steps
-_BLOCK = 2_000_000  # steps times nodes that are held at once
+_BLOCK = 2_000_000  # steps times nodes that are processed together
 
 
 @dataclass
@@ -42,7 +44,7 @@ class Table:
     frequency: float  # of that tone [rad/s]
 
     def turned(self, q: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Coordinates (n_coordinates, n_times), those of pairs that turn as the contacts see them."""
+        """Coordinates (n_coordinates, n_times), with rotating pairs in the frame of the contacts."""
         q = q.copy()
         for k, m in enumerate(self.turns):
             c, s = np.cos(m * self.frequency * t), np.sin(m * self.frequency * t)
@@ -52,12 +54,12 @@ class Table:
 
 @dataclass
 class Contact:
-    """The laws of one `&law`, a node each, or the contacts of a table; coordinates as (labels of each node, weights)."""
+    """The laws of one `&law`, one per node, or the contacts of a table; coordinates as (labels of each node, weights)."""
 
     label: str
     kind: str
     laws: np.ndarray  # numbers in the result
-    nodes: np.ndarray  # indices; none of a table
+    nodes: np.ndarray  # indices; none for a table
     keys: dict[str, float]
     coordinates: list[tuple[list[list[str]], list[float]]]
     is_two_sided: bool = False
@@ -83,7 +85,7 @@ class Contact:
 
     @property
     def opens(self) -> bool:
-        """Whether it knows a normal force."""
+        """Whether the law has a normal force."""
         sliders = ("coulomb_rigid", "iwan", "jenkins", "jenkins_2d")
         return self.kind not in sliders or "friction_coefficient" in self.keys
 
@@ -94,12 +96,12 @@ class Contact:
 
 @dataclass
 class History:
-    """What the laws of a contact do at the nodes, (n_times, n_nodes); NaN for what a law does not know."""
+    """The state of a contact at the nodes, (n_times, n_nodes); NaN for quantities that the law does not have."""
 
     status: np.ndarray
     gap: np.ndarray = field(default_factory=lambda: np.array(np.nan))  # [m]
     normal_force: np.ndarray = field(default_factory=lambda: np.array(np.nan))  # [N]
-    friction: np.ndarray = field(default_factory=lambda: np.array(np.nan))  # [N], its size
+    friction: np.ndarray = field(default_factory=lambda: np.array(np.nan))  # [N], magnitude
 
     def __post_init__(self):
         for name in MEASURES:
@@ -137,7 +139,7 @@ def contacts(results: Results, structure: Structure, point: int) -> list[Contact
 
 
 def _table(kind: str, texts: dict[str, list[str]], keys: dict[str, float], n_coordinates: int, tones: np.ndarray) -> Table:
-    """The table of a law; that of blades from their angles."""
+    """The table of a law; for blades it is computed from their angles."""
     tone = int(keys.get("tone", 0))
     frequency = float(tones[tone - 1]) if tone else 0.0
     if kind == "contact_table":
@@ -154,7 +156,7 @@ def _table(kind: str, texts: dict[str, list[str]], keys: dict[str, float], n_coo
 
 
 def _coordinates(structure: Structure, kind: str, texts: dict[str, list[str]]) -> list[tuple[list[list[str]], list[float]]]:
-    """For each coordinate of a law the degrees of freedom of each of its places, and their weights."""
+    """For each coordinate of a law, the degrees of freedom of each of its locations, and their weights."""
     coordinates = []
     for key, weights in (("dof", ""), ("dofs", "weights"), ("second_dofs", "second_weights"), ("normal_dofs", "normal_weights")):
         if key not in texts:
@@ -170,7 +172,7 @@ def _coordinates(structure: Structure, kind: str, texts: dict[str, list[str]]) -
 
 
 def _numbers(results: Results, point: int, texts: dict[str, list[str]], number: int) -> dict[str, float]:
-    """The numbers of a law, those that are swept as they are at the point."""
+    """The numbers of a law; swept ones have their values at the point."""
     keys = {}
     for key, values in texts.items():
         try:
@@ -186,7 +188,7 @@ def _numbers(results: Results, point: int, texts: dict[str, list[str]], number: 
 
 
 class Motion:
-    """Coordinates of the laws of a point, and forces that the result holds, as functions of time."""
+    """Coordinates of the laws of a point, and the forces in the result, as functions of time."""
 
     def __init__(self, results: Results, point: int, allow_unconverged: bool = False):
         self._results, self._point, self._allow = results, point, allow_unconverged
@@ -196,18 +198,18 @@ class Motion:
         self.slowest, self.fastest = float(tones[0]), float(np.abs(series.frequencies).max())
         self.period = 2 * np.pi / self.slowest
         self.step = min(2 * np.pi / self.fastest / _STEPS, self.period / 256)
-        self.window = self.period  # what shares are taken over
+        self.window = self.period  # averaging time of shares
         if len(tones) > 1:
             self.window = 2 * np.pi * max(_PERIODS / tones[0], _BEATS / max(np.diff(tones).min(), 1e-300))
             self.window = min(self.window, _MOST * self.step)
 
     def coordinate(self, contact: Contact, k: int, t: np.ndarray, rate: bool = False) -> np.ndarray:
-        """Coordinate k at times, or its rate (n_times, n_nodes)."""
+        """Coordinate k at given times, or its rate (n_times, n_nodes)."""
         places, weights = contact.coordinates[k]
         return sum(w * self._values([place[i] for place in places], "corrected", t, rate) for i, w in enumerate(weights))
 
     def force(self, contact: Contact, t: np.ndarray) -> np.ndarray:
-        """Force of each law on its coordinate, of laws of one coordinate (n_times, n_nodes)."""
+        """Force of each law on its coordinate, for laws of one coordinate (n_times, n_nodes)."""
         places, weights = contact.coordinates[0]
         return self._values([place[0] for place in places], "force", t) / weights[0]
 
@@ -227,7 +229,7 @@ class Motion:
 
 
 def history(contact: Contact, motion: Motion, times: np.ndarray) -> History:
-    """What a contact does at equally spaced times."""
+    """The state of a contact at equally spaced times."""
     step = times[1] - times[0] if len(times) > 1 else motion.step
     n_inner = max(1, int(np.ceil(step / motion.step * (1 - 1e-9))))
     n = (len(times) - 1) * n_inner + 1
@@ -236,7 +238,7 @@ def history(contact: Contact, motion: Motion, times: np.ndarray) -> History:
 
 
 def _blocks(contact: Contact, motion: Motion, start: float, step: float, n: int) -> Iterator[History]:
-    """The history at n times, some at once; sliders come from before."""
+    """The history at n times, in blocks; each block starts with the sliders of the previous one."""
     n_before = 0
     if contact.has_memory:
         n_before = int(np.ceil(max(_BEFORE * motion.period, motion.window / _BEATS) / step))
@@ -250,7 +252,7 @@ def _blocks(contact: Contact, motion: Motion, start: float, step: float, n: int)
 
 
 def _evaluate(contact: Contact, motion: Motion, times: np.ndarray, place: np.ndarray | None) -> tuple[History, np.ndarray | None]:
-    """The history at times, and where sliders are at their end, which have begun at a place, or at rest."""
+    """The history at given times, and the final positions of the sliders, which begin at given positions or at rest."""
     if contact.kind == "iwan":
         return _sliding_side_by_side(contact, motion, times, place)
     if contact.has_memory:
@@ -312,7 +314,7 @@ def _sliding(contact: Contact, motion: Motion, t: np.ndarray, place: np.ndarray 
 def _sliding_side_by_side(
     contact: Contact, motion: Motion, t: np.ndarray, place: np.ndarray | None
 ) -> tuple[History, np.ndarray]:
-    """Elements of friction side by side; slip is that of one of them at least."""
+    """Parallel friction elements; slip means that at least one of them slips."""
     z = motion.coordinate(contact, 0, t)
     n = sum(1 for key in contact.keys if key.startswith("stiffness"))
     place = np.zeros((n, 1, contact.n)) if place is None else place
@@ -325,8 +327,8 @@ def _sliding_side_by_side(
 
 
 def follow(z: np.ndarray, reach: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places of sliders that are nowhere farther than `reach` (n_times, n_nodes) from z (n_directions, n_times, n_nodes), and
-    whether each has moved in the step to that time, from `start` (n_directions, n_nodes)."""
+    """Positions of sliders within a distance `reach` (n_times, n_nodes) of z (n_directions, n_times, n_nodes), and whether each has
+    moved in the step to that time, from `start` (n_directions, n_nodes)."""
     places = np.zeros_like(z)
     moved = np.zeros(reach.shape, dtype=bool)
     w = start
@@ -340,7 +342,8 @@ def follow(z: np.ndarray, reach: np.ndarray, start: np.ndarray) -> tuple[np.ndar
 
 
 def summary(contact: Contact, motion: Motion, power: np.ndarray) -> dict[str, np.ndarray]:
-    """What is left of the history over a period of one tone, or a long time of several, at each node; what the law has of it."""
+    """Summary of the history over a period of one tone, or a long time for several tones, at each node, for the quantities of the
+    law."""
     n = int(np.ceil(motion.window / motion.step))
     n_open = n_stick = n_slip = gap = 0.0
     smallest, largest, normal, friction = np.inf, -np.inf, -np.inf, -np.inf
@@ -367,7 +370,7 @@ UNITS = {"open share": "1", "stick share": "1", "slip share": "1", "smallest gap
 
 
 def shares(found: Sequence[Contact], motion: Motion, power: np.ndarray, structure: Structure) -> dict[str, np.ndarray]:
-    """The summaries of contacts at nodes as fields over all nodes, `open share LABEL`, ...; NaN where there is no law."""
+    """The summaries of contacts at nodes as fields over all nodes, `open share LABEL`, ...; NaN at nodes without a law."""
     return {
         f"{name} {contact.label}": structure.field(contact.nodes, values)
         for contact in found
@@ -379,8 +382,8 @@ def shares(found: Sequence[Contact], motion: Motion, power: np.ndarray, structur
 def moments(
     found: Sequence[Contact], motion: Motion | None, times: np.ndarray, structure: Structure
 ) -> list[dict[str, np.ndarray]]:
-    """Fields over all nodes at each time: `status LABEL`, with -1 where there is no law, and `gap LABEL`, `normal_force LABEL`,
-    `friction LABEL` of laws that have them."""
+    """Fields over all nodes at each time: `status LABEL`, with -1 at nodes without a law, and `gap LABEL`, `normal_force LABEL`,
+    `friction LABEL` for laws that have them."""
     fields: list[dict[str, np.ndarray]] = [{} for _ in times]
     for contact in [contact for contact in found if contact.table is None] if len(times) else ():
         past = history(contact, motion, times)
@@ -393,7 +396,7 @@ def moments(
 
 
 def chosen(found: Sequence[Contact], label: str | None, results: Results) -> Contact:
-    """The contact of a label, the first without one."""
+    """The contact with a label, or the first one if none is given."""
     if not found:
         raise UsageError(
             f"{results.path}: no law of the result is a contact that can be drawn: {list_text(KINDS)} at a node, "

@@ -1,4 +1,4 @@
-"""The only reader of the records of `nhbm integrate`; docs/user/schema.md says what is in them."""
+"""The only reader of the records of `nhbm integrate`; docs/user/schema.md describes their contents."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .errors import ReaderError
 
 
 def is_record(path) -> bool:
-    """Whether a file is the record of a time integration; not where it cannot be read."""
+    """Whether a file is the record of a time integration; false if it cannot be read."""
     try:
         with h5py.File(path, "r") as file:
             return file.attrs.get("kind") == "integration"
@@ -20,8 +20,8 @@ def is_record(path) -> bool:
 
 
 def info(path) -> str:
-    """What a record holds, in lines: how it was integrated, the largest displacement at each degree of freedom [m or rad] and, of
-    several starts, the motions that were found with the size of their coefficients at the first one."""
+    """Describes a record in lines: its method, the largest displacement at each degree of freedom [m or rad] and, for several
+    starts, the motions found with the magnitude of their coefficients at the first degree of freedom."""
     try:
         with h5py.File(path, "r") as file:
             t, dofs = file["time"][()], list(file["dof"].asstr()[()])

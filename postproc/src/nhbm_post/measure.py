@@ -1,4 +1,4 @@
-"""Numbers that stand for a point of a sweep in curves and maps."""
+"""Numbers that represent a point of a sweep in curves and maps."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MEASURES = ("peak", "rms", "harmonic", "frequency")
 
 @dataclass(frozen=True)
 class Measure:
-    """What is drawn: `peak`, `rms`, `harmonic` with its tuple `j`, or `frequency` of `tone` (from 0)."""
+    """The quantity: `peak`, `rms`, `harmonic` with its tuple `j`, or `frequency` of `tone` (from 0)."""
 
     name: str = "peak"
     j: tuple[int, ...] | None = None
@@ -22,7 +22,7 @@ class Measure:
     quantity: str = "motion"
 
     def values(self, results: Results, dof: str) -> np.ndarray:
-        """The measure at every point, NaN at those that are not solved or do not have the tuple `j`."""
+        """The measure at each point, NaN at points that are not solved or do not have the tuple `j`."""
         values = np.full(results.n_points, np.nan)
         if self.name == "frequency":
             for point in results.solved:
@@ -43,7 +43,7 @@ class Measure:
         return results.frequency_scale()[1] if self.name == "frequency" else results.units(self.quantity, dof)
 
     def words(self, results: Results, dof: str) -> tuple[str, str]:
-        """(what is shown, axis label)."""
+        """(description, axis label)."""
         of_what = QUANTITIES[self.quantity]
         symbol = of_what.symbol.format(dof)
         if self.name == "frequency":

@@ -1,4 +1,4 @@
-"""Options of the command `nhbm-post` that several verbs share, and what their texts are turned into."""
+"""Options of the command `nhbm-post` that several verbs share, and the conversion of their values."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .reader import QUANTITIES
 
 
 class Renamed(argparse.Action):
-    """An option that has another name now: refused with that."""
+    """An option that has been renamed: rejected with the new name."""
 
     def __init__(self, option_strings, dest, const, **others):
         super().__init__(option_strings, dest, nargs="?", const=const, **others)
@@ -214,7 +214,7 @@ def overlay(text):
 
 
 def join_negative(words: list[str]) -> list[str]:
-    """`--tuple -1,0` becomes `--tuple=-1,0`, because argparse takes `-1,0` and `-1e-3` for options."""
+    """Joins `--tuple -1,0` to `--tuple=-1,0`, because argparse takes `-1,0` and `-1e-3` for options."""
     joined: list[str] = []
     for word in words:
         is_value = re.match(r"-[.\d]", word) and joined and re.match(r"--[a-z]+$", joined[-1])

@@ -1,4 +1,4 @@
-"""One page of HTML that holds a result file: curves, and for each point its spectrum, motion, orbit, shape and certificate.
+"""One HTML page with the contents of a result file: curves, and for each point its spectrum, motion, orbit, shape and certificate.
 
 The page needs no network and no other file: data as JSON, coefficients as 32-bit floats, drawn by the script in page.html.
 """
@@ -25,7 +25,7 @@ from .text import number_text
 
 LARGEST = 5_000_000  # [bytes] of a page
 _COEFFICIENTS = 300_000  # pairs at most, 3.2 MB in the page
-_LEAST = 1e-6  # harmonics that are smaller everywhere, relative to the largest, are left out
+_LEAST = 1e-6  # harmonics that are smaller everywhere, relative to the largest, are omitted
 _N_DOFS = 60
 _N_CURVES = 14
 _N_SHAPES, _N_SHAPE_HARMONICS, _SHAPE_NUMBERS = 12, 5, 120_000
@@ -51,7 +51,7 @@ _ONLY_IF_ANY = ("penetration", "impact_estimate", "power_damping")
 
 
 def write_page(results: Results, path: Path, model: Path | None = None) -> list[str]:
-    """Writes the page; returns what was left out of it, in words."""
+    """Writes the page; returns a description of the omitted data."""
     data, notes = page_data(results, model)
     template = files(__package__).joinpath("page.html").read_text(encoding="utf-8")
     text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
@@ -68,7 +68,7 @@ def write_page(results: Results, path: Path, model: Path | None = None) -> list[
 
 
 def page_data(results: Results, model: Path | None = None) -> tuple[dict, list[str]]:
-    """What the page shows, and what was left out."""
+    """The data of the page, and a description of the omitted data."""
     points = [int(point) for point in results.used]
     dofs, tuples, kept, coefficients, notes = _coefficients(results, points)
     curves, axis, curve_notes = _curves(results, dofs[0], points)
@@ -127,8 +127,7 @@ def _first(results: Results) -> int:
 
 
 def _coefficients(results: Results, points: list[int]):
-    """Degrees of freedom, tuples, row of each point (-1: none) and coefficients (rows, dofs, tuples, 2), NaN where there are
-    none."""
+    """Degrees of freedom, tuples, row of each point (-1: none) and coefficients (rows, dofs, tuples, 2), NaN for missing ones."""
     _first(results)
     labels = results.labels()
     first = [label for label in results.law_dofs if label in labels]
@@ -168,7 +167,7 @@ def _coefficients(results: Results, points: list[int]):
 
 
 def _curves(results: Results, dof: str, points: list[int]) -> tuple[list[dict], Parameter | None, list[str]]:
-    """Points in the order of their curves with places on the x axis, jumps excepted; nothing where nothing is swept."""
+    """Points in the order of their curves with positions on the x axis, without jumps; empty without a swept parameter."""
     from .draw.response import curves_of
 
     try:
@@ -191,7 +190,7 @@ def _curves(results: Results, dof: str, points: list[int]) -> tuple[list[dict], 
 
 
 def _point(results: Results, point: int, kind: str) -> dict:
-    """What is known of a point beside its motion."""
+    """The data of a point except its motion."""
     name = results.status_name(point)
     rows = [[parameter.label, parameter.value_text(parameter.values[point])] for parameter in results.parameters.values()]
     factor, hertz = results.frequency_scale()
@@ -221,7 +220,7 @@ def _point(results: Results, point: int, kind: str) -> dict:
 
 
 def _shapes(results: Results, points: list[int], model: Path | None) -> tuple[dict | None, list[str]]:
-    """Edges of a finite element model, and harmonics of its nodes at some points; none where there is no such model at hand."""
+    """Edges of a finite element model, and harmonics of its nodes at some points; none without such a model."""
     if model is None and not has_model(results):
         return None, []
     from .draw.deflection import surface
@@ -270,7 +269,7 @@ def _provenance(results: Results) -> list[list[str]]:
 
 
 def _numbers(values: np.ndarray) -> list[float | None]:
-    """To seven digits, what is not finite as null."""
+    """Rounds to seven digits; values that are not finite become null."""
     return [float(f"{value:.7g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float)]
 
 

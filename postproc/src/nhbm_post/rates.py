@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-# An error reaches a plateau, ruled by something else than the order, where it drops less than this.
+# An error reaches a plateau, determined by another cause than the order, where it decreases by less than this factor.
 _LEAST_DROP = 0.8
-# Sizes must span this factor, and the exponent be as certain as this (standard error), for an exponent of cost to be reported.
+# An exponent of cost is reported if the sizes span this factor and its standard error is below this limit.
 _LEAST_SPAN = 2.0
 _LARGEST_DEVIATION = 0.3
-# Errors that rounding decides.
+# Errors dominated by rounding.
 _ROUNDING = 2e-14
 
 
@@ -46,7 +46,7 @@ class Rate:
 
 @dataclass(frozen=True)
 class NoRate:
-    """Why times tell no rate; false where a Rate is true."""
+    """The reason why times give no rate; false, while a Rate is true."""
 
     reason: str
 
@@ -55,7 +55,8 @@ class NoRate:
 
 
 def convergence_rate(x: np.ndarray, error: np.ndarray, kind: str = "") -> Rate | None:
-    """Rate of the falling part of an error, exponential or algebraic, whichever fits better; None for fewer than three levels."""
+    """Rate of the decreasing part of an error, exponential or algebraic, whichever fits better; None for fewer than three
+    levels."""
     chosen = falling_part(error)
     x, error = x[chosen], error[chosen]
     if len(x) < 3 or (x <= 0.0).any():
@@ -65,10 +66,10 @@ def convergence_rate(x: np.ndarray, error: np.ndarray, kind: str = "") -> Rate |
 
 
 def cost_exponent(x: np.ndarray, seconds: np.ndarray) -> Rate | NoRate:
-    """Exponent of the cost over the larger half of the sizes, where what is constant matters least.
+    """Exponent of the cost over the larger half of the sizes, where constant parts of the cost matter least.
 
-    At least three sizes that differ by a factor of two, and times that scatter little about the fit, make one; smaller sizes
-    are taken in where the larger half spans less.
+    This requires at least three sizes that differ by a factor of two, and times with little scatter about the fit; smaller sizes
+    are included if the larger half spans less.
     """
     known = np.isfinite(seconds) & (seconds > 0.0) & (x > 0.0)
     sizes = np.unique(x[known])
@@ -85,7 +86,7 @@ def cost_exponent(x: np.ndarray, seconds: np.ndarray) -> Rate | NoRate:
 
 
 def falling_part(error: np.ndarray) -> np.ndarray:
-    """Numbers of the known errors up to where they stop to fall: at rounding, or at the error of the reference."""
+    """Indices of the known errors up to the end of their decrease: at rounding, or at the error of the reference."""
     known = np.flatnonzero(np.isfinite(error) & (error > _ROUNDING))
     kept = list(known[:1])
     for i in known[1:]:

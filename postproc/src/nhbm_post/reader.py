@@ -1,4 +1,4 @@
-"""The only reader of the result file of nhbm; its schema is written down in docs/user/schema.md."""
+"""The only reader of the result file of nhbm; docs/user/schema.md describes its schema."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ SCHEMA_VERSION = 1
 
 _REQUIRED = ("point", "tone", "harmonic", "dof", "status", "frequency", "coefficients")
 
-# What h5py and numpy raise in the middle of a file that is damaged.
+# Exceptions that h5py and numpy raise in a damaged file.
 DAMAGES = (
     AttributeError, IndexError, KeyError, MemoryError, OSError, OverflowError, RuntimeError, TypeError, ValueError,
 )  # fmt: skip
 
 _WORDS_OF_UNITS = {"rad": "rotation", "1": "motion", "": "motion"}
 
-# A parameter value given by hand fits a stored one within this relative difference.
+# A given parameter value matches a stored one within this relative difference.
 _PARAMETER_TOLERANCE = 1e-6
 # Coefficients this much smaller than the largest of a point are rounding errors.
 _ROUNDING = 1e-14
-# Numbers read at once while the largest is looked for.
+# Numbers read together in the search for the largest.
 _BLOCK = 2**23
 
 
@@ -44,7 +44,7 @@ class _Quantity:
     symbol: str
 
 
-# What can be read harmonic by harmonic, by the word that users give.
+# Quantities that can be read by harmonic, by the word that users give.
 QUANTITIES = {
     "motion": _Quantity("coefficients", "dof", "displacement_samples", "displacement", "{}"),
     "force": _Quantity(
@@ -61,7 +61,7 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class Parameter:
-    """One swept parameter: `name` of its dataset, `path` in the input, a float or string a point."""
+    """One swept parameter: `name` of its dataset, `path` in the input, a float or string for each point."""
 
     name: str
     path: str
@@ -74,7 +74,7 @@ class Parameter:
 
     @property
     def label(self) -> str:
-        """Its path in the input, which is how every text and picture calls it."""
+        """Its path in the input, the name in all texts and pictures."""
         return self.path or self.name
 
     @property
@@ -87,7 +87,7 @@ class Parameter:
         return self.is_number and self.units not in ("", "1")
 
     def value_text(self, value) -> str:
-        """A value with its unit, a word in quotes, as in the input."""
+        """A value with its unit, a string in quotes, as in the input."""
         if not self.is_number:
             return f"'{value}'"
         return number_text(value) + (f" {self.units}" if self.has_unit else "")
@@ -108,7 +108,7 @@ class Parameter:
         return f"{self.label}: {number}, " + (ends[-1] if len(different) == 1 else " to ".join(ends))
 
     def fits(self, value) -> np.ndarray:
-        """Which points (boolean) carry `value`: equal strings, numbers equal to six digits or within a range `1.0:2.5`."""
+        """Points (boolean) that have `value`: equal strings, numbers equal to six digits or within a range `1.0:2.5`."""
         if not self.is_number:
             return self.values == str(value)
         first, is_range, last = str(value).partition(":")
@@ -123,7 +123,7 @@ class Parameter:
         return np.isclose(self.values, wanted, rtol=_PARAMETER_TOLERANCE, atol=0.0)
 
     def choice_text(self, value) -> str:
-        """`law(1)%gap = 1.0e-3 to 2.0e-3 m` of a value that `fits` takes, for titles."""
+        """`law(1)%gap = 1.0e-3 to 2.0e-3 m` for a value that `fits` accepts, for titles."""
         texts = []
         for wanted in self.alternatives(value):
             ends = [number_text(float(end)) if end else "" for end in str(wanted).split(":")] if self.is_number else [f"'{wanted}'"]
@@ -134,7 +134,7 @@ class Parameter:
         return f"{self.label} = {', '.join(texts)}" + (f" {self.units}" if self.has_unit else "")
 
     def alternatives(self, value) -> list:
-        """Values that `value` lists, parted by commas, unless it is a word of the sweep as it stands."""
+        """Values in the list `value`, separated by commas, unless the whole is a string of the sweep."""
         if not isinstance(value, str) or (not self.is_number and (self.values == value).any()):
             return [value]
         return [word.strip() for word in value.split(",")]
@@ -143,8 +143,8 @@ class Parameter:
 class Results:
     """A result file, open for reading; use it in a `with` statement.
 
-    Points are counted from 0. `quantity` is `motion`, `force` or `corrected`. Whatever cannot be had raises
-    ReaderError, which names the file, the thing asked for and what there is instead.
+    Points are counted from 0. `quantity` is `motion`, `force` or `corrected`. If data do not exist, the methods raise ReaderError,
+    which names the file, the request and the alternatives.
     """
 
     def __init__(self, path: str | os.PathLike):
@@ -175,7 +175,7 @@ class Results:
         """Closes the file; safe to call twice."""
         self._file.close()
 
-    # What the file says of itself
+    # Attributes of the file
 
     @property
     def title(self) -> str:
@@ -207,7 +207,7 @@ class Results:
 
     @property
     def overrides(self) -> str:
-        """What --set changed, `path=value`, parted by commas."""
+        """The changes by --set, `path=value`, separated by commas."""
         return ", ".join(self._text_dataset("input_overrides").split("\n")) if "input_overrides" in self._file else ""
 
     @property
@@ -216,7 +216,7 @@ class Results:
 
     @property
     def in_hertz(self) -> bool:
-        """Whether the input gives frequencies in hertz, which pictures then do as well."""
+        """Whether the input gives frequencies in hertz; pictures then do so too."""
         told = re.sub(r"!.*", "", f"{self.input_text}\n{self.overrides}")
         return re.search(r"&tones\b[^/&]*?\bhertz\b|\btones%hertz\b", told, re.IGNORECASE) is not None
 
@@ -225,14 +225,14 @@ class Results:
         return (0.5 / np.pi, "Hz") if self.in_hertz else (1.0, "rad/s")
 
     def shown(self, parameter: Parameter) -> Parameter:
-        """A parameter as pictures show it: a frequency in hertz where the input has hertz."""
+        """A parameter as shown in pictures: a frequency in hertz if the input has hertz."""
         if parameter.path.startswith("tones%frequency") and parameter.units == "rad/s" and self.in_hertz:
             path = parameter.path.replace("%frequency", "%hertz")
             return Parameter(parameter.name, path, "Hz", parameter.values / (2.0 * np.pi))
         return parameter
 
     def noise(self, point: int, quantity: str = "motion", units: str = "") -> float:
-        """What is nothing but rounding in a coefficient of a point: 1e-14 of the largest of that unit."""
+        """The rounding level of a coefficient of a point: 1e-14 of the largest coefficient with that unit."""
         if (quantity, units) not in self._noise:
             alike = [i for i, label in enumerate(self.labels(quantity)) if self.units(quantity, label) == units]
             dataset = self._coefficients_dataset(quantity)
@@ -244,7 +244,7 @@ class Results:
 
     @property
     def has_rigid_law(self) -> bool:
-        """Whether the model has a law that corrects the motion: a rigid wall, or contacts of another law that are rigid."""
+        """Whether the model has a law that corrects the motion: a rigid wall, or another law with rigid contacts."""
         return re.search(r"'rigid_wall'|^ *contact = 'rigid'", self.input_complete, re.MULTILINE) is not None
 
     @property
@@ -260,7 +260,7 @@ class Results:
         return self.tuples.shape[0]
 
     def tuples_of(self, point: int) -> np.ndarray:
-        """Tuples of the places that the coefficients of a point have, (harmonics, n_tones)."""
+        """Tuples of all elements of the coefficients of a point, (harmonics, n_tones)."""
         if not self.has_own_tuples:
             return self.tuples
         n = max(1, int(self._file["n_harmonics"][point]))
@@ -269,11 +269,11 @@ class Results:
     # Outcome of the points
 
     def status_name(self, point: int) -> str:
-        """Word of the status of a point, as the file defines it."""
+        """Name of the status of a point, as defined in the file."""
         return self._names.get(int(self.status[point]), f"status {self.status[point]}")
 
     def status_counts(self, points: Sequence[int] | None = None) -> dict[str, int]:
-        """Number of points (of all, unless told) by status, in the order of the status numbers, without empty ones."""
+        """Number of points (default: all) by status, in the order of the status numbers, without empty ones."""
         status = self.status if points is None else self.status[np.asarray(points, dtype=int)]
         codes, counts = np.unique(status, return_counts=True)
         return {self._names.get(int(code), f"status {code}"): int(n) for code, n in zip(codes, counts)}
@@ -290,30 +290,30 @@ class Results:
 
     @property
     def used(self) -> np.ndarray:
-        """Numbers of all points but those that curves had room for and did not need."""
+        """Numbers of all points except the unused ones of curves."""
         return np.flatnonzero(self.status != UNUSED)
 
     @property
     def curve(self) -> Parameter | None:
-        """The value that moves along the curves of the file, None where there are none."""
+        """The moving value of the curves of the file, None if there are none."""
         return next((p for p in self.parameters.values() if "moves_along" in self._file[p.name].attrs), None)
 
     def curve_kind(self) -> np.ndarray:
-        """What each point of a curve is, in words: `regular`, `fold`, `peak`, ..."""
+        """Kind of each point of a curve, as a word: `regular`, `fold`, `peak`, ..."""
         dataset = self._dataset("curve_kind")
         names = np.array(_text(dataset.attrs["flag_meanings"]).split())
         return names[np.clip(dataset[()], 0, names.size - 1)]
 
     def stability(self) -> np.ndarray:
-        """1 where the motion of a point is stable, -1 where it is not, 0 where that is not known."""
+        """1 if the motion of a point is stable, -1 if it is unstable, 0 if this is unknown."""
         return self.per_point("is_stable") if "is_stable" in self._file else np.zeros(self.n_points, dtype=int)
 
     def curve_branch(self) -> np.ndarray:
-        """Number of the branch point, or motion apart, from which each part of a curve was followed, 0 from its start."""
+        """Number of the branch point, or separate motion, from which each part of a curve was followed; 0: from its start."""
         return self.per_point("curve_branch") if "curve_branch" in self._file else np.zeros(self.n_points, dtype=int)
 
     def outcome_text(self, points: Sequence[int] | None = None) -> str:
-        """`123 of 205 points converged, 50 truncated, 32 stalled`: counted as `nhbm solve` does."""
+        """`123 of 205 points converged, 50 truncated, 32 stalled`: counted as in `nhbm solve`."""
         points = self.used if points is None else np.asarray(points, dtype=int)
         status = self.status[points]
         counts = self.status_counts(points)
@@ -322,23 +322,23 @@ class Results:
         return ", ".join([f"{n_converged} of {status.size} points converged", *others])
 
     def warning(self, point: int) -> str:
-        """What a picture of the point must say: nothing when it has converged, else what its status means."""
+        """The remark on the point in a picture: empty if it has converged, otherwise the meaning of its status."""
         if self.status[point] == CONVERGED:
             return ""
         text = sentence(self.status_name(point))
         return text if self.status[point] in SOLVED else f"no solution, {text}"
 
     def message(self, point: int) -> str:
-        """Why a point failed; empty for the others."""
+        """Cause of the failure of a point; empty for the others."""
         return _strings(self._file["message"][point : point + 1])[0] if "message" in self._file else ""
 
     def branch(self) -> np.ndarray:
-        """Number of the branch on which each point lies along the fastest parameter, from 1; 0 where the file does not
-        tell; -1 where a chain left its branch, in a run that has not ended."""
+        """Number of the branch of each point along the fastest parameter, from 1; 0 if unknown; -1 where a chain left its branch,
+        in a run that has not ended."""
         return self.per_point("branch") if "branch" in self._file else np.zeros(self.n_points, dtype=int)
 
     def multipliers(self) -> np.ndarray:
-        """Floquet multipliers (n_points, n_multipliers), complex, the largest first; NaN where there are none."""
+        """Floquet multipliers (n_points, n_multipliers), complex, the largest first; NaN for missing ones."""
         if "multiplier_real" not in self._file:
             raise ReaderError(f"{self.path}: there are no multipliers; solve with &stability and one tone")
         return self._dataset("multiplier_real")[()] + 1j * self._dataset("multiplier_imag")[()]
@@ -348,22 +348,22 @@ class Results:
         return name in self._file
 
     def per_point(self, name: str) -> np.ndarray:
-        """A dataset with one number a point: `iterations`, `residual`, `solve_seconds`, `penetration`, ..."""
+        """A dataset with one number per point: `iterations`, `residual`, `solve_seconds`, `penetration`, ..."""
         dataset = self._dataset(name)
         if dataset.shape != (self.n_points,):
             raise ReaderError(f"{self.path}: '{name}' has shape {dataset.shape}, not one number a point")
         return dataset[()]
 
     def power_laws(self, point: int) -> np.ndarray:
-        """Mean loss in each law [W], (n_laws); NaN where no certificate was made."""
+        """Mean loss in each law [W], (n_laws); NaN without a certificate."""
         return np.asarray(self._dataset("power_laws")[point], dtype=float)
 
     # Choice of points
 
     def select(self, at: Mapping[str, object]) -> list[int]:
-        """Points that carry all parameter values of `at`; keys are input paths (`law(1)%gap`) or names (`law_1_gap`).
+        """Points that have all parameter values of `at`; keys are input paths (`law(1)%gap`) or names (`law_1_gap`).
 
-        A value may be a list `1.0e-3,2.0e-3` or, of numbers, a range `1.0e-3:2.0e-3`, open where an end is left out.
+        A value may be a list `1.0e-3,2.0e-3` or, for numbers, a range `1.0e-3:2.0e-3`, open if an end is omitted.
         """
         fits = np.ones(self.n_points, dtype=bool)
         for key, value in at.items():
@@ -386,7 +386,7 @@ class Results:
         return points
 
     def point(self, number: int | None = None, at: Mapping[str, object] | None = None) -> int:
-        """One point: by number, by parameter values, or the first converged one if neither is given."""
+        """One point: by number, by parameter values, or by default the first converged one."""
         if number is not None:
             if not 0 <= number < self.n_points:
                 raise ReaderError(f"{self.path}: no point {number}; points: 0 to {self.n_points - 1}")
@@ -425,7 +425,7 @@ class Results:
         return [parameter.label for parameter in self.parameters.values()]
 
     def where_text(self, at: Mapping[str, object]) -> str:
-        """`law(1)%gap = 1.5e-3 m`: what `select` takes, with units, for titles."""
+        """`law(1)%gap = 1.5e-3 m`: the selection for `select`, with units, for titles."""
         return ", ".join(self.parameter(key).choice_text(value) for key, value in at.items())
 
     def point_text(self, point: int) -> str:
@@ -435,18 +435,18 @@ class Results:
     # Solutions
 
     def default_dof(self, quantity: str = "motion") -> str:
-        """First degree of freedom with a law of which `quantity` is stored, else the first one stored."""
+        """First degree of freedom with a law for which `quantity` is stored, otherwise the first stored one."""
         labels = self.labels(quantity)
         if not labels:
             raise ReaderError(f"{self.path}: no degree of freedom with {QUANTITIES[quantity].words}")
         return next((label for label in self.law_dofs if label in labels), labels[0])
 
     def labels(self, quantity: str = "motion") -> list[str]:
-        """Labels of the degrees of freedom of which `quantity` is stored."""
+        """Labels of the degrees of freedom for which `quantity` is stored."""
         return self.dofs if QUANTITIES[quantity].labels == "dof" else self.law_dofs
 
     def units(self, quantity: str = "motion", dof: str | None = None) -> str:
-        """Unit of a degree of freedom (its own where the file has `dof_units`), or the one of all."""
+        """Unit of a degree of freedom (its own if the file has `dof_units`), or the common one."""
         attributes = self._dataset(QUANTITIES[quantity].coefficients).attrs
         labels = self.labels(quantity)
         by_dof = _text(attributes.get("dof_units", "")).split()
@@ -459,13 +459,13 @@ class Results:
         return np.asarray(self._file["frequency"][point], dtype=float)
 
     def frequency_estimate(self, point: int) -> np.ndarray:
-        """Estimated errors of the base frequencies [rad/s], (n_tones); 0 where given, NaN where not known."""
+        """Estimated errors of the base frequencies [rad/s], (n_tones); 0 for given ones, NaN if unknown."""
         if "frequency_estimate" not in self._file:
             return np.full(self.n_tones, np.nan)
         return np.asarray(self._file["frequency_estimate"][point], dtype=float)
 
     def output_estimates(self) -> list[tuple[str, np.ndarray]]:
-        """Name and estimated relative errors (n_points) of each output that a tolerance was for."""
+        """Name and estimated relative errors (n_points) of each output to which a tolerance applies."""
         if "output_estimate" not in self._file:
             return []
         names = [name.decode() for name in self._file["output"][()]]
@@ -475,7 +475,7 @@ class Results:
         return list(zip(names, found.T, strict=True))
 
     def unknown_tones(self) -> np.ndarray:
-        """Numbers (from 0) of the tones whose frequencies were found, not given."""
+        """Numbers (from 0) of the tones with unknown frequencies."""
         if "frequency_estimate" not in self._file:
             return np.array([], dtype=int)
         return np.flatnonzero((self._file["frequency_estimate"][()] > 0.0).any(axis=0))
@@ -490,7 +490,7 @@ class Results:
         return self._series(point, dof, quantity, self._coefficients_dataset(quantity)[point, i_dof])
 
     def all_series(self, dof: str | None = None, quantity: str = "motion") -> Iterator[tuple[int, Series]]:
-        """(point, series) of every solved point; reads the file once."""
+        """(point, series) of each solved point; reads the file once."""
         dof = self.default_dof(quantity) if dof is None else dof
         values = self._coefficients_dataset(quantity)[:, self._dof_index(dof, quantity)]
         frequency, units = np.asarray(self._file["frequency"][()], dtype=float), self.units(quantity, dof)
@@ -548,7 +548,7 @@ class Results:
             raise ReaderError(f"{self.path}: '{name}' of point {point} holds values that are not finite")
         return [self._file[axis][()] for axis in axes], values
 
-    # Inside
+    # Internal functions
 
     def _series(
         self, point: int, dof: str, quantity: str, values: np.ndarray, frequency: np.ndarray | None = None, units: str | None = None
@@ -579,7 +579,7 @@ class Results:
         )
 
     def _require_outcome(self, point: int, allow_unconverged: bool) -> None:
-        """Raises unless the point is solved, or has at least ended with numbers and that is enough."""
+        """Raises an error unless the point is solved or, if that suffices, has at least ended with numbers."""
         if not 0 <= point < self.n_points:
             raise ReaderError(f"{self.path}: no point {point}; points: 0 to {self.n_points - 1}")
         status = self.status[point]
@@ -604,8 +604,8 @@ class Results:
         return labels.index(named[0])
 
     def _dofs_of_set(self, name: str) -> list[str]:
-        """Labels of a set of nodes and a direction, as `tip.z` in the input; none where the model file has no such set or is not
-        at hand."""
+        """Labels of a set of nodes and a direction, as `tip.z` in the input; none if the model file has no such set or is not
+        available."""
         from .structure import has_model, structure_of
 
         try:
@@ -652,7 +652,7 @@ class Results:
             raise ReaderError(f"{self.path}: 'frequency' has shape {found}, expected {expected}")
 
     def _union(self) -> np.ndarray:
-        """Tuples that any point has, each once: those of low order first."""
+        """Tuples of all points, each once: low orders first."""
         rows = self._file["tuples"]
         sets = [rows[i, : max(1, n)] for i, n in enumerate(self._file["n_harmonics"][()])]
         union = np.unique(np.concatenate(sets), axis=0)
@@ -686,7 +686,7 @@ class Results:
 
 
 def open_file(path: Path) -> h5py.File:
-    """An HDF5 file, open for reading, even while a run writes into it."""
+    """An HDF5 file, open for reading, even while a run writes to it."""
     if not path.is_file():
         raise ReaderError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}")
     try:
@@ -694,10 +694,10 @@ def open_file(path: Path) -> h5py.File:
     except OSError as error:
         first = error
     if "lock" in str(first):
-        # A run may still be writing. Complete points are readable at any time, so do without the lock.
+        # A run may still be writing. Complete points are readable at any time, so the lock is not used.
         try:
             return h5py.File(path, "r", locking=False)
-        except (OSError, TypeError, ValueError):  # the last two: HDF5 library without that choice
+        except (OSError, TypeError, ValueError):  # the last two: HDF5 library without this option
             pass
     raise ReaderError(f"{path}: cannot be read as HDF5 ({_first_line(first)})")
 
@@ -724,7 +724,7 @@ def _strings(values: np.ndarray) -> list[str]:
 
 
 def _values_text(parameter: Parameter, wanted: object) -> str:
-    """The values that there are; of many numbers those next to the one that is wanted, with their points."""
+    """The existing values; of many numbers those next to the requested one, with their points."""
     values = sorted({v for v in parameter.values.tolist() if v == v})
     try:
         first, second, *more = sorted(values, key=lambda value: abs(value - float(wanted)))
@@ -741,7 +741,7 @@ def _at_text(at: Mapping[str, object]) -> str:
 
 
 def _set_text(series: Series) -> str:
-    """How far a set of tuples reaches, for messages."""
+    """The extent of a set of tuples, for messages."""
     order = np.abs(series.tuples).max(axis=0)
     return f"it has {series.n_harmonics} tuples with " + ", ".join(
         f"|j{m}| <= {n}" for m, n in enumerate(order, start=1)

@@ -1,4 +1,4 @@
-"""Tables of text: what is in a file, and single numbers of it."""
+"""Text tables of the contents of a file, and single numbers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _N_AMPLITUDES = 3
 
 
 def info(results: Results, dof: str | None = None, max_points: int = 20) -> str:
-    """Table of a file: origin, size, outcome, and a row a point with its largest amplitudes of `dof`."""
+    """Table of a file: origin, size, outcome, and one row per point with its largest amplitudes of `dof`."""
     dof = results.default_dof() if dof is None else dof
     if dof not in results.dofs:
         raise ReaderError(f"{results.path}: no degree of freedom '{dof}'; stored: {list_text(results.dofs)}")
@@ -45,13 +45,13 @@ def info(results: Results, dof: str | None = None, max_points: int = 20) -> str:
 
 
 def _outputs(results: Results) -> list[str]:
-    """Outputs that a tolerance was for, with the largest estimated error of each."""
+    """Outputs to which a tolerance applies, with the largest estimated error of each."""
     estimates = [(name, found[np.isfinite(found)]) for name, found in results.output_estimates()]
     return [f"{name}: estimated error {number_text(found.max())} or less" for name, found in estimates if found.size > 0]
 
 
 def _energies(results: Results) -> list[str]:
-    """Mean energies and what is lost of them, over all points where they are known."""
+    """Mean energies and losses, over all points where they are known."""
     texts = []
     for name, unit in (("energy_kinetic", " J"), ("energy_strain", " J"), ("loss_factor", ""), ("equivalent_damping", " 1/s")):
         values = results.per_point(name) if results.has(name) else np.array([])
@@ -63,7 +63,7 @@ def _energies(results: Results) -> list[str]:
 
 
 def _completeness(results: Results) -> str:
-    """Whether points are left, and what solves them; in the words of `nhbm info`."""
+    """Whether points remain, and the command that solves them; in the words of `nhbm info`."""
     n_left = int((results.status == PENDING).sum())
     if n_left == 0:
         return "yes"
@@ -74,13 +74,13 @@ def _completeness(results: Results) -> str:
 def value(
     results: Results, point: int, dof: str, j, quantity: str = "motion", allow_unconverged: bool = False
 ) -> str:
-    """`cos sin amplitude` of one harmonic with 17 digits, enough to get the stored numbers back."""
+    """`cos sin amplitude` of one harmonic with 17 digits, enough to reproduce the stored numbers."""
     cos, sin = results.coefficients(point, dof, j, quantity, allow_unconverged)
     return " ".join(f"{number:.16e}" for number in (cos, sin, np.hypot(cos, sin)))
 
 
 def peaks(files: list[tuple[str, Results]], measure, dof: str | None = None) -> str:
-    """Table of what was located on curves: folds, peaks, ends, and the measure there."""
+    """Table of the located points of curves: folds, peaks, ends, with the measure there."""
     rows = []
     for name, results in files:
         curve = results.curve
@@ -125,7 +125,7 @@ def _point_rows(results: Results, dof: str, points) -> list[list[str]]:
 
 
 def _frequency_text(results: Results, point: int, tone: int) -> str:
-    """Frequency with the digits that its estimated error leaves."""
+    """Frequency with the digits that its estimated error permits."""
     frequency, error = results.frequency(point)[tone], results.frequency_estimate(point)[tone]
     if not np.isfinite(frequency):
         return "-"
@@ -136,7 +136,7 @@ def _frequency_text(results: Results, point: int, tone: int) -> str:
 
 
 def _last_column(results: Results, point: int, dof: str) -> str:
-    """Largest amplitudes of a solved point, why a failed one failed, which motions there are beside each other."""
+    """Largest amplitudes of a solved point, the cause of a failure, or the different motions."""
     if results.status[point] in EMPTY or results.status_name(point) in ("collapsed", "no_motion", "locked", "several"):
         return results.message(point) or "-"
     try:
@@ -149,7 +149,7 @@ def _last_column(results: Results, point: int, dof: str) -> str:
 
 
 def _table(rows: list[list[str]]) -> list[str]:
-    """Columns of equal width, numbers to the right; the last column is left as it is."""
+    """Columns of equal width, numbers right-aligned; the last column is unchanged."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]) - 1)]
     return [
         "  ".join([*(text.rjust(width) for text, width in zip(row, widths)), row[-1]]).rstrip()

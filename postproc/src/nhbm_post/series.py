@@ -1,7 +1,7 @@
-"""A multi-tone Fourier series: one degree of freedom of one solution, without knowledge of files.
+"""A multi-tone Fourier series: one degree of freedom of one solution, independent of files.
 
-x(t) = sum_h [ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], tau_m = omega_m t.
-Only one of j and -j is stored. Amplitudes are one-sided peaks, sqrt(cos_h**2 + sin_h**2).
+x(t) = sum_h [ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], tau_m = omega_m t. Only one of j and -j is stored. Amplitudes
+are one-sided peaks, sqrt(cos_h**2 + sin_h**2).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-# Numbers held at once while sines are summed, and points of the grid on which the peak is looked for.
+# Numbers in memory while sines are summed, and points of the grid on which the peak is searched for.
 _CHUNK = 2**22
 _PEAK_GRID = 2**22
 
@@ -30,7 +30,7 @@ class Series:
 
     @property
     def axis_label(self) -> str:
-        """What it is, in words, and its name: `Displacement v3`."""
+        """Description and name of the quantity: `Displacement v3`."""
         return f"{self.words[:1].upper()}{self.words[1:]} {self.label}" if self.words else self.label
 
     @property
@@ -52,19 +52,19 @@ class Series:
         return np.hypot(self.cos, self.sin)
 
     def without_noise(self, noise: float) -> Series:
-        """The same with coefficients of the size of rounding errors as zeros, and all of them where none is larger."""
+        """The same with zeros for coefficients at the rounding level; all of them are zero if none is larger."""
         is_noise = self.amplitudes <= noise
         return replace(self, cos=np.where(is_noise, 0.0, self.cos), sin=np.where(is_noise, 0.0, self.sin))
 
     def velocity(self) -> Series:
-        """Its derivative by time."""
+        """Its time derivative."""
         units = f"{self.units if self.units not in ('', '1') else '1'}/s"
         frequencies = self.frequencies
         return replace(self, cos=frequencies * self.sin, sin=-frequencies * self.cos, units=units, words="velocity of")
 
     @property
     def mean(self) -> float:
-        """Mean value: the coefficient of j = 0, zero where that is not in the set."""
+        """Mean value: the coefficient of j = 0, zero if that is not in the set."""
         return float(self.cos[~self.tuples.any(axis=1)].sum())
 
     @property
@@ -75,7 +75,7 @@ class Series:
         return float(np.sqrt(power.sum()))
 
     def harmonic(self, j: Sequence[int]) -> tuple[float, float]:
-        """(cos, sin) of tuple `j`, also where -j is the one stored; KeyError where neither is."""
+        """(cos, sin) of tuple `j`, also if -j is the stored one; KeyError if neither is."""
         j = np.asarray(j, dtype=int)
         if j.shape == (self.n_tones,):
             for sign in (1, -1):
@@ -97,8 +97,8 @@ class Series:
     def on_grid(self, shape) -> np.ndarray:
         """Values on the grid tau_m = 2 pi k / shape[m], axes in the order tau_1, tau_2, ...
 
-        `shape` is one number for all tones or one a tone. Any size is right, also one coarser than the
-        harmonics, because at a grid point exp(i j tau_m) depends on j modulo shape[m] only.
+        `shape` is one number for all tones or one for each. Any size is permitted, even coarser than the harmonics, because at a
+        grid point exp(i j tau_m) depends on j modulo shape[m] only.
         """
         shape = (int(shape),) * self.n_tones if np.ndim(shape) == 0 else tuple(int(n) for n in shape)
         if len(shape) != self.n_tones or min(shape) < 1:
@@ -112,7 +112,7 @@ class Series:
         return np.fft.ifftn(spectrum).real * spectrum.size
 
     def peak(self) -> float:
-        """Largest |x| over hypertime: the highest summits of a fine grid, each polished by Newton steps."""
+        """Largest |x| over hypertime: the highest maxima of a fine grid, each refined by Newton steps."""
         if self.n_harmonics == 0:
             return 0.0
         order = np.abs(self.tuples).max(axis=0)
@@ -131,7 +131,7 @@ class Series:
         return best
 
     def _refine(self, tau: np.ndarray) -> float:
-        """Largest |x| met by Newton steps on the gradient from `tau`; a step without gain ends the refine."""
+        """Largest |x| on the Newton steps for the gradient from `tau`; a step without gain ends the refinement."""
         j = self.tuples
         height = abs(float(self.at(tau)))
         for _ in range(8):

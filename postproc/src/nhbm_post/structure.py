@@ -1,4 +1,4 @@
-"""Where the degrees of freedom of a result stand in space: the model file of nhbm, and motions of its nodes as files of VTK."""
+"""Positions of the degrees of freedom of a result in space: the model file of nhbm, and motions of its nodes as VTK files."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .errors import ReaderError, UsageError
 from .reader import Results, open_file
 from .series import Series
 
-_AXES = {"x": 0, "y": 1, "z": 2, "r": 0, "t": 1}  # r and t: along and across the node's own radius from the axis z
+_AXES = {"x": 0, "y": 1, "z": 2, "r": 0, "t": 1}  # r and t: along and perpendicular to the node's own radius from the axis z
 
 
 class Structure:
-    """Nodes and cells of a model file, and how its degrees of freedom move them."""
+    """Nodes and cells of a model file, and the displacements of nodes for its degrees of freedom."""
 
     def __init__(self, path):
         self.path = Path(path)
@@ -58,12 +58,12 @@ class Structure:
 
     @property
     def has_axis(self) -> bool:
-        """Whether nodes move along and across their radius from the axis z, as in a wheel."""
+        """Whether nodes move along and perpendicular to their radius from the axis z, as in a wheel."""
         return self._polar.size > 0
 
     @property
     def cells(self):
-        """Kind, as VTK counts, and nodes of each cell."""
+        """Kind in the numbering of VTK, and nodes of each cell."""
         return list(zip(self._types, self._cells))
 
     def displacement(self, motion: np.ndarray) -> np.ndarray:
@@ -74,7 +74,7 @@ class Structure:
         return self._turned(field, self._polar)
 
     def dofs_of(self, name: str) -> list[str]:
-        """Labels of what a name in the input stands for: a degree of freedom, its number, or all of a set in its order."""
+        """Labels for a name in the input: a degree of freedom, its number, or all of a set in order."""
         if name in self.labels:
             return [name]
         if name.isdigit() and 1 <= int(name) <= len(self.labels):
@@ -87,11 +87,11 @@ class Structure:
         return found
 
     def node_of(self, label: str) -> int | None:
-        """Index of the node that a degree of freedom moves, None for one without a node."""
+        """Index of the node of a degree of freedom, None for one without a node."""
         return self._place[label][0] if label in self._place else None
 
     def force(self, values: Mapping[str, float]) -> np.ndarray:
-        """Forces (n_nodes, 3) at the nodes of the degrees of freedom that `values` names; those of pairs at the node between."""
+        """Forces (n_nodes, 3) at the nodes of the degrees of freedom in `values`; those of pairs act at the node between them."""
         field = np.zeros((len(self.points), 3))
         for label, value in values.items():
             if label in self._place:
@@ -99,7 +99,7 @@ class Structure:
         return self._turned(field, np.array(sorted(self._polar_place), dtype=int))
 
     def _turned(self, field: np.ndarray, polar: np.ndarray) -> np.ndarray:
-        """The field with x and y where nodes have r and t."""
+        """The field with x and y instead of r and t."""
         x, y = self.points[polar, :2].T
         c, s = np.array([x, y]) / np.hypot(x, y)
         r, t = field[polar, :2].T
@@ -135,7 +135,8 @@ def has_model(results: Results) -> bool:
 
 
 def structure_of(results: Results, point: int, model: Path | None) -> Structure:
-    """The structure of a model file, or of that which the input of a point names: in the present folder, or beside the result."""
+    """The structure of a model file, or of the one that the input of a point names: in the present folder, or in that of the
+    result."""
     if model is not None:
         return Structure(model)
     named = [file for group in groups(results.input_complete, "structure") for file in group.get("file", [])]
@@ -178,7 +179,7 @@ def harmonic_sizes(coefficients: np.ndarray) -> np.ndarray:
 
 
 def harmonic_of(tuples, coefficients, j: Sequence[int] | None) -> int:
-    """Number of the harmonic of a tuple or its negative, of the largest for none."""
+    """Number of the harmonic of a tuple or its negative; of the largest one if none is given."""
     if j is None:
         return int(np.argmax(harmonic_sizes(coefficients)))
     j = np.array(j)
@@ -193,8 +194,8 @@ def write_harmonics(
     structure: Structure, tuples, coefficients, path: Path, wanted: Sequence[tuple[int, ...]] | None, most: int,
     more: Mapping[str, np.ndarray],
 ):  # fmt: skip
-    """Operating deflection shapes: for each harmonic the displacement with the cosine and with the sine, and their size; the
-    harmonics that are wanted, else the largest; and more fields. Returns their tuples."""
+    """Writes operating deflection shapes: for each harmonic the displacement with the cosine and with the sine, and their
+    magnitude; the requested harmonics, or by default the largest; and further fields. Returns their tuples."""
     if wanted is None:
         size = harmonic_sizes(coefficients)
         chosen = [int(h) for h in np.argsort(-size, kind="stable")[:most] if size[h] > 0]
@@ -222,8 +223,8 @@ def write_motion(
     structure: Structure, frequencies, coefficients, path: Path, times: np.ndarray, forces: Mapping[str, Series],
     more: Sequence[Mapping[str, np.ndarray]],
 ) -> None:  # fmt: skip
-    """An animation for ParaView: a file .pvd, and beside it one .vtu for each moment with the field `displacement` and, where there
-    are laws, `law_force`: what these hold the nodes back with, as the result has it; and more fields of each moment."""
+    """Writes an animation for ParaView: a file .pvd, and one file .vtu for each time with the field `displacement` and, if there
+    are laws, `law_force`, the force of the laws on the nodes in the result; and further fields."""
     folder = path.with_suffix("")
     try:
         folder.mkdir(exist_ok=True)

@@ -5,12 +5,12 @@ from collections.abc import Iterable, Sequence
 
 
 def tuple_text(j: Iterable[int]) -> str:
-    """Integer tuple as written everywhere, for example `(1,-1)`."""
+    """Integer tuple in the usual form, for example `(1,-1)`."""
     return "(" + ",".join(str(int(k)) for k in j) + ")"
 
 
 def number_text(value) -> str:
-    """A value as it would stand in the input: a number to six digits, whole ones without a point, a string as it is."""
+    """A value in the form of the input: a number to six digits, whole ones without a point, a string unchanged."""
     if isinstance(value, str):
         return value
     value = float(value)
@@ -28,7 +28,7 @@ def number_text(value) -> str:
 
 
 def list_text(items: Sequence, limit: int = 12) -> str:
-    """Items joined by commas; a long list keeps its ends and tells its length."""
+    """Items separated by commas; a long list is shortened to its ends and its length."""
     texts = [str(item) for item in items]
     if not texts:
         return "none"
@@ -38,7 +38,7 @@ def list_text(items: Sequence, limit: int = 12) -> str:
 
 
 def range_text(numbers: Iterable[int]) -> str:
-    """Ascending integers with runs contracted, for example `0-3, 7`."""
+    """Ascending integers with ranges contracted, for example `0-3, 7`."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][1] + 1:

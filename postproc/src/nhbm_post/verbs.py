@@ -1,4 +1,4 @@
-"""The verbs of the command `nhbm-post`: each takes the parsed arguments and prints or draws."""
+"""The verbs of the command `nhbm-post`: each one receives the parsed arguments and prints or draws."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .outcome import CONVERGED, words
 from .reader import QUANTITIES, Results
 from .text import list_text, number_text
 
-# matplotlib takes a second to load, so each verb that draws imports nhbm_post.draw by itself.
+# matplotlib takes a second to load, so only the verbs that draw import nhbm_post.draw.
 
 
 def info(arguments):
@@ -218,7 +218,7 @@ def multipliers(arguments):
 
 
 def _measure(arguments, results: Results):
-    """What --measure, --tuple, --tone and --of ask for."""
+    """The quantity requested by --measure, --tuple, --tone and --of."""
     name = arguments.measure or ("harmonic" if arguments.tuple else "frequency" if arguments.tone else "peak")
     if (name == "harmonic") != (arguments.tuple is not None):
         raise UsageError("--measure harmonic and --tuple belong together")
@@ -231,7 +231,7 @@ def _measure(arguments, results: Results):
 
 
 def _tone(arguments, results: Results) -> int:
-    """Number of the tone, from 0: as told, else the first whose frequency was unknown, else the first."""
+    """Number of the tone, from 0: the given one, otherwise the first unknown one, otherwise the first."""
     if arguments.tone is not None:
         if arguments.tone > results.n_tones:
             raise UsageError(f"{results.path}: no tone {arguments.tone}; tones: 1 to {results.n_tones}")
@@ -447,13 +447,13 @@ def bench(arguments):
 
 
 def _series(results: Results, point: int, dof: str | None, arguments):
-    """Harmonics for a picture, in which rounding errors are zero."""
+    """Harmonics for a picture, with zeros for rounding errors."""
     series = results.series(point, dof, arguments.quantity, arguments.unconverged)
     return series.without_noise(results.noise(point, arguments.quantity, series.units))
 
 
 def _legend(results: Results, point: int, points: list[int]) -> str:
-    """What tells a point from the others drawn with it, or the method where it is alone."""
+    """The values in which the point differs from the others in the picture, or the method if it is the only one."""
     series_text = "time integration" if results.status_name(point) == "time_domain" else "harmonic balance"
     differing = [
         p.text(point) for p in results.parameters.values() if len({str(v) for v in p.values[points]}) > 1
@@ -464,7 +464,7 @@ def _legend(results: Results, point: int, points: list[int]) -> str:
 
 
 def _with_status(label: str, results: Results, point: int) -> str:
-    """A legend that says how the point ended, unless it has converged."""
+    """A legend that contains the status of the point, unless it has converged."""
     return label if results.status[point] == CONVERGED else f"{label} ({words(results.status_name(point))})"
 
 
@@ -486,7 +486,7 @@ def _origin(results: Results, point: int, quantity: str) -> str:
 
 
 def _save(fig, arguments, *parts: str) -> None:
-    """Writes the picture under the name asked for, else under that of the file, the command and `parts` of it."""
+    """Writes the picture under the requested name, by default that of the file, the command and `parts` of it."""
     from . import draw
 
     name = "_".join([arguments.file.stem, arguments.command, *parts])

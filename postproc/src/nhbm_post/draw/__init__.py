@@ -1,4 +1,4 @@
-"""Pictures of result files, one module a family; every `draw_*` returns a Figure and needs no display."""
+"""Pictures of result files, one module for each family; every `draw_*` returns a Figure and needs no display."""
 
 from .animation import hypertime_in_motion, save_animation, structure_in_motion
 from .bench import draw_bench

@@ -1,4 +1,4 @@
-"""Motions that move: a structure in space, or the state on its torus, as GIF or MP4."""
+"""Animated motions: a structure in space, or the state on its torus, as GIF or MP4."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Update = Callable[[int], None]
 
 
 def structure_in_motion(structure: Structure, fields: list[np.ndarray], times: np.ndarray, about: str):
-    """(figure, what draws frame k) of displacements (n_nodes, 3) at times."""
+    """(figure, function that draws frame k) for displacements (n_nodes, 3) at given times."""
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
     sizes = [np.linalg.norm(field, axis=1) for field in fields]
@@ -50,11 +50,12 @@ def structure_in_motion(structure: Structure, fields: list[np.ndarray], times: n
 
 
 def hypertime_in_motion(series: Series, times: np.ndarray, about: str):
-    """(figure, what draws frame k): the state on the map of two tones, or in the phase plane of one, beside the motion in time."""
+    """(figure, function that draws frame k): the state on the map of two tones, or in the phase plane for one, next to the motion
+    in time."""
     factor, units = style.unit_scale(series.peak(), series.units)
     label = style.with_unit(series.axis_label, units)
     by, seconds = style.unit_scale(float(times[-1]), "s")
-    fine = np.linspace(times[0], times[-1] + times[1] - times[0], 20 * len(times) + 1)  # to where the first picture comes again
+    fine = np.linspace(times[0], times[-1] + times[1] - times[0], 20 * len(times) + 1)  # until the first picture recurs
     with style.look():
         fig = style.figure(8.0, 3.9)
         left, right = fig.subplots(1, 2)
@@ -122,6 +123,6 @@ def _mp4(fps: int) -> FFMpegWriter:
             raise UsageError("an .mp4 needs ffmpeg (Debian: ffmpeg; PyPI: imageio-ffmpeg); a .gif does not") from None
         program = get_ffmpeg_exe()
     matplotlib.rcParams["animation.ffmpeg_path"] = program
-    # even numbers of pixels, which the coding needs, and colours that every player shows
+    # even numbers of pixels, as the encoder requires, and colours that all players support
     even = ["-vf", "scale=trunc(iw/2)*2:trunc(ih/2)*2", "-pix_fmt", "yuv420p"]
     return FFMpegWriter(fps=fps, extra_args=[*even, "-loglevel", "error"])

@@ -1,4 +1,4 @@
-"""Cost of the kernels of a model over its size."""
+"""Cost of the kernels of a model as a function of its size."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from . import style
 
 
 def draw_bench(times: Bench, over: str | None = None) -> tuple[Figure, list[tuple[str, Rate | NoRate]], list[str]]:
-    """Time of each kernel over `over`, the exponents observed over the larger half of the sizes, and what could not be drawn.
+    """Time of each kernel over `over`, the exponents observed over the larger half of the sizes, and the kernels that could not be
+    drawn.
 
-    Solid: the kernel, median of the repeats; the band goes from the least time to the median. Dashed: the yardstick of the
-    residual (the bare pair of transforms) and of all others (LU of a full matrix).
+    Solid: the kernel, median of the repetitions, with a band from the shortest time to the median. Dashed: the reference costs, for
+    the residual the pair of transforms, for all others the LU factorisation of a full matrix.
     """
     if not times.has_kernels:
         raise UsageError(f"{times.path}: no kernel was timed; nhbm-bench --budget 0 leaves them out, a model without laws has none")

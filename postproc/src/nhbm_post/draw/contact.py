@@ -1,4 +1,4 @@
-"""Contacts of a structure: what each node of the patch does, as maps over the patch and over time."""
+"""Contacts of a structure: the state of each node of the contact area, as maps over the area and over time."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ _PANEL = 2.3  # [inch]
 
 
 def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarray | None, about: str):
-    """A panel for each of `values` (n_nodes), at the nodes' `points` (n_nodes, 3) as seen along the direction in which the patch
-    is thinnest; over the place along it where it is a line, over the number of the contact where they stand at no nodes."""
+    """One panel for each of `values` (n_nodes), at the nodes' `points` (n_nodes, 3) projected along the direction in which the
+    contact area is thinnest; over the position if it is a line, over the number of the contact if contacts have no nodes."""
     name_of_place = "Contact" if points is None else ""
     if points is None:
         points = np.outer(np.arange(1.0, contact.n + 1), [1.0, 0.0, 0.0])
@@ -61,7 +61,7 @@ def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarr
 
 
 def _size(places: np.ndarray, ratio: float) -> float:
-    """Area of a marker [points squared] that leaves some room between the closest nodes."""
+    """Area of a marker [points squared] that leaves a gap between the closest nodes."""
     if len(places) < 2:
         return 60.0
     away = np.hypot(*(places[:, None] - places[None, :]).transpose(2, 0, 1))
@@ -74,8 +74,8 @@ def _size(places: np.ndarray, ratio: float) -> float:
 def draw_contact_time(
     contact: Contact, found: History, times: np.ndarray, points: np.ndarray | None, has_axis: bool, about: str
 ):
-    """Open, stick and slip at each node over time, nodes in the order of their place along the patch, or of their angle about the
-    axis z, contacts that stand at no nodes in that of their numbers, and the forces of all."""
+    """Open, stick and slip at each node over time, and the forces of all nodes. Nodes are ordered by their position along the
+    contact area or their angle about the axis z, contacts without nodes by their numbers."""
     if points is None:
         order, of_rows = np.arange(contact.n), "Contact"
     elif has_axis:

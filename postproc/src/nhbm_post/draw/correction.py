@@ -15,9 +15,9 @@ from ..reader import Results
 from . import style
 from .spectrum import DECADES, amplitude_norm, colour_bar, draw_map, draw_stem, style_3d
 
-# Relative difference of the surfaces from which a place counts as corrected.
+# Relative difference of the surfaces above which a location counts as corrected.
 _TOUCH = 1e-9
-# Faces along each axis of a surface: fewer leave gaps between them, more take long and look the same.
+# Faces along each axis of a surface: fewer leave gaps, more take long without a visible difference.
 _N_FACES = 120
 
 
@@ -33,8 +33,8 @@ def draw_correction(
 ):
     """Four panels: (a) spectrum and (b) surface of the motion, (c) surface and (d) spectrum corrected.
 
-    Takes the stored surfaces, else sums the stored coefficients on `n_samples` points a tone, and says which.
-    view: `surface` (3-D) or `map`. More than two tones: the section of the surface at tau_3 = ... = 0.
+    Uses the stored surfaces, otherwise sums the stored coefficients on `n_samples` points per tone, and notes which. view:
+    `surface` (3-D) or `map`. More than two tones: the section of the surface at tau_3 = ... = 0.
     """
     dof = results.default_dof("corrected") if dof is None else dof
     before = results.series(point, dof, "motion", allow_unconverged)
@@ -57,7 +57,7 @@ def draw_correction(
     spectra = [factor * series.amplitudes for series in (before, after)]
     norm = amplitude_norm(np.concatenate(spectra), decades)
     amplitude_label = style.with_unit(rf"$|c_j|$ of {dof}", units)
-    # A cut-off series differs from the motion everywhere: only stored surfaces tell where it was corrected.
+    # A truncated series differs from the motion everywhere: only stored surfaces show where it was corrected.
     difference = np.abs(corrected - motion)
     touch = (difference > _TOUCH * np.ptp(motion)) & is_stored
     label = style.with_unit(dof, units)
@@ -164,13 +164,13 @@ def _panels(n_tones: int, view: str):
 
 
 def _write(fig, x: float, y: float, text: str, **kwargs) -> None:
-    """Text at a place in inches."""
+    """Text at a position in inches."""
     width, height = fig.get_size_inches()
     fig.text(x / width, y / height, text, color=style.INK, **kwargs)
 
 
 def _arrow(fig, start, end, text, offset, align) -> None:
-    """Arrow between places in inches, with text beside its start or middle."""
+    """Arrow between positions in inches, with text beside its start or middle."""
     size = fig.get_size_inches()
     fig.add_artist(
         FancyArrowPatch(
@@ -212,7 +212,7 @@ def _surfaces(results, point, dof, before, after, n_samples, allow_unconverged):
 
 
 def draw_solid(ax, taus, values, levels, label, touch) -> None:
-    """3-D surface over (tau_1, tau_2); corrected places in the colour of the legend."""
+    """3-D surface over (tau_1, tau_2); corrected areas in the colour of the legend."""
     taus, values, touch = _resample(taus, values, touch)
     mean = 0.25 * (values[:-1, :-1] + values[1:, :-1] + values[:-1, 1:] + values[1:, 1:])
     colours = colormaps["cividis"](levels(mean))
@@ -241,7 +241,7 @@ def draw_solid(ax, taus, values, levels, label, touch) -> None:
 
 
 def _resample(taus, values, touch):
-    """Brings a surface to the number of faces that draws well, linearly between its samples."""
+    """Resamples a surface to a suitable number of faces, linearly between its samples."""
     fine = np.linspace(0.0, 2.0 * np.pi, _N_FACES + 1)
     held = touch.astype(float)
     for axis, tau in enumerate(taus):
@@ -251,7 +251,7 @@ def _resample(taus, values, touch):
 
 
 def draw_level(ax, taus, values, levels, label, touch) -> None:
-    """Heat map over (tau_1, tau_2) with level lines; the edge of corrected places is drawn."""
+    """Heat map over (tau_1, tau_2) with contour lines; the boundary of corrected areas is drawn."""
     ax.pcolormesh(*taus, values.T, norm=levels, cmap="cividis", shading="gouraud", rasterized=True)
     ax.contour(
         *taus, values.T, levels=np.linspace(levels.vmin, levels.vmax, 9)[1:-1], colors="white", linewidths=0.4

@@ -12,20 +12,20 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 from ..structure import Structure
 from .style import COLOUR_MAP, INK, figure, head, look, unit_scale
 
-# Corners of the faces of each kind of cell of VTK; middle nodes of quadratic cells are left out.
+# Corners of the faces of each kind of VTK cell; mid-side nodes of quadratic cells are omitted.
 _TETRA = ((0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3))
 _HEXA = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
 _WEDGE = ((0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5))
 _FACES = {3: ((0, 1),), 5: ((0, 1, 2),), 9: ((0, 1, 2, 3),), 10: _TETRA, 12: _HEXA, 13: _WEDGE,
           21: ((0, 1),), 22: ((0, 1, 2),), 23: ((0, 1, 2, 3),), 24: _TETRA, 25: _HEXA, 26: _WEDGE}  # fmt: skip
-_LARGEST = 0.12  # deflection that is drawn, relative to the largest extent
-_THIN = 0.3  # of the longest side of the box round a body, that the others have at least
-_FLAT = 0.1  # extent and deflection across a plane, relative to those along it, of bodies that are seen from above
+_LARGEST = 0.12  # largest deflection in the picture, relative to the largest extent
+_THIN = 0.3  # smallest side of the box around a body in the picture, relative to the longest
+_FLAT = 0.1  # limits of extent and deflection across a plane, relative to those along it, of bodies that are drawn from above
 
 
 def draw_deflection(structure: Structure, displacement: np.ndarray, colours_by: tuple[str, np.ndarray], heading: str, about: str):
     """The structure deflected by `displacement` (n_nodes, 3), coloured by sizes (n_nodes) that have a name, in metres."""
-    # Here, because pictures in a plane are drawn where a newer matplotlib than the system's has not its own mpl_toolkits.
+    # Imported here, because pictures in a plane are also drawn by a newer matplotlib than the system's, without its mpl_toolkits.
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
     name, amplitude = colours_by
@@ -61,7 +61,7 @@ def draw_deflection(structure: Structure, displacement: np.ndarray, colours_by: 
 
 
 def _frame(axes, points: np.ndarray) -> None:
-    """Limits, labels and proportions of axes in space: one metre is one length along each."""
+    """Limits, labels and proportions of axes in space: the same scale along each axis."""
     middle, half = (points.max(axis=0) + points.min(axis=0)) / 2, 0.5 * np.ptp(points, axis=0)
     half = np.maximum(half, _THIN * half.max())
     is_upright = half[2] == half.max()
@@ -75,13 +75,13 @@ def _frame(axes, points: np.ndarray) -> None:
 
 
 def scale_of(structure: Structure, displacement: np.ndarray) -> float:
-    """How many times as large a displacement is drawn."""
+    """Magnification of a displacement in the picture."""
     largest = float(np.abs(displacement).max())
     return _LARGEST * float(np.ptp(structure.points, axis=0).max()) / largest if largest > 0 else 0.0
 
 
 def flat_across(points: np.ndarray, displacement: np.ndarray) -> int | None:
-    """The direction across which a plane body moves in its plane alone; none of others."""
+    """The direction normal to a plane body that moves only in its plane; none for others."""
     extent, largest = np.ptp(points, axis=0), np.abs(displacement).max(axis=0)
     across = int(np.argmin(extent))
     along = [k for k in range(3) if k != across]
@@ -90,7 +90,7 @@ def flat_across(points: np.ndarray, displacement: np.ndarray) -> int | None:
 
 
 def surface(cells) -> list[tuple[int, ...]]:
-    """Faces that belong to one cell alone, of solids; lines and shells as they are."""
+    """Faces that belong to only one cell, for solids; lines and shells unchanged."""
     faces = [
         tuple(int(nodes[k]) for k in corners) for kind, nodes in cells for corners in _FACES.get(int(kind), ())
     ]

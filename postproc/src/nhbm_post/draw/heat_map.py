@@ -30,11 +30,11 @@ def draw_map(
     where=None,
     logarithmic: str | None = None,
 ):
-    """`measure` over two swept parameters `over` (x, y), a cell a point.
+    """`measure` over two swept parameters `over` (x, y), one cell per point.
 
-    Cells of points that have not converged carry the mark of their status: solved ones over their colour, others over white.
-    What the sweep does not hold is grey. Further swept parameters must be fixed by `where`. `logarithmic`: letters of `x`, `y`, `z`
-    (the colours), or `none`; without it, x and y where the sweep runs so.
+    Cells of points that have not converged carry the mark of their status: solved ones on their colour, others on white. Cells that
+    are not in the sweep are grey. Further swept parameters must be fixed by `where`. `logarithmic`: letters of `x`, `y`, `z` (the
+    colours), or `none`; by default x and y are logarithmic if the sweep is.
     """
     measure = measure or Measure()
     dof = results.default_dof(measure.quantity) if dof is None else dof
@@ -101,7 +101,7 @@ def draw_map(
             labels.append(style.with_unit(with_symbol(*axis_words(results, axis)), unit))
             edges.append(_edges(middles, scale))
         colours = colormaps[style.COLOUR_MAP].with_extremes(bad=_UNSOLVED)
-        # Edges as wide as a hair in the colour of the cell: viewers of vectors show seams else.
+        # Very thin edges in the colour of the cell: viewers of vector graphics otherwise show seams.
         seamless = {"edgecolors": "face", "linewidth": 0.6, "rasterized": cells.size > 4000}
         shown = ax.pcolormesh(*edges, np.ma.masked_invalid(cells), norm=norm, cmap=colours, **seamless)
         bar = fig.colorbar(shown, ax=ax, label=style.with_unit(symbol, units))
@@ -136,7 +136,7 @@ def draw_map(
 
 
 def _axes(results: Results, over, points) -> tuple[Parameter, Parameter]:
-    """The two parameters of the axes: as named, else the two that take most values and are not zipped to each other."""
+    """The two parameters of the axes: the named ones, otherwise the two with most values that do not vary together."""
     if over is not None:
         return results.parameter(over[0]), results.parameter(over[1])
     several = [p for p in results.parameters.values() if _varies(p, points)]
@@ -168,7 +168,7 @@ def _places(parameter: Parameter, grid: np.ndarray, points) -> np.ndarray:
 
 
 def _edges(centres: np.ndarray, scale: str) -> np.ndarray:
-    """Borders of the cells, half way between their middles on the scale of the axis."""
+    """Borders of the cells, halfway between their centres on the scale of the axis."""
     middles = np.log(centres) if scale == "log" else centres
     inner = 0.5 * (middles[1:] + middles[:-1])
     edges = np.concatenate([[2.0 * middles[0] - inner[0]], inner, [2.0 * middles[-1] - inner[-1]]])
@@ -176,5 +176,5 @@ def _edges(centres: np.ndarray, scale: str) -> np.ndarray:
 
 
 def _centres(edges: np.ndarray, scale: str) -> np.ndarray:
-    """Middles of cells on the scale of the axis, where their marks stand."""
+    """Centres of cells on the scale of the axis, the positions of their marks."""
     return np.sqrt(edges[1:] * edges[:-1]) if scale == "log" else 0.5 * (edges[1:] + edges[:-1])

@@ -1,19 +1,19 @@
-"""Jumps off the folds of a curve: where a sweep that comes to a fold goes on."""
+"""Jumps at the folds of a curve: the motions with which a sweep continues after a fold."""
 
 from __future__ import annotations
 
 import numpy as np
 
-# What need not change the stability. A graze may: where it and a fold are one, what is known lies beyond both.
+# Events at which stability need not change. At a graze it may: if it coincides with a fold, the stability beyond both is used.
 _PASSED = ("regular", "peak", "value", "start", "end", "minimum", "amplitude", "resonance", "graze")
 
 
 def jumps_at_folds(x: np.ndarray, y: np.ndarray, kind: np.ndarray, stability: np.ndarray) -> list[tuple[float, float, float]]:
-    """(x, y of the fold, y of the motion jumped to) of each fold at which what is stable ends.
+    """(x, y of the fold, y of the motion after the jump) for each fold at which stable motions end.
 
-    Points are in the order of the arc; next to a fold a multiplier is 1 but for rounding, and what is known a little farther
-    along the curve tells. A jump leads to the stable motion of the curve at the same x that is nearest in y; there
-    is none where stability is not known, and where the curve has no stable motion at this x.
+    Points are in the order of the arc; next to a fold a multiplier is 1 up to rounding, and the stability slightly farther along
+    the curve is used. A jump leads to the stable motion of the curve at the same x that is nearest in y; there is none if stability
+    is unknown, or if the curve has no stable motion at this x.
     """
     jumps = []
     stable = stability > 0
@@ -33,7 +33,7 @@ def jumps_at_folds(x: np.ndarray, y: np.ndarray, kind: np.ndarray, stability: np
 
 
 def _known_beside(fold: int, step: int, kind: np.ndarray, stability: np.ndarray) -> int:
-    """What is known of the stability on one side of a fold, as far as nothing else happens there; 0 where nothing is."""
+    """The stability on one side of a fold, up to the next event; 0 if unknown."""
     i = fold + step
     while 0 <= i < kind.size and kind[i] in _PASSED:
         if stability[i] != 0:

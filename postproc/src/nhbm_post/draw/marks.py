@@ -1,6 +1,7 @@
-"""How points are marked by their status, in every picture: a filled shape or strokes and a colour each, that also differ in grey.
+"""The marks of points by their status in all pictures: a filled shape or strokes and a colour each, which also differ in grey.
 
-Open shapes are events of curves."""
+Open shapes are events of curves.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ class Mark:
     colour: str
 
     def look(self, size: float) -> dict:
-        """Arguments for a line of matplotlib; shapes that are strokes alone have no face to fill."""
+        """Arguments for a line of matplotlib; shapes that consist of strokes have no face to fill."""
         is_stroke = self.shape in _STROKES
         return {
             "linestyle": "none",
@@ -69,7 +70,7 @@ def mark(name: str, is_solved: bool) -> Mark:
 
 
 def by_status(results: Results, points: Iterable[int]) -> list[tuple[str, bool, np.ndarray]]:
-    """(name, whether solved, points) of each status but `converged` that occurs, in the order of the status numbers."""
+    """(name, whether solved, points) for each status except `converged` that occurs, in the order of the status numbers."""
     points = np.asarray(list(points), dtype=int)
     codes = [code for code in np.unique(results.status[points]) if code not in (CONVERGED, PENDING)]
     if (results.status[points] == PENDING).any():
@@ -79,7 +80,7 @@ def by_status(results: Results, points: Iterable[int]) -> list[tuple[str, bool, 
 
 
 def keys(counts: dict[tuple[str, bool], int], n_converged: int, size: float = 5.5) -> list[Line2D]:
-    """Entries of a legend, `50 truncated`, of all that occur: that of the converged points first."""
+    """Entries of a legend, `50 truncated`, for all that occur: converged points first."""
     entries = []
     if n_converged:
         look = {"color": style.MUTED, "linewidth": 1.4, "marker": "o", "markersize": 0.62 * size}

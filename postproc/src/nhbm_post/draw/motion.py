@@ -1,4 +1,4 @@
-"""One motion beside itself: phase plane, orbit of two degrees of freedom, section of a torus, surface over hypertime."""
+"""Representations of one motion: phase plane, orbit of two degrees of freedom, section of a torus, surface over hypertime."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from . import style
 from .correction import draw_level, draw_solid
 
 _ORBIT_SAMPLES = 1200
-_ORBIT_PERIODS = 40  # of the slowest tone of several
+_ORBIT_PERIODS = 40  # of the slowest of several tones
 _SECTION_SAMPLES = 720
 _STROBES = 2000  # of sections of three tones or more
-_TALLEST = 5.0  # ratio of the sides of a picture to scale
+_TALLEST = 5.0  # largest ratio of the sides of a picture to scale
 
 
 def orbit_times(series: Series) -> np.ndarray:
@@ -32,7 +32,8 @@ def orbit_times(series: Series) -> np.ndarray:
 
 
 def section(series: tuple[Series, Series], tone: int) -> tuple[np.ndarray, np.ndarray]:
-    """Both series where the phase of `tone` (from 0) is zero: a point of one tone, a closed curve of two, many points of more."""
+    """Both series where the phase of `tone` (from 0) is zero: a point for one tone, a closed curve for two, many points for
+    more."""
     n_tones, omega = series[0].n_tones, series[0].omega
     if n_tones == 1:
         tau = np.zeros((1, 1))
@@ -46,7 +47,7 @@ def section(series: tuple[Series, Series], tone: int) -> tuple[np.ndarray, np.nd
 
 
 def draw_orbit(x: Series, y: Series, *, tone: int = 0, about: str = ""):
-    """`y` over `x` in time; of several tones with the section where the phase of `tone` is zero."""
+    """`y` over `x` in time; for several tones with the section where the phase of `tone` is zero."""
     times = orbit_times(x)
     along, across = x.evaluate(times), y.evaluate(times)
     factors, names = [], []
@@ -76,7 +77,8 @@ def draw_orbit(x: Series, y: Series, *, tone: int = 0, about: str = ""):
 
 
 def draw_surface(series: Series, *, view: str = "surface", n_samples: int = 96, about: str = ""):
-    """The motion over the phases of the first two tones, those of others zero: a 3-D surface, or a map with level lines."""
+    """The motion over the phases of the first two tones, with zero phases of the others: a 3-D surface, or a map with contour
+    lines."""
     if series.n_tones < 2:
         raise UsageError("one tone has a line over its phase, no surface: nhbm-post time draws it")
     values = series.on_grid((n_samples, n_samples) + (1,) * (series.n_tones - 2))

@@ -1,4 +1,4 @@
-"""Floquet multipliers of many points beside the unit circle."""
+"""Floquet multipliers of many points and the unit circle."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from ..errors import UsageError
 from ..reader import Results
 from . import style
 
-_LARGEST = 3.0  # magnitude up to which multipliers are drawn where they are
+_LARGEST = 3.0  # magnitude up to which multipliers are drawn at their values
 
 
 def draw_multipliers(results: Results, *, where=None):
-    """Multipliers of the chosen points, coloured along the swept parameter that takes most values; unstable ones are crosses.
+    """Multipliers of the chosen points, coloured along the swept parameter with most values; unstable ones are crosses.
 
-    What is larger than 3 in magnitude is drawn at 3, on its ray, and counted.
+    Multipliers larger than 3 in magnitude are drawn at 3, on their ray, and counted.
     """
     points = np.array(results.select(where) if where else range(results.n_points), dtype=int)
     values = results.multipliers()[points]

@@ -16,9 +16,9 @@ from ..text import list_text, tuple_text
 from . import marks, style
 from .jumps import jumps_at_folds
 
-# Curves of one picture unless told otherwise: as many as there are colours to tell them apart.
+# Default number of curves in one picture: the number of colours that can be distinguished.
 N_CURVES = len(style.COLOURS)
-# Points of a curve from which its converged points are not marked one by one.
+# Points of a curve above which converged points are not marked individually.
 _MANY_POINTS = 45
 _TONES = ("tones%frequency", "tones%hertz")
 _ROW = 0.17  # [inch] height of a row of points without a motion
@@ -26,7 +26,7 @@ _ROW = 0.17  # [inch] height of a row of points without a motion
 
 @dataclass(frozen=True)
 class Curve:
-    """Points of one file that differ in the parameter of the x axis alone, in its order; x and y in units of the file."""
+    """Points of one file that differ only in the parameter of the x axis, in its order; x and y in units of the file."""
 
     label: str
     results: Results
@@ -46,25 +46,25 @@ class Curve:
         return self.results.status[self.points] == CONVERGED
 
     def line(self, has_place) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """x, y and what has converged, with a gap at points without a value and where the motion jumps to another branch."""
+        """x, y and convergence, with a gap at points without a value and where the motion jumps to another branch."""
         y = np.where(has_place(self.y), self.y, np.nan)
         jumps = np.flatnonzero(self.is_jump) + 1
         return np.insert(self.x, jumps, np.nan), np.insert(y, jumps, np.nan), np.insert(self.is_converged, jumps, False)
 
     @property
     def is_jump(self) -> np.ndarray:
-        """Whether the motion jumps to another branch, between each point and the next."""
+        """Whether the motion jumps to another branch, for each point and the next."""
         return (np.diff(self.branch) != 0) & (self.branch[1:] > 0) & (self.branch[:-1] > 0) | (self.branch[1:] < 0)
 
     @property
     def stability(self) -> np.ndarray:
-        """1 stable, -1 unstable, 0 not known, of each point."""
+        """Stability of each point: 1 stable, -1 unstable, 0 unknown."""
         return self.results.stability()[self.points]
 
     @property
     def stability_between(self) -> np.ndarray:
-        """The same between each point and the next. At what was located, such as a fold, a multiplier is 1 but for rounding: there
-        the other end tells."""
+        """Stability between each point and the next. At a located point, such as a fold, a multiplier is 1 up to rounding: the
+        stability of the other end is used."""
         first, second = self.stability[:-1], self.stability[1:]
         is_located = ~np.isin(self.kind, ("none", "regular", "start", "end", "value"))
         if self.kind.size:
@@ -76,8 +76,8 @@ class Curve:
 
     @property
     def jumps(self) -> list[tuple[float, float, float, float]]:
-        """(x, y, x and y of the motion jumped to): of a sweep between its branches, of a curve that was followed at folds, over the
-        value along which it was."""
+        """(x, y, x and y of the motion after the jump): for a sweep between its branches, for a curve that was followed at its
+        folds, over the value along the curve."""
         moving = self.results.curve
         if moving is None:
             before = np.flatnonzero(self.is_jump & np.isfinite(self.y[1:]) & np.isfinite(self.y[:-1]))
@@ -89,7 +89,7 @@ class Curve:
         return [(x, y, x, end) for x, y, end in jumps_at_folds(self.x, self.y, self.kind, self.stability)]
 
     def is_over(self, moving: Parameter) -> bool:
-        """Whether the x axis is that value, in whatever unit."""
+        """Whether the x axis is that value, in any unit."""
         values = self.results.shown(moving).values[self.points]
         return bool(self.kind.size) and np.array_equal(self.x, values, equal_nan=True)
 
@@ -112,13 +112,13 @@ def draw_response(
 ):
     """Curves of `measure` over the parameter `over`, or over `amplitude`, the peak of `dof`.
 
-    Further swept parameters make several curves, `n_curves` at most, spread evenly; `where` keeps only points with given
-    values. A curve is broken where a point is not solved and where the motion jumps; solved points that have not converged
-    are marked on the curve, others in a row below, one a curve. `others`: (label, results) of more files to draw.
-    `logarithmic`: `x`, `y`, `xy` or `none`; without it, x where the sweep runs so. Curves that were followed (`&curve`) are drawn
-    in the order of their arc, with marks at what was located, such as folds and peaks; where the stability of motions is known,
-    what is unstable is dashed, and arrows lead from folds to where a sweep jumps.
-    A file of normal modes among curves over a frequency is drawn over the frequency found: its backbone.
+    Further swept parameters make several curves, at most `n_curves`, spread evenly; `where` selects points with given values. A
+    curve is interrupted where a point is not solved and where the motion jumps; solved points that have not converged are marked on
+    the curve, others in a row below, one row per curve. `others`: (label, results) of further files. `logarithmic`: `x`, `y`, `xy`
+    or `none`; by default x is logarithmic if the sweep is. Curves that were followed (`&curve`) are drawn in the order of their
+    arc, with marks at located points, such as folds and peaks; if stability is known, unstable parts are dashed, and arrows lead
+    from folds to the motions to which a sweep jumps. A file of normal modes among curves over a frequency is drawn over the
+    frequency found, as their backbone curve.
     """
     measure = measure or Measure()
     files = [(label, results), *others]
@@ -188,7 +188,7 @@ def draw_response(
 
 
 def curves_of(results, name, dof, measure, over, where, n_curves, axis=None) -> tuple[list[Curve], Parameter, list[str]]:
-    """Curves of one file, what their x axis is, and what the picture leaves out."""
+    """Curves of one file, the quantity on their x axis, and the omitted data."""
     dof = results.default_dof(measure.quantity) if dof is None else dof
     points = np.array(results.select(where) if where else results.used, dtype=int)
     points = points[np.isin(points, results.used)]
@@ -223,7 +223,7 @@ def curves_of(results, name, dof, measure, over, where, n_curves, axis=None) -> 
         all_of_them = "" if moving else ", nhbm-post map draws all"
         notes.append(f"{len(which)} of {len(groups)} curves over {what}: --where chooses{all_of_them}")
         groups = [groups[k] for k in which]
-    # Branches are numbered along the fastest parameter of a sweep: along another one they say nothing of neighbours.
+    # Branches are numbered along the fastest parameter of a sweep: along another parameter they do not describe neighbours.
     is_fastest = swept.values[0] != swept.values[min(1, results.n_points - 1)]
     branch = results.branch() if is_fastest and not moving else np.zeros(results.n_points, dtype=int)
     if not is_fastest and not moving and others and results.branch().any():
@@ -240,7 +240,7 @@ def curves_of(results, name, dof, measure, over, where, n_curves, axis=None) -> 
 
 
 def _along_the_arc(results: Results) -> np.ndarray:
-    """Where each point of a curve stands in its order: by the length of the arc; where the curve was lost, behind its last
+    """Position of each point of a curve in its order: by the arc length; a point at which the curve was lost follows the last
     point."""
     length = results.per_point("curve_length").copy()
     for point in np.flatnonzero(np.isnan(length) & np.isin(np.arange(results.n_points), results.used)):
@@ -249,7 +249,7 @@ def _along_the_arc(results: Results) -> np.ndarray:
 
 
 def _backbone(results, name, dof, measure, points, axis) -> tuple[list[Curve], Parameter, list[str]]:
-    """Motions whose frequency was found, over that, in the order of what was swept."""
+    """Motions with unknown frequency as a function of that frequency, in the order of the swept value."""
     tones = results.unknown_tones()
     if tones.size == 0:
         return [], Parameter("", "", "", np.full(results.n_points, np.nan)), []
@@ -271,14 +271,14 @@ def _refuse(files, curves, measure) -> None:
 
 
 def _curve_look(i: int, is_joined: bool, curve: Curve) -> dict:
-    """Colour and line of a curve; dots alone along words, which have no order to join them in."""
+    """Colour and line of a curve; only dots over words, which have no order."""
     line = style.REFERENCE if curve.is_backbone else style.STABLE
     line = line if is_joined else "none"
     return {"color": style.COLOURS[i % len(style.COLOURS)], "linestyle": line, "linewidth": 1.4}
 
 
 def _draw_curve(ax, i, curve: Curve, x_factor, factor, scales, is_joined, by_stability) -> None:
-    """The line, its converged points (where there are few, or alone between gaps), and marks of the others."""
+    """The line, its converged points (if there are few, or between gaps), and marks of the others."""
     look = _curve_look(i, is_joined, curve)
     has_place = np.isfinite if scales[1] == "linear" else lambda values: values > 0.0
     x, y, is_converged = curve.line(has_place)
@@ -303,7 +303,7 @@ def _shape(marker: str, size: float) -> dict:
     return {"linestyle": "none", "marker": marker, "markersize": size, "markerfacecolor": "white", "markeredgewidth": 1.3}
 
 
-# Shapes of what was located on a curve.
+# Shapes of the located points of a curve.
 _SPECIAL = {
     "fold": _shape("o", 5.5),
     "peak": _shape("^", 6.0),
@@ -329,11 +329,12 @@ _WORDS = {
 
 
 def _draw_by_stability(ax, curve: Curve, has_place, x_factor, factor, look) -> None:
-    """The line, solid between stable points, dashed where one end is unstable, dotted where it is not known; none over a jump."""
+    """The line, solid between stable points, dashed if one end is unstable, dotted if stability is unknown; interrupted at a
+    jump."""
     i, no_line = 0, 2
     y = np.where(has_place(curve.y), factor * curve.y, np.nan)
     between = np.where(curve.is_jump, no_line, curve.stability_between)
-    while i < between.size:  # runs of one kind, each a line of its own
+    while i < between.size:  # sequences of one kind, each drawn as one line
         end = i
         while end < between.size and between[end] == between[i]:
             end += 1
@@ -344,7 +345,7 @@ def _draw_by_stability(ax, curve: Curve, has_place, x_factor, factor, look) -> N
 
 
 def _mark(ax, curve: Curve, x, y, are_solved: bool, **place) -> None:
-    """Marks of the points that have not converged, of those that are solved or of the others."""
+    """Marks of the points that have not converged, either the solved ones or the others."""
     size = 5.5 if curve.points.size <= 2 * _MANY_POINTS else 4.0
     for name, is_solved, points in marks.by_status(curve.results, curve.points):
         if is_solved == are_solved:
@@ -353,7 +354,7 @@ def _mark(ax, curve: Curve, x, y, are_solved: bool, **place) -> None:
 
 
 def _draw_rows(strip, curves, x_factor, has_several) -> None:
-    """Points that are not solved, a row for each curve that has some."""
+    """Points that are not solved, one row for each curve that has some."""
     strip.set_ylim(len(curves) - 0.5, -0.5)
     for row, (i, curve) in enumerate(curves):
         colour = style.COLOURS[i % len(style.COLOURS)]
@@ -374,7 +375,7 @@ def _draw_rows(strip, curves, x_factor, has_several) -> None:
 
 
 def _curve_keys(curves: list[Curve], is_joined: bool) -> list[Line2D]:
-    """Legend of the curves, none for one alone; what all of them begin with, such as `law(1)%gap =`, stands once."""
+    """Legend of the curves, none for a single one; a common beginning, such as `law(1)%gap =`, is written once."""
     if len(curves) < 2:
         return []
     first = curves[0].label.partition("= ")[0] + "= "
@@ -388,14 +389,14 @@ def _curve_keys(curves: list[Curve], is_joined: bool) -> list[Line2D]:
 
 
 def _of_unknown_stability(curves: list[Curve]) -> list[Curve]:
-    """Curves of which nothing is known beside others that are known to be stable or not."""
+    """Curves of unknown stability among others of known stability."""
     if not any(curve.stability.any() for curve in curves):
         return []
     return [curve for curve in curves if (curve.kind != "").any() and not curve.stability.any()]
 
 
 def _special_keys(curves: list[Curve]) -> list[Line2D]:
-    """Legend of what was located, and of dashes, as far as there are any."""
+    """Legend of the located points and of dashes, if there are any."""
     entries = []
     for kind, shape in _SPECIAL.items():
         n = sum(int(curve.is_special(kind).sum()) for curve in curves)
@@ -416,7 +417,7 @@ def _special_keys(curves: list[Curve]) -> list[Line2D]:
 
 
 def _status_keys(curves: list[Curve]) -> list[Line2D]:
-    """Legend of the statuses of the points that are drawn; none where all have converged."""
+    """Legend of the statuses of the points in the picture; none if all have converged."""
     counts: dict[tuple[str, bool], int] = {}
     n_converged = 0
     for curve in curves:
@@ -427,12 +428,13 @@ def _status_keys(curves: list[Curve]) -> list[Line2D]:
 
 
 def _axis_key(axis: Parameter) -> tuple:
-    """What files in one picture must have in common: parameter and unit, or the words along it; one tone is the first one."""
+    """The properties that files in one picture must share: parameter and unit, or the words along it; a single tone is the first
+    one."""
     return axis.label.removesuffix("(1)"), axis.units, () if axis.is_number else tuple(dict.fromkeys(axis.values))
 
 
 def _swept_parameter(results: Results, over: str | None, points: np.ndarray) -> Parameter:
-    """The parameter of the x axis: as named, else the number (else the word) that takes most values."""
+    """The parameter of the x axis: the named one, otherwise the number (otherwise the word) with most values."""
     if over is not None:
         return results.parameter(over)
     several = [p for p in results.parameters.values() if len({str(v) for v in p.values[points]}) > 1]
@@ -445,7 +447,7 @@ def _swept_parameter(results: Results, over: str | None, points: np.ndarray) -> 
 
 
 def _goes_along(other: Parameter, swept: Parameter, points: np.ndarray) -> bool:
-    """Whether each value of `swept` comes with one value of `other`: parameters zipped on one axis of a sweep."""
+    """Whether each value of `swept` occurs with one value of `other`: parameters that vary together on one axis of a sweep."""
     pairs = {(str(swept.values[point]), str(other.values[point])) for point in points}
     return len(pairs) == len({value for value, _ in pairs})
 
@@ -459,7 +461,7 @@ def _groups(others: list[Parameter], points: np.ndarray) -> list[np.ndarray]:
 
 
 def _positions(parameter: Parameter) -> np.ndarray:
-    """Place of each point on the x axis: the value, or the number of the word in order of appearance."""
+    """Position of each point on the x axis: the value, or the number of the word in order of appearance."""
     if parameter.is_number:
         return parameter.values
     order = {word: i for i, word in enumerate(dict.fromkeys(parameter.values))}
@@ -467,7 +469,7 @@ def _positions(parameter: Parameter) -> np.ndarray:
 
 
 def _scales(logarithmic: str | None, axis: Parameter, x: np.ndarray) -> tuple[str, str]:
-    """Scales of both axes, as told or as the sweep runs."""
+    """Scales of both axes, as requested or as in the sweep."""
     if logarithmic is None:
         return ("log" if axis.is_number and is_logarithmic(x) else "linear"), "linear"
     if "x" in logarithmic and not axis.is_number:
@@ -476,7 +478,7 @@ def _scales(logarithmic: str | None, axis: Parameter, x: np.ndarray) -> tuple[st
 
 
 def is_logarithmic(x: np.ndarray) -> bool:
-    """Whether a sweep runs over two decades or more in about equal ratios."""
+    """Whether a sweep extends over two decades or more with approximately equal ratios."""
     x = np.unique(x[np.isfinite(x)])
     if len(x) < 3 or x[0] <= 0.0 or x[-1] < 99.0 * x[0]:
         return False

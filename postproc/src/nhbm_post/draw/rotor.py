@@ -1,8 +1,8 @@
 """Bladed disk and casing (structure `rotor_stator`): amplitudes over the speed, snapshots, the wave on the casing.
 
-All pictures are in the stationary frame, whatever the frame of the coordinates is. A blade at the angle phi on the disk
-stands at theta = phi + Omega t; a body whose coordinates belong to a frame of the speed S has, at theta,
-u = x1 cos n(theta - S t) + x2 sin n(theta - S t).
+All pictures are in the stationary frame, whatever the frame of the coordinates is. A blade at the angle phi on the disk is at theta
+= phi + Omega t; a body whose coordinates belong to a frame of the speed S has, at theta, u = x1 cos n(theta - S t) + x2 sin n(theta
+- S t).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from . import marks, style
 VIEWS = ("speeds", "snapshots", "wave")
 DISK, CASING = ("q1", "q2"), ("r1", "r2")
 _N_SNAPSHOTS = 6
-_NOMINAL_RADIUS = 4.0  # of the casing, in units of the largest motion: the model itself has none
+_NOMINAL_RADIUS = 4.0  # of the casing, in units of the largest motion: the model has none
 
 
 class RotorStator:
@@ -55,12 +55,12 @@ class RotorStator:
         return x1 * np.cos(angle) + x2 * np.sin(angle)
 
     def blade_angles(self, t: float) -> np.ndarray:
-        """Where the blades stand; without a law of blades, as many as make a wave visible."""
+        """Angles of the blades; without a law of blades, enough of them to show a wave."""
         n = self.n_blades or 8 * self.n_diameters
         return 2.0 * np.pi * np.arange(1, n + 1) / n + self.speed * t
 
     def wave_speed(self) -> float:
-        """Angular speed of the casing's wave in the stationary frame, from its phase a little later."""
+        """Angular speed of the casing's wave in the stationary frame, from its phase a short time later."""
         dt = 1e-4 / max(1.0, abs(self.speed) * self.n_diameters, *self.frequencies)
         theta = 2.0 * np.pi * np.arange(64) / 64
         before, after = (
@@ -69,14 +69,14 @@ class RotorStator:
         return float(np.angle(np.exp(1j * (after - before))) / (self.n_diameters * dt))
 
     def crest(self, t: float) -> float:
-        """An angle at which the casing's wave is highest."""
+        """An angle at which the casing's wave has its maximum."""
         theta = 2.0 * np.pi * np.arange(64) / 64
         wave = np.sum(self.displacement(CASING, theta, t) * np.exp(1j * self.n_diameters * theta))
         return float(np.angle(wave) / self.n_diameters)
 
 
 def speeds(results: Results) -> np.ndarray:
-    """Speed of the disk at every point [rad/s]."""
+    """Speed of the disk at each point [rad/s]."""
     for parameter in results.parameters.values():
         if parameter.path == "structure%speed":
             return parameter.values
@@ -91,7 +91,7 @@ def mean_radius(results: Results, point: int, body) -> float:
 
 
 def draw_rotor(results: Results, point: int, view: str = "speeds"):
-    """One of the VIEWS; `point` chooses the motion of `snapshots` and `wave`."""
+    """Draws one of the VIEWS; `point` chooses the motion of `snapshots` and `wave`."""
     if view == "speeds":
         return _draw_speeds(results)
     rotor = RotorStator(results, point)
@@ -150,7 +150,7 @@ def _draw_speeds(results: Results):
 
 
 def _round(rotor: RotorStator) -> float:
-    """Time in which the casing's wave goes round once."""
+    """Time of one revolution of the casing's wave."""
     speed = rotor.wave_speed()
     return 2.0 * np.pi / abs(speed) if abs(speed) > 1e-9 * abs(rotor.speed) else 2.0 * np.pi / abs(rotor.speed)
 

@@ -17,7 +17,7 @@ from ..text import number_text, tuple_text
 from . import style
 
 FORMS = ("map", "bars", "stem")
-# Decades shown below the largest amplitude unless said otherwise; less is round-off for a converged point.
+# Default number of decades below the largest amplitude; smaller amplitudes of a converged point are rounding errors.
 DECADES = 8.0
 
 
@@ -33,8 +33,8 @@ def draw_spectrum(
 ):
     """Amplitudes |c_j|, relative to the largest if `is_normalised`.
 
-    form: `map` (default for 2 tones), `bars` (3-D, 2 tones) or `stem` (default otherwise); over: `tuple`, or
-    `frequency` for stems over |j . omega|, which is also what `tuple` means for 3 tones and more.
+    form: `map` (default for 2 tones), `bars` (3-D, 2 tones) or `stem` (default otherwise); over: `tuple`, or `frequency` for stems
+    over |j . omega|, which `tuple` also means for 3 tones and more.
     """
     if form in ("map", "bars") and (series.n_tones != 2 or over == "frequency"):
         raise UsageError(
@@ -72,7 +72,7 @@ def draw_spectrum(
 
 
 def amplitude_norm(amplitudes: np.ndarray, decades: float = DECADES) -> LogNorm:
-    """Logarithmic scale from the largest amplitude down: by `decades`, or to a power of ten below all."""
+    """Logarithmic scale downward from the largest amplitude: by `decades`, or to a power of ten below all amplitudes."""
     largest = float(np.max(amplitudes))
     smallest = float(amplitudes[amplitudes > 0.0].min())
     if smallest > largest * 10.0**-decades:
@@ -141,7 +141,7 @@ def draw_map(ax, tuples: np.ndarray, amplitudes: np.ndarray, norm: LogNorm, has_
 
 
 def colour_bar(fig, norm: LogNorm, amplitudes: np.ndarray, label: str, **place):
-    """Colour bar of amplitudes at `ax` or in `cax`; a tip stands for values below the scale, if any."""
+    """Colour bar of amplitudes at `ax` or in `cax`; a tip represents values below the scale, if any."""
     tip = "min" if (amplitudes < norm.vmin).any() else "neither"
     bar = fig.colorbar(ScalarMappable(norm, colormaps[style.COLOUR_MAP]), extend=tip, label=label, **place)
     bar.outline.set_linewidth(0.5)
@@ -152,7 +152,7 @@ def colour_bar(fig, norm: LogNorm, amplitudes: np.ndarray, label: str, **place):
 def draw_stem(
     ax, series: Series, amplitudes: np.ndarray, norm: LogNorm, label: str, over: str = "tuple", in_hertz: bool = False
 ) -> None:
-    """Stems over j (one tone) or over |j . omega|, logarithmic; the largest carry their tuples."""
+    """Stems over j (one tone) or over |j . omega|, logarithmic; the largest are labelled with their tuples."""
     is_over_tuple = over == "tuple" and series.n_tones == 1
     x = series.tuples[:, 0] if is_over_tuple else np.abs(series.frequencies) / (2.0 * np.pi if in_hertz else 1.0)
     is_shown = amplitudes >= norm.vmin
@@ -190,7 +190,7 @@ def draw_stem(
 
 
 def _label_stems(ax, x, tuples, amplitudes, span, limit=16) -> None:
-    """Writes the tuples of the largest stems, of each whose text is crossed by no other stem or text."""
+    """Writes the tuples of the largest stems, each one whose text overlaps no other stem or text."""
     bottom = ax.get_ylim()[0]
     decades = np.log10(ax.get_ylim()[1] / bottom)
     inches = ax.get_position().width * ax.figure.get_size_inches()[0]
@@ -221,14 +221,15 @@ def _label_stems(ax, x, tuples, amplitudes, span, limit=16) -> None:
 
 
 def _draw_bars(fig, tuples: np.ndarray, amplitudes: np.ndarray, norm: LogNorm, label: str) -> None:
-    """3-D bars over (j1, j2), heights in decades above a power of ten; the mirrored half stays empty."""
+    """3-D bars over (j1, j2), heights in decades above a power of ten; the mirrored half is empty."""
     ax = style.axes_at(fig, 0.0, 0.05, 6.15, 5.15, projection="3d", computed_zorder=False)
     bottom = np.floor(np.log10(norm.vmin) + 1e-9)
     heights = np.log10(np.maximum(amplitudes, norm.vmin)) - bottom
     n1, n2 = np.maximum(np.abs(tuples).max(axis=0), 1)
     is_shown = (amplitudes >= norm.vmin) & (heights > 0.0)
     width = 0.78
-    # Seen from the empty half, the largest bars stand in front. One call a bar, the farthest first, because
+    # Seen from the empty half, so that the largest bars are in front. One call per bar, the farthest first, because matplotlib
+    # sorts faces, not bars, and would draw tall bars over short ones in front of them.
     # matplotlib sorts faces, not bars, and would draw tall bars over short ones before them.
     azimuth = -130.0
     towards_viewer = tuples @ np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))])
@@ -274,7 +275,7 @@ def style_3d(ax) -> None:
 
 
 def _cells(mask: np.ndarray, n1: int, n2: int) -> Outline:
-    """One outline of all cells of a mask, so that a hatch runs through."""
+    """One outline of all cells of a mask, so that a hatch is continuous."""
     square = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5)])
     corners = [square + (i1 - n1, i2 - n2) for i2, i1 in np.argwhere(mask)]
     codes = [Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY]

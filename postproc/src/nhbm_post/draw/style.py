@@ -1,4 +1,4 @@
-"""Common look of all pictures: colours that colour-blind readers can tell apart, units, headings, saving."""
+"""Common appearance of all pictures: colours for colour-blind readers, units, headings, saving."""
 
 import textwrap
 from contextlib import contextmanager
@@ -17,7 +17,7 @@ from ..errors import UsageError
 
 # Okabe and Ito, "Color universal design" (2008), in an order that also differs in grey.
 COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000"]
-# One meaning each, in all pictures.
+# One meaning for each colour, in all pictures.
 STABLE, UNSTABLE, UNKNOWN, REFERENCE = "-", (0, (4, 2)), ":", "-."
 MARKERS = ["o", "s", "^", "D", "v", "P", "X"]
 COLOUR_MAP = "viridis"
@@ -62,7 +62,7 @@ _RC = {
     "hatch.linewidth": 0.5,
     "pdf.fonttype": 42,
     "svg.fonttype": "none",
-    "svg.hashsalt": "nhbm",  # names of parts; else drawn at random, so that no picture would be made twice
+    "svg.hashsalt": "nhbm",  # names of parts; otherwise random, so that the same picture would differ between runs
 }
 
 _RC_PAPER = {
@@ -91,10 +91,10 @@ def look():
 
 
 def figure(width: float, height: float, is_arranged: bool = True) -> Figure:
-    """Empty figure of a size in inches, without display; its axes are arranged unless told otherwise.
+    """Empty figure of a size in inches, without display; by default its axes are arranged automatically.
 
-    A width that was chosen scales it: the height less than the width, because type does not shrink, or where the parts stand fixed
-    the whole when it is saved, type included.
+    A chosen width scales it: the height less than the width, because type does not shrink, or, for parts with fixed positions, the
+    whole figure including type when it is saved.
     """
     scale = chosen().scale(width, 1 if is_arranged else 2)
     if not is_arranged:
@@ -111,7 +111,7 @@ def _of_height(scale: float) -> float:
 
 
 def axes_at(fig: Figure, left: float, bottom: float, width: float, height: float, **kwargs):
-    """Axes at a place given in inches, for pictures whose parts must not move."""
+    """Axes at a position in inches, for pictures whose parts must not move."""
     full_width, full_height = fig.get_size_inches()
     return fig.add_axes(
         (left / full_width, bottom / full_height, width / full_width, height / full_height), **kwargs
@@ -119,8 +119,8 @@ def axes_at(fig: Figure, left: float, bottom: float, width: float, height: float
 
 
 def head(fig: Figure, title: str, *lines: str) -> None:
-    """Writes what is shown in bold and details below, and keeps the axes of an arranged figure below both; on paper the caption has
-    both, as `caption` of the figure."""
+    """Writes a bold heading with details below it, and keeps the axes of an arranged figure below both; on paper both are in the
+    caption, `caption` of the figure."""
     title = title if chosen().title is None else chosen().title
     fig.nhbm_caption = ". ".join(text for text in (title, *lines) if text)
     if chosen().is_paper:
@@ -147,13 +147,13 @@ def head(fig: Figure, title: str, *lines: str) -> None:
 
 
 def legend_columns(labels: list[str], width: float) -> int:
-    """How many columns (at most 3) of these labels fit beside each other above axes of a width in inches."""
+    """Number of columns (at most 3) of these labels that fit above axes of a width in inches."""
     column = 0.75 + 0.072 * max((len(label) for label in labels), default=0)
     return int(min(3, max(1, (width - 0.8) // column)))
 
 
 def _dense_columns(labels: list[str], width: float) -> int:
-    """As many columns, filled from top to bottom and each as wide as it must be, as fit into a width in inches."""
+    """As many columns as fit into a width in inches, filled from top to bottom, each as wide as necessary."""
     for n in range(len(labels), 1, -1):
         parts = np.array_split([0.5 + 0.068 * len(label) for label in labels], n)
         if sum(part.max() for part in parts) <= width:
@@ -162,9 +162,9 @@ def _dense_columns(labels: list[str], width: float) -> int:
 
 
 def below_legends(fig: Figure, groups: list[list], *heights: float, **kwargs) -> list:
-    """Axes one below the other, of heights in inches, below legends of which each begins a line of its own.
+    """Axes below each other, of heights in inches, below legends that each begin a new line.
 
-    The figure grows by what the legends take, so that the axes keep their size.
+    The height of the legends is added to that of the figure, so that the axes keep their size.
     """
     width, height = fig.get_size_inches()
     height -= 0.45 if chosen().is_paper else 0.0
@@ -196,7 +196,7 @@ def below_legends(fig: Figure, groups: list[list], *heights: float, **kwargs) ->
 
 
 def unit_scale(largest: float, units: str) -> tuple[float, str]:
-    """(factor, unit text) that make handy numbers of values up to `largest`: 1.5e-3 m gives (1e3, `mm`)."""
+    """(factor, unit text) for convenient numbers of values up to `largest`: 1.5e-3 m gives (1e3, `mm`)."""
     if not np.isfinite(largest) or largest <= 0.0:
         return 1.0, units
     power = int(3 * np.floor((np.log10(largest) + 0.31) / 3.0))
@@ -216,7 +216,7 @@ def with_unit(name: str, units: str) -> str:
 
 
 def relabel(fig: Figure, texts: dict[str, str]) -> None:
-    """Other words at the axes: of x, of y (that of the first axes that has one), and of z, or of the colours."""
+    """Other labels of the axes: of x, of y (of the first axes that have one), and of z, or of the colours."""
     bars = [ax for ax in fig.axes if ax.get_label() == "<colorbar>"]
     others = [ax for ax in fig.axes if ax not in bars]
     named = {
@@ -239,7 +239,7 @@ def phase_ticks(axis) -> None:
 
 
 def decade_axis(axis, limits) -> None:
-    """Labels at the decades, and at 2 and 5 of each where there are few."""
+    """Labels at the decades, and at 2 and 5 of each if there are few."""
     decades = np.log10(limits[1] / limits[0])
     if decades > 2.5:
         axis.set_major_locator(LogLocator(base=10.0, numticks=12))

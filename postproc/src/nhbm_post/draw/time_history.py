@@ -15,8 +15,8 @@ from ..errors import ReaderError, UsageError
 from ..series import Series
 from . import style
 
-# Window unless said otherwise, in periods of the slowest harmonic with weight, and its resolution.
-_PERIODS = (2.0, 8.0)  # of one tone; of the slowest of several
+# Default window, in periods of the slowest harmonic of significant amplitude, and its resolution.
+_PERIODS = (2.0, 8.0)  # with one tone; with several, of the slowest
 _SAMPLES_A_PERIOD = 24
 _MIN_SAMPLES, _MAX_SAMPLES = 2000, 200_000
 
@@ -31,9 +31,9 @@ class Record:
 
 
 def read_record(path, dof: str = "") -> Record:
-    """Reads a table of text: time in the first column, and the column headed `dof`, or else the second.
+    """Reads a text table: time in the first column, and the column headed `dof`, otherwise the second one.
 
-    Columns are parted by commas, semicolons or blanks; one heading line and comments after # are allowed.
+    Columns are separated by commas, semicolons or blanks; one heading line and comments after # are allowed.
     """
     path = Path(path)
     try:
@@ -68,7 +68,7 @@ def read_record(path, dof: str = "") -> Record:
 def write_time(
     columns: list[tuple[str, Series]], path: Path, t_from: float | None, t_to: float | None, n_samples: int | None
 ) -> Path:
-    """Writes a table of text with the times and the columns (name, series), with all digits, which `read_record` reads."""
+    """Writes a text table with the times and the columns (name, series), with all digits, for `read_record`."""
     several = [series for _, series in columns]
     t_from, t_to = _window(several[0], (), t_from, t_to)
     t = np.linspace(t_from, t_to, n_samples or _n_samples(several, t_to - t_from))
@@ -92,9 +92,9 @@ def draw_time(
     n_samples: int | None = None,
     has_difference: bool = False,
 ):
-    """Curves (legend text, series) over time, over the references; `level` draws a wall there.
+    """Curves (legend text, series) over time, on top of the references; a wall is drawn at `level`.
 
-    With `has_difference` a second panel shows each curve minus the first reference.
+    With `has_difference` a second panel shows the difference of each curve from the first reference.
     """
     if not curves:
         raise UsageError("nothing to draw: no curve was chosen")
@@ -168,7 +168,7 @@ def draw_time(
 
 
 def _draw_wall(ax, level: float, units: str, low: float, high: float) -> tuple[float, float]:
-    """Wall line with hatching on the side away from the motion; returns the limits that show it."""
+    """Wall line with hatching on the side away from the motion; returns limits that include it."""
     depth = 0.07 * max(high - low, 1e-300)
     is_above = level >= 0.5 * (low + high)
     edge = max(high, level + depth) if is_above else min(low, level - depth)
@@ -208,7 +208,7 @@ def _draw_difference(ax, curves, reference, first: Series) -> None:
 
 
 def _window(series: Series, references, t_from, t_to) -> tuple[float, float]:
-    """Start and end [s]: as given, else some periods of the slowest tone, at the end of a record if any."""
+    """Start and end [s]: as given, otherwise some periods of the slowest tone, at the end of a record if there is one."""
     slowest = _slowest(series)
     length = _PERIODS[series.n_tones > 1] * 2.0 * np.pi / slowest if slowest > 0.0 else 1.0
     ends = [reference.t[-1] for reference in references if isinstance(reference, Record)]

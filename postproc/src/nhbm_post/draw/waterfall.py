@@ -12,7 +12,7 @@ from ..reader import Results
 from ..series import Series
 from . import style
 
-_N_SPECTRA = 24  # of a waterfall at most, spread evenly
+_N_SPECTRA = 24  # largest number of spectra in a waterfall, spread evenly
 _HEIGHT = 1.8  # of the tallest stem, in distances between spectra
 _N_ORDERS = 12
 
@@ -23,8 +23,8 @@ def draw_waterfall(
 ):  # fmt: skip
     """Amplitudes of all harmonics over frequency and a swept value.
 
-    `waterfall`: stems on a line for each of 24 points at most, heights logarithmic. `campbell`: a dot for each harmonic at its
-    frequency over the swept value, coloured by its amplitude, with the multiples of a tone that is given.
+    `waterfall`: stems on a line for each of at most 24 points, heights logarithmic. `campbell`: a dot for each harmonic at its
+    frequency over the swept value, coloured by its amplitude, with the multiples of a given tone.
     """
     dof = results.default_dof(quantity) if dof is None else dof
     points = set(results.select(where) if where else range(results.n_points))
@@ -65,7 +65,7 @@ def draw_waterfall(
 
 
 def _varied(results: Results, points: list[int]):
-    """The value along which a curve was followed, else the number that takes most values."""
+    """The value along which a curve was followed, otherwise the number with most values."""
     if results.curve:
         return results.curve
     several = [p for p in results.parameters.values() if p.is_number and len(set(p.values[points].tolist())) > 1]
@@ -75,7 +75,7 @@ def _varied(results: Results, points: list[int]):
 
 
 def _shown(series: Series, by: float, factor: float, norm: LogNorm) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies and amplitudes of what is above the bottom of the scale."""
+    """Frequencies and amplitudes above the lower end of the scale."""
     amplitudes = factor * series.amplitudes
     which = amplitudes >= norm.vmin
     return by * np.abs(series.frequencies[which]), amplitudes[which]

@@ -13,7 +13,7 @@ from ..errors import UsageError
 from ..rates import Rate, convergence_rate, cost_exponent
 from . import style
 
-# Parts of the wall time that can stand on an axis.
+# Parts of the wall time that an axis can show.
 PARTS = {
     "total": "Wall time without certificate",
     "cpu": "Processor time without certificate",
@@ -21,21 +21,22 @@ PARTS = {
     "solver": "Wall time of the iterations",
     "certificate": "Wall time of the certificate",
 }
-# Axes that have a symbol, by the end of their path.
+# Axes with a symbol, by the end of their path.
 _SYMBOLS = {"order": "N", "n_unknowns": "n"}
 _AXES = {"order": "Order $N$ of the series", "samples": "Samples per tone", "n_unknowns": "Number of unknowns $n$"}
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of all points of a file, NaN: none, and those of improved motions where they are asked for."""
+    """Errors of all points of a file, NaN: none, and those of improved motions if requested."""
 
     plain: np.ndarray
     improved: np.ndarray | None = None
 
 
 def draw_work_precision(bench: Bench, errors: Errors, *, part: str = "total"):
-    """Error over wall time (median of the repeats, bars from least to most), one curve for each setting of all but one number."""
+    """Error over wall time (median of the repetitions, bars from shortest to longest), one curve for each setting of all but one
+    number."""
     over = bench.varying()
     middle, least, most = (bench.column(f"bench_{part}_seconds{end}") for end in ("", "_min", "_max"))
     curves, values = _drawable(bench, over, errors)
@@ -63,7 +64,7 @@ def draw_work_precision(bench: Bench, errors: Errors, *, part: str = "total"):
 
 
 def draw_convergence(bench: Bench, errors: Errors, *, over: str = ""):
-    """(figure, [(curve, rate or None)]): error over the order, or another number that varies, with the observed rates."""
+    """(figure, [(curve, rate or None)]): error over the order, or another varying number, with the observed rates."""
     over = over or bench.varying()
     x = bench.column(over).astype(float)
     curves, values = _drawable(bench, over, errors)
@@ -127,7 +128,7 @@ def draw_cost(bench: Bench, *, part: str = "total", over: str = "n_unknowns"):
 
 
 def _drawable(bench: Bench, over: str, errors: Errors) -> tuple[list[Curve], list[np.ndarray]]:
-    """Curves that have an error somewhere, each with the errors of all points; improved ones after those that they belong to."""
+    """Curves with at least one error, each with the errors of all points; improved ones after the original ones."""
     if errors.improved is not None and not np.isfinite(errors.improved).any():
         raise UsageError(f"{bench.path}: no point has an improved motion; it needs &certificate improvement_steps")
     curves, values = [], []
@@ -157,7 +158,7 @@ def _picture(n_curves: int):
 
 
 def _curve_look(i: int) -> dict:
-    """Later curves have smaller marks and thinner lines, so that one shows through another that lies upon it."""
+    """Later curves have smaller marks and thinner lines, so that coinciding curves are all visible."""
     n = len(style.COLOURS)
     return {
         "color": style.COLOURS[i % n],
@@ -168,7 +169,7 @@ def _curve_look(i: int) -> dict:
 
 
 def _hollow(ax, bench: Bench, points, x, y, look) -> None:
-    """White inside for solved points that miss a threshold of the certificate."""
+    """White centre for solved points that exceed a threshold of the certificate."""
     missed = points[~bench.is_converged[points]]
     ax.plot(
         x[missed], y[missed], linestyle="none", marker=look["marker"], markersize=look["markersize"], zorder=4,
@@ -191,7 +192,7 @@ def _draw_rate(ax, x, rate: Rate, colour) -> None:
 
 
 def _number_axis(ax, x, is_logarithmic: bool) -> None:
-    """Ticks at the numbers themselves, as many as there is room for."""
+    """Ticks at the numbers themselves, as many as fit."""
     numbers = np.unique(x[np.isfinite(x)])
     if is_logarithmic:
         ax.set_xscale("log")
@@ -208,7 +209,7 @@ def _number_axis(ax, x, is_logarithmic: bool) -> None:
 
 
 def _bare(label: str) -> str:
-    """A label without the commands of mathtext, about as long as it is drawn."""
+    """A label without the commands of mathtext, approximately as long as in the picture."""
     return re.sub(r"\\\w+|[${}^,\\]", "", label)
 
 
