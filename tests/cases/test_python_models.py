@@ -230,6 +230,12 @@ def test_progress_is_reported(monkeypatch):
     assert duffing().curve("tones[0]", 0.6, 0.7, order=3, progress=True).sizes["point"] > 1
 
 
+def test_numbers_of_a_sweep_are_named():
+    for of, words in (("x1 (1)", "Amplitude of x1, harmonic 1"), ("x1", "Root mean square of x1")):
+        found = duffing().sweep({"tones[0]": [0.6, 0.7]}, of=of, order=3)
+        assert found["response"].attrs["long_name"] == words
+
+
 def test_sweeps_are_spread_over_processes():
     model = duffing(spring=cubic)
     model.law(nhbm.Law(cubic, odd=True), "x1", label="spring")

@@ -146,6 +146,14 @@ def parts_of(of: str) -> tuple[str, tuple[int, ...] | None]:
     return parts[1], tuple(map(int, parts[2].split(","))) if parts[2] else None
 
 
+def words_of(of: str) -> str:
+    """A response of a motion in words, as axes have it."""
+    dof, tuple_ = parts_of(of)
+    if tuple_ is None:
+        return f"Root mean square of {dof}"
+    return f"Amplitude of {dof}, " + (f"harmonic {tuple_[0]}" if len(tuple_) == 1 else f"tuple ({', '.join(map(str, tuple_))})")
+
+
 def table(found: list[Any], coordinates: dict[str, Any]) -> xr.Dataset:
     """Numbers, or mappings or named tuples of numbers, as the points of one dataset."""
     rows = [row._asdict() if hasattr(row, "_asdict") else row if isinstance(row, Mapping) else {"response": row} for row in found]
@@ -300,8 +308,7 @@ class Accessor:
         unit = self._dataset["coefficients"].attrs.get("units", "m")
         if tuple_ is None:
             return self.largest(dof), f"Largest displacement |{dof}| [{unit}]"
-        number = f"harmonic {tuple_[0]}" if len(tuple_) == 1 else f"tuple ({', '.join(map(str, tuple_))})"
-        return self.amplitude(dof, tuple_), f"Amplitude of {dof}, {number} [{unit}]"
+        return self.amplitude(dof, tuple_), f"{words_of(of)} [{unit}]"
 
     def gradient(self, of: str) -> xr.DataArray:
         """Derivatives of a response by the values that the group &gradient names, in their units.

@@ -82,6 +82,8 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     coordinates = {name: [point[k] for point in points] for k, name in enumerate(names)}
     found = dataset.joined(rows, coordinates) if of is None else dataset.table(rows, coordinates)
     found = found.assign_attrs(varies=names)
+    if isinstance(of, str):
+        found["response"].attrs["long_name"] = dataset.words_of(of)
     for name, path in zip(names, grid):
         found[name].attrs.update(model._described(path))
     if of is None and not bool(found.nhbm.is_converged.all()):
