@@ -173,6 +173,25 @@ def test_keys_that_have_rows_are_read(section):
     assert not invented, f"src/input_keys.txt has of {section} keys that nothing reads: {', '.join(invented)}"
 
 
+def test_laws_have_a_row_in_the_overview():
+    (types,) = [words(key.range) for key in KEYS if (key.section, key.name) == ("law", "type")]
+    page = (ROOT / "docs" / "user" / "input.md").read_text(encoding="utf-8")
+    overview = page.partition("| law | place | force | smooth |\n")[2].partition("\n\n")[0]
+    assert sorted(re.findall(r"^\| (\w+) \|", overview, re.MULTILINE)) == sorted(types)
+
+
+def test_events_of_curves_have_a_mark():
+    source = (SRC / "motion" / "hb_curve_request.f90").read_text(encoding="utf-8")
+    names = re.findall(r'"(\w+)"', re.search(r"curve_kind_names\(.*?\]", source, re.DOTALL)[0])
+    events = set(names) - {"none", "regular", "start", "value", "end"}
+    page = (ROOT / "postproc" / "src" / "nhbm_post" / "page.html").read_text(encoding="utf-8")
+    in_page = set(re.findall(r"(\w+): \[\"", re.search(r"const EVENTS = \{(.*?)\};", page, re.DOTALL)[1]))
+    from nhbm.pictures import _MARKS
+    from nhbm_post.draw.response import _SPECIAL
+
+    assert set(_SPECIAL) == events and in_page == events and {names[kind] for kind in _MARKS} == events
+
+
 def test_nothing_is_described_twice():
     """Choices stand in no list of the source, units at no reader; limits and defaults, a reader has no argument for."""
     of_columns = {"stability_method_names"}  # what a column of results shows, in the same words
