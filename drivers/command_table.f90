@@ -27,8 +27,8 @@ module command_table
       verb_t("info", "RESULT", "what a result file holds, whether it is complete"), &
       verb_t("why", "RESULT", "how points without a motion ended, what was tried, how near that came, what to do next; "// &
          "without RESULT: all statuses"), &
-      verb_t("check", "INPUT", "read the input, every point of it, print what it requests, and compare the derivatives of "// &
-         "its laws with differences of their forces"), &
+      verb_t("check", "INPUT", "read the input, every point of it, print what it requests, compare the derivatives of "// &
+         "its laws with differences of their forces, and see what the tolerance costs at the first point"), &
       verb_t("plan", "INPUT", "estimate the size of the result and the time of a run on many ranks"), &
       verb_t("integrate", "INPUT", "integrate the motion in time as &integration specifies, write an HDF5 record"), &
       verb_t("verify", "RESULT", "integrate in time from the points of a result file and report whether the motions agree"), &
