@@ -27,7 +27,7 @@ WORDS = {3: "fold", 8: "period doubling", 9: "Neimark-Sacker"}
 
 @dataclass(frozen=True)
 class Case:
-    """A curve over w, or over the load B where there is one, from `start` to `stop`."""
+    """A curve over w, or over the load B if there is one, from `start` to `stop`."""
 
     equations: tuple[str, ...]  # of XPPAUT, without those of the force
     model: str  # the input of nhbm, without &curve

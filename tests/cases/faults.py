@@ -1,4 +1,4 @@
-"""Runs of the program under which a fault happens at a chosen call, tests/fuzz/faults.c."""
+"""Runs of the program in which a fault occurs at a chosen call, tests/fuzz/faults.c."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ def library() -> Path:
 
 
 def faulty_command(*arguments, call, at=0, number=0, file=None, rank=None, ranks=None, count=None):
-    """Command line and environment under which the fault, signal or error `number`, happens at the `at`-th `call` (0: at none)."""
+    """Command line and environment for a run in which the fault, signal or error `number`, occurs at the `at`-th `call` (0: at
+    none)."""
     names = {"CALL": call, "AT": at, "NUMBER": int(number), "FILE": file, "RANK": rank, "COUNT": count}
     faults = {f"FAULT_{name}": str(value) for name, value in names.items() if value is not None}
     words, of_ranks = command(*arguments, ranks=ranks), {**faults, "LD_PRELOAD": str(library())}
@@ -44,7 +45,7 @@ def run_with_fault(*arguments, cwd, **fault) -> Run:
 
 
 def count_calls(*arguments, cwd, **fault) -> int:
-    """How many such calls a run makes."""
+    """Number of such calls in a run."""
     count = Path(_FOLDER.name) / "count"
     count.unlink(missing_ok=True)
     run_with_fault(*arguments, cwd=cwd, count=count, **fault)

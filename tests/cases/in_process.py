@@ -1,4 +1,5 @@
-"""The shared library under test and what tests of it from Python share: a Duffing oscillator, sessions, comparison of columns."""
+"""The shared library under test, and common parts of its tests from Python: a Duffing oscillator, sessions, comparison of
+columns."""
 
 from __future__ import annotations
 
@@ -39,7 +40,7 @@ def session_of(text):
 
 
 def same(ours, stored, name):
-    """Whether a column has the bits of a row of a file, which is padded where points have sets of their own."""
+    """Whether a column has the bits of a row of a file, which is padded if points have their own sets."""
     stored = stored[tuple(slice(n) for n in np.shape(ours))] if np.ndim(ours) else stored
     assert np.array_equal(ours, stored, equal_nan=True), name
 

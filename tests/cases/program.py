@@ -30,7 +30,7 @@ _ENVIRONMENT = {
 
 @dataclass(frozen=True)
 class Run:
-    """How a run of the program ended."""
+    """The outcome of a run of the program."""
 
     status: int
     stdout: str
@@ -51,7 +51,8 @@ def program() -> str:
 
 
 def command(*arguments, ranks: int | None = None) -> list[str]:
-    """Command line of the program, under mpirun if `ranks` are given; with the word `bench` that of nhbm-bench, built beside it."""
+    """Command line of the program, under mpirun if `ranks` are given; with the word `bench` that of nhbm-bench in the same
+    folder."""
     words = [program(), *map(str, arguments)]
     beside = Path(words[0]).with_name("nhbm-bench")
     if words[1:2] == ["bench"] and beside.exists():  # programs before it have a verb
@@ -74,14 +75,14 @@ def run(*arguments, cwd, ranks: int | None = None, limit: float = _TIME_LIMIT) -
 
 
 def _of_the_program(text: str) -> str:
-    """Standard error without what MPI's library for processor topology says where there is no /sys."""
+    """Standard error without the messages of MPI's library for processor topology on systems without /sys."""
     return "".join(line for line in text.splitlines(keepends=True) if not line.startswith("[hwloc/"))
 
 
 def solve(
     text: str, folder: Path, *options, ranks: int | None = None, status: int | None = ALL_CONVERGED, name="case"
 ) -> Path:
-    """Writes an input, solves it and gives the result file; fails when the exit status is another (None: any)."""
+    """Writes an input, solves it and returns the result file; fails if the exit status differs (None: any)."""
     source = folder / f"{name}.nml"
     source.write_text(text)
     result = folder / f"{name}.h5"
@@ -100,7 +101,7 @@ def messages_of(result: Path) -> str:
 
 
 def read(result: Path, *names: str):
-    """Datasets of a result file as arrays; one alone when one name is given."""
+    """Datasets of a result file as arrays; a single array for one name."""
     with h5py.File(result, "r") as file:
         values = [file[name][()] for name in names]
     return values[0] if len(values) == 1 else values
@@ -117,7 +118,7 @@ def coefficients_by_tuple(result: Path, point: int = 0, dof: int = 0) -> dict[tu
 
 
 def checksum_of_row(file: h5py.File, row: int) -> int:
-    """The checksum that belongs to the values of a point, as the file stores it."""
+    """The checksum of the values of a point, in the form of the file."""
     names = file["checksum"].attrs["of"]
     found = 0
     for name in (names if isinstance(names, str) else names.decode()).split():

@@ -35,7 +35,7 @@ def steady_state(has_contact: bool, w: complex, t: complex) -> np.ndarray:
 
 
 def flow(state: np.ndarray, t: complex, duration: complex, w: complex, has_contact: bool) -> np.ndarray:
-    """What becomes of a state (positions, velocities) at t."""
+    """The state (positions, velocities) at t."""
     stiffness = IN_CONTACT if has_contact else STIFFNESS
     matrix = np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -DAMPING]])
     return steady_state(has_contact, w, t + duration) + expm(matrix * duration) @ (state - steady_state(has_contact, w, t))
@@ -57,7 +57,7 @@ def derivatives(y: np.ndarray, contact: float) -> np.ndarray:
 
 
 def motion(y: np.ndarray, contact: float) -> tuple[np.ndarray, float]:
-    """The motion next to y, and the slope of its frequency over the time of contact."""
+    """The motion near y, and the slope of its frequency over the contact time."""
     for _ in range(30):
         step = np.linalg.solve(derivatives(y, contact)[:, :-1], residual(y, contact))
         y = y - step
@@ -92,7 +92,7 @@ def folds() -> list[float]:
 
 
 def largest_in_flight(y: np.ndarray, contact: float) -> float:
-    """Largest position of the first mass between two contacts, a little beside both."""
+    """Largest position of the first mass between two contacts, except close to both."""
     w = y[4]
     left = flow(np.array([GAP, y[1], y[0], y[2]]), y[3], contact, w, True)
     free = 2.0 * np.pi / w - contact

@@ -1,4 +1,4 @@
-"""The command tests/accuracy: what it measures by, and that its page has a place for all that it writes."""
+"""The command tests/accuracy: its references, and the places in its page for all that it writes."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_each_case_has_its_input_and_pictures_stand_beside_the_page():
 
 
 def test_integration_from_the_state_of_a_balance_stays_on_its_motion(tmp_path):
-    """Displacement and velocity of all degrees of freedom fit into one tuple of &start; a wrong one would be seen at once."""
+    """Displacement and velocity of all degrees of freedom fit into one tuple of &start; a wrong one would show immediately."""
     model = Model("order_sequence/paper_cubic", **MIDSPAN, sets=("law(1)%stiffness=10",))
     balance = Balance(model, tmp_path, "harmonics%order=5")
     record = integration(model, tmp_path, "method='cvode'", "step=0.02", "duration=1", "tolerance=1e-13",
@@ -58,7 +58,7 @@ def test_window_errors_are_root_mean_squares_from_each_sample_on():
 
 
 def test_mass_at_the_contact_halves_with_the_elements():
-    """1/(M^-1)_cc of four consistent elements, and what a finer mesh leaves of it."""
+    """1/(M^-1)_cc of four consistent elements, and its value for a finer mesh."""
     masses = [paper.mass_at_contact(n) for n in (4, 8, 16)]
     assert masses[0] == pytest.approx(1.138, rel=1e-3)
     assert masses[1] / masses[2] == pytest.approx(2.0, rel=1e-2)

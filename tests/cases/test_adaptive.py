@@ -105,7 +105,7 @@ def test_what_cannot_be_is_refused(group, words, tmp_path):
 
 @pytest.mark.parametrize("n_tones", [1, 2, 3, 4])
 def test_the_least_room_for_tuples_is_as_documented(n_tones, tmp_path):
-    """docs/user/input.md, `max_harmonics`: so many are taken, one less is refused."""
+    """docs/user/input.md, `max_harmonics`: this number is accepted, one less is rejected."""
     page = (Path(__file__).resolve().parents[2] / "docs" / "user" / "input.md").read_text(encoding="utf-8")
     told = re.search(r"first box, (\d+), (\d+), (\d+) or (\d+) for one to four tones", page)
     least = int(told[n_tones])
@@ -291,8 +291,8 @@ def test_a_stop_between_two_modes_is_found_by_time_integration(tmp_path):
 
 @pytest.mark.long
 def test_what_shorter_steps_change_is_the_error_of_a_motion(tmp_path):
-    """Sliders whose places repeat on no grid, since they hardly slip: the motion that time integration has is stored, off by what
-    half the steps change in it. It was thrown away, and the point `failed`."""
+    """Sliders whose states are not periodic on any grid, since they hardly slip: the integrated motion is stored, with the effect
+    of halving the steps as its error. It was discarded, and the point `failed`."""
     model = """
 &structure type = 'matrices', n_dofs = 2, mass = 1.73646588456, 1.60713871564,
    damping = 0.0373382123727, 0.000995290776734, 0.000995290776734, 0.0277005059864,
@@ -313,8 +313,8 @@ def test_what_shorter_steps_change_is_the_error_of_a_motion(tmp_path):
 
 @pytest.mark.long
 def test_tones_near_sixteen_to_five_are_within_the_tolerance(tmp_path):
-    """16 w1 - 5 w2 is small: the combination (4, -2), nearly in resonance under light damping, has a neighbour (20, -7) that
-    carries 9e-3 of the motion."""
+    """16 w1 - 5 w2 is small: the combination (4, -2), nearly in resonance under light damping, has a neighbour (20, -7) with 9e-3
+    of the motion."""
     model = """
 &structure type = 'matrices', n_dofs = 1, mass = 1.9139, damping = 0.0131, stiffness = 1.7880 /
 &tones frequency = 0.4119385967, 1.3217288668 /
@@ -337,8 +337,8 @@ def test_tones_near_sixteen_to_five_are_within_the_tolerance(tmp_path):
 
 @pytest.mark.parametrize("ratio", [80.0, 130.0])
 def test_disturbances_that_grow_beside_a_slow_tone_hide_the_verdict(ratio, tmp_path):
-    """The slow tone leads through phases in which the fast motion is unstable: integration in time leaves the torus of the balance
-    by .17 of it, although disturbances decay on average. It was called stable, and right to 2e-3."""
+    """The slow tone passes phases in which the fast motion is unstable: integration in time leaves the torus of the balance by .17
+    of it, although disturbances decay on average. It was called stable, and accurate to 2e-3."""
     model = f"""
 &structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.54752856718, coupling_stiffness = 1.0,
    ground_stiffness = 0.716296639597, damping_mass = 0.0188776371784, damping_stiffness = 0.0846740464663 /
@@ -378,7 +378,7 @@ def _distance(motion, reference):
 
 
 def test_a_wall_is_solved_and_kept_with_nothing_set(tmp_path):
-    """A tolerance holds for the penetration that the certificate allows as well."""
+    """A tolerance also applies to the penetration, relative to the one that the certificate permits."""
     done, path = _solve(WALL, tmp_path)
     assert done.status == 0, done.stdout
     with h5py.File(path) as file:
@@ -390,7 +390,7 @@ def test_a_wall_is_solved_and_kept_with_nothing_set(tmp_path):
 
 @pytest.mark.parametrize("order", [8, 12, 20])
 def test_estimates_of_a_wall_are_near_the_error(order, tmp_path):
-    """Also of large sets, whose walls answer a second step of Newton's method by chatter."""
+    """Also for large sets, in which the second step of Newton's method makes walls chatter."""
     reference, _ = _motion(_solve(WALL + "&harmonics order = 36 /\n", tmp_path, name="fine.h5")[1])
     motion, estimate = _motion(_solve(WALL + f"&harmonics order = {order} /\n", tmp_path)[1])
     assert 0.6 < estimate / _distance(motion, reference) < 2.5

@@ -1,4 +1,5 @@
-"""Rules of docs/develop/architecture.md that the compiler does not check: layers, names, outside libraries, who may stop."""
+"""Rules of docs/develop/architecture.md that the compiler does not check: layers, names, outside libraries, procedures that end the
+program."""
 
 from __future__ import annotations
 
@@ -12,11 +13,11 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "src"
 
-# From the ground up; a module uses its own layer and those before it.
+# From the bottom; a module uses its own layer and those before it.
 LAYERS = ["base", "extern", "solve", "hypertime", "structure", "laws", "balance", "stability", "motion", "timedomain"]
 LAYERS += ["files", "study", "api"]
 
-# Time integration is an independent check of the balance: what these pull in shares no transforms and solvers with it.
+# Time integration is an independent check of the balance: the modules that these use contain no transforms and solvers of it.
 INTEGRATION = ["hb_time_stepping", "hb_integration_difference", "hb_recurrence", "hb_record_tones"]
 INTEGRATION_MAY_USE = {"base", "extern", "structure", "laws", "timedomain"}
 INTEGRATION_MAY_USE_MODULES = {"hb_birkhoff", "hb_integration_config"}
@@ -50,7 +51,7 @@ def layer_of(path: Path) -> str:
 
 
 def statements(path: Path) -> list[tuple[int, str]]:
-    """Statements with their line numbers: without comments and texts, continued lines joined, one at a time."""
+    """Statements with their line numbers: without comments and texts, continued lines joined, one per item."""
     result: list[tuple[int, str]] = []
     joined, first = "", 0
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
@@ -68,7 +69,7 @@ def statements(path: Path) -> list[tuple[int, str]]:
 
 
 def _without_texts(line: str) -> str:
-    """Line without its comment, and with empty texts, so that words of a message are no code."""
+    """Line without its comment, and with empty texts, so that words of a message do not count as code."""
     code, quote = "", ""
     for c in line:
         if quote:
@@ -109,7 +110,7 @@ def test_file_is_named_after_its_module(path):
 
 
 def test_module_names_are_unique():
-    """But for what stands in the place of an outside library that a build is without."""
+    """Except for modules that replace an outside library in a build without it."""
     names = [name_of(path) for path in sources() if not path.parent.name.startswith("without_")]
     assert len(names) == len(set(names))
 
@@ -192,7 +193,7 @@ def test_use_statements_name_what_they_use(path):
 
 @SOURCES
 def test_lists_of_names_stand_in_the_order_of_the_alphabet(path):
-    """Modules that follow each other in `use`, intrinsic ones first, and the names that each statement brings in."""
+    """Modules are in alphabetical order in `use`, intrinsic ones first, and so are the names of each statement."""
     before = None
     for number, statement in statements(path):
         match = USE.match(statement)
@@ -212,7 +213,7 @@ MOST_ARGUMENTS = 8
 
 @SOURCES
 def test_procedures_have_few_arguments(path):
-    """Interfaces of other libraries stand in extern/."""
+    """Interfaces of other libraries are in extern/."""
     if layer_of(path) == "extern":
         return
     for number, statement in statements(path):
@@ -222,14 +223,14 @@ def test_procedures_have_few_arguments(path):
 
 
 def _documented() -> set[str]:
-    """Procedures with a line of documentation on top, in any file: bodies of submodules have theirs in the interface."""
+    """Procedures with a line of documentation before them, in any file; for bodies of submodules it is in the interface."""
     heads = r"(?:subroutine|function|module\s+procedure)"
     named = re.compile(rf"^\s*!>.*\n\s*(?:[\w()=*:]+\s+)*?{heads}\s+(\w+)", re.MULTILINE | re.IGNORECASE)
     return {name.lower() for path in sources() for name in named.findall(path.read_text(encoding="utf-8"))}
 
 
 def _bindings() -> dict[str, tuple[str, dict[str, str]]]:
-    """For each type its parent, and what implements each binding; nothing where the binding is deferred."""
+    """For each type its parent, and the procedure of each binding; none for a deferred binding."""
     types: dict[str, tuple[str, dict[str, str]]] = {}
     for path in sources():
         inside = ""
@@ -249,7 +250,7 @@ def _bindings() -> dict[str, tuple[str, dict[str, str]]]:
 
 
 def test_public_procedures_say_what_they_do():
-    """Those that a module hands out, and bindings; what overrides a binding is documented where that is declared."""
+    """The public procedures of a module, and bindings; an overriding procedure is documented where its binding is declared."""
     asked: dict[str, str] = {}
     for path in sources():
         lists = [s.lower()[9:] for _, s in statements(path) if s.lower().startswith("public ::")]
@@ -284,13 +285,14 @@ def test_picture_of_the_layers_is_that_of_the_sources():
 
 
 def test_documented_modules_exist():
-    """The page names modules where they help, and none that is gone."""
+    """The page names modules where this helps, and only existing ones."""
     gone = {name for name in re.findall(r"`(hb_\w+)(?:\.f90)?`", PAGE) if name not in LAYER_OF_MODULE}
     assert not gone, f"docs/develop/architecture.md names {', '.join(sorted(gone))}, which are not in src/"
 
 
 def test_page_is_no_list_of_modules():
-    """What a module is for stands on top of its file, once; a page that repeats it is wrong at the next change."""
+    """The purpose of a module is described at the top of its file, once; a page that repeats it becomes wrong with the next
+    change."""
     named = {name for name in re.findall(r"\bhb_\w+", PAGE) if name in LAYER_OF_MODULE}
     assert len(named) < len(LAYER_OF_MODULE) / 4, f"docs/develop/architecture.md names {len(named)} modules"
 
@@ -301,7 +303,7 @@ DUMMY = re.compile(r"^(?:type|class)\s*\(\s*(\w+)\s*\)(.*\bintent\b.*)::(.*)$", 
 
 
 def _holders() -> set[tuple[str, str]]:
-    """Pairs of a type and another, of which it keeps a pointer."""
+    """Pairs of a type and another to which it keeps a pointer."""
     pairs = set()
     for path in sources():
         inside = ""
@@ -320,7 +322,7 @@ HOLDERS = _holders()
 
 @SOURCES
 def test_groups_of_studies_are_read_by_studies(path):
-    """What solves one motion takes what it needs as arguments; a caller without an input gets the same."""
+    """The solution of one motion receives what it needs as arguments; a caller without an input gets the same result."""
     if layer_of(path) in ("study", "api"):
         return
     looked_up = re.findall(
@@ -331,7 +333,8 @@ def test_groups_of_studies_are_read_by_studies(path):
 
 @SOURCES
 def test_what_is_pointed_to_is_a_target(path):
-    """Where a procedure takes an object and another that points to such, a compiler must know that they may be the same."""
+    """If a procedure receives an object and another that points to such an object, the compiler must know that they may be the
+    same."""
     dummies: dict[str, str] = {}  # attributes by type, of all dummies of a procedure
     wrong = ""
     for number, statement in [*statements(path), (0, "end subroutine")]:
@@ -347,7 +350,7 @@ def test_what_is_pointed_to_is_a_target(path):
 
 
 def test_compiler_options_stand_in_one_file():
-    """In cmake/Flags.cmake, each under the compiler that knows it: another compiler must not meet an option of gfortran."""
+    """In cmake/Flags.cmake, each for the compiler that knows it: another compiler must not receive an option of gfortran."""
     option = re.compile(r"(?:^|[\s;\"(:])(-(?:std=|f[a-z]|W(?!l,)[a-z]|m[a-z]+=|O[0-9g])[\w=,-]*)")
     for path in sorted(ROOT.rglob("CMakeLists.txt")) + sorted((ROOT / "cmake").glob("*.cmake")):
         if "build" in path.relative_to(ROOT).parts or path.name == "Flags.cmake":

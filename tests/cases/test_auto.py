@@ -1,4 +1,4 @@
-"""Folds, period doublings and Neimark-Sacker points of public cases are those of AUTO, a program of others, to eight digits."""
+"""Folds, period doublings and Neimark-Sacker points of public cases agree with the program AUTO to eight digits."""
 
 import auto_reference
 import pytest

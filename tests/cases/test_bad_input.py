@@ -1,4 +1,4 @@
-"""What is wrong with an input is said once, in words that help, with exit status 2 and without touching a result."""
+"""An error in an input is reported once, with a helpful message, with exit status 2 and without changing a result."""
 
 import os
 import re
@@ -22,7 +22,7 @@ TRACES = ("Backtrace", "Traceback", "Fortran runtime error", "SIGSEGV", "At line
 
 @dataclass(frozen=True)
 class Bad:
-    """An input or command line that is wrong, and what its message must contain."""
+    """An invalid input or command line, and the required contents of its message."""
 
     name: str
     says: tuple[str, ...]
@@ -53,7 +53,7 @@ def sweep(keys):
     return GOOD + f"&sweep {keys} /\n"
 
 
-AFTER = LAST_LINE + 1  # line of what is appended
+AFTER = LAST_LINE + 1  # line of the appended text
 
 CASES = [
     # groups and keys
@@ -183,12 +183,12 @@ CASES = [
 
 
 def only_message(done):
-    """The message of a run that must have refused its input."""
+    """The message of a run that must have rejected its input."""
     assert done.status == BAD_INPUT, f"exit status {done.status}, {done.stderr}"
     assert len(done.messages) == 1, done.stderr
     for trace in TRACES:
         assert trace not in done.stderr
-    message = done.messages[0].split("\n-----")[0].rstrip("\n")  # mpirun has its say behind it
+    message = done.messages[0].split("\n-----")[0].rstrip("\n")  # mpirun appends its own message
     assert message
     return message
 
@@ -344,7 +344,7 @@ def test_quiet_says_nothing(tmp_path):
     assert (done.status, done.stdout, done.stderr) == (ALL_CONVERGED, "", "")
 
 
-# Doubts that are no mistakes
+# Warnings
 
 
 @pytest.mark.parametrize(
@@ -357,7 +357,7 @@ def test_quiet_says_nothing(tmp_path):
     ],
 )
 def test_check_and_solve_name_doubts(tones, loads, told, tmp_path):
-    """Warnings: the input is solved as it stands, exit status 0."""
+    """Warnings: the input is solved unchanged, exit status 0."""
     text = "&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0,\n"
     text += f"   ground_stiffness = 3.0, damping_mass = 0.1 /\n&tones frequency = {tones} /\n&harmonics order = 3 /\n"
     text += "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.01 /\n"

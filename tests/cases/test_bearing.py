@@ -6,7 +6,7 @@ import pytest
 from in_process import nhbm
 
 SPEEDS = np.array([1.0, 2.0, 4.0])
-STIFFNESS = np.outer(SPEEDS, [1.0, 0.2, -0.3, 0.8]) + [4.0, 0.0, 0.0, 5.0]  # monotone cubics go straight between points on a line
+STIFFNESS = np.outer(SPEEDS, [1.0, 0.2, -0.3, 0.8]) + [4.0, 0.0, 0.0, 5.0]  # monotone cubics are exact for points on a line
 DAMPING = np.outer(SPEEDS, [-0.05, 0.0, 0.0, -0.04]) + [0.6, 0.01, 0.0, 0.5]
 SHAFT = np.kron([[3.0, -3.0], [-3.0, 3.0]], np.eye(2))  # between a disk and the bearing
 

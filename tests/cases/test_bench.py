@@ -41,7 +41,7 @@ LINE = re.compile(
 
 
 def bench(source: Path | str, folder: Path, *options, status=ALL_CONVERGED, name="times") -> Path:
-    """Runs the verb on a file or a text; the path of the result."""
+    """Runs the verb on a file or a text; returns the path of the result."""
     if isinstance(source, str):
         text, source = source, folder / f"{name}.nml"
         source.write_text(text)
@@ -73,7 +73,7 @@ def test_times_are_positive_and_in_order(name, tmp_path):
         assert (columns["seconds"] <= columns["seconds_max"]).all()
         assert (columns["ratio_low"] <= columns["ratio"]).all()
         assert (columns["ratio"] <= columns["ratio_high"]).all()
-    # Each contains the one before it.
+    # Each contains the previous one.
     for part, whole in (
         ("residual", "newton_step"),
         ("tangent", "newton_step"),
@@ -103,12 +103,12 @@ def test_parts_add_up_and_lie_between_their_ends(tmp_path):
     assert (data.bench_solver_seconds.values > 0.0).all() and (data.bench_setup_seconds.values > 0.0).all()
     parts = data.bench_setup_seconds_min + data.bench_solver_seconds_min + data.bench_recovery_seconds_min
     assert (parts.values <= data.bench_total_seconds_min.values * (1.0 + ROUNDING)).all()
-    # One thread: no processor time without wall time, but for the tick of its clock.
+    # One thread: the processor time does not exceed the wall time, except by one tick of its clock.
     assert (data.bench_cpu_seconds_min.values <= data.bench_total_seconds_max.values + 0.01).all()
 
 
 def test_file_is_that_of_solve(tmp_path):
-    """Each point solved by itself, from nothing."""
+    """Each point is solved separately, without a first guess."""
     text = MODEL + ORDERS.format("3, 2")
     data = load(bench(text, tmp_path, "--budget", "0", "--repeats", "2"))
     solved = load(solve(text, tmp_path, name="solved"))
@@ -118,7 +118,7 @@ def test_file_is_that_of_solve(tmp_path):
 
 @pytest.mark.long  # seconds
 def test_memory_grows_with_the_tangent(tmp_path):
-    """Newton's dense tangent of 61 MB at order 26 (2809 unknowns) must show; at order 3 there is next to nothing."""
+    """Newton's dense tangent of 61 MB at order 26 (2809 unknowns) must be visible; at order 3 it is negligible."""
     text = MODEL + "&solver method = 'newton' /\n&sampling samples = 54 /\n&certificate is_on = .false. /\n"
     options = ("--budget", "0", "--repeats", "1", "--set", "harmonics%symmetry='none'")
     data = load(bench(text + ORDERS.format("3, 26"), tmp_path, *options))

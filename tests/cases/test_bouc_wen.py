@@ -1,4 +1,4 @@
-"""A mass on a spring with Bouc-Wen hysteresis: its multipliers against those of its period map, and how it is integrated."""
+"""A mass on a spring with Bouc-Wen hysteresis: its multipliers against those of its period map, and its time integration."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def mass(exponent):
 
 
 def period_map(exponent):
-    """Motion after a period, and the multipliers, ascending, of what it makes of changes of its start."""
+    """Motion after a period, and the multipliers, ascending, of the map of perturbations of its start."""
 
     def rates(time, state):
         x, v, w = state

@@ -1,4 +1,4 @@
-"""Points of a sweep read only what changes between them: each must be what it is by itself."""
+"""Points of a sweep read only the values that change between them: each must equal a separate point."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_points_are_what_they_are_by_themselves(name, tmp_path):
 
 
 def test_a_group_that_the_input_does_not_have(tmp_path):
-    """The first guess of a sweep, &start, comes from its values alone; the last point has none of its own."""
+    """The first guess of a sweep, &start, depends on its values only; the last point has no guess of its own."""
     model = MODEL.replace("&start dof = 'x1', tuple = 1, cos = 0.0 /\n", "")
     sweep = "&sweep parameter = 'start%cos', values = 0.0, 0.01 /\n"
     options = ("--set", "start%dof='x1'", "--set", "start%tuple=1")
@@ -74,7 +74,7 @@ def test_a_sweep_by_overrides_alone(tmp_path):
 
 
 def _solve(text, folder, *options):
-    """The result file; None where the input is refused."""
+    """The result file; None if the input is rejected."""
     source = folder / "case.nml"
     source.write_text(text)
     result = folder / ("alone.h5" if options else "together.h5")

@@ -31,7 +31,7 @@ CASES = {
         BEAM + "&law type = 'rigid_wall', dof = 'v3', gap = 1.5e-3, augmentation = 1e5 /\n",
         (2, 3, 5, 8, 12, 21),
     ),
-    # steps in the larger set, where it holds what it touches, see .02 to .2 of the error
+    # steps in the larger set, in which it holds touching contacts, detect .02 to .2 of the error
     "stop ten thousand times as stiff as the beam": (
         BEAM + "&law type = 'elastic_stop', dof = 'v3', stiffness = 84e7, gap = 1.5e-3 /\n&sampling samples = 64 /\n",
         (3, 5, 7, 15),
@@ -78,7 +78,7 @@ def test_estimate_is_within_a_factor_of_three_of_the_true_error(name, tmp_path):
         assert true_error / FACTOR <= estimate <= FACTOR * true_error, (order, true_error, estimate)
 
 
-# One tone each: at the same frequency the motion is the same whichever way a run comes there.
+# One tone each: at the same frequency the motion is the same, however a run arrives there.
 FRAMES = {
     "cubic spring": "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /\n",
     "elastic stop": "&law type = 'elastic_stop', dof = 'x1', stiffness = 10.0, gap = 0.5 /\n",
@@ -88,7 +88,7 @@ FRAMES = {
 
 @pytest.mark.parametrize("law", FRAMES)
 def test_the_same_motion_has_the_same_estimate(law, tmp_path):
-    """As a point, in sweeps from both sides, as its last point, and where a sweep was taken up again."""
+    """As a single point, in sweeps from both sides, as the last point, and in a continued sweep."""
     model = MASS.format(damping=0.2, tones="{tone}", load=0.4).replace("tuple = 1, 0", "tuple = 1")
     model = "".join(line for line in model.splitlines(True) if "0, 1" not in line).format(tone=0.7)
     model += FRAMES[law] + "&harmonics order = 7 /\n"
@@ -134,7 +134,8 @@ START, BRANCH = 2, 7
 
 @pytest.mark.parametrize("law", ["cubic_spring", "elastic_stop"])
 def test_branch_points_have_their_estimate(law, tmp_path):
-    """Where a motion loses its symmetry, seen from both sides and from the curves that begin there: as at the points next to it."""
+    """Where a motion loses its symmetry, approached from both sides and on the curves that begin there: as at the neighbouring
+    points."""
     stiffness, tone, ends, nonlinear = {
         "cubic_spring": (0.0, 1.0, (2.0, 2.6), "stiffness = 1.0"),
         "elastic_stop": (1.0, 0.8, (1.2, 1.5), "stiffness = 5.0, gap = 1.0, two_sided = .true."),
@@ -172,7 +173,7 @@ def test_the_same_normal_mode_has_the_same_estimate(law, tmp_path):
 
 @pytest.mark.parametrize("law", FRAMES)
 def test_estimates_by_tolerance_are_those_of_their_sets(law, tmp_path):
-    """What a sweep finds by tolerance from both sides, solved again in the sets and on the grids that it has chosen."""
+    """Points of a sweep with a tolerance from both sides, solved again in the sets and on the grids that were chosen."""
     model = MASS.format(damping=0.2, tones="{tone}", load=0.4).replace("tuple = 1, 0", "tuple = 1")
     model = "".join(line for line in model.splitlines(True) if "0, 1" not in line)
     model = model.format(tone=0.7) + FRAMES[law].partition("&sampling")[0] + "&solver tolerance = 1e-11 /\n"
@@ -220,7 +221,7 @@ def test_thresholds_give_the_status_and_keep_the_coefficients(tmp_path):
 
 
 def test_an_error_above_one_per_cent_is_told_by_default(tmp_path):
-    """The motion against the wall at order 3 is off by 2 %; it is stored all the same."""
+    """The motion against the wall at order 3 has an error of 2 %; it is stored all the same."""
     model = BEAM + "&law type = 'rigid_wall', dof = 'v3', gap = 1.5e-3 /\n&harmonics order = 3 /\n"
     status, coefficients, estimate = read(
         solve(model, tmp_path, status=1), "status", "coefficients", "truncation_estimate"
@@ -235,7 +236,7 @@ def test_an_error_above_one_per_cent_is_told_by_default(tmp_path):
     [("1.0", 15, IMPACT), ("0.5", 15, IMPACT), ("0.05", 31, CONVERGED), ("1.0, 1.618033988749895", 9, IMPACT)],
 )
 def test_an_impact_that_restitution_decides_on_is_told(tones, order, status, tmp_path):
-    """One mass against a rigid wall, integrated with restitution 0 and 0.8: the estimate is about their difference."""
+    """One mass against a rigid wall, integrated with restitution 0 and 0.8: the estimate is approximately their difference."""
     two = "," in tones
     model = MASS.format(damping=0.2, tones=tones, load=0.4 if two else 0.6)
     if not two:

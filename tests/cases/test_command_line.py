@@ -1,4 +1,4 @@
-"""What the command line takes, and that the worked example of docs/user/input.md prints what the page shows."""
+"""The options of the command line, and the worked example of docs/user/input.md, which prints the output on the page."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def test_frequencies_that_were_unknown_are_told(tmp_path):
 
 
 def test_worked_example_prints_what_the_page_shows(tmp_path):
-    """`...` on the page stands for anything, such as the memory of the machine, or the rounding errors of a check."""
+    """`...` on the page represents anything, such as the memory of the machine, or the rounding errors of a check."""
     section = PAGE.read_text(encoding="utf-8").split("## A worked example")[1].split("\n## ")[0]
     text = re.search(r"```fortran\n(.*?)```", section, re.DOTALL).group(1)
     console = re.search(r"```console\n(.*?)```", section, re.DOTALL).group(1)
@@ -119,7 +119,7 @@ def test_worked_example_prints_what_the_page_shows(tmp_path):
 
 
 def test_one_process_starts_no_helper_and_looks_for_no_network(tmp_path):
-    """Both belong to jobs of several processes and take half a second of each command."""
+    """Both belong to runs with several processes and take half a second of each command."""
     own = {name: value for name, value in environment().items() if not name.startswith("OMPI_MCA_")}
     own["OMPI_MCA_mpi_show_mca_params"] = "enviro"
     alone, launched = (
@@ -131,7 +131,7 @@ def test_one_process_starts_no_helper_and_looks_for_no_network(tmp_path):
 
 
 def test_inputs_to_begin_with(tmp_path):
-    """All but that of a model file are solved as they stand; that one asks for its file."""
+    """All except that of a model file are solved unchanged; that one requires its file."""
     names = run("new", cwd=tmp_path).stdout.split()
     assert names == sorted(path.stem for path in STARTERS.glob("*.nml"))
     for name in names:

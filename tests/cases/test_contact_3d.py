@@ -1,4 +1,4 @@
-"""Contact in three dimensions (`jenkins_2d` with a normal load that varies) against forces without samples and against pyHarm."""
+"""Contact in three dimensions (`jenkins_2d` with a varying normal load) against forces without samples and against pyHarm."""
 
 from functools import partial
 
@@ -46,7 +46,7 @@ def pieces_of_contact(x, normal, n=4000):
     pieces = []
 
     def next_event(margins):
-        """The first of the zeros of functions that are positive now, and which."""
+        """The first zero of the functions that are positive now, and its index."""
         ends = [until]
         for margin in margins:
             a = t + 1e-9
@@ -80,7 +80,7 @@ def pieces_of_contact(x, normal, n=4000):
 
 
 def test_forces_are_those_between_events():
-    """A contact that sticks, slips and is open: harmonics of its force along the motion, integrated between its events."""
+    """A contact that sticks, slips and opens: harmonics of its force along the motion, integrated between its events."""
     loads = [("x", 1, 0.6, 0.0), ("n", 1, 0.0, 0.8)]
     motion = contact(0.3, 8192, loads=loads).solve(order=15)
     place, force = motion["coefficients"].values, motion["force_coefficients"].values

@@ -1,4 +1,4 @@
-"""With more harmonics the answer of a contact case tends to the motion that time integration finds."""
+"""With more harmonics the result of a contact case converges to the motion of time integration."""
 
 import numpy as np
 import pytest

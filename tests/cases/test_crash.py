@@ -1,4 +1,4 @@
-"""Points that end the whole process: noted in the file by a handler, passed by when the run is taken up again."""
+"""Points that end the whole process: recorded in the file by a handler, skipped when the run is resumed."""
 
 import signal
 import subprocess
@@ -14,7 +14,7 @@ from user_law import HEADER_FOLDER
 
 PENDING, CONVERGED, CRASHED = 0, 1, 12
 
-# A spring of stiffness 1 whose parameter says how it ends the process, if it is at least 1.
+# A spring of stiffness 1 whose parameter selects how it ends the process, if it is at least 1.
 LAW = """
 #include "nhbm_user_law.h"
 #include <signal.h>
@@ -89,14 +89,14 @@ ENDINGS = {
 
 @pytest.fixture
 def own_handlers():
-    """Skips builds with the address sanitizer, which keeps its own handlers of signals."""
+    """Skips builds with the address sanitizer, which has its own signal handlers."""
     if b"__asan_init" in Path(program()).read_bytes():
         pytest.skip("the address sanitizer has its own handlers")
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A folder with the law; mpirun ends the other ranks at once, where it would wait for them twice."""
+    """A folder with the law; mpirun ends the other ranks at once instead of waiting for them twice."""
     monkeypatch.setenv("OMPI_MCA_odls_base_sigkill_timeout", "0")
     (tmp_path / "deadly.c").write_text(LAW)
     command = ["cc", "-O0", "-w", "-shared", "-fPIC", f"-I{HEADER_FOLDER}", "-o", "deadly.so", "deadly.c"]
@@ -111,7 +111,7 @@ def write(folder, values, more="", name="case"):
 
 
 def complete(folder, ranks, *options):
-    """Takes a run up again until it says that nothing is left; how often that was needed."""
+    """Resumes a run until nothing remains; returns how often that was necessary."""
     for n in range(1, 10):
         done = run("resume", "case.h5", "--quiet", *options, cwd=folder, ranks=ranks)
         if done.status == NOT_ALL_CONVERGED and PENDING not in read(folder / "case.h5", "status"):
@@ -120,7 +120,7 @@ def complete(folder, ranks, *options):
 
 
 def assert_rows_equal(a, b, rows):
-    """All that does not depend on the run, nor on the points between, is the same in these points of two files."""
+    """All data that do not depend on the run, or on the points in between, are the same in these points of two files."""
     with h5py.File(a, "r") as one, h5py.File(b, "r") as other:
         for name, data in one.items():
             if data.ndim > 0 and data.dims[0].keys()[:1] == ["point"] and not name.endswith(("rank", "_seconds", "branch")):
@@ -183,7 +183,7 @@ def test_retry_tries_a_crashed_point_again(folder):
 
 @pytest.mark.usefixtures("own_handlers")
 def test_chain_goes_on_behind_a_crashed_point(folder):
-    """A chain of which points are left is solved again from its beginning, but for the point that ends the process."""
+    """A chain with remaining points is solved again from its beginning, except the point that ends the process."""
     chain = "&solver first_guess = 'neighbour', chain_length = 8 /\n"
     run("solve", write(folder, [0.1, 0.2, 0.3, 1, 0.4, 0.5], chain), "--quiet", cwd=folder)
     assert complete(folder, None) == 1

@@ -1,4 +1,4 @@
-"""Curves: what a run of `&curve` prints and stores, that nobody can tell who followed it or how often it was ended."""
+"""Curves: the output and the file of a run with `&curve`, independent of the number of ranks and of interruptions."""
 
 import re
 import shutil
@@ -68,8 +68,8 @@ def family(tmp_path_factory):
 
 
 def test_a_curve_that_turns_at_a_kink_has_a_fold_there(tmp_path):
-    """A slider begins to slip a second time in the half period: the curve turns back with a corner, and what lies behind is no
-    stable motion although the slip is shorter than the looks for events."""
+    """A slider begins to slip a second time in the half period: the curve folds at a corner, and the motions beyond it are unstable
+    although the slip is shorter than the distance of the detection times for events."""
     curve = solve(KINK, tmp_path)
     value, kind, stable = read(curve, "tones_frequency", "curve_kind", "is_stable")
     fold = int(np.argmax(kind == FOLD))
@@ -100,7 +100,7 @@ def test_a_curve_tells_what_it_found(tmp_path):
 
 
 def test_a_curve_says_that_it_begins_at_the_other_end(tmp_path):
-    """Nothing moves at the first end, where rest is unstable and the &start is no motion."""
+    """There is no motion at the first end, where rest is unstable and the &start is not a motion."""
     (tmp_path / "pumped.nml").write_text(
         "&structure type = 'chain', n_masses = 1, ends = 'fixed-free', mass = 0.3, coupling_stiffness = 120.0,\n"
         "           damping_mass = 0.12 /\n"
@@ -125,7 +125,7 @@ def test_a_family_has_the_same_bits_on_two_ranks(family, tmp_path):
 
 @pytest.mark.parametrize("share", [0.05, 0.4, 0.9])
 def test_an_ended_curve_goes_on_bit_by_bit(family, tmp_path, share):
-    """Rows behind a point, which may be any, are as a killed run leaves them."""
+    """Rows after a point, which may contain anything, as after a killed run."""
     path = tmp_path / "family.h5"
     shutil.copy(family, path)
     with h5py.File(path, "r+") as file:
@@ -140,7 +140,7 @@ def test_an_ended_curve_goes_on_bit_by_bit(family, tmp_path, share):
 
 
 def test_points_of_a_curve_are_those_of_a_sweep(tmp_path):
-    """At the values of a curve a sweep that starts from its neighbours finds the same motions, where there is one alone."""
+    """At the values of a curve a sweep with first guesses from its neighbours finds the same motions, if there is only one."""
     curve = solve(CURVE.replace("values = 1.0", "values = 0.7, 0.9, 1.0, 2.0"), tmp_path, name="curve")
     points = solve(DUFFING + "&sweep parameter = 'tones%frequency', values = 0.7, 0.9, 1.0, 2.0 /\n", tmp_path, name="points")
     with Results(curve) as found, Results(points) as known:
@@ -173,7 +173,7 @@ def test_controlled_experiments_are_those_of_one_harmonic(tmp_path):
 
 
 def test_followed_points_stay_within_their_range(tmp_path):
-    """The load that holds an amplitude passes 0.3 N where w**2 is about 1.37."""
+    """The load at which an amplitude is constant passes 0.3 N where w**2 is about 1.37."""
     held = "&curve parameter = 'tones%frequency', from = 1.1, to = 1.6, amplitude_of = 'x1 (1)', amplitudes = 1.5,"
     held += " follow = 'amplitude', over = 'load(1)%cos', over_from = 0.01, over_to = 0.3 /\n"
     model = DUFFING.replace("order = 5", "order = 1") + "&certificate is_on = .false. /\n"
@@ -187,7 +187,7 @@ def test_followed_points_stay_within_their_range(tmp_path):
 
 
 def test_followed_points_are_verified_at_both_values(tmp_path):
-    """The load that was found is in the model that time integration follows."""
+    """The computed load is in the model that is integrated."""
     held = "&curve parameter = 'tones%frequency', from = 0.6, to = 0.7, amplitude_of = 'x1 (1)', amplitudes = 1.5,"
     held += " follow = 'amplitude', over = 'load(1)%cos', over_from = 0.01, over_to = 2.0 /\n"
     path = solve(DUFFING + held, tmp_path)
@@ -235,8 +235,8 @@ def test_motions_are_unstable_exactly_between_the_folds(tmp_path):
 
 
 def test_limit_cycles_are_followed_and_end_where_they_die(tmp_path):
-    """A negative damping that fades: the cycle of x'' - e (1 - x**2) x' + d x' + x = 0 has the amplitude 2 sqrt(1 - d/e)
-    and dies at d = e."""
+    """A decreasing negative damping: the cycle of x'' - e (1 - x**2) x' + d x' + x = 0 has the amplitude 2 sqrt(1 - d/e) and
+    vanishes at d = e."""
     text = """
 &structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0,
    damping_mass = 1e-3 /
@@ -261,7 +261,7 @@ def by_tolerance(tmp_path_factory):
 
 
 def test_sets_along_a_curve_follow_the_tolerance(by_tolerance):
-    """Folds: the first by the same curve to 1e-6, the second, which is next to the loss of contact, also without any."""
+    """Folds: the first by the same curve to 1e-6, the second, which is close to the loss of contact, also without a tolerance."""
     names = ("status", "curve_kind", "n_harmonics", "truncation_estimate", "aliasing_estimate", "tones_frequency")
     status, kind, n_harmonics, truncation, aliasing, frequency = (a[:300] for a in read(by_tolerance, *names))
     used = status != UNUSED
@@ -285,7 +285,7 @@ ONE_STOP = """
 
 @pytest.mark.long  # seconds
 def test_folds_and_peaks_are_those_of_a_fine_tolerance(tmp_path):
-    """The curve to 1e-2 is wavy: as its discretisation has it, it turns back more often."""
+    """The curve to 1e-2 is wavy: its discretisation has additional folds."""
     events = []
     for tolerance in ("1e-2", "1e-4"):
         (tmp_path / tolerance).mkdir()
@@ -298,7 +298,7 @@ def test_folds_and_peaks_are_those_of_a_fine_tolerance(tmp_path):
 
 
 def test_motions_without_damping_make_no_torus(tmp_path):
-    """At the start all multipliers are on the unit circle, and rounding decides on which side."""
+    """At the start all multipliers are on the unit circle, and rounding determines on which side."""
     text = """
 &structure type = 'chain', n_masses = 2, mass = 1.0, coupling_stiffness = 1.0, ground_stiffness = 1.0, damping_mass = 0.0 /
 &tones frequency = 1.3 /
@@ -314,7 +314,7 @@ def test_motions_without_damping_make_no_torus(tmp_path):
     ("share", "responses"), [(0.33, "'x1', 'x1 (1)'"), pytest.param(0.72, "'x1'", marks=pytest.mark.long)]
 )
 def test_wavy_curves_go_on_bit_by_bit(tmp_path, share, responses):
-    """What is reported of a wavy top depends on what was reported before."""
+    """The events reported on a wavy peak depend on those reported before."""
     path = solve(ONE_STOP.replace("peak_of = 'x1'", f"peak_of = {responses}"), tmp_path)
     broken = shutil.copy(path, tmp_path / "broken.h5")
     with h5py.File(broken, "r+") as file:
@@ -324,7 +324,7 @@ def test_wavy_curves_go_on_bit_by_bit(tmp_path, share, responses):
 
 
 def test_a_curve_begins_at_the_end_where_its_motion_is_found(tmp_path):
-    """Twenty masses, the last of which is held off by a stop: at 0.05 rad/s no motion is found in a minute."""
+    """Twenty masses, the last of which is preloaded by a stop: at 0.05 rad/s no motion is found in a minute."""
     text = """
 &structure type = 'chain', n_masses = 20, ends = 'fixed-free', mass = 1.0, coupling_stiffness = 1.0, damping_mass = 0.005,
    damping_stiffness = 0.002 /
@@ -395,7 +395,7 @@ def test_what_is_wrong_with_a_curve_over_the_energy_is_said(tmp_path, keys, says
 
 
 def test_motions_on_a_tongue_repeat_in_time(tmp_path):
-    """Motions along the whole tongue, integrated over one period from where the balance has them."""
+    """Motions along the whole tongue, integrated over one period from those of the balance."""
     path = solve((INPUTS / "gallery" / "two_masses_tongue.nml").read_text().replace("order = 31", "order = 51"), tmp_path)
     status, energies, omegas, coefficients = read(path, "status", "normal_mode_energy", "frequency", "coefficients")
     orders = read(path, "tuple")[:, 0]
@@ -562,10 +562,8 @@ def test_curves_by_tolerance_go_on_bit_by_bit(followed, tmp_path, name, share):
 
 
 def test_symmetry_and_period_break_by_tolerance_where_shooting_has_it(tmp_path):
-    """Ueda's oscillator: the tuples that carry nothing before symmetry breaks are in the set where it does.
-
-    To 1e-6 the flip is off by 1.3e-8, to 1e-7 by less than 2e-9.
-    """
+    """Ueda's oscillator: the tuples that are zero before the loss of symmetry are in the set at that point. To 1e-6 the flip has an
+    error of 1.3e-8, to 1e-7 of less than 2e-9."""
     path = solve(UEDA.replace("1e-6", "1e-7"), tmp_path)
     with Results(path) as results:
         (branch,) = results.select({"curve_kind": "branch"})
@@ -601,7 +599,7 @@ RESONANCE = """
 
 
 def test_other_motions_begin_where_their_point_is(tmp_path):
-    """Not somewhere else, where the motion of the curve has no such point: frequencies along it differ from that at its start."""
+    """Not elsewhere, where the motion of the curve has no such point: frequencies along it differ from that at its start."""
     path = solve(TWO_FLIPS, tmp_path)
     with Results(path) as results:
         flips = results.select({"curve_kind": "flip"})
@@ -613,7 +611,7 @@ def test_other_motions_begin_where_their_point_is(tmp_path):
 
 
 def test_tone_that_joins_is_next_to_the_main_one(tmp_path):
-    """Its frequency is that which the angle of the multipliers gives, at the frequency of the point."""
+    """Its frequency is that of the angle of the multipliers, at the frequency of the point."""
     path = solve(RESONANCE, tmp_path, status=None)
     with Results(path) as results:
         torus = results.select({"curve_kind": "torus"})[0]
@@ -628,7 +626,7 @@ def test_tone_that_joins_is_next_to_the_main_one(tmp_path):
 
 
 def test_damping_may_begin_at_zero(tmp_path):
-    """The value below it, of the central difference, is refused: van der Pol's motion dies out where the damping is 1."""
+    """The value below it, of the central difference, is rejected: van der Pol's motion vanishes where the damping is 1."""
     text = """
 &structure type='matrices', n_dofs=1, mass=1.0, stiffness=1.0 /
 &tones unknown=.true. /
@@ -643,7 +641,7 @@ def test_damping_may_begin_at_zero(tmp_path):
 
 @pytest.mark.long  # seconds
 def test_torus_is_followed_by_tolerance(tmp_path):
-    """Where its tone joins by shooting, its frequency and amplitudes at the end from a time integration (test_curve_switching)."""
+    """Its bifurcation point by shooting, its frequency and amplitudes at the end from a time integration (test_curve_switching)."""
     path = solve(FORCED_VAN_DER_POL, tmp_path)
     with Results(path) as results:
         (torus,) = results.select({"curve_kind": "torus"})
@@ -679,7 +677,7 @@ def test_fold_is_followed_by_tolerance_to_that_of_the_curve_there(followed, tmp_
 
 @pytest.mark.long  # seconds
 def test_folds_at_a_stop_are_those_of_shooting(tmp_path):
-    """Two masses, one against a stop: five digits at order 21, where 5e-6 are cut off, and more at order 41."""
+    """Two masses, one against a stop: five digits at order 21, with a truncation of 5e-6, and more at order 41."""
     lower, upper = shooting.folds()
     for order, samples, tolerance in ((21, 256, 1e-5), (41, 1024, 1e-6)):
         text = (INPUTS / "gallery" / "stop_curve.nml").read_text()
@@ -692,7 +690,8 @@ def test_folds_at_a_stop_are_those_of_shooting(tmp_path):
 
 @pytest.mark.long
 def test_coexisting_motions_of_the_rotor_are_told(tmp_path):
-    """At 1.3 rad/s: two whirls all round the ring, one free of it, two tori; integration ends in that and in a torus."""
+    """At 1.3 rad/s: two whirls in permanent contact with the ring, one without contact, two tori; integration ends in the latter
+    whirl and in a torus."""
     text = (INPUTS / "gallery" / "jeffcott_torus.nml").read_text(encoding="utf-8")
     (tmp_path / "rotor.nml").write_text(text)
     assert run("solve", "rotor.nml", cwd=tmp_path).status in (ALL_CONVERGED, NOT_ALL_CONVERGED)

@@ -1,4 +1,4 @@
-"""Files that are damaged: a message and exit status 2, never a signal. tests/fuzz tries thousands, here is what once failed."""
+"""Damaged files: a message and exit status 2, never a signal. tests/fuzz tries thousands; these are cases that failed once."""
 
 import subprocess
 import sys
@@ -93,7 +93,7 @@ def test_resume_refuses_rows_without_axes(begun, tmp_path):
 @pytest.mark.parametrize("compression", [None, "gzip"])
 @pytest.mark.parametrize("name", ["status", "tuple", "input_text", "coefficients"])
 def test_rows_that_are_not_there_take_no_memory(name, compression, begun, tmp_path):
-    """300 million of them took 1.2 GB, texts 2.4 GB; `verify` ended with a trace of the run-time library."""
+    """300 million of them took 1.2 GB, texts 2.4 GB; `verify` ended with a backtrace of the run-time library."""
     path = tmp_path / "case.h5"
     for verb in ("info", "resume", "verify"):
         path.write_bytes(begun)
@@ -112,7 +112,7 @@ def test_rows_that_are_not_there_take_no_memory(name, compression, begun, tmp_pa
 
 @pytest.mark.parametrize("n_bytes", [10**5, 10**9, 2**40, 2**62])
 def test_texts_beyond_the_file_are_named(n_bytes, begun, tmp_path):
-    """HDF5 copies as many bytes as its heap says, and dies of it."""
+    """HDF5 copies as many bytes as its heap specifies, and crashes."""
     data = bytearray(begun)
     at = data.find(b"GCOL")  # signature, version and size of 16 bytes; of each text index, count and size of 16 bytes
     while at >= 0:
@@ -142,7 +142,7 @@ def test_library_that_is_cut_off_is_named(part, tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("make", ["result", "model"])
 def test_python_tools_end_within_a_second(make, begun, tmp_path):
-    """An answer or one line, for 200 of the damages of tests/fuzz."""
+    """A result or one line, for 200 of the damaged files of tests/fuzz."""
     path = tmp_path / "case.h5"
     path.write_bytes(begun)
     if make == "model":

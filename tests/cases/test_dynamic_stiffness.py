@@ -1,4 +1,4 @@
-"""Parts of another stiffness for each frequency, against closed forms and springs and dampers with coordinates of their own."""
+"""Parts with frequency-dependent stiffness, against closed forms and against springs and dampers with their own coordinates."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def with_stop(model):
 
 
 def test_linear_motion_is_that_of_the_closed_form():
-    """A sensor at x3 and an actuator at x1, late by .9 s, and a fractional mount."""
+    """A sensor at x3 and an actuator at x1, with a delay of .9 s, and a fractional mount."""
     model = chain([1.3])
     model.dynamic_stiffness("delay", "x3", stiffness=0.7, damping=0.3, delay=0.9, force_dof="x1")
     model.dynamic_stiffness("fractional", "x2", coefficient=0.4, exponent=0.5)
@@ -43,7 +43,7 @@ def test_linear_motion_is_that_of_the_closed_form():
 
 
 def test_maxwell_elements_are_those_with_coordinates_of_their_own():
-    """Two tones and a stop; each element is a spring in series with a damper, here a coordinate without mass."""
+    """Two tones and a stop; each element is a spring in series with a damper, here a massless coordinate."""
     model = with_stop(chain())
     model.dynamic_stiffness("maxwell", ["x2", "x3"], weights=[1, -1], moduli=[0.7, 0.4], times=[0.5, 3.0])
     k = np.zeros((5, 5))
@@ -74,7 +74,8 @@ def test_sweeps_and_derivatives_move_the_values_of_parts():
 
 
 def test_curves_have_the_peak_of_the_closed_form():
-    """The peak of a linear response on a table of stiffness; between its rows all is a cubic, beyond the last one constant."""
+    """The peak of a linear response with a table of stiffness; between its rows there is a cubic, beyond the last one a
+    constant."""
     model = nhbm.Model(nhbm.Matrices(mass=[[1.0]], damping=[[0.0]], stiffness=[[1.0]]), tones=[0.8])
     model.load("x1", 1, cos=1.0)
     model.dynamic_stiffness("table", "x1", frequencies=[0.5, 1.0], storage=[0.5, 0.7], loss=[0.1, 0.2])

@@ -1,4 +1,4 @@
-"""A mass beside a plate that pulls it: pull-in at rest, multipliers, and what a point says whose motion reaches the plate."""
+"""A mass attracted by a plate: static pull-in, multipliers, and the message of a point whose motion reaches the plate."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The assess assessed: expectations.py accepts what is right, refuses what is wrong, and stumbles over nothing else."""
+"""Tests of the check itself: expectations.py accepts correct results, rejects wrong ones, and does not fail otherwise."""
 
 import pytest
 from nhbm_post.reader import Results

@@ -1,4 +1,4 @@
-"""A hundred curves: the same bits on two ranks as on one, and where they were killed and resumed."""
+"""A hundred curves: the same bits on two ranks as on one, and after they were killed and resumed."""
 
 import signal
 import subprocess

@@ -1,4 +1,4 @@
-"""Files, links, pipes and devices in places where a file is expected, and output that goes nowhere."""
+"""Files, links, pipes and devices as file names, and output that is lost."""
 
 import ctypes
 import errno
@@ -57,7 +57,7 @@ def test_device_is_never_replaced(folder):
 
 @pytest.mark.parametrize("mask", [0o077, 0o002])
 def test_files_have_the_mode_that_the_umask_leaves(mask, folder):
-    """Also the record of a time integration, and no file but the one asked for is left."""
+    """Also the record of a time integration, and only the requested file remains."""
     before = os.umask(mask)
     try:
         for verb, name in (("solve", "r.h5"), ("integrate", "m.h5")):
@@ -126,7 +126,7 @@ def test_stale_pipe_of_the_temporary_name(folder):
 
 
 def test_file_of_the_user_with_the_temporary_name_is_left_alone(folder):
-    """What a killed run has left under this name is taken over: test_survive.py kills runs while they make it."""
+    """The remains of a killed run under this name are replaced: test_survive.py kills runs while they create it."""
     (folder / "case.h5.part").write_text("mine")
     refused(run("solve", "case.nml", cwd=folder), "'case.h5.part'", "in its way")
     assert (folder / "case.h5.part").read_text() == "mine"
@@ -145,7 +145,7 @@ def test_file_of_the_user_with_the_temporary_name_is_left_alone(folder):
     ids=["model", "library", "wisdom"],
 )
 def test_pipes_in_place_of_files_of_the_input(keys, folder):
-    """Whoever opens a pipe waits for who writes to it."""
+    """Opening a pipe waits for its writer."""
     os.mkfifo(folder / "pipe")
     model = MODEL[MODEL.index("&tones") :] if "&structure" in keys else MODEL
     (folder / "piped.nml").write_text(model + keys)
@@ -172,7 +172,7 @@ def run_into(output, *arguments, cwd):
 
 @pytest.mark.parametrize("arguments", [("solve", "case.nml"), ("check", "case.nml"), ("version",), ("help",)])
 def test_closed_pipe_ends_nothing(arguments, folder):
-    """Nobody reads any more what the program says: it goes on, and its exit status is that of its work."""
+    """The reader of the output has closed it: the program continues, and its exit status is that of its work."""
     reader, writer = os.pipe()
     os.close(reader)
     done = run_into(writer, *arguments, cwd=folder)
@@ -196,7 +196,7 @@ def test_full_device_is_told(arguments, folder):
 @on_linux
 @pytest.mark.parametrize("ranks", [None, 2])
 def test_semaphore_left_over_by_mpi_hangs_nothing(ranks, folder):
-    """Of Open MPI's shared file pointers, which nobody uses; its name is that of the result file."""
+    """Of Open MPI's shared file pointers, which are not used; its name is that of the result file."""
     name = f"left_{os.getpid()}.h5"
     semaphore = f"/OMPIO_{name}".encode()
     libc = ctypes.CDLL(None)
@@ -214,7 +214,7 @@ def test_semaphore_left_over_by_mpi_hangs_nothing(ranks, folder):
 @on_linux
 @pytest.mark.parametrize("error", [errno.EIO, errno.ENOSPC], ids=["EIO", "ENOSPC"])
 def test_writes_that_fail_are_told(error, folder):
-    """While the file is made, and when the result of its point is written."""
+    """While the file is created, and when the result of its point is written."""
     words = ("solve", "point.nml", "--overwrite", "--quiet")
     n_writes = count_calls(*words, cwd=folder, call="write", file="point.h5")
     for at in (2, n_writes // 2, n_writes - 5):
@@ -237,7 +237,7 @@ def fails(done):
 @on_linux
 @pytest.mark.parametrize("megabytes", [200, 300])
 def test_too_little_address_space_is_told(megabytes, folder):
-    """OpenBLAS asks for its memory again and again."""
+    """OpenBLAS requests its memory repeatedly."""
     limit = megabytes * 1000**2
     words = (
         f"import os, resource, sys; resource.setrlimit(resource.RLIMIT_AS, ({limit}, {limit})); "
@@ -253,7 +253,7 @@ def test_too_little_address_space_is_told(megabytes, folder):
 
 
 def test_signal_before_the_first_point_ends_at_once(tmp_path):
-    """Forty million points, whose file would take half a minute to make and 24 GB: nothing is left of it."""
+    """Forty million points, whose file would take half a minute to create and 24 GB: nothing remains of it."""
     sweeps = "".join(
         f"&sweep parameter = '{path}', from = 0.5, to = 1.5, n = {n} /\n"
         for path, n in (("load(1)%cos", 10000), ("law(1)%stiffness", 4000))
@@ -275,7 +275,7 @@ def test_signal_before_the_first_point_ends_at_once(tmp_path):
 
 
 def wait_until_caught(process, number):
-    """Until the program has its handler, which is before anything that takes time."""
+    """Waits until the program has installed its handler, which precedes every long operation."""
     for _ in range(1000):
         status = Path(f"/proc/{process.pid}/status").read_text()
         if int(status.split("SigCgt:")[1].split()[0], 16) >> (number - 1) & 1:

@@ -1,4 +1,4 @@
-"""Derivatives of motions by values of the input, from Python and in files."""
+"""Derivatives of motions with respect to values of the input, from Python and in files."""
 
 import time
 
@@ -138,7 +138,8 @@ def test_folds_and_bifurcations_move_with_a_value():
 
 @pytest.mark.long  # seconds
 def test_a_hundred_derivatives_are_those_of_differences():
-    """Of a chain of 50 masses with a stop at each, by the gaps and the stiffnesses of all; prints what they take (pytest -s)."""
+    """For a chain of 50 masses with a stop at each, with respect to the gaps and stiffnesses of all; prints their cost (pytest
+    -s)."""
     model = nhbm.Model(
         nhbm.Chain(n_masses=50, ends="fixed-free", mass=1.0, coupling_stiffness=100.0, damping_mass=0.02), tones=[1.0]
     )
@@ -193,7 +194,8 @@ def transfer(law, slope, signals):
     ],
 )
 def test_response_to_a_small_signal_is_that_of_the_linearised_equation(law, slope):
-    """The load of the signal is zero, and the motion has none of the tuples that it would excite: its set alone is off by half."""
+    """The load of the signal is zero, and the motion has none of the tuples that it would excite: with its own set the error would
+    be one half."""
     signals = [0.11, 0.53, 1.02, 1.97]
     model = forced(law, [0.9, signals[0]])
     model.load("x1", (0, 1), cos=0.0)

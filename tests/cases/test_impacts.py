@@ -1,4 +1,4 @@
-"""Masses that strike rigid walls of a given restitution, against orbits that are put together from free flights."""
+"""Masses that strike rigid walls with a given restitution, against orbits composed of free flights."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ TIME_DOMAIN, IMPACT = 18, 16
 
 
 def flight(t0, x0, v0, t):
-    """Place and velocity at t of the mass that is free since t0."""
+    """Displacement and velocity at t of the mass in free flight since t0."""
     z, steady = D / 2, 1 / (1 - W**2 + 1j * W * D)
     wd = np.sqrt(1 - z**2)
 
@@ -33,7 +33,7 @@ def flight(t0, x0, v0, t):
 
 
 def orbit():
-    """Time after and velocity before the one impact in each turn of the tone."""
+    """Time after and velocity before the single impact in each period."""
     turn = 2 * np.pi / W
 
     def misses(unknowns):
@@ -58,7 +58,7 @@ def solve(directory, law="", more="", tone=W, of=1, status=0):
     ("more", "within"), [("&harmonics order=12 /\n", 1e-4), ("&accuracy tolerance=1e-3 /\n", 1e-3), ("", 1e-2)]
 )
 def test_one_impact_a_turn(more, within, tmp_path):
-    """The harmonics kept are those of the orbit; one impact a turn leaves det = e^2 exp(-d T) of the multipliers."""
+    """The retained harmonics are those of the orbit; with one impact per period the multipliers have det = e^2 exp(-d T)."""
     t0, v, turn = orbit()
     nodes, weights = leggauss(400)
     t = t0 + turn * (nodes + 1) / 2
@@ -67,7 +67,7 @@ def test_one_impact_a_turn(more, within, tmp_path):
     status, found, stable = (a[0] for a in read(result, "status", "coefficients", "is_stable"))
     assert (status, stable) == (TIME_DOMAIN, 1)
     orders = read(result, "tuples")[0] if "tolerance" in more or not more else read(result, "tuple")
-    orders = np.unique(orders.clip(0))  # a point by tolerance has room left
+    orders = np.unique(orders.clip(0))  # a point with a tolerance has unused elements
     found = found[:, : orders.size]
     lines = np.array([(2 if k else 1) * (weights * x) @ np.exp(1j * k * W * t) / 2 for k in orders])
     assert np.abs(found[0, :, 0] + 1j * found[0, :, 1] - lines).max() < within * np.abs(lines).max()
@@ -116,7 +116,7 @@ def test_orbits_have_their_closed_form(w, tmp_path, monkeypatch):
 
 
 def next_impact(impact, guess):
-    """Time and velocity before it, next to that time."""
+    """Time of the next impact and the velocity before it, near that time."""
     for _ in range(20):
         x, u = flight(impact[0], 0.0, -E * impact[1], guess)
         guess -= x / u
@@ -133,8 +133,8 @@ def multipliers(turn, impacts):
 
 
 def test_the_period_doubles_as_shaw_and_holmes_say(tmp_path, monkeypatch):
-    """S. W. Shaw and P. J. Holmes, J. Sound Vib. 90 (1983) 129-155: orbits of one impact a turn lose their stability by a flip, and
-    those of two impacts in two turns follow; multipliers on both sides are those of the maps between impacts."""
+    """S. W. Shaw and P. J. Holmes, J. Sound Vib. 90 (1983) 129-155: orbits with one impact per period lose their stability at a
+    flip, followed by those with two impacts in two periods; multipliers on both sides are those of the maps between impacts."""
 
     def largest(w):
         monkeypatch.setattr("test_impacts.W", w)

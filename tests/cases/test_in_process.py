@@ -1,4 +1,4 @@
-"""The shared library from Python: the bits of the command, threads and interrupts, nothing left behind."""
+"""The shared library from Python: the bits of the command, threads and interrupts, no leaks."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_curves_have_the_bits_of_the_command(tmp_path):
 
 
 def test_stability_is_known_where_the_command_knows_it(tmp_path):
-    """Of tori: a point, the points of a sweep, cold and warm, and of a curve."""
+    """For tori: a point, the points of a sweep, cold and warm, and those of a curve."""
     text = (DUFFING.replace("= 0.9 /", "= 0.9, 1.3 /").replace("tuple = 1, cos = 0.3", "tuple = 1, 0, cos = 0.1")
             + "&harmonics order = 3 /\n&load dof = 'x1', tuple = 0, 1, cos = 0.1 /\n")  # fmt: skip
     sweep = "&sweep parameter = 'tones%frequency(1)', from = 0.9, to = 1.0, n = 20 /\n"
@@ -93,7 +93,7 @@ def long_solution(more=""):
 
 
 def test_an_interrupt_ends_a_solution():
-    """Ctrl-C ends a long solution within a second, and the model goes on."""
+    """Ctrl-C ends a long solution within a second, and the model remains usable."""
     model = long_solution()
     threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
     started = time.monotonic()
@@ -103,7 +103,7 @@ def test_an_interrupt_ends_a_solution():
 
 
 def test_other_threads_go_on_during_a_solution():
-    """The lock of the interpreter is released while the library is at work."""
+    """The lock of the interpreter is released while the library works."""
     model, pauses = long_solution("&solver time_limit = 0.5 /\n"), 0
     thread = threading.Thread(target=model.solve)
     with pytest.warns(nhbm.NotConverged):
@@ -149,7 +149,7 @@ def test_models_leave_nothing_behind():
 
 @pytest.mark.long
 def test_a_hundred_thousand_models_leave_nothing_behind():
-    """Read and dropped, every tenth solved."""
+    """Read and deleted, every tenth solved."""
 
     def make(n):
         for k in range(n):
@@ -205,7 +205,7 @@ OWN_LAW = "@nhbm.law\ndef force(q, v, p):\n    return q**3\n"
 
 
 def test_a_script_needs_no_guard_for_its_processes(tmp_path):
-    """Each process would else run the script anew, up to the sweep that it is made for."""
+    """Otherwise each process would run the script again, up to the sweep for which it is created."""
     path = tmp_path / "script.py"
     path.write_text(SCRIPT.format(law="", use="model.law('cubic_spring', 'x1', stiffness=1.0)"))
     done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=120)

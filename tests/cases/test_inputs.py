@@ -1,4 +1,4 @@
-"""Every example input runs as it is and gives the numbers that it promises in its `! expect:` lines.
+"""Every example input runs unchanged and gives the numbers of its `! expect:` lines.
 
 Of the random problems every twentieth is solved in the short run as well.
 """
@@ -47,7 +47,7 @@ def test_input_gives_what_it_promises(source, tmp_path):
     ("name", "least"), [pytest.param("random_contact_beam", 8, marks=pytest.mark.long), ("random_contact_mass", 5)]
 )
 def test_some_of_the_random_problems(name, least, tmp_path):
-    """Of every twentieth of 200 problems as large a share is solved by the balance alone as of all."""
+    """Among every twentieth of 200 problems the share solved by the balance alone is as large as among all."""
 
     def some(values):
         return "values =" + ",".join(values.group(1).split(",")[::20]) + "/"
@@ -59,12 +59,12 @@ def test_some_of_the_random_problems(name, least, tmp_path):
         assert sum(status in SOLVED for status in results.status) >= least
 
 
-# Hard on purpose: no loads, tones that are hard to tell apart, tones drawn at random of which some are.
+# Difficult on purpose: no loads, tones that are close together, random tones some of which are.
 DOUBTFUL = ("at_rest.nml", "at_rest_wall.nml", "close_tones.nml", "random_contact_beam.nml", "random_contact_mass.nml")
 
 
 def checked(file):
-    """The doubtful ones and the first of each folder; others are read as well when they are solved."""
+    """Those with warnings and the first of each folder; the others are read when they are solved."""
     is_first = file == min(other for other in FILES if other.parent == file.parent)
     return pytest.param(
         file, id=f"{file.parent.name}/{file.name}", marks=[] if is_first or file.name in DOUBTFUL else [pytest.mark.long]

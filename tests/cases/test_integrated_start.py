@@ -1,4 +1,4 @@
-"""`&solver first_guess = 'integration'`: motions that no linear mode leads to, found where time integration ends."""
+"""`&solver first_guess = 'integration'`: motions to which no linear mode leads, found from the end of a time integration."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FROM_INTEGRATION = "&solver first_guess='integration' /\n"
 
 
 def without_a_start(name: str) -> str:
-    """An input of inputs/autonomous that says neither where the motion is nor how fast."""
+    """An input of inputs/autonomous without a start and without first guesses of frequencies."""
     text = (INPUTS / "autonomous" / f"{name}.nml").read_text()
     text = re.sub(r"^&start .*$", "", text, flags=re.MULTILINE)
     return re.sub(r"^&tones\n.*?^/", "&tones unknown = .true. /", text, flags=re.MULTILINE | re.DOTALL) + FROM_INTEGRATION
@@ -54,7 +54,7 @@ def test_tone_of_its_own_beside_a_force(tmp_path):
 
 
 def test_integration_goes_to_the_stable_one_of_three_motions(tmp_path):
-    """A Duffing oscillator at 1.2 rad/s has three motions; from the linear one Newton's method takes one of them as well."""
+    """A Duffing oscillator at 1.2 rad/s has three motions; from the linear one Newton's method also finds one of them."""
     text = (
         "&structure type='matrices', n_dofs=1, mass=1, damping=0.05, stiffness=1 /\n&tones frequency=1.2 /\n&harmonics order=9 /\n"
         "&load dof='x1', tuple=1, cos=0.18 /\n&law type='cubic_spring', dof='x1', stiffness=0.1 /\n"
@@ -71,7 +71,7 @@ def test_integration_goes_to_the_stable_one_of_three_motions(tmp_path):
 
 @pytest.mark.long  # seconds
 def test_what_dies_out_is_no_guess(tmp_path):
-    """Damped everywhere: time integration has nothing to say, and the search from the mode ends as without it."""
+    """Damped everywhere: time integration gives no start, and the search from the mode ends as without it."""
     law = "&law type='van_der_pol', dof='x1', strength=0.1 /\n"
     result = solve(FREE.replace("mass=1", "mass=1, damping=0.2") + law + FROM_INTEGRATION, tmp_path, status=1)
     assert read(result, "status") == [11]

@@ -1,4 +1,4 @@
-"""`nhbm integrate`: the record, and how far time integration and the balance agree on cases with known numbers."""
+"""`nhbm integrate`: the record, and the agreement of time integration and balance in cases with known numbers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FORCED = MASS + "&load dof='x1', tuple=1, cos=0.4 /\n&law type='cubic_spring', d
 
 
 def integration(text: str | Path, folder: Path, *options, name="integration", status=0) -> Path:
-    """Integrates an input, given as text or as a file, and gives the record."""
+    """Integrates an input, given as text or as a file, and returns the record."""
     source = text
     if isinstance(text, str):
         source = folder / f"{name}.nml"
@@ -103,7 +103,7 @@ def test_continued_record_is_the_whole_one(tmp_path, method):
     whole = integration(FORCED + law + rest + "duration=40 /", tmp_path, name="whole")
     integration(FORCED + law + rest + "duration=17 /", tmp_path, name="first")
     second = integration(FORCED + law + rest + "duration=23, continue='first.h5' /", tmp_path, name="second")
-    # cvode chooses its steps anew, and generalized_alpha starts with accelerations of equilibrium
+    # cvode chooses its steps again, and generalized_alpha starts with accelerations of equilibrium
     tolerance = {"cvode": 1e-9, "generalized_alpha": 1e-4}.get(method, 1e-12)
     assert read(second, "time")[0] == pytest.approx(17.0, rel=1e-12)
     np.testing.assert_allclose(read(second, "displacement")[0], read(whole, "displacement")[0, 340:], atol=tolerance)
@@ -128,7 +128,8 @@ def test_a_record_says_what_it_holds(tmp_path):
 
 @pytest.mark.long  # seconds
 def test_several_motions_are_the_same_on_any_number_of_ranks(tmp_path):
-    """Both motions of a hardening spring, by nhbm integrate and by points whose primary method it is: the same bits."""
+    """Both motions of a hardening spring, by nhbm integrate and by points with time integration as primary method: the same
+    bits."""
     model = MASS.replace("frequency=1.3", "frequency=1.5")
     model += "&load dof='x1', tuple=1, cos=0.4 /\n&law type='cubic_spring', dof='x1', stiffness=1 /\n"
     model += "&integration duration=60, transient=150, starts=6 /\n"
@@ -293,7 +294,7 @@ def test_jenkins_under_two_tones(tmp_path):
 
 @pytest.mark.parametrize(("point", "amplitude"), [(0, 2.62610487572), (1, 0.721110255093)])
 def test_den_hartog_motion_without_stops(tmp_path, point, amplitude):
-    """Rigid friction: the direction changes at an event, and without other damping the start is forgotten slowly."""
+    """Rigid friction: the direction changes at an event, and without other damping the transient decays slowly."""
     record = integration(INPUTS / "gallery" / "den_hartog.nml", tmp_path, "--point", point)
     assert largest_motion(record) == pytest.approx(amplitude, rel=1e-9 if point else 1e-7)
 
@@ -350,7 +351,7 @@ def test_verify_agrees_with_a_converged_motion(tmp_path):
 
 
 def test_verify_integrations_again_what_was_integrated_with_a_set_of_its_own(tmp_path):
-    """Ueda's oscillator without a balance: the file has as many places as its largest set, the first point fills six of ten."""
+    """Ueda's oscillator without a balance: the file has as many elements as its largest set, the first point uses six of ten."""
     text = "&structure type='matrices', n_dofs=1, mass=1, damping=0.1, stiffness=0 /\n&tones frequency=1 /\n&harmonics order=9 /\n"
     text += "&load dof='x1', tuple=1, cos=1 /\n&law type='cubic_spring', dof='x1', stiffness=1 /\n"
     text += "&solver max_iterations=0, homotopy_iterations=0 /\n&sweep parameter='harmonics%order', values=5, 9 /\n"
@@ -363,14 +364,14 @@ def test_verify_sees_a_coefficient_that_is_wrong_by_a_thousandth(tmp_path):
     result = solve(CONVERGED_CUBIC, tmp_path)
     with h5py.File(result, "r+") as file:
         file["coefficients"][0, 0, file["tuple"][:, 0].tolist().index(1), 0] *= 1.001
-        file["checksum"][0] = checksum_of_row(file, 0)  # as if it had been found so
+        file["checksum"][0] = checksum_of_row(file, 0)  # as if it had been found in this way
     found = verified(result, status=1)
     assert found["integration_verdict"] == [DIFFERS]
     assert 2e-4 < found["integration_first_difference"][0] < 5e-3
 
 
 def test_verify_knows_an_unstable_motion_from_a_wrong_one(tmp_path):
-    """A van der Pol oscillator under a small load: the small motion is a solution, with growth near strength/2."""
+    """A van der Pol oscillator under a small load: the small motion is a solution, with a growth rate near strength/2."""
     law = "&load dof='x1', tuple=1, cos=0.05 /\n&law type='van_der_pol', dof='x1', strength=0.3 /\n"
     text = FREE.replace("&tones frequency=1", "&tones frequency=2").replace("order=1", "order=9") + law
     found = verified(solve(text, tmp_path), "--periods", 50, status=1)
@@ -390,7 +391,8 @@ def test_verify_takes_friction_and_chosen_points_on_two_ranks(tmp_path):
     assert np.isnan(largest[0]) and largest[1] < 5e-2 and largest[2] < 1.5e-2  # of the motion of the law's coordinate
 
 
-# Converged motions from which a time integration departs; time integration of another program (tests/points) ends as far from them
+# Converged motions from which a time integration departs; time integration by another program (tests/points) ends at the given
+# distance from them.
 # as said.
 DEPARTING = {
     "grows slowly": (
@@ -426,7 +428,7 @@ DEPARTING = {
 &law type='elastic_stop', dof='x1', stiffness=113.038, gap=0.073506 /
 &load dof='x1', tuple=1, cos=-0.154108, sin=0.764477 /
 """,
-    ),  # 95 %; with order 120 it is right to 1e-4, and leaves at the same rate
+    ),  # 95 %; with order 120 it is accurate to 1e-4, and departs at the same rate
     "two tones": (
         DIFFERS,
         """
@@ -468,7 +470,7 @@ def test_verify_sees_motions_from_which_integration_departs(tmp_path, name):
 
 
 def test_verify_is_as_long_as_the_slowest_decay_needs_unless_told(tmp_path):
-    """With 0.1 % of damping nothing shows in ten periods, and 700 are enough."""
+    """With 0.1 % of damping ten periods show nothing, and 700 are sufficient."""
     light = "&structure type='matrices', n_dofs=1, mass=1, damping=0.002, stiffness=1 /\n&tones frequency=1.2 /\n"
     text = light + "&harmonics order=7 /\n&load dof='x1', tuple=1, cos=0.1 /\n&law type='cubic_spring', dof='x1', stiffness=0.5 /\n"
     result = solve(text, tmp_path)
@@ -487,7 +489,7 @@ def test_verify_needs_all_degrees_of_freedom(tmp_path):
 
 @pytest.mark.parametrize("method", [pytest.param("cvode", marks=pytest.mark.long), "central_differences"])
 def test_verify_starts_from_a_motion_that_is_partly_behind_a_wall(tmp_path, method):
-    """Both tones are largest at t = 0, where the series of order 5 is 3e-5 m behind the wall."""
+    """Both tones have their maximum at t = 0, where the series of order 5 is 3e-5 m beyond the wall."""
     text = (INPUTS / "paper" / "wall.nml").read_text()
     result = solve(
         text[: text.index("&sweep")], tmp_path, "--set", "harmonics%order=5", "--set", "sampling%samples=32", "--set",
@@ -501,14 +503,14 @@ def test_verify_starts_from_a_motion_that_is_partly_behind_a_wall(tmp_path, meth
 
 
 def forced_blades(frame: str, order: int) -> str:
-    """A force on the disk makes it rub; in its own or the stationary frame the casing sees the blades run along it."""
+    """A force on the disk causes rubbing; in its own or the stationary frame the blades move along the casing."""
     turning = "" if frame == "rotating" else f"frame='{frame}', tone=2, "
     disk = -0.5 if frame == "stationary" else 0.0
     casing = 0.5 if frame == "rotating" else 0.0
     at = "tuple=1,3" if frame == "stationary" else "tuple=1,0"
     tuples = [f"{k},{m}" for k in range(order + 1) for m in (0, 3, -3) if k > 0 or m >= 0]
     loads = [f"&load dof='q1', {at}, cos=0.1 /"]
-    if frame == "stationary":  # a force that turns with the disk: half of it in each sense
+    if frame == "stationary":  # a force that rotates with the disk: half of it in each direction
         loads = [
             f"&load dof='q1', tuple=1,{m}, cos=0.05 /\n&load dof='q2', tuple=1,{m}, sin={0.05 if m > 0 else -0.05} /"
             for m in (3, -3)
@@ -541,7 +543,7 @@ def test_blades_are_integrated_alike_in_all_frames(tmp_path, method, step, toler
         record = integration(forced_blades(frame, 3) + group, tmp_path, name=frame)
         t, x = read(record, "time", "displacement")
         disk, casing = x[0] + 1j * x[1], x[2] + 1j * x[3]
-        turned = np.exp(-1j * 3 * 0.5 * t)  # from the stationary frame back into that of the disk
+        turned = np.exp(-1j * 3 * 0.5 * t)  # from the stationary frame back to that of the disk
         disk = disk * turned if frame == "stationary" else disk
         motions[frame] = np.array([disk, casing if frame == "rotating" else casing * turned])
     largest = np.abs(motions["rotating"]).max()

@@ -1,4 +1,5 @@
-"""Newton's method from products alone finds what it finds with the dense tangent, on every case of the paper and the gallery."""
+"""Newton's method with products only finds the same motions as with the dense tangent, in every case of the paper and the
+gallery."""
 
 from pathlib import Path
 
@@ -13,10 +14,11 @@ FILES = sorted([*INPUTS.glob("paper/*.nml"), *INPUTS.glob("gallery/*.nml")])
 
 # Of the largest coefficient of a point; both solvers stop at a residual of 1e-12.
 SAME_POINT = 1e-10
-# Points of curves that are located, such as peaks, are where a function of the motion is zero as far as that is reported; steps of
+# Located points of curves, such as peaks, are defined by a zero of a function of the motion; steps of a branch that begins at one
+# are counted from there. Along the curve they may differ by more, but not across it.
 # a branch that begins at one are counted from there. Along the curve they may differ by more, not across it.
 SAME_EVENT = 1e-8
-# Seconds each, beside others of their kind: curves apart and behind branch points, limit cycles that are driven or rub.
+# Seconds each, like others of their kind: separate curves and curves after branch points, limit cycles that are driven or rub.
 LONG_CURVES = tuple(file.stem for file in FILES if "\n&curve" in file.read_text())
 LONG_CYCLES = ("forced_van_der_pol", "locked_van_der_pol", "one_sided_spring", "rotor_stator", "rotor_stator_friction")
 NEIGHBOURS = 4  # of a point: the ways to them span the tangent to fourth order
@@ -44,7 +46,7 @@ def solved(source: Path, method: str, folder: Path) -> tuple[np.ndarray, ...]:
 
 
 def across(difference: np.ndarray, points: np.ndarray, point: int) -> np.ndarray:
-    """What is left of a difference without its part along the curve."""
+    """The part of a difference perpendicular to the curve."""
     neighbours = sorted(range(len(points)), key=lambda other: abs(other - point))[1 : NEIGHBOURS + 1]
     ways = (points[neighbours] - points[point]).T
     return difference - ways @ np.linalg.lstsq(ways, difference, rcond=1e-13)[0]
@@ -90,7 +92,7 @@ def test_large_sets_are_solved_by_products(tmp_path):
 
 
 def test_chain_of_stops_is_solved_as_a_band(tmp_path):
-    """A stop on each of 120 masses: nothing is condensed out, all matrices of the structure stay narrow."""
+    """A stop on each of 120 masses: nothing is condensed, all matrices of the structure remain narrow."""
     lines = [
         "&structure type = 'chain', n_masses = 120, ends = 'fixed', mass = 1.0, coupling_stiffness = 4.0,",
         "   ground_stiffness = 1.0, damping_mass = 0.2 /",
@@ -112,7 +114,7 @@ AUTONOMOUS = sorted(INPUTS.glob("autonomous/*.nml"))
 
 @pytest.mark.parametrize("source", [input_case(file, LONG_CYCLES) for file in AUTONOMOUS])
 def test_unknown_tones_agree_with_dense_newton(source, tmp_path):
-    """The search takes the same way, whether the bordered tangent is factorised or multiplied by."""
+    """The search takes the same path, whether the bordered tangent is factorised or used in products."""
     found = {}
     for method in ("newton", "krylov"):
         result = tmp_path / f"{method}.h5"

@@ -1,4 +1,4 @@
-"""Signals and limits end a run within a second, whatever it does. Many more places by `tests/limits`, label long."""
+"""Signals and limits end a run within a second at any time. Many more cases in `tests/limits`, label long."""
 
 import os
 import signal
@@ -45,7 +45,7 @@ def test_a_signal_ends_a_run_within_a_second(name, tmp_path):
 
 
 def test_a_law_that_gives_up_for_ever_ends_by_itself(tmp_path):
-    """640 s on 2825d10: time integration took ever smaller steps up to a place where the law has no force."""
+    """640 s in version 2825d10: time integration took ever smaller steps towards a point where the law has no force."""
     build_laws(tmp_path)
     began = time.monotonic()
     result = solve(MODELS["recoverable law"], tmp_path, status=None)
@@ -63,7 +63,7 @@ def test_limits_hold_everywhere():
 
 
 def test_what_lies_beyond_the_set_is_in_the_estimate(tmp_path):
-    """Averages of a motion integrated in time are exact to 1e-10; what order 1 leaves out is a hundredth and more."""
+    """Averages of an integrated motion are exact to 1e-10; the harmonics omitted at order 1 are a hundredth and more."""
     text = (
         "&structure type='matrices', n_dofs=1, mass=1.0, damping=0.2, stiffness=1.0 /\n"
         "&tones frequency=0.8 /\n&harmonics order=1 /\n"
@@ -88,7 +88,7 @@ def test_what_lies_beyond_the_set_is_in_the_estimate(tmp_path):
     ],
 )
 def test_what_runs_away_is_not_called_damped(structure, law, tmp_path):
-    """Alone, and beside a given tone, which does not make it a tone that died out."""
+    """Alone, and with a given tone, so that it is not reported as a vanished tone."""
     alone = "&tones unknown=.true. /\n&harmonics order=7 /\n"
     beside = "&tones frequency=1.7, 1.0, unknown=.false., .true. /\n&harmonics order=3 /\n&load dof='x1', tuple=1, 0, cos=0.2 /\n"
     for tones in (alone, beside):

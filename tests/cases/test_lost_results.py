@@ -1,4 +1,4 @@
-"""Results that are lost or damaged, during the run or afterwards, never pass for what was computed."""
+"""Lost or damaged results, during the run or afterwards, are never taken for computed ones."""
 
 import os
 import shutil
@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 CONVERGED = 1
 N_POINTS = 6
 
-# A spring of stiffness 1 whose parameter says what becomes of the result file under the run.
+# A spring of stiffness 1 whose parameter selects what happens to the result file during the run.
 LAW = """
 #include "nhbm_user_law.h"
 #include <fcntl.h>
@@ -143,7 +143,7 @@ def test_two_runs_do_not_write_to_one_file(tmp_path):
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory):
-    """Folder with the result of a whole run, and the names of all its datasets that have rows with a checksum."""
+    """Folder with the result of a complete run, and the names of all its datasets with rows that have a checksum."""
     folder = tmp_path_factory.mktemp("sound")
     sweep = f"&sweep parameter = 'load(1)%cos', from = 0.5, to = 1.5, n = {N_POINTS} /\n"
     (folder / "case.nml").write_text(MODEL + SPRING + "&output samples = 8 /\n" + sweep)

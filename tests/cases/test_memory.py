@@ -1,4 +1,4 @@
-"""The memory estimate: what `check` says is what a run takes, and what cannot fit is refused with a message."""
+"""The memory estimate: the output of `check` agrees with the memory of a run, and models that cannot fit are rejected."""
 
 import re
 import subprocess
@@ -8,7 +8,7 @@ import pytest
 from limit_parts.models import MODELS
 from program import BAD_INPUT, command, environment, read, run
 
-# Two tones, order 28, three degrees of freedom: the tangent takes nearly all.
+# Two tones, order 28, three degrees of freedom: the tangent needs almost all of the memory.
 LARGE = """&structure
    type = 'chain', n_masses = 3, mass = 1.0, coupling_stiffness = 1.0, damping_mass = 0.1 /
 &tones frequency = 1.0, 1.4142 /
@@ -56,8 +56,8 @@ TWO_TONES = {
 
 @pytest.mark.parametrize("n_tones", [1, 2])
 def test_memory_of_a_chain_grows_with_its_length(n_tones, tmp_path):
-    """10,000 masses take less than 100 MB, with their certificate; as dense matrices they would take 2.4 GB. Twice as many take
-    less than twice as much."""
+    """10,000 masses need less than 100 MB, including their certificate; dense matrices would need 2.4 GB. Twice as many need less
+    than twice as much."""
     text = LONG_CHAIN
     for old, new in TWO_TONES.items() if n_tones == 2 else ():
         text = text.replace(old, new)
@@ -71,11 +71,11 @@ def test_memory_of_a_chain_grows_with_its_length(n_tones, tmp_path):
 
 
 def estimate_and_measurement(source, tmp_path):
-    """What `check` says of one point, and the largest resident memory of a run, in bytes."""
+    """The estimate of `check` for one point, and the largest resident memory of a run, in bytes."""
     estimate = re.search(r"^memory +(\d+) MiB", run("check", source, cwd=tmp_path).stdout, re.MULTILINE)
     assert estimate, "nhbm check says no memory"
     words = command("solve", source, "-o", tmp_path / "result.h5", "--quiet")
-    # A process starts with the peak of the one that starts it: a small one in between, not this one.
+    # A process starts with the peak of its parent: a small process is put in between.
     code = "import resource, subprocess, sys; subprocess.run(sys.argv[1:], stderr=subprocess.DEVNULL); "
     code += "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
     between = [sys.executable, "-c", code, *words]

@@ -1,4 +1,4 @@
-"""What the program says to somebody who is new to it: why points have no motion, what to try, and words that lead on."""
+"""Messages for new users: why points have no motion, what to try, and where to read on."""
 
 import contextlib
 import os
@@ -35,7 +35,7 @@ def write(folder, text, name="case.nml"):
 
 
 def commands(text):
-    """What is said to be tried, without the remark behind it."""
+    """The suggested commands, without the remarks after them."""
     told = [line.partition("try: nhbm ")[2] for line in text.splitlines() if "try: nhbm " in line]
     return [line.partition("  (")[0].partition(";")[0] for line in told]
 
@@ -99,7 +99,7 @@ def test_answers_of_time_integration_count_as_the_exit_status_says(tmp_path):
 
 @pytest.mark.long
 def test_motion_of_several_periods_leads_to_its_model(tmp_path):
-    """Its command has the tuples of the load and the order in the new tone."""
+    """The suggested command has the tuples of the load and the order for the new tone."""
     text = HARD_STOP.replace("0.2 /", "1.24 /") + "&harmonics order = 5 /\n&solver max_iterations = 3 /\n"
     done = run("solve", write(tmp_path, text), cwd=tmp_path)
     assert done.status == NOT_ALL_CONVERGED and "1 not converged" in done.stderr, done.stdout + done.stderr
@@ -169,7 +169,7 @@ def test_check_prints_damping_ratios(tmp_path):
 
 
 def test_a_long_point_shows_its_levels_on_a_terminal(tmp_path):
-    """Within a point, on a terminal alone: the level of adaptive refinement, its unknowns and the estimated error."""
+    """Within a point, only on a terminal: the level of adaptive refinement, its unknowns and the estimated error."""
     text = """
 &structure type = 'chain', n_masses = 4, ends = 'fixed-free', mass = 1.0, coupling_stiffness = 4.0, damping_mass = 0.05 /
 &tones frequency = 1.0, 1.618 /
@@ -192,7 +192,7 @@ def test_a_long_point_shows_its_levels_on_a_terminal(tmp_path):
 
 @pytest.mark.parametrize("is_by_tolerance", [False, True], ids=["given", "tolerance"])
 def test_recipe_reads_files(is_by_tolerance, tmp_path):
-    """The code of docs/howto/xarray.md, on a file of the kind it speaks of and on one of an input that asks for nothing."""
+    """The code of docs/howto/xarray.md, with a file of the kind described there and with that of a minimal input."""
     pytest.importorskip("xarray")
     pytest.importorskip("h5netcdf")
     beam = """
@@ -247,7 +247,7 @@ def test_control_characters_do_not_reach_the_terminal(verb, tmp_path):
 
 @pytest.mark.parametrize("group", ["&curve parameter = 'tones%frequency'", "&sweep n = 5, parameter = 'tones%frequency'"])
 def test_what_moves_all_of_two_tones_is_asked_which(group, tmp_path):
-    """It took the place of both frequencies, and loads were told to have too many tuples."""
+    """It replaced both frequencies, and loads were reported to have too many tuples."""
     two = STOP.replace("frequency = 0.2 /", "frequency = 0.2, 0.3 /").replace("tuple = 1,", "tuple = 1, 0,")
     done = run("solve", write(tmp_path, two + f"{group}, from = 0.1, to = 0.2 /\n"), cwd=tmp_path)
     assert done.status == BAD_INPUT

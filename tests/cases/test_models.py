@@ -1,4 +1,4 @@
-"""Structures from model files: the same results as from matrices, sets of nodes, and what is refused."""
+"""Structures from model files: the same results as from matrices, sets of nodes, and invalid models."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def solve(folder, text, *options, name="run", ranks=None):
 
 
 def as_matrices(model):
-    """The same structure as the namelist has it."""
+    """The same structure in namelist form."""
 
     def rows(matrix):
         return ", ".join(f"{x:.17g}" for x in matrix.toarray().ravel())
@@ -91,7 +91,7 @@ def test_model_is_what_its_matrices_are(chain, tmp_path):
 
 
 def entries(form, matrix):
-    """The lower triangle in lines of a form of row, column and value, counted from one."""
+    """The lower triangle in lines with row, column and value, counted from one."""
     part = sp.tril(matrix).tocoo()
     return "".join(form.format(i + 1, j + 1, v) for i, j, v in zip(part.row, part.col, part.data))
 
@@ -139,7 +139,7 @@ def test_every_format_gives_the_same_motion(chain, tmp_path, kind):
 
 
 def test_sweep_of_a_law_on_a_set(chain, tmp_path):
-    """On two ranks, by neighbours: each point is what it is alone."""
+    """On two ranks, from neighbours: each point equals a separate one."""
     sweep = "&sweep parameter = 'law(stop)%gap', from = 0.3, to = 0.2, n = 3 /\n&solver first_guess = 'linear' /\n"
     swept = solve(tmp_path, MODEL + STOPS + sweep, ranks=2)
     for i, gap in enumerate((0.3, 0.25, 0.2)):
@@ -227,7 +227,8 @@ def test_files_that_are_no_models(chain, tmp_path):
 
 @pytest.mark.parametrize("n_bytes", [2**62, 2**64 - 16])
 def test_texts_of_which_hdf5_dies_or_finds_no_end(chain, tmp_path, n_bytes):
-    """The second length makes it go round for ever: heads of texts are 16 bytes, so that the next one begins where this did."""
+    """The second length causes an infinite loop: headers of texts have 16 bytes, so that the next one begins at the same
+    position."""
     data = bytearray((tmp_path / "chain.h5").read_bytes())
     at = data.find(b"GCOL")  # signature, version and size of 16 bytes; of each text index, count and size of 16 bytes
     data[at + 24 : at + 32] = n_bytes.to_bytes(8, "little")
@@ -246,7 +247,7 @@ def test_matrix_that_is_not_symmetric(chain, tmp_path):
 
 
 def test_singular_stiffness_is_an_outcome_that_says_where(chain, tmp_path):
-    """Masses that nothing holds, under a constant load."""
+    """Unsupported masses under a constant load."""
     loose = sp.diags([np.array([1.0, 2, 2, 2, 1]), -np.ones(4), -np.ones(4)], [0, 1, -1])
     chain.stiffness = sp.csr_matrix(loose)
     chain.write(tmp_path / "chain.h5")
@@ -276,7 +277,7 @@ def gallery_case(file):
 
 @pytest.mark.parametrize("name", [gallery_case(file) for file in sorted(INPUTS.glob("*.nml"))])
 def test_gallery(name, tmp_path):
-    """From the script to pictures, with the numbers that the input promises."""
+    """From the script to pictures, with the numbers of the input."""
     pytest.importorskip("skfem")
     make_model(name, tmp_path)
     text = (INPUTS / f"{name}.nml").read_text()
@@ -296,7 +297,7 @@ def test_gallery(name, tmp_path):
 
 
 def check_sliders(path, model):
-    """Sliders that follow the motion over eight beats of the two tones lose what the result says of the laws."""
+    """Sliders that follow the motion over eight beats of the two tones reproduce the loss of the laws in the result."""
     with Results(path) as results:
         (contact,), motion = contacts(results, Structure(model), 0), Motion(results, 0)
         times = motion.step * np.arange(int(1.125 * motion.window / motion.step))
@@ -309,7 +310,7 @@ def check_sliders(path, model):
 
 
 def check_blades(path, model):
-    """Normal forces of the blades, beside damping, push drum and ring as the result says, in the mean of their waves."""
+    """Normal forces of the blades, with damping, move drum and ring as in the result, averaged over their waves."""
     with Results(path) as results:
         contact, motion = contacts(results, Structure(model), 0)[0], Motion(results, 0)
         times = np.linspace(0.0, motion.period, 400)
@@ -341,8 +342,8 @@ WAVE = ("--sectors", "8", "--neighbours", "damper=under_high,under_low")
 
 @pytest.mark.long
 def test_a_wheel_that_was_never_put_together_moves_as_the_whole(tmp_path, monkeypatch):
-    """Under a load of two nodal diameters that turns, with friction between neighbours: each sector moves as the one before did.
-    One nodal diameter is enough where all odd harmonics belong to it, or the first alone is looked for."""
+    """Under a rotating load with two nodal diameters, with friction between neighbours: each sector moves like the previous one.
+    One nodal diameter is sufficient if all odd harmonics belong to it, or if only the first one is needed."""
     pytest.importorskip("skfem")
     monkeypatch.chdir(tmp_path)
     assert nhbm_model(["sector", "--n-sectors", "8", "-o", "sector.h5"]) == 0
@@ -375,8 +376,8 @@ def test_a_wheel_that_was_never_put_together_moves_as_the_whole(tmp_path, monkey
 
 @pytest.mark.long  # seconds
 def test_waves_of_sectors_move_as_wheels_put_together(tmp_path, monkeypatch):
-    """Blades against a casing: under the forces that the balance finds in waves of one sector each, all nodes of the drum and of
-    the ring put together move as told; and the limit cycle is that of waves of sectors and of blades all around the ring."""
+    """Blades against a casing: under the forces of the balance in waves of one sector each, all nodes of the assembled drum and
+    ring move as computed; and the limit cycle is that of waves of sectors and of blades all around the ring."""
     pytest.importorskip("skfem")
     monkeypatch.chdir(tmp_path)
     make_model("blades_casing", tmp_path)
@@ -435,7 +436,7 @@ N_X, N_Y = 40, 30
 
 @pytest.fixture(scope="module")
 def net(tmp_path_factory):
-    """1200 masses on a net, held along one edge: more than are kept dense. A dashpot at one of them."""
+    """1200 masses on a net, held along one edge: too many for dense matrices. A dashpot at one of them."""
     folder = tmp_path_factory.mktemp("net")
     path = lambda n, end: sp.diags([np.r_[np.full(n - 1, 2.0), end], -np.ones(n - 1), -np.ones(n - 1)], [0, 1, -1])  # noqa: E731
     free = path(N_Y, 1.0).tolil()
@@ -482,7 +483,8 @@ def reduce(folder, command):
 
 @pytest.mark.long
 def test_a_large_model_is_said_to_be_and_the_command_makes_a_small_one(net):
-    """That moves as the whole at the places of laws and &output, under loads on many nodes and on one, with a dashpot."""
+    """The small model moves like the full one at the locations of laws and &output, under loads on many nodes and on one, with a
+    dashpot."""
     (net / "large.nml").write_text(NET)
     told = run("check", "large.nml", cwd=net).stdout
     assert "1200 degrees of freedom, which are condensed at each frequency anew" in told
@@ -520,7 +522,7 @@ def test_a_changed_model_is_not_gone_on_with_unasked(net):
 
 
 def test_a_file_that_does_not_tell_its_model_says_what_to_do(net):
-    """As those made before models were marked."""
+    """Like files from before models had identifiers."""
     (net / "older.nml").write_text(NET)
     assert run("solve", "older.nml", "--overwrite", "--quiet", "--time-limit", "0", cwd=net).status == INCOMPLETE
     with h5py.File(net / "older.h5", "r+") as file:

@@ -1,4 +1,4 @@
-"""The pages of the documentation: links that lead somewhere, an index of all, commands that work."""
+"""The pages of the documentation: valid links, an index of all pages, commands that work."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def without_code(page: Path) -> str:
 
 
 def anchors(page: Path) -> set[str]:
-    """Anchors that a reader of Markdown gives to the headings."""
+    """Anchors of the headings in Markdown."""
     headings = re.findall(r"^#+ (.*)$", without_code(page), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 

@@ -1,4 +1,4 @@
-"""Stiffness that changes with the phase of tones, against closed forms, Mathieu's tongues of scipy and integration in time."""
+"""Stiffness that depends on the phase of tones, against closed forms, Mathieu's tongues from scipy and integration in time."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def multipliers(stiffness: float, q: float, tmp_path, damping: float = 0.0):
 @pytest.mark.parametrize("q", [0.1, 1.0])
 @pytest.mark.parametrize("r", [1, 2])
 def test_tongues_of_mathieu(r, q, tmp_path):
-    """On the edges of a tongue both multipliers are 1, a double root that the last digits split but for their sum; between them one
-    is larger."""
+    """On the edges of a tongue both multipliers are 1, a double root that rounding splits with a constant sum; between the edges
+    one is larger."""
     below, above = sorted(float(edge(r, q)) for edge in (mathieu_a, mathieu_b))
     for edge in (below, above):
         assert multipliers(edge, q, tmp_path).sum() == pytest.approx(2.0, abs=1e-6)
@@ -47,7 +47,8 @@ def test_multipliers_are_those_of_integration_in_time(tmp_path):
 
 @pytest.mark.parametrize("tuple_, tones", [("2", "0.9"), ("9", "0.31"), ("1, 1", "0.9, 0.5671"), ("6, -5", "0.9, 0.5671")])
 def test_by_default_the_motion_is_that_of_integration_in_time(tuple_, tones, tmp_path):
-    """A far modulation answers each tuple far from the others: nothing that the laws say of their degree leads there."""
+    """With a distant modulation the response to each tuple is distant from the others: the degrees of the laws do not lead
+    there."""
     n = len(tones.split(","))
     model = OSCILLATOR.format(0.2, 1.3) + f"&tones frequency = {tones} /\n" + PUMP.format(tuple_, 0.3)
     model += f"&load dof = 'x1', tuple = {'1' if n == 1 else '1, 0'}, cos = 1.0 /\n"

@@ -31,7 +31,7 @@ def plan(source, *options, status=0):
 
 
 def table_of(source, *options):
-    """Rows (ranks, seconds, efficiency) of what the verb says."""
+    """Rows (ranks, seconds, efficiency) of the output of the verb."""
     first, *rows = [line.split() for line in plan(source, *options).stdout.splitlines()[1:]]
     assert first == ["ranks", "seconds", "efficiency"]
     return [tuple(map(float, row)) for row in rows]

@@ -1,5 +1,5 @@
-"""tests/points and tests/time_domain: their time integration begins where it has to, else what it calls an error is its own;
-what a file says wrongly is reported; tables come from what is kept of a campaign that was stopped."""
+"""tests/points and tests/time_domain: their time integration begins at the right state, otherwise the reported error is its own;
+wrong numbers in a file are reported; tables are made from the stored part of an interrupted campaign."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ from program import run  # noqa: E402
 
 
 def test_an_exact_motion_has_no_error():
-    """Two masses, hardly damped: what the time integration begins with is still there in the end. The stop is out of reach."""
+    """Two masses, lightly damped: the initial perturbation of the time integration is still present at the end. The stop is out of
+    reach."""
     mass, stiffness = np.eye(2), np.array([[2.0, -1.0], [-1.0, 2.0]])
     damping, force, w = 1e-4 * mass, np.array([0.0, 1.0]), 0.6
     model = Model("", mass, damping, stiffness, ["x1", "x2"], np.array([w]), 1)
@@ -35,7 +36,7 @@ def test_an_exact_motion_has_no_error():
 
 @pytest.mark.parametrize(("growth", "parts"), [(5e-3, True), (-5e-3, False)])
 def test_neighbours_of_an_unstable_motion_part(growth, parts):
-    """What is slow to come and what is slow to go have the same error in the first periods."""
+    """A slow growth and a slow decay have the same error in the first periods."""
     mass, stiffness, w = np.eye(2), np.diag([1.0, 2.0]), 0.6
     model = Model("", mass, np.diag([-2 * growth, 0.01]), stiffness, ["x1", "x2"], np.array([w]), 1)
     model.laws = [Law(1, np.array([1.0, 0.0]), (10.0, 1e3, 0.0))]
@@ -46,7 +47,7 @@ def test_neighbours_of_an_unstable_motion_part(growth, parts):
 
 
 def test_a_coordinate_at_rest_is_measured_by_the_whole_motion():
-    """A slider that holds its mass: rounding is all that moves there, and no measure of anything."""
+    """A slider that holds its mass: only rounding errors move there, and they are not used as a measure."""
     mass, stiffness, w = np.eye(2), np.array([[2.0, 0.0], [0.0, 2.0]]), 0.6
     model = Model("", mass, 0.1 * mass, stiffness, ["x1", "x2"], np.array([w]), 1)
     model.laws = [Law(5, np.array([1.0, 0.0]), (10.0, 0.0, 0.0))]
@@ -67,7 +68,7 @@ def test_a_mass_leaves_a_stop_when_it_should():
 
 
 def test_integration_gets_past_a_corner_between_two_stops():
-    """Both stops touch at one place, that of the mass; a time integration goes on, and ends at its bound of steps."""
+    """Both stops touch at the same position of the mass; a time integration continues, and ends at its limit of steps."""
     one = np.eye(1)
     model = pieces.Stops(one, 0.2 * one, one, np.ones(1), [(0.8, np.array([0.4]))], [(1.0, 294.0, -0.3), (-1.0, 6.0, 0.3)])
     integration = pieces.Integration(pieces.build(), model, 1e5)
@@ -84,7 +85,7 @@ def test_integration_gets_past_a_corner_between_two_stops():
     ],
 )
 def test_laws_that_are_named_are_held_against_integration(kinds, count):
-    """All are answered within the tolerance, and none that is called stable leaves its motion."""
+    """All are solved within the tolerance, and no integration departs from one that is called stable."""
     words = ["--seed", "7", "--count", str(count), "--kinds", kinds, "--tolerance", "1e-2", "--title", " 1 tones, .*, (?!rigid)"]
     done = subprocess.run([sys.executable, TESTS / "points", *words], capture_output=True, text=True, check=False)
     assert done.returncode == 0 and "| above 1; above 3 | 0; 0 |" in done.stdout, done.stdout + done.stderr
@@ -119,7 +120,7 @@ def test_what_a_file_says_wrongly_is_told(tmp_path):
 
 
 def test_a_campaign_goes_on_from_what_it_kept(tmp_path):
-    """Models that are kept are not solved again, there is no program for it; those asked of another tolerance do not count."""
+    """Stored models are not solved again, and no program is given for it; those with another tolerance do not count."""
     kept = [
         {"number": 0, "title": "", "status": "converged", "estimate": 4e-3, "verdict": "stable", "truth": 2e-3, "seconds": 1.0},
         {"number": 1, "title": "", "status": "time_domain", "estimate": 1e-2, "verdict": "not known", "truth": 4e-2, "seconds": 3},

@@ -1,4 +1,4 @@
-"""Programs in C and Fortran that link the shared library: those of an earlier header too, under valgrind."""
+"""Programs in C and Fortran that link the shared library, also with an earlier header, and under valgrind."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from nhbm import Model
 
 
 def test_programs_of_an_earlier_header_run(tmp_path):
-    """The headers in abi/ are those of the first program built with this version of the interface: it runs, and its law does."""
+    """The headers in abi/ are those of the first program built with this version of the interface: it runs, and so does its law."""
     headers = ROOT / "tests" / "cases" / "abi"
     version = [
         re.search(r"#define NHBM_API (\d+)", (folder / "nhbm.h").read_text())[1] for folder in (headers, ROOT / "src" / "api")

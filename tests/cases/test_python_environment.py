@@ -1,4 +1,4 @@
-"""The scripts of tests/ on a Python without the packages that they need: they go on under build/venv."""
+"""The scripts of tests/ with a Python that lacks the required packages: they restart with build/venv."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TESTS = Path(__file__).resolve().parents[1]
 
 
 def without_packages(script: Path, *arguments: str) -> subprocess.CompletedProcess:
-    """Runs a script by a Python that has its standard library alone."""
+    """Runs a script with a Python that has only its standard library."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     return subprocess.run(
         [sys._base_executable, "-S", script, *arguments], env=environment, capture_output=True, text=True, timeout=120

@@ -1,4 +1,4 @@
-"""The examples of drivers/examples in Python: what they find is checked by other ways to the same numbers."""
+"""The examples of drivers/examples in Python: their results are compared with those of other methods."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_damper_optimum_is_that_of_the_ridge():
 
 
 def test_damper_optimum_by_derivatives_takes_few_solutions():
-    """Of the response curve there the peak is the amplitude found, and it grows with the limit to both sides."""
+    """The peak of the response curve is the amplitude found, and it grows with the limit in both directions."""
     limit, amplitude, frequency, n_solutions = damper_optimum.by_gradients()
     assert n_solutions < 15
     model = damper_optimum.blade()
@@ -58,14 +58,14 @@ def test_damper_optimum_by_derivatives_takes_few_solutions():
 
 @pytest.mark.long
 def test_first_order_deviation_is_that_of_samples(monkeypatch):
-    """2,000 samples know their standard deviation to 1.6 %; the rest is what is not linear."""
+    """2,000 samples determine their standard deviation to 1.6 %; the rest is nonlinear."""
     for name, value in PROCESSES.items():
         monkeypatch.setenv(name, value)
     assert float(monte_carlo.main()["value"].std(ddof=1)) == pytest.approx(monte_carlo.first_order(), rel=0.08)
 
 
 def test_samples_are_those_of_models_of_their_own(monkeypatch):
-    """Peaks of samples on two processes are those of curves by tolerance of models made anew."""
+    """Peaks of samples on two processes equal those of curves with a tolerance of new models."""
     for name, value in PROCESSES.items():
         monkeypatch.setenv(name, value)
     found = monte_carlo.main(n_samples=6, n_processes=2)
@@ -88,7 +88,7 @@ def test_fit_finds_the_stop_of_the_measurement():
 
 @pytest.mark.long  # seconds
 def test_a_dual_rotor_runs_up_with_its_rub():
-    """Before and behind the speed where the disk reaches the casing; the motion at a tenth of the tolerance agrees within it."""
+    """Below and above the speed at which the disk reaches the casing; the motion at a tenth of the tolerance agrees within it."""
     motions = dual_rotor.main(speeds=[350.0, 400.0, 430.0])
     assert motions.sizes["dof"] == 224 and motions.nhbm.is_converged.all()
     pushed = abs(motions["force_coefficients"]).sel(law_dof="n3.x").max(("harmonic", "component")).values

@@ -1,4 +1,4 @@
-"""Laws as functions of Python, compiled or not, with memory or without: the numbers of the laws of the catalogue."""
+"""Laws as functions in Python, compiled or not, with memory or without: the numbers of the laws of the catalogue."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from nhbm import Model, ModelError
 
 
 def test_laws_are_functions_of_python(tmp_path):
-    """Complex steps, differences, given derivatives and a compiled law find what the law of the catalogue does."""
+    """Complex steps, differences, given derivatives and a compiled law agree with the law of the catalogue."""
 
     def with_derivatives(q, v, p):
         return p[0] * q**3, 3 * p[0] * q**2, np.zeros_like(v)
@@ -58,7 +58,8 @@ def pushed(q, phases, frequencies):
 
 
 def test_laws_may_depend_on_phases_and_frequencies():
-    """A force given by the phase is a load; its derivative by the frequency leads round folds as well; two tones."""
+    """A force that depends on the phase is a load; its derivative with respect to the frequency also leads around folds; two
+    tones."""
     forced = Model(
         nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1), tones=[0.9]
     )
@@ -120,8 +121,8 @@ def friction(q, p, states):
 
 @pytest.mark.parametrize("tones", [1, 2])
 def test_laws_with_memory_are_the_one_of_the_catalogue(tones, tmp_path):
-    """A slider in Python, in C and of the catalogue: the same motion to 1e-10; multipliers, which come from time integration
-    without the events of the catalogue's, within their estimates."""
+    """A slider in Python, in C and of the catalogue: the same motion to 1e-10; multipliers, from time integration without the
+    events of the catalogue's law, within their estimates."""
     shutil.copy(ROOT / "inputs" / "user_law" / "friction.c", tmp_path)
     subprocess.run(
         [shutil.which("cc"), *INCLUDES, "-shared", "-fPIC", "friction.c", "-o", "friction.so", "-lm"], cwd=tmp_path, check=True
@@ -191,7 +192,7 @@ def test_faults_of_laws_are_raised():
         with pytest.raises(fault, match=text):
             model.law(law, "x1")
             model.solve(order=3)
-    for law in (lambda q: np.zeros(q.shape, dtype=int), lambda q: 0, lambda q: [0.0] * len(q)):  # taken as they are
+    for law in (lambda q: np.zeros(q.shape, dtype=int), lambda q: 0, lambda q: [0.0] * len(q)):  # accepted unchanged
         model = duffing(spring=True)
         model.law(law, "x1")
         np.testing.assert_allclose(

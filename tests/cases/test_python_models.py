@@ -1,4 +1,4 @@
-"""Models in Python: made of values, of text and of matrices, set by path, sent to other processes; errors that help."""
+"""Models in Python: created from values, from text and from matrices, set by path, sent to other processes; helpful errors."""
 
 from __future__ import annotations
 
@@ -51,7 +51,8 @@ def test_inputs_go_both_ways():
 
 
 def test_warm_starts_stay_on_the_branch():
-    """Downwards the response of a hardening spring stays small at .9 of the way up, upwards large."""
+    """With decreasing frequency the response of a hardening spring remains small at .9 of the range, with increasing frequency it
+    is large."""
     model, found = Model.from_namelist(DUFFING.replace("damping_mass = 0.1", "damping_mass = 0.05")), []
     for values in (np.linspace(0.6, 1.6, 41), np.linspace(2.4, 1.6, 41)):
         line = model.sweep({"tones[0]": values}, order=7, warm=True)
@@ -108,7 +109,7 @@ def test_models_are_made_of_values():
 
 
 def test_structures_come_from_memory_and_from_files(tmp_path):
-    """Matrices of SciPy, a model file and a chain of the solver's own give the same motion; sets and load vectors go along."""
+    """Matrices of SciPy, a model file and a chain of the solver give the same motion; sets and load vectors are included."""
     n = 3
     k = np.diag([2.0, 2.0, 2.0]) - np.diag([1.0, 1.0], 1) - np.diag([1.0, 1.0], -1)
     structure = nhbm.Structure(
@@ -143,7 +144,7 @@ def test_structures_come_from_memory_and_from_files(tmp_path):
 
 
 def dual_rotor():
-    """Two shafts with speeds of their own, a bearing with clearance between them and a casing that the first disk may rub."""
+    """Two shafts with different speeds, a bearing with clearance between them and a casing that the first disk may touch."""
     rotor = nhbm.Rotor()
     rotor.shaft(np.linspace(0, 1.6, 11), 0.06, name="low")
     rotor.shaft(np.linspace(0.5, 1.2, 8), 0.12, 0.09, name="high", speed=2)
@@ -167,7 +168,8 @@ def dual_rotor():
 
 @pytest.mark.long  # seconds
 def test_rotors_turn_with_their_tones():
-    """A curve over the speed of the first shaft, the second one in its ratio: its points are those of models at these speeds."""
+    """A curve over the speed of the first shaft, with a constant ratio of the second one: its points equal those of models at these
+    speeds."""
     model = dual_rotor()
     curve = model.curve("tones%frequency(1)", 60.0, 60.2, tie="ratio")
     assert (curve["status"] == 1).all() and curve.sizes["point"] >= 3
@@ -191,7 +193,7 @@ def test_curves_run_over_the_energy_of_a_mode():
 
 
 def test_models_are_sent_with_their_values():
-    """Pickled, with laws of Python and values set since; executors with `map`, that of Dask where it is there."""
+    """Pickled, with laws in Python and changed values; executors with `map`, that of Dask if it is installed."""
     model = duffing(spring=True)
     model.law(nhbm.Law(cubic, odd=True), "x1")
     model["tones[0]"] = 0.8
@@ -208,7 +210,7 @@ def test_models_are_sent_with_their_values():
 
 
 def test_progress_is_reported(monkeypatch):
-    """To a function, or by a bar of tqdm, which need not be there."""
+    """To a function, or by a progress bar of tqdm, which is optional."""
     counts, shown = [], []
 
     class Bar:
@@ -248,7 +250,7 @@ def test_sweeps_are_spread_over_processes():
 
 
 def test_sweeps_are_spread_over_ranks(tmp_path):
-    """Each rank has the whole dataset, with the bits of one process."""
+    """Each rank has the whole dataset, with the same bits as one process."""
     pytest.importorskip("mpi4py")
     (tmp_path / "ranks.py").write_text(
         "import numpy as np\nfrom mpi4py import MPI\nfrom in_process import duffing\n"

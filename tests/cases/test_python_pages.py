@@ -18,7 +18,7 @@ def test_examples_of_docstrings(module):
 
 
 def test_examples_of_the_library_run(tmp_path, monkeypatch):
-    """The lines of the page one after the other, as a reader would type them."""
+    """The lines of the page in sequence, as a reader would type them."""
     matplotlib = pytest.importorskip("matplotlib")
     matplotlib.use("Agg")
     monkeypatch.chdir(tmp_path)

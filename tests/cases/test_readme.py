@@ -1,4 +1,4 @@
-"""The two commands of README.md, run as a new user runs them: in a fresh clone, with nothing built."""
+"""The two commands of README.md, run like a new user: in a fresh clone, with nothing built."""
 
 import os
 import re
@@ -21,7 +21,7 @@ def test_there_are_two():
 @pytest.mark.skipif(not (ROOT / ".git").exists() or not shutil.which("git"), reason="not a repository")
 @pytest.mark.parametrize("command", COMMANDS)
 def test_commands_run_in_a_fresh_clone(command, tmp_path):
-    """Nothing is installed: what the tests need is there."""
+    """Nothing is installed: the requirements of the tests are met."""
     subprocess.run(["git", "clone", "--quiet", ROOT, tmp_path / "clone"], check=True)
     foreign = ("NHBM", "PYTHONPATH", "MPIEXEC")
     environment = {name: value for name, value in os.environ.items() if name not in foreign}

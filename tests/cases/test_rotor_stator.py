@@ -31,7 +31,7 @@ NEGLIGIBLE = 1e-4
 
 
 def accelerated(state, friction, speed):
-    """Rates of (q1, q2, r1, r2, and theirs), one column a motion, in the rotating frame."""
+    """Rates of (q1, q2, r1, r2, and their velocities), one column for each motion, in the rotating frame."""
     q, r, dq, dr = state[0:2], state[2:4], state[4:6], state[6:8]
     turn = DIAMETERS * speed
     load = CONTACT * np.maximum(0.0, -(GAP + RADIAL.T @ (r - q)))
@@ -59,7 +59,7 @@ def integration(state, period, friction, speed):
 
 
 def limit_cycle(friction, speed, frequency, disk, casing, phase):
-    """States over one period that repeats with q2 = 0 at its start, the period, and the Floquet multipliers."""
+    """States over one period that begins with q2 = 0, the period, and the Floquet multipliers."""
     r = casing * np.exp(1j * phase)
     state = np.array([disk, 0.0, r.real, r.imag, 0.0, -frequency * disk, frequency * r.imag, -frequency * r.real])
     period, h = 2 * np.pi / frequency, 1e-6
@@ -92,7 +92,7 @@ def wave(states, first):
 
 
 def start_groups(states, turns):
-    """Groups &start of the motion, whose waves of disk and casing become those of the tuples (k, turns)."""
+    """Groups &start of the motion, in which the waves of disk and casing become those of the tuples (k, turns)."""
     lines = []
     for first, names in ((0, ("q1", "q2")), (2, ("r1", "r2"))):
         for k, z in wave(states, first).items():
@@ -106,7 +106,7 @@ def start_groups(states, turns):
 
 
 def model(frame, friction, speed, frequency):
-    """Input of the model, everything but the start."""
+    """Input of the model without the start."""
     moving = frame == "stationary"
     tones = f"{frequency!r}, {speed!r}" if moving else f"{frequency!r}"
     if moving:
@@ -147,7 +147,7 @@ def test_limit_cycle_is_stable(cycle):
 
 @pytest.mark.long  # seconds of SciPy
 def test_small_limit_cycle_is_unstable():
-    """The one that inputs/rotor_stator/rotating.nml finds from a small wave: disk and casing in opposition."""
+    """The cycle that inputs/rotor_stator/rotating.nml finds from a small wave: disk and casing in opposition."""
     states, period, multipliers = limit_cycle(0.0, 0.909, 1.0138, 0.646, 0.3886, np.pi)
     assert 2 * np.pi / period == pytest.approx(1.01378986, rel=REFERENCE_DIGITS)
     assert np.hypot(states[:, 0], states[:, 1]).mean() == pytest.approx(0.6460444, rel=1e-6)

@@ -1,4 +1,4 @@
-"""docs/user/schema.md has a row for each dataset of result files, with its type, shape and unit, and none beside these."""
+"""docs/user/schema.md has a row for each dataset of result files, with its type, shape and unit, and no other rows."""
 
 import re
 from pathlib import Path
@@ -27,7 +27,7 @@ INPUTS = {
 
 
 def rows(heading: str) -> dict[str, list[str]]:
-    """Cells behind the name of each row of the table under a heading of the page; several names may share them."""
+    """Cells after the name of each row of the table under a heading of the page; several names may share them."""
     text = PAGE.read_text().split(f"## {heading}\n")[1].split("\n#")[0]
     found: dict[str, list[str]] = {}
     for line in text.splitlines():

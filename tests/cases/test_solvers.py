@@ -1,4 +1,4 @@
-"""The solvers on the paper's beam against its wall: how fast, how exact, and the same in any units."""
+"""The solvers for the paper's beam against its wall: work, accuracy, and independence of units."""
 
 import math
 
@@ -101,7 +101,7 @@ def test_units_do_not_matter(length, force, augmentation, method, tmp_path):
 
 @pytest.mark.parametrize("method", ["newton", "broyden"])
 def test_linear_motion_needs_no_iteration(method, tmp_path):
-    """A wall that is out of reach: the first guess is the answer."""
+    """A wall that is not reached: the first guess is the solution."""
     result = solve(beam(3, 16, gap=1.0), tmp_path, "--set", f"solver%method='{method}'")
     iterations, force = read(result, "iterations", "force_coefficients")
     assert iterations[0] == 0
@@ -110,7 +110,7 @@ def test_linear_motion_needs_no_iteration(method, tmp_path):
 
 @pytest.mark.long  # seconds
 def test_diverged_motion_is_not_called_converged(tmp_path):
-    """Without line search Broyden's method may run away to 1e150 m; such a residual is no solution at any scale."""
+    """Without line search Broyden's method may diverge to 1e150 m; such a residual is not a solution at any scale."""
     text = """
 &structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0,
    ground_stiffness = 1.0, damping_mass = 0.2 /
@@ -129,7 +129,7 @@ def test_diverged_motion_is_not_called_converged(tmp_path):
 
 
 def test_homotopy_without_corrections_ends(tmp_path):
-    """Steps that need no correction count as well: this curve wanders on for ever."""
+    """Steps without corrections count as well: this curve never ends."""
     text = """
 &structure type = 'matrices', n_dofs = 2, mass = 1.0, 1.0, damping = 0.1, 4.82842712474619e-6,
    stiffness = 1.0, 5.82842712474619 /

@@ -23,14 +23,14 @@ def rotor(speed):
 
 
 def whirl(model):
-    """Eccentricity ratio at the film and radius of the disk, from the circle of the first harmonic."""
+    """Eccentricity ratio at the film and radius of the disk, from the circular first harmonic."""
     motion = model.solve(order=1)
     x, tilt = (motion.nhbm.harmonic(dof, 1).values for dof in ("x", "tx"))
     return abs(x + 0.894 * tilt) / C, abs(x)
 
 
 def film(radial, power):
-    """Short film, half cavitated, of a journal that whirls in a circle: its forces times the eccentricity ratio to a power, the
+    """Short film, half cavitated, for a circular whirl of the journal: its forces times a power of the eccentricity ratio, the
     radial one times a sign."""
 
     def force(q, v):
@@ -60,8 +60,8 @@ def test_the_film_of_the_catalogue_is_the_one_of_its_formulas(speed):
     (380.0, 0.8236400202, 3.83861762e-4), (400.0, 0.3252800463, 1.52424080e-4), (600.0, 0.0610199275, 2.86499689e-5),
 ])  # fmt: skip
 def test_radii_of_another_program(speed, eccentricity, radius):
-    """It multiplies the film's force by the eccentricity ratio once more, and lets the radial part push outwards: with both, its
-    radii; without them they are another, by up to 8 %."""
+    """The program multiplies the film's force by an additional factor of the eccentricity ratio, and has an outward radial part:
+    with both, its radii agree; without them they differ by up to 8 %."""
     model = rotor(speed)
     model.law(film(radial=-1, power=1), ["x", "y", "tx", "ty"])
     assert whirl(model) == (pytest.approx(eccentricity, abs=6e-11), pytest.approx(radius, rel=2e-9))  # the digits given

@@ -1,4 +1,5 @@
-"""Sweeps that survive: whatever ends a run, its file opens, and `resume` makes of it what an undisturbed run gives."""
+"""Sweeps that survive: however a run ends, its file can be opened, and `resume` completes it to the result of an undisturbed
+run."""
 
 import contextlib
 import os
@@ -36,14 +37,14 @@ LINE = SLOW + f"&sweep parameter = 'law(1)%gap', from = 0.5e-3, to = 2e-3, n = {
 SWEPT = LINE + "&solver first_guess = 'linear' /\n"
 GAPS = "&sweep parameter = 'law(1)%gap', values = 1.0e-3, 1.5e-3, 2.0e-3 /\n"
 
-# What depends on who solved a point and when.
+# Data that depend on the rank and the time of the solution.
 OF_THE_RUN = ("rank", "solve_seconds", "setup_seconds", "iteration_seconds", "certificate_seconds", "worker")
 
 on_linux = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc, where the ranks of mpirun are found")
 
 
 def contents(path):
-    """Bytes of every dataset that must not depend on the run."""
+    """Bytes of each dataset that must not depend on the run."""
     with h5py.File(path, "r") as file:
         return {name: _bytes(data) for name, data in file.items() if not name.startswith(OF_THE_RUN)}
 
@@ -173,7 +174,7 @@ def test_what_cannot_be_resumed(words, says, tmp_path):
 
 
 def test_only_rows_of_points_change_after_the_file_is_made(tmp_path):
-    """No metadata do: a run may be killed between any two writes."""
+    """Metadata do not change: a run may be killed between any two writes."""
     result = ended(tmp_path, QUICK + GAPS)
     before = np.frombuffer(result.read_bytes(), np.uint8)
     assert run("resume", result, cwd=tmp_path).status == ALL_CONVERGED
@@ -211,7 +212,7 @@ def test_file_that_another_run_is_making_is_left_alone(tmp_path):
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to mount a small disk")
 def test_full_disk(tmp_path):
-    """Nothing is left of a file that does not fit, and the one that it was to replace stays."""
+    """Nothing remains of a file that does not fit, and the file that it should replace is unchanged."""
     disk = tmp_path / "disk"
     disk.mkdir()
     mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=600k", "tmpfs", disk], capture_output=True, check=False)
@@ -232,7 +233,7 @@ def test_full_disk(tmp_path):
 
 
 def test_write_that_fails_ends_the_run_with_a_message(tmp_path):
-    """A limit on the size of files stands for a disk that takes no more: the file is whole, its rows cannot be written."""
+    """A limit on the size of files represents a full disk: the file is complete, its rows cannot be written."""
     text = SWEPT.replace(f"n = {N_SWEPT}", "n = 12")
     source = write(tmp_path, text)
     assert run("solve", source, "--time-limit", "0", cwd=tmp_path).status == INCOMPLETE
@@ -290,7 +291,7 @@ def wait_for(process, condition):
 
 
 def finish(process):
-    """Exit status and what stood on standard error."""
+    """Exit status and standard error."""
     text = process.communicate(timeout=120.0)[1].decode(errors="replace")
     return process.returncode, text
 
@@ -325,7 +326,7 @@ def undisturbed_point(tmp_path_factory):
 
 @pytest.mark.parametrize("ending", [signal.SIGTERM, None], ids=["SIGTERM", "time limit"])
 def test_point_in_flight_is_left_between_iterations_and_solved_again(ending, undisturbed_point, tmp_path):
-    """A point of some seconds: its run ends long before, and what resume makes of it is what an undisturbed run gives."""
+    """A point of some seconds: its run ends long before, and after resume the result is that of an undisturbed run."""
     whole, undisturbed = undisturbed_point
     source, result = write(tmp_path, POINT_OF_SECONDS), tmp_path / "case.h5"
     began = time.monotonic()
@@ -415,7 +416,7 @@ def _kill(pids):
 
 
 def terminate(process):
-    """SIGTERM to each rank, as batch systems send it; mpirun itself would pass it on only after a second."""
+    """SIGTERM to each rank, as sent by batch systems; mpirun itself would pass it on only after a second."""
     for pid in ranks_of(process) or [process.pid]:
         with contextlib.suppress(ProcessLookupError):
             os.kill(pid, signal.SIGTERM)
@@ -431,7 +432,7 @@ SLOW_DISTURBANCES = {"SIGTERM to mpirun": terminate_mpirun}
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
-    """The file of a run that nobody disturbs."""
+    """The file of an undisturbed run."""
     folder = tmp_path_factory.mktemp("undisturbed")
     done = run("solve", write(folder, SWEPT), "--quiet", cwd=folder, ranks=3)
     assert done.status == ALL_CONVERGED, done.stderr
@@ -439,7 +440,7 @@ def undisturbed(tmp_path_factory):
 
 
 def n_done(result):
-    """Points of a file that have a status; the run may be about to make it."""
+    """Points of a file that have a status; the run may be creating it."""
     try:
         return int((read(result, "status") != PENDING).sum())
     except OSError:
@@ -447,7 +448,7 @@ def n_done(result):
 
 
 def wait_for_moment(process, result, moments, already):
-    """Waits for a random moment in the life of a run: while it starts, or while some point or other is solved."""
+    """Waits for a random moment of a run: during its start, or while any point is solved."""
     target = moments.randrange(already - 6, max(already + 1, N_SWEPT - 15))  # some points are left to be hit
     if target <= already:
         time.sleep(moments.uniform(0.0, 0.3))
@@ -458,7 +459,7 @@ def wait_for_moment(process, result, moments, already):
 
 
 def disturb(folder, whole, disturbance, seed):
-    """Disturbs a run at a random moment, goes on with what it leaves, once more, and compares; counts what was hit."""
+    """Disturbs a run at a random moment, continues it, once more, and compares; counts the kinds of moments."""
     moments = random.Random(seed)
     source, result = write(folder, SWEPT), folder / "case.h5"
     hits = {"before the file was there": 0, "between points": 0, "after the last point": 0}
@@ -515,7 +516,7 @@ CHAINED = LINE + f"&solver first_guess = 'neighbour', chain_length = {CHAIN} /\n
 
 
 def broken_chains(result):
-    """Chains of which some points are solved and others are not."""
+    """Chains in which only some points are solved."""
     try:
         is_done = read(result, "status") != PENDING
     except OSError:
@@ -536,7 +537,7 @@ def undisturbed_chains(tmp_path_factory):
     "disturbance", [kill_all, lambda process: process.send_signal(signal.SIGUSR1)], ids=["kill -9 of all", "SIGUSR1"]
 )
 def test_broken_chains_are_solved_again_from_their_beginning(disturbance, undisturbed_chains, tmp_path):
-    """Each point of a chain starts from the solution before, so the rest of a chain cannot be solved by itself."""
+    """Each point of a chain starts from the previous solution, so the rest of a chain cannot be solved separately."""
     result = tmp_path / "case.h5"
     process = begin(tmp_path, "solve", write(tmp_path, CHAINED), "--quiet", ranks=3)
     wait_for(process, lambda: len(broken_chains(result)) >= 2)
@@ -570,7 +571,7 @@ DUFFING = """
 
 @on_linux
 def test_curve_that_a_signal_ends_within_a_point_goes_on(tmp_path):
-    """The signal comes while a step is taken, twice; tests/interrupted tries a thousand moments."""
+    """The signal arrives during a step, twice; tests/interrupted tries a thousand moments."""
     run("solve", write(tmp_path, DUFFING, "whole"), "--quiet", cwd=tmp_path)
     result = tmp_path / "case.h5"
     for at in (297, 608):
@@ -588,7 +589,7 @@ def test_curve_that_a_signal_ends_within_a_point_goes_on(tmp_path):
 
 
 def thousand():
-    """Contact points of which some have too few iterations, and some a gap that is an error."""
+    """Contact points of which some have too few iterations, and some an invalid gap."""
     gaps = ", ".join(f"{gap!r}" for gap in [*np.linspace(2.0e-3, 0.9e-3, 39).tolist(), -1.0e-4])
     text = BEAM.format(order=4, samples=20, augmentation=1.0e3).replace(" /\n&certificate", ", two_sided = .true. /\n&certificate")
     return text + (

@@ -1,4 +1,4 @@
-"""Sweeps: which points there are, what each holds, and that nobody can tell how many ranks solved them."""
+"""Sweeps: their points, the results of each, and independence of the number of ranks."""
 
 import os
 import re
@@ -100,7 +100,7 @@ def test_harmonics_that_a_point_lacks_are_nan(tmp_path):
 
 @pytest.mark.parametrize("path", ["HARMONICS%order", "  Harmonics%Order"])
 def test_file_has_room_for_the_highest_order(path, tmp_path):
-    """Group names stand in either case; the harmonics of the second point must not get lost."""
+    """Group names may be in either case; the harmonics of the second point must be preserved."""
     result = solve(swept(f"parameter = '{path}', values = 2, 4"), tmp_path)
     assert len(read(result, "tuple")) == 41
     assert np.isfinite(read(result, "coefficients")[1]).all()
@@ -163,7 +163,7 @@ def test_more_ranks_than_points(tmp_path):
 
 @pytest.mark.parametrize("law", ["cubic_spring', stiffness = 1.0", "elastic_stop', stiffness = 10.0, gap = 0.5"])
 def test_load_out_of_range_is_not_finite(law, tmp_path):
-    """Squares of such loads, and powers, overflow: nothing can be said of the residual."""
+    """Squares of such loads, and powers, overflow: the residual is undetermined."""
     text = DUFFING.split("&sweep")[0].replace("cubic_spring', dof = 'x1', stiffness = 1.0", f"{law}, dof = 'x1'")
     text += "&sweep parameter = 'load(1)%cos', values = 0.1, 1e155, 1e200, 1e300 /\n"
     result = solve(text, tmp_path, status=NOT_ALL_CONVERGED)
@@ -190,7 +190,7 @@ def test_wrong_value_is_a_status_and_the_others_go_on(tmp_path, ranks):
 
 
 def test_wrong_first_value_is_bad_input(tmp_path):
-    """The first point is read before anything is made, so that a slip is found at once."""
+    """The first point is read before anything is created, so that an error is reported immediately."""
     source = tmp_path / "case.nml"
     source.write_text(swept("parameter = 'law(wall)%augmentation', values = -1.0, 1.0e5"))
     done = run("solve", source, cwd=tmp_path)
@@ -249,7 +249,8 @@ def test_chains_give_the_same_bits_on_any_ranks(ranks, chained, tmp_path):
 
 
 def test_neighbours_save_iterations(chained, tmp_path):
-    """Less than four tenths of the iterations; where the alone and the neighbour's guess lead to one branch, to one motion."""
+    """Less than four tenths of the iterations; where the linear and the neighbour's guess lead to one branch, they lead to one
+    motion."""
     alone = solve(DUFFING + "&solver first_guess = 'linear' /\n", tmp_path)
     a, b = read(alone, "coefficients"), read(chained, "coefficients")
     assert 5 * read(chained, "iterations").sum() < 2 * read(alone, "iterations").sum()
@@ -295,8 +296,8 @@ def test_ranks_without_a_chain_are_told(ranks, is_reported, tmp_path):
 @pytest.mark.parametrize("ranks", [1, 3])
 @pytest.mark.parametrize("length", [200, 70])
 def test_jumps_are_told_and_stored(length, ranks, tmp_path):
-    """A line falls off the upper branch, in one chain behind its peak, else where the next chain begins below; the line of a
-    small load has one branch. Whoever solved the points."""
+    """A line falls off the upper branch, in one chain after its peak, otherwise where the next chain begins below; the line of a
+    small load has one branch. This does not depend on the ranks."""
     source = tmp_path / "case.nml"
     loads = "&sweep parameter = 'load(1)%cos', values = 0.1, 0.001, 0.1 /\n"
     text = DUFFING.replace("&sweep", loads + "&sweep") + f"&solver first_guess = 'neighbour', chain_length = {length} /\n"
@@ -317,7 +318,8 @@ def test_jumps_are_told_and_stored(length, ranks, tmp_path):
 
 
 def test_fall_behind_a_peak_between_coarse_points(tmp_path):
-    """14 points, of which one alone is near the peak: no slope stands out. The branch ends where finer points end too."""
+    """14 points, only one of which is near the peak: no slope is far above the others. The branch ends where finer points end,
+    too."""
     result = solve(DUFFING.replace("n = 200", "n = 14"), tmp_path)
     branch, frequency = read(result, "branch", "tones_frequency")
     jump = int(np.flatnonzero(np.diff(branch))[0]) + 1
@@ -332,7 +334,7 @@ def test_fall_behind_a_peak_between_coarse_points(tmp_path):
 
 
 def test_motions_that_are_steep_are_on_one_branch(tmp_path):
-    """A linear peak, narrower than the distance of the points: doubted and cleared."""
+    """A linear peak, narrower than the distance of the points: examined and accepted."""
     text = DUFFING.replace("stiffness = 1.0 /", "stiffness = 1.0e-9 /").replace("n = 200", "n = 14")
     assert read(solve(text, tmp_path), "branch").tolist() == [1] * 14
 
@@ -356,7 +358,7 @@ def test_chain_restarts_after_a_failed_point(tmp_path):
 
 
 def test_chains_run_along_the_last_axis_only(tmp_path):
-    """Each line of a grid is a sweep of its own; a chain over harmonics starts from the point before and finds the same motion."""
+    """Each line of a grid is a separate sweep; a chain over harmonics starts from the preceding point and finds the same motion."""
     line = "&sweep parameter = 'tones%frequency', from = 0.5, to = 0.7, n = 5 /\n"
     text = DUFFING.split("&sweep")[0] + FROM_NEIGHBOUR
     grid = solve(text + "&sweep parameter = 'harmonics%order', values = 3, 7 /\n" + line, tmp_path, name="grid")
@@ -368,7 +370,7 @@ def test_chains_run_along_the_last_axis_only(tmp_path):
     assert np.nanmax(np.abs(chained - anew)) <= 1e-13 * np.nanmax(np.abs(anew))
 
 
-# Where the time went
+# Times of the ranks
 
 
 def test_times_of_all_ranks_are_stored(tmp_path):
@@ -413,7 +415,7 @@ def test_unknown_log_level(tmp_path):
     assert done.status == 2 and "unknown log level 'loud'; known: quiet, normal, verbose, debug" in done.stderr
 
 
-# What stands in the file
+# Contents of the file
 
 
 @pytest.mark.parametrize("text", [GRID, WALL], ids=["sweep", "single point"])
@@ -467,7 +469,7 @@ def test_xarray_selects_without_our_package(engine, grid):
 
 
 def test_every_dataset_tells_its_unit(tmp_path):
-    """In the words of h5dump: a unit and what it is at each dataset, and scales along each axis."""
+    """As shown by h5dump: a unit and a description for each dataset, and scales along each axis."""
     result = solve(GRID + "&output samples = 12 /\n&sweep parameter = 'solver%method', texts = 'newton' /\n", tmp_path)
     with h5py.File(result, "r") as file:
         assert len(file) > 50
@@ -492,7 +494,7 @@ def kill(process, ranks):
 
 @pytest.mark.parametrize("ranks", [None, 3])
 def test_killed_run_leaves_a_sound_file(ranks, tmp_path):
-    """Points that have a status are complete and right; the others are NaN and pending."""
+    """Points that have a status are complete and correct; the others are NaN and pending."""
     if ranks is not None and not Path("/proc/self/task").exists():
         pytest.skip("no /proc, where the ranks of mpirun are found")
     n = 1000
@@ -524,7 +526,7 @@ def test_killed_run_leaves_a_sound_file(ranks, tmp_path):
     assert 0 < done.size < n
     assert (status[done] == CONVERGED).all()
     assert np.isfinite(coefficients[done]).all()
-    # Each rank may have been writing the block of rows that it held back for a moment; all others are untouched.
+    # Each rank may have been writing the block of rows that it held; all others are unchanged.
     touched = np.flatnonzero((status == 0) & ~np.isnan(coefficients).all(axis=(1, 2, 3)))
     assert touched.size <= 32 * (ranks or 1), "a block holds 32 rows at most"
     assert np.count_nonzero(np.diff(touched) > 1) < (ranks or 1), "one block a rank"
@@ -546,7 +548,7 @@ def test_result_is_named_after_the_input(tmp_path):
 
 
 def test_set_of_a_swept_key_is_refused(tmp_path):
-    """No point would have the value; another way to name the key is the same key, another element is not."""
+    """No point would have the value; another path of the key is the same key, another element is not."""
     text = swept("parameter = 'law(1)%gap', values = 1.0e-3, 2.0e-3", "parameter = 'tones%frequency(1)', values = 2.7, 2.8")
     source = tmp_path / "case.nml"
     source.write_text(text)
@@ -568,7 +570,7 @@ def test_set_changes_every_point_and_sweeps(tmp_path):
 
 @pytest.mark.parametrize("path, value", [("sampling%samples", "24"), ("solver%memory", "7"), ("output%samples", "9")])
 def test_group_that_the_file_lacks_is_added(path, value, tmp_path):
-    """By --set and by a sweep alike; the answer is that of a file with the group."""
+    """By --set and by a sweep; the result is that of a file with the group."""
     text = WALL.replace("&sampling samples = 20 /\n", "")
     group, key = path.split("%")
     written = solve(text + f"&{group} {key} = {value} /\n", tmp_path, name="written")
@@ -610,7 +612,7 @@ def test_energies_of_a_linear_oscillator_are_shown(tmp_path):
 
 
 def solve_masses_under_two_tones(folder: Path, n_masses: int, n_points: int) -> str:
-    """What `solve` prints of a chain with one cubic spring, whose balances take next to nothing."""
+    """The output of `solve` for a chain with one cubic spring, whose balances need very little time."""
     source = folder / "chain.nml"
     source.write_text(
         f"&structure type = 'chain', n_masses = {n_masses}, ends = 'free', mass = 1.0, coupling_stiffness = 1.0,\n"
@@ -627,7 +629,7 @@ def test_stability_of_a_short_run_is_found_without_being_asked_for(tmp_path):
 
 
 def test_points_without_a_verdict_are_counted(tmp_path):
-    """25 periods of 40 masses, which are six seconds, are more than a run takes without being asked for."""
+    """25 periods of 40 masses, which take six seconds, exceed what a run spends by default."""
     printed = solve_masses_under_two_tones(tmp_path, 40, 2)
     assert "0 stable, 0 unstable, 2 not known" in printed
     assert "the stability of 2 points would take longer than the run may: &stability method = 'integration'" in printed

@@ -1,4 +1,4 @@
-"""Polynomials of several coordinates whose terms stand in a file: as from lists, what is wrong is named, changes are seen."""
+"""Polynomials of several coordinates with terms in a file: the same as from lists, errors are named, changes are detected."""
 
 import itertools
 import os
@@ -71,7 +71,8 @@ def test_another_file_is_noticed(tmp_path):
 
 
 def test_twenty_modes(tmp_path):
-    """All quadratic and cubic tensors from a potential, 35,000 terms: found to be a gradient, which energies of modes need."""
+    """All quadratic and cubic tensors from a potential, 35,000 terms: recognised as a gradient, as required for energies of
+    modes."""
     names, random = [f"q{i}" for i in range(1, 21)], np.random.default_rng(1)
     terms = []
     for factors in [*itertools.combinations_with_replacement(names, 3), *itertools.combinations_with_replacement(names, 4)]:

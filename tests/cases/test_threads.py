@@ -1,4 +1,4 @@
-"""Threads with a model each: nothing static that they would share, and no race that a detector sees."""
+"""Threads with one model each: no shared static data, and no race that a detector finds."""
 
 from __future__ import annotations
 

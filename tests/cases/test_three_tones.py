@@ -1,4 +1,4 @@
-"""Three tones: their order does not matter, and one that does nothing changes nothing."""
+"""Three tones: their order does not matter, and a tone without effect changes nothing."""
 
 import itertools
 
@@ -7,7 +7,7 @@ import pytest
 
 from program import coefficients_by_tuple, solve
 
-# Of the largest coefficient: rounding alone, some 1e-15 in the residual, stands between two orders of the tones.
+# Of the largest coefficient: two orders of the tones differ only by rounding, about 1e-15 in the residual.
 TOLERANCE = 1e-12
 
 OMEGA = (0.6, 0.6 * np.sqrt(2.0), 0.6 * np.sqrt(5.0))
@@ -48,7 +48,7 @@ def solution(name, tones, folder):
 
 
 def look_up(harmonics, j):
-    """(cos, sin) of tuple j, of which either sign is stored."""
+    """(cos, sin) of tuple j, either sign of which is stored."""
     if j in harmonics:
         return np.array(harmonics[j])
     cosine, sine = harmonics[tuple(-k for k in j)]
@@ -62,7 +62,7 @@ def in_order(request, tmp_path_factory):
 
 
 def test_contact_couples_the_tones(in_order):
-    """A model without contact would make the next tests easy: combination tones must be there."""
+    """A model without contact would make the next tests trivial: combination tones must exist."""
     _, harmonics = in_order
     largest = np.abs(list(harmonics.values())).max()
     assert np.abs(look_up(harmonics, (1, 1, 0))).max() > 1e-2 * largest
@@ -87,7 +87,7 @@ LONG = [("rigid wall", 0), ("rigid wall", 2)]  # seconds each
 
 @pytest.mark.parametrize(("name", "place"), [pytest.param(*case, marks=[pytest.mark.long] * (case in LONG)) for case in PLACES])
 def test_tone_without_load_changes_nothing(name, place, tmp_path):
-    """The balance of three tones, one of which nothing drives, has the solution of two, for any place of that tone."""
+    """The balance of three tones, one without loads, has the solution of two, for any position of that tone."""
     two = solution(name, list(zip(OMEGA[:2], LOAD[:2])), tmp_path)
     tones = list(zip(OMEGA[:2], LOAD[:2]))
     tones.insert(place, (OMEGA[2], 0.0))

@@ -1,7 +1,7 @@
 """Every law in other units: lengths times 1e-9 and forces times 1e6 change no iteration and no digit beyond rounding.
 
-By powers of two near these nothing is rounded, and not a bit may change. Time keeps its unit, so a key in N s/m is multiplied
-like one in N/m.
+With powers of two near these nothing is rounded, and no bit may change. Time keeps its unit, so a key in N s/m is multiplied like
+one in N/m.
 """
 
 import re
@@ -110,7 +110,7 @@ def number(value, force_power, length_power, force, length):
 
 
 def text_of(value, force, length):
-    """A key's value; tuples carry powers of force and length, texts may name entries of POWERS."""
+    """A key's value; tuples contain powers of force and length, texts may name entries of POWERS."""
     if isinstance(value, str):
         names = {name: number(*entry, force, length) for name, entry in POWERS.items()}
         return value.format(**names) if "{" in value else value
@@ -141,7 +141,7 @@ def model(law, method, force=1.0, length=1.0):
 NAMES = ("coefficients", "force_coefficients", "iterations", "evaluations", "fallback")
 
 
-# A smooth law, a contact and one with memory stand for the others, which see nothing of the method.
+# A smooth law, a contact and one with memory represent the others, which do not depend on the method.
 BY_BROYDEN = ("cubic_spring", "elastic_stop", "jenkins")
 PLAIN = (*BY_BROYDEN, "jenkins_2d", "polynomial", "rigid_wall", "short_bearing")  # and these for every kind of key
 METHODS = [pytest.param(law, "newton", marks=[pytest.mark.long] * (law not in PLAIN)) for law in LAWS]

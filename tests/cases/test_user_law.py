@@ -1,4 +1,4 @@
-"""Laws from shared libraries: the worked examples built as their sources say, solved and checked by the program."""
+"""Laws from shared libraries: the worked examples built as described in their sources, solved and checked by the program."""
 
 import shutil
 import subprocess
@@ -96,7 +96,7 @@ def test_library_is_named_when_it_is_missing(tmp_path):
     assert "cannot load the library: cubic_f.so" in done.stderr
 
 
-# Two springs to tell from each other; the second one leaves a mark where it is loaded.
+# Two distinguishable springs; the second one creates a file where it is loaded.
 SPRING = {"force": "z[i]"}
 OTHER_SPRING = {
     "force": "2 * z[i]",
@@ -107,7 +107,7 @@ __attribute__((constructor)) static void begin(void) { FILE *f = fopen("loaded",
 
 @pytest.mark.parametrize("name", ["sub/rogue.so", "./rogue.so", "rogue.so"])
 def test_library_is_not_taken_from_the_current_folder(name, tmp_path):
-    """Code that happens to lie where somebody solves an input from elsewhere is not run."""
+    """Code that is in the current folder is not run when an input from elsewhere is solved."""
     here, there = tmp_path / "here", tmp_path / "there"
     (here / "sub").mkdir(parents=True)
     there.mkdir()
@@ -139,7 +139,7 @@ def test_verify_takes_the_library_of_the_run(tmp_path):
 
 
 def test_resume_takes_the_library_of_the_run(tmp_path):
-    """Not the one of the folder that it happens to be called in."""
+    """Not the one in the current folder."""
     folder, elsewhere = tmp_path / "input", tmp_path / "elsewhere"
     for place in (folder, elsewhere):
         place.mkdir()
@@ -171,7 +171,7 @@ def test_other_points_go_on_when_a_law_fails(wrong_law):
         assert results.message(1) == "law 'mine': 'wrong_evaluate' returned -2"
 
 
-# A spring that does at one place what its author may have meant well; `{body}` before the forces.
+# A spring that modifies its inputs; `{body}` precedes the forces.
 ROGUE = """
 #include "nhbm_user_law.h"
 #include <math.h>

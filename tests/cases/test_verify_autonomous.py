@@ -1,4 +1,4 @@
-"""`nhbm verify` on motions whose frequencies were found: every limit cycle and torus of the inputs is integrated from."""
+"""`nhbm verify` for motions with unknown frequencies: every limit cycle and torus of the inputs is integrated."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ VAN_DER_POL = (
 
 
 def solved_and_verified(source: Path, folder: Path, *options) -> tuple[Path, str]:
-    """Result of an input with the verdicts in it, and what the verb says."""
+    """Result of an input including the verdicts, and the output of the verb."""
     result = folder / f"{source.stem}.h5"
     done = run("solve", source, "-o", result, "--quiet", cwd=folder)
     assert done.status in (0, 1), done.stderr
@@ -61,14 +61,14 @@ def test_small_cycle_of_the_rotor_grows_by_its_multiplier(tmp_path):
 
 @pytest.mark.long  # seconds
 def test_blades_that_run_along_the_casing_are_integrated(tmp_path):
-    """The law turns with the phase of a known tone beside an unknown one."""
+    """The law rotates with the phase of a known tone, and another tone is unknown."""
     result, text = solved_and_verified(INPUTS / "rotor_stator" / "stationary.nml", tmp_path)
     kinds, largest = read(result, "integration_verdict", "integration_difference")
     assert (kinds == AGREES).all() and (largest < 1e-5).all(), text
 
 
 def test_frequency_that_is_wrong_by_a_hundred_thousandth_is_seen(tmp_path):
-    """The motion stays on the cycle: only its phase runs away."""
+    """The motion remains on the cycle: only its phase drifts."""
     result = solve(VAN_DER_POL, tmp_path)
     with h5py.File(result, "r+") as file:
         file["frequency"][0, 0] *= 1.00001
@@ -80,7 +80,7 @@ def test_frequency_that_is_wrong_by_a_hundred_thousandth_is_seen(tmp_path):
 
 
 def test_phase_of_a_cycle_is_free(tmp_path):
-    """The same cycle begun elsewhere on it agrees as well."""
+    """The same cycle from another starting point agrees as well."""
     result = solve(VAN_DER_POL, tmp_path)
     with h5py.File(result, "r+") as file:
         angle = 0.7 * file["tuple"][:, 0]

@@ -1,4 +1,4 @@
-"""FFTW's wisdom: made once, kept in a file, the same for all ranks and later runs."""
+"""FFTW's wisdom: created once, stored in a file, the same for all ranks and later runs."""
 
 from program import BAD_INPUT, read, run, solve
 

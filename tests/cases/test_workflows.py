@@ -1,4 +1,4 @@
-"""tests/workflows: a handful of its models are right; what it holds motions against is right itself, and tells a wrong motion."""
+"""tests/workflows: several of its models are correct; so are its references, and it detects a wrong motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Builds laws of one's own from the command that stands in the first lines of their sources."""
+"""Builds user laws with the command in the first lines of their sources."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ HEADER_FOLDER = Path(__file__).resolve().parents[2] / "src" / "laws"
 
 
 def build_as_the_source_says(source: Path):
-    """Runs the one command that stands in the first lines of a source."""
+    """Runs the single command in the first lines of a source."""
     lines = [line.strip(" *!>") for line in source.read_text().splitlines()[:5]]
     (command,) = [line for line in lines if "-shared" in line]
     words = [str(HEADER_FOLDER) if word == "../../src/laws" else word for word in shlex.split(command)]
@@ -19,7 +19,7 @@ def build_as_the_source_says(source: Path):
 
 
 def with_its_law(source: Path, folder: Path) -> Path:
-    """The input itself; where a C source of its name stands beside it, a copy in `folder` with the law built."""
+    """The input itself; if there is a C source of the same name, a copy in `folder` with the law built."""
     law = source.with_suffix(".c")
     if not law.exists():
         return source
