@@ -97,5 +97,5 @@ def test_a_dual_rotor_runs_up_with_its_rub():
     for tuple_ in ((1, 0), (0, 1)):
         found, exact = (m.nhbm.amplitude("n3.x", tuple_).values[-1] for m in (motions, finer))
         assert found == pytest.approx(exact, rel=1e-2)
-    curve = dual_rotor.model(300.0).curve("tones%frequency(1)", 300.0, 330.0)  # 10 s of a processor; 47 s with dense interiors
+    curve = dual_rotor.model(300.0).curve("tones%frequency(1)", 300.0, 330.0)  # 10 s
     assert curve.nhbm.is_converged.all() and float(curve["tones_frequency_1"][-1]) == 330.0
