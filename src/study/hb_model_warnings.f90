@@ -99,8 +99,10 @@ contains
    function named_dofs(document) result(text)
       type(document_t), intent(inout) :: document
       character(:), allocatable :: text
-      character(17), parameter :: groups(5) = [character(17) :: "law", "load", "start", "output", "dynamic_stiffness"]
-      character(11), parameter :: keys(5) = [character(11) :: "dof", "dofs", "normal_dofs", "force_dof", "force_dofs"]
+      character(17), parameter :: groups(8) = [character(17) :: "law", "load", "start", "output", "dynamic_stiffness", "bearing", &
+                                               "normal_mode", "phase"]
+      character(11), parameter :: keys(6) = [character(11) :: "dof", "dofs", "second_dofs", "normal_dofs", "force_dof", &
+                                             "force_dofs"]
       type(properties_t), pointer :: group
       type(string_t), allocatable :: names(:)
       integer :: g, i, k, n

@@ -497,6 +497,18 @@ def test_a_large_model_is_said_to_be_and_the_command_makes_a_small_one(net):
         assert largest_difference(ours[key], whole[key]) < 1e-9
 
 
+def test_the_command_for_a_small_model_names_all_places(net):
+    """Second coordinates of a law in a plane, bearings and the place of a normal mode stay as well."""
+    (net / "plane.nml").write_text(
+        "&structure type = 'model', file = 'net.h5' /\n&tones frequency = 0.05 /\n&harmonics order = 1 /\n"
+        "&load dof = 'edge.z', tuple = 1, cos = 0.002 /\n"
+        "&law type = 'jenkins_2d', dof = 'n7.z', second_dofs = 'n9.z', stiffness = 1.0, limit = 0.1 /\n"
+        "&bearing dofs = 'n11.z', 'n13.z', speed = 1.0, speeds = 1.0, 2.0, stiffness = 1.0, 3*0.0, 1.0, 3*0.0 /\n"
+    )
+    (command,) = (line.strip() for line in run("check", "plane.nml", cwd=net).stdout.splitlines() if "nhbm-model reduce" in line)
+    assert "--keep n7.z,n9.z,edge.z,n11.z,n13.z" in command
+
+
 @pytest.mark.long  # seconds
 def test_harmonics_beyond_what_a_model_was_reduced_for_are_told(net):
     reduce(net, "nhbm-model reduce net.h5 --keep stops.z,edge.z,n100.z,n1111.z --up-to 0.37 -o small.h5")
