@@ -23,19 +23,19 @@ module command_table
 
    type(verb_t), parameter :: verbs(13) = [ &
       verb_t("solve", "INPUT", "solve all points of a namelist file, write an HDF5 file"), &
-      verb_t("resume", "RESULT", "solve the points that an ended run has left in its result file"), &
-      verb_t("info", "RESULT", "what a result file holds, whether it is complete"), &
-      verb_t("why", "RESULT", "how points without a motion ended, what was tried, how near that came, what to do next; "// &
+      verb_t("resume", "RESULT", "solve the remaining points of an interrupted run"), &
+      verb_t("info", "RESULT", "contents of a result file, and whether it is complete"), &
+      verb_t("why", "RESULT", "explain points that failed: attempts, residuals, remedy, and a command to try; "// &
          "without RESULT: all statuses"), &
-      verb_t("check", "INPUT", "read the input, every point of it, print what it requests, compare the derivatives of "// &
-         "its laws with differences of their forces, and see what the tolerance costs at the first point"), &
+      verb_t("check", "INPUT", "read and check the input with all points, print its sizes and natural frequencies, test "// &
+         "the derivatives of the laws, and measure the cost of the tolerance at the first point"), &
       verb_t("plan", "INPUT", "estimate the size of the result and the time of a run on many ranks"), &
       verb_t("integrate", "INPUT", "integrate the motion in time as &integration specifies, write an HDF5 record"), &
       verb_t("verify", "RESULT", "integrate in time from the points of a result file and report whether the motions agree"), &
-      verb_t("keys", "", "the table of input keys, a row each: group | key | type | unit | default | range | meaning; "// &
-         "nhbm keys WORD: rows that have the word, such as jenkins"), &
-      verb_t("new", "", "a commented input to begin with: nhbm new duffing > duffing.nml; nhbm new lists all"), &
-      verb_t("completion", "", "what completes verbs and options in bash: source <(nhbm completion bash); likewise zsh"), &
+      verb_t("keys", "", "table of input keys, one per row: group | key | type | unit | default | range | meaning; "// &
+         "nhbm keys WORD: rows that contain the word, such as jenkins"), &
+      verb_t("new", "", "print a commented starter input: nhbm new duffing > duffing.nml; nhbm new lists all"), &
+      verb_t("completion", "", "completion of verbs and options in bash: source <(nhbm completion bash); likewise zsh"), &
       verb_t("version", "", "version, commit, build and libraries; also --version"), &
       verb_t("help", "", "this text; nhbm help VERB or nhbm VERB --help: one verb; nhbm help man: all as a manual page, for man")]
 
@@ -43,25 +43,25 @@ module command_table
 
    type(option_t), parameter :: options(19) = [ &
       option_t("--output", "-o", "FILE", "solve integrate", &
-         "file of results; default: name of the input, ending in .h5, in the current folder"), &
-      option_t("--overwrite", "", "", "solve integrate", "replace the file of results if there is one"), &
+         "result file; default: name of the input with .h5, in the current folder"), &
+      option_t("--overwrite", "", "", "solve integrate", "replace an existing result file"), &
       option_t("--check", "", "", "info", "also compare the results with their checksums"), &
-      option_t("--resume", "", "", "solve", "continue with the result file if there is one; the input must be the same"), &
-      option_t("--retry", "", "", "solve resume", "when going on: also solve again the points that did not converge"), &
+      option_t("--resume", "", "", "solve", "continue an existing result file; the input must be the same"), &
+      option_t("--retry", "", "", "solve resume", "when resuming: also repeat the points that did not converge"), &
       option_t("--time-limit", "", "SECONDS", "solve resume", &
-         "end the run then; points that are left are for nhbm resume"), &
+         "end the run after this time; nhbm resume solves the remaining points"), &
       option_t("--set", "", "PATH=VALUE", "solve check plan integrate", "change one input value, such as law(1)%gap=1.5e-3 "// &
          "or solver%method='broyden'; may be given several times"), &
-      option_t("--quiet", "", "", all_verbs, "errors alone: neither progress nor summary; as --log-level quiet"), &
-      option_t("--verbose", "", "", all_verbs, "also where the time of each rank went; as --log-level verbose"), &
+      option_t("--quiet", "", "", all_verbs, "print errors only, neither progress nor summary; as --log-level quiet"), &
+      option_t("--verbose", "", "", all_verbs, "also print the time spent by each rank; as --log-level verbose"), &
       option_t("--log-level", "", "LEVEL", all_verbs, &
-         "quiet, normal (progress, summary, warnings), verbose, debug (also a line a point)"), &
-      option_t("--point", "", "N", "why integrate", "the point of a sweep to be explained or followed, from 0"), &
+         "quiet, normal (progress, summary, warnings), verbose, debug (also a line per point)"), &
+      option_t("--point", "", "N", "why integrate", "the point of a sweep to be explained or integrated, from 0"), &
       option_t("--points", "", "N,N,...", "verify", "the points to start from; default: all that are solved"), &
       option_t("--periods", "", "N", "verify", "longest time integration in periods of the slowest tone"), &
       option_t("--ranks", "", "N,N,...", "plan", "numbers of ranks; default: 1 to 10000 by tens"), &
-      option_t("--points", "", "N", "plan", "points, in place of those of the input"), &
-      option_t("--cost-from", "", "FILE", "plan", "seconds of a point as in a result file, say of a smaller run"), &
+      option_t("--points", "", "N", "plan", "number of points, instead of that of the input"), &
+      option_t("--cost-from", "", "FILE", "plan", "time of a point from a result file, for example of a smaller run"), &
       option_t("--cost", "", "SECONDS", "plan", "seconds of a point"), &
       option_t("--help", "-h", "", all_verbs//" keys new completion version help", "this text"), &
       option_t("--version", "", "", "version", "version and commit")]
@@ -69,12 +69,12 @@ module command_table
    integer, parameter :: column_of_text = 31
 
    character(*), parameter :: closing(6) = [character(120) :: &
-      "exit status: 0 all points have their motion, 1 some do not (their status is in the file), a derivative is wrong or", &
-      "             time integration does not stay on a motion, 2 bad input or file, 3 points are left: a signal or the time", &
-      "             limit came first; resume solves them.", &
-      "SIGINT, SIGTERM, SIGUSR1 or SIGUSR2 end a run at the next step of a solver, a second one at once.", &
-      "BLAS works with one thread unless OPENBLAS_NUM_THREADS says otherwise. docs/user/input.md lists the keys of the", &
-      "input, docs/user/schema.md the results."]
+      "exit status: 0 all points solved, 1 some points failed (see their status in the file), a derivative is wrong, or time", &
+      "             integration disagrees with a motion, 2 invalid input or file error, 3 points remain after a signal or the", &
+      "             time limit; resume solves them.", &
+      "SIGINT, SIGTERM, SIGUSR1 or SIGUSR2 stop a run at the next iteration, a second signal at once.", &
+      "BLAS uses one thread unless OPENBLAS_NUM_THREADS is set. docs/user/input.md lists the keys of the input,", &
+      "docs/user/schema.md the contents of the results."]
 
 contains
 
@@ -144,7 +144,7 @@ contains
 
       is_one = any(verbs%name == verb .and. verbs%argument /= "")
       if (.not. is_one) call say([character(120) :: &
-         "nhbm finds the steady vibration of structures with contact and other strong nonlinearities", &
+         "nhbm computes the steady-state vibration of structures with contact and other strong nonlinearities", &
          "under several tones, by the n-dimensional harmonic balance method.", ""])
       do i = 1, size(verbs)
          if (is_one .and. verbs(i)%name /= verb) cycle
@@ -152,7 +152,7 @@ contains
             trim(verbs(i)%argument)//merge(" [options]", "          ", verbs(i)%argument /= ""), verbs(i)%text, 42)
       end do
       if (.not. is_one .or. verb == "solve") &
-         call say_entry("       mpirun -n 4 nhbm solve INPUT", "the same, points spread over 4 ranks", 42)
+         call say_entry("       mpirun -n 4 nhbm solve INPUT", "the same, points distributed over 4 ranks", 42)
       call say([character(120) :: "", "options:"])
       do i = 1, size(options)
          if (is_one .and. .not. has(options(i), verb)) cycle

@@ -66,7 +66,7 @@ contains
       if (doubts%n_commensurate + doubts%n_without_load > 0) then
          call say("the input can be solved, but is hardly what is meant: see above")
       else
-         call say("the input is sound")
+         call say("the input is valid")
       end if
    end subroutine run_check
 
@@ -372,8 +372,8 @@ contains
             pad(to_text(check%n_skipped)//" of "//to_text(check%n_compared), 14)//check%verdict())
          all_right = all_right .and. check%is_sound()
       end do
-      call say("difference: the largest between a derivative and a difference of forces, relative; "// &
-         "skipped: samples at kinks")
+      call say("difference: largest relative deviation of a derivative from finite differences; "// &
+         "skipped: samples near kinks")
       call say("")
    end subroutine check_laws
 

@@ -134,7 +134,7 @@ contains
          call write_fact("", lines(i)%value)
       end do
       n = count(record%fallback > 0)
-      if (n > 0) call write_fact("", number_of(n, "point")//" needed more than the first attempt at a solution (see 'fallback')")
+      if (n > 0) call write_fact("", number_of(n, "point")//" solved by a fallback (see 'fallback')")
       n = count(record%is_near_commensurate > 0)
       if (n > 0) call write_fact("", number_of(n, "point")//" where a low-order combination of the tones nearly vanishes")
    end subroutine write_statuses

@@ -133,7 +133,7 @@ contains
          if (allocated(error)) return
          status = max(status, its_status)
          if (status /= incomplete) cycle
-         if (rank_of(comm) == 0) call complain("nhbm resume "//path//" also follows the other motions that leave its curves")
+         if (rank_of(comm) == 0) call complain("nhbm resume "//path//" also follows the motions that bifurcate from its curves")
          return
       end do
 
@@ -159,14 +159,14 @@ contains
                place_of(last_name(path), from%point), text, overrides, error, memory_share(comm))
          end if
          if (allocated(error)) then                                   ! the curve itself is there
-            if (rank_of(comm) == 0) call say(place//" was not switched: "//error%message)
+            if (rank_of(comm) == 0) call say(place//": branch not followed: "//error%message)
             deallocate (error)
          else
             call run(switched, options, where, is_there, comm, its_status, error, n_rows)
             if (allocated(error) .or. from%kind /= curve_kind%graze .or. its_status /= not_all_right .or. n_rows > 1) return
             its_status = success                                      ! the motion that contact brings need not be a torus
             if (rank_of(comm) > 0) return
-            call say("behind "//place//" no torus was found: "//where//" is removed")
+            call say("no torus was found beyond "//place//": "//where//" is removed")
             call remove_file(where)
          end if
       end subroutine run_one
@@ -260,9 +260,9 @@ contains
 
       select case (summary%interruption)
       case (interruption%time_limit)
-         reason = "ended by the time limit"
+         reason = "stopped by the time limit"
       case (interruption%signal)
-         reason = "ended by a signal"
+         reason = "stopped by a signal"
          if (signal_caught()) reason = "ended by "//signal_name()
       case default
          reason = "ended early"
@@ -275,7 +275,7 @@ contains
       integer :: i
 
       lines = timing_lines(summary%times)
-      call say("where the time of the ranks went:")
+      call say("time spent by each rank:")
       do i = 1, size(lines)
          call say(trim(lines(i)))
       end do
@@ -298,7 +298,7 @@ contains
       call write_others(study, path)
       if (allocated(study%plan%curve)) call write_curves(study, path)
       if (summary%n_by_fallback > 0) call say(number_of(summary%n_by_fallback, "point")// &
-         " needed more than the first attempt at a solution (see 'fallback' in the results)")
+         " solved by a fallback (see 'fallback' in the results)")
       do i = 1, study%model%tones%n_tones
          if (study%model%tones%is_unknown(i)) call say("unknown "//found_frequency(summary, i))
       end do
@@ -307,7 +307,7 @@ contains
             " by truncation, ", summary%aliasing, " by aliasing"
          call say(trim(estimates))
          if (summary%by_levels > 0.0_wp) then
-            write (estimates, "(a, es7.1)") "where the difference of levels shows more: at most ", summary%by_levels
+            write (estimates, "(a, es7.1)") "by comparison of refinement levels, where larger: at most ", summary%by_levels
             call say(trim(estimates))
          end if
       end if
@@ -317,14 +317,14 @@ contains
       if (summary%n_too_costly > 0) then
          if (study%model%stability%method == stability_method%auto) then
             call say("the stability of "//number_of(summary%n_too_costly, "point")// &
-                     " would take longer than the run may: &stability method = 'integration' computes it")
+                     " was not computed, because it is costly; &stability method = 'integration' requests it")
          else
             call say("the stability of "//number_of(summary%n_too_costly, "point")// &
-                     " is not computed: the fastest harmonic turns more than a million times in a period of the slowest tone")
+                     " was not computed: the fastest harmonic has more than a million cycles in a period of the slowest tone")
          end if
       end if
       if (summary%n_jumps > 0) call say(number_of(summary%n_jumps, "jump")// &
-         " between neighbours to another branch of motions (see 'branch'), the first to "//study%plan%describe(summary%first_jump))
+         " to another branch between neighbouring points (see 'branch'), the first at "//study%plan%describe(summary%first_jump))
       if (summary%n_near_commensurate > 0) call say("warning: in "// &
          number_of(summary%n_near_commensurate, "point")//" a low-order combination of the tones nearly vanishes"// &
          " (see 'combination')"//near_text(study, summary%first_near_commensurate))
@@ -350,7 +350,7 @@ contains
       do i = 1, size(lines)
          call say(lines(i)%value)
       end do
-      if (size(lines) > 0) call say("nhbm why "//shell_word(path)//" says what was tried at each of them")
+      if (size(lines) > 0) call say("nhbm why "//shell_word(path)//" explains each of them")
    end subroutine write_others
 
    !> What is to be said of the tones of a point, where they are given.

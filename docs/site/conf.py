@@ -1,4 +1,4 @@
-"""Sphinx configuration of the site; drivers/site builds it in build/site/source, where the pages of the repository stand as they do here."""
+"""Sphinx configuration of the site; drivers/site builds it in build/site/source, with the pages of the repository at the same relative paths."""
 
 import os
 import re
@@ -31,7 +31,7 @@ html_css_files = ["site.css"]
 html_theme_options = {"source_repository": "", "navigation_with_keys": True}
 html_show_sourcelink = False
 html_show_copyright = False
-html_show_search_summary = False  # for pages opened from the disk, which may not read each other
+html_show_search_summary = False  # pages opened from disk may not read each other
 copybutton_prompt_text = "$ "
 pygments_style = "tango"
 suppress_warnings = ["toc.not_included"]  # docs/README.md is for readers of the files

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Makes the reference pages of the site from what the programs and sources say of themselves.
+"""Makes the reference pages of the site from the help texts, docstrings and headers.
 
 usage: reference.py FOLDER      writes FOLDER/command.md, python.md, c.md and fortran.md
 
-nhbm, nhbm-post and nhbm-model are looked for on the path, the package nhbm in this Python.
+nhbm, nhbm-post and nhbm-model must be on the path, the package nhbm in this Python.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def block(text: str, language: str = "text") -> str:
 
 def command() -> str:
     """Help of all verbs of the three commands."""
-    parts = ["# Commands\n\nWhat `--help` of each verb prints.\n"]
+    parts = ["# Commands\n\nThe output of `--help` for each verb.\n"]
     verbs = re.findall(r"nhbm (\w+) (?:INPUT|RESULT) \[options\]", printed("nhbm", "help"))
     parts.append("## nhbm\n\n" + block(printed("nhbm", "help")))
     parts += [f"## nhbm {verb}\n\n" + block(printed("nhbm", "help", verb)) for verb in verbs]
@@ -44,7 +44,7 @@ def python() -> str:
     import nhbm
     import nhbm.dataset
 
-    parts = ["# Python\n\nPublic names of the package `nhbm`; what to do with them: [nhbm from Python](../docs/user/library.md).\n"]
+    parts = ["# Python\n\nPublic names of the package `nhbm`; introduction: [nhbm from Python](../docs/user/library.md).\n"]
     for name in sorted(nhbm.__all__, key=str.lower):
         parts.append(described(name, getattr(nhbm, name), "##"))
     parts.append("## Accessor dataset.nhbm\n\n" + block(inspect.getdoc(nhbm.dataset.Accessor) or ""))
@@ -81,8 +81,8 @@ def signature(name: str, what) -> str:
 def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     ford = '<a href="../ford/module/nhbm.html">pages of FORD</a>'
-    source = {"c": ("# C\n\nThe header is the manual, in the order of use.\n", ["src/api/nhbm.h", "src/laws/nhbm_user_law.h"], "c"),
-              "fortran": (f"# Fortran\n\nThe module `nhbm`; its types with all they have: {ford}.\n", ["src/api/nhbm.f90"], "fortran")}  # fmt: skip
+    source = {"c": ("# C\n\nThe headers document the interface in the order of use.\n", ["src/api/nhbm.h", "src/laws/nhbm_user_law.h"], "c"),
+              "fortran": (f"# Fortran\n\nThe module `nhbm`; its types with all components: {ford}.\n", ["src/api/nhbm.f90"], "fortran")}  # fmt: skip
     pages = {"command": command(), "python": python()}
     for name, (head, files, language) in source.items():
         pages[name] = "\n".join([head, *(f"## {Path(file).name}\n\n{block((ROOT / file).read_text(encoding='utf-8'), language)}" for file in files)])

@@ -100,8 +100,8 @@ def test_points_are_counted_as_the_program_does(tmp_path):
         told = "1 of 7 points converged, 1 stalled, 2 truncated, 1 aliased, 1 penetrating, 1 status 99"
         assert results.outcome_text() == told
         assert results.outcome_text([0, 1]) == "1 of 2 points converged, 1 truncated"
-        assert results.warning(0) == "" and results.warning(1) == "truncated: solved, but the harmonics left out matter"
-        assert results.warning(5) == "no solution, stalled: no step makes the residual smaller"
+        assert results.warning(0) == "" and results.warning(1) == "truncated: solved, but the truncation error exceeds its limit"
+        assert results.warning(5) == "no solution, stalled: no step reduces the residual"
         assert results.warning(6) == "no solution, status 99"
 
 

@@ -321,7 +321,7 @@ def test_time_says_how_its_point_ended(tmp_path, monkeypatch):
     path, drawn = grid_file(tmp_path / "a.h5", n_gaps=1, status=[1, 7, 1, 1, 1]), []
     monkeypatch.setattr("nhbm_post.draw.save", lambda fig, *_: drawn.append(fig) or tmp_path / "x.png")
     assert main(["time", str(path), "--point", "1"]) == 0
-    assert "truncated: solved, but the harmonics left out matter" in head_of(drawn[0])
+    assert "truncated: solved, but the truncation error exceeds its limit" in head_of(drawn[0])
     assert main(["time", str(path), "--point", "0,1"]) == 0
     legend = legend_of(drawn[1])
     assert legend == ["harmonic balance, tones%frequency = 1 rad/s", "harmonic balance, tones%frequency = 2 rad/s (truncated)"]

@@ -77,7 +77,7 @@ contains
          point = crossing
          call self%try_motion(point, is_found)
          self%is_left = is_found
-         if (is_found) self%message = "driven beyond this limit cycle and damped below: it repels motions nearby"
+         if (is_found) self%message = "unstable limit cycle: motions below it decay, motions above it grow"
          if (is_found) return
       end if
       call report_end(self, point, damping(1), i <= most_steps .and. curve%status == outcome%pending)
@@ -92,7 +92,7 @@ contains
 
       if (is_whole) then
          if (.not. self%is_driven) return
-         self%message = "driven up to an amplitude of "//to_text(self%reached)
+         self%message = "self-excited up to an amplitude of "//to_text(self%reached)
          self%runs_away = damping < -rounding .and. point%amplitude(1) > last_amplitude*self%length
          if (self%runs_away) then
             self%message = self%message//": the motion grows without bound"

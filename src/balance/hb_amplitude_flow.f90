@@ -80,12 +80,12 @@ contains
             next_try = 0.3_wp*maxval(abs(self%damping(now)))
          end if
          if (maxval(now%amplitude) > largest_amplitude*self%length) then
-            self%message = "driven at all amplitudes tried: the motion grows without bound"
+            self%message = "self-excited at all amplitudes tried: the motion grows without bound"
             self%runs_away = .true.
             return
          end if
          if (any(now%amplitude < 0.3_wp*smallest .and. self%damping(now) > 0.0_wp)) then
-            self%message = "the motion of an unknown tone dies out beside that of another"
+            self%message = "the motion of one unknown tone vanishes in the presence of another"
             return
          end if
          last = now

@@ -127,7 +127,7 @@ contains
       end if
       if (size(search%modes) == 0) then
          search%report%status = outcome%no_motion
-         search%message = "there is no linear mode to start from, or none of that number; give a &start"
+         search%message = "no such linear mode to start from; give a &start"
          return
       end if
       call continue_from_mode(search, goal, u)
@@ -265,13 +265,13 @@ contains
             form = form/form(goal%dof)*goal%value
          else
             search%report%status = outcome%no_motion
-            search%message = "the linear mode does not move where the amplitude is measured; choose another mode or dof"
+            search%message = "the linear mode has a node where the amplitude is measured; choose another mode or dof"
          end if
          return
       end if
       if (.not. search%base%is_at_laws(search%modes(1))) then
          search%report%status = outcome%no_motion
-         search%message = "the linear mode does not move where laws act; choose another mode"
+         search%message = "the linear mode has nodes where the laws act; choose another mode"
          return
       end if
       length = first_share*search%length
@@ -286,7 +286,7 @@ contains
          form = sqrt(goal%value/energy)*form
       else
          search%report%status = outcome%no_motion
-         search%message = "a small motion in the linear mode has no more energy than the rest; choose another mode"
+         search%message = "a small motion in the linear mode has no energy; choose another mode"
       end if
    end subroutine scale_mode
 

@@ -45,9 +45,9 @@ contains
       if (allocated(self%message)) return
       if (self%reached <= 0.0_wp) then
          self%report%status = outcome%stalled
-         self%message = "no motion with a small amplitude of the unknown tones was found to start from"
+         self%message = "no starting motion with small amplitudes of the unknown tones was found"
       else if (self%is_neutral) then
-         self%message = "nothing drives or damps the unknown tone: give its amplitude in &normal_mode"
+         self%message = "the unknown tone is neither excited nor damped: prescribe its amplitude in &normal_mode"
       else
          self%message = "damped at the amplitudes tried, "//to_text(self%length*first_amplitude)//" to "//to_text(self%reached)
       end if

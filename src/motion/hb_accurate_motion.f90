@@ -558,6 +558,6 @@ contains
       write (estimate, "(es7.1)") maxval(estimates)
       write (tolerance, "(es7.1)") accuracy%tolerance
       message = "the error of '"//accuracy%outputs(maxloc(estimates, dim=1))%name//"' is estimated as "//trim(estimate)// &
-                ", asked for was "//trim(tolerance)
+                ", the tolerance is "//trim(tolerance)
    end function message_on_outputs
 end module hb_accurate_motion

@@ -104,22 +104,22 @@ contains
       text = ""
       associate (c => circumstances)
          if (report%status == outcome%timed_out) call add(text, "raise &solver time_limit")
-         if (was_falling(report)) call add(text, "the residual was still falling: raise &solver max_iterations")
+         if (was_falling(report)) call add(text, "the residual was still decreasing: raise &solver max_iterations")
          if (c%stiffness_ratio >= stiff) call add(text, "'"//c%contact//"' is "//rounded(c%stiffness_ratio)// &
-            " times stiffer than the structure: more harmonics, or a rigid wall")
+            " times stiffer than the structure: use more harmonics, or a rigid wall")
          if (c%slip_ratio < hardly_sliding) &
-            call add(text, "'"//c%slider//"' hardly slides, its motion is "//rounded(c%slip_ratio)// &
-            " times what it sticks over: a spring in its place, or larger loads")
-         if (allocated(c%combination)) call add(text, "tones nearly commensurate, "//tuple_text(c%combination)//" gives "// &
-            rounded(c%combination_frequency)//" rad/s: fewer tones, or lower orders")
-         if (report%status == outcome%singular) call add(text, "the tangent has no inverse: at a fold, or free to move?")
+            call add(text, "'"//c%slider//"' hardly slips: its motion is "//rounded(c%slip_ratio)// &
+            " times its sticking range: replace it by a spring, or increase the loads")
+         if (allocated(c%combination)) call add(text, "nearly commensurate tones, "//tuple_text(c%combination)//" has "// &
+            rounded(c%combination_frequency)//" rad/s: use fewer tones, or lower orders")
+         if (report%status == outcome%singular) call add(text, "singular tangent: a fold, or an unconstrained motion")
          if (any(report%status == [outcome%diverged, outcome%not_finite])) &
-            call add(text, "smaller loads first: a sweep from there with first_guess = 'neighbour'")
+            call add(text, "start a sweep with first_guess = 'neighbour' from smaller loads")
          if (size_of_attempts(report) == 1 .and. report%status /= outcome%timed_out) &
-            call add(text, "&solver fallback = .true. tries other methods")
+            call add(text, "set &solver fallback = .true. to try other methods")
          if (is_out_of_work(report)) call add(text, "a fallback exhausted its budget: raise &solver fallback_work")
          if (len(text) == 0 .or. report%status == outcome%stalled) &
-            call add(text, "another first guess (of several motions one): "//trim(guesses(c)))
+            call add(text, "try another first guess: "//trim(guesses(c)))
       end associate
       call add_attempts(report, text)
       advice = text

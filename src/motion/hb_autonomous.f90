@@ -271,7 +271,8 @@ contains
          search%message = driven
          return
       end if
-      search%message = "damped from each of "//to_text(k - 1)//" modes, up to an amplitude of "//to_text(reached)//" or more"
+      search%message = "the motion decays from each of "//to_text(k - 1)//" modes, up to an amplitude of "// &
+         to_text(reached)//" or more"
    end subroutine search_all_modes
 
    !> Which mode to begin with: nearest to the first guess, or most driven; none that the laws do not feel.

@@ -157,7 +157,7 @@ contains
          estimate = estimate_of(integrated)
          apart = distance(top, found, .false.)
          if (estimate_before < reliable .and. apart > safety*(estimate + estimate_before)) then
-            result%message = "time integration from it leads to another motion, "//rounded(apart)//" of it away"
+            result%message = "time integration from this motion leads to another one, relative distance "//rounded(apart)
             return
          end if
          if (estimate >= estimate_before) return
@@ -174,9 +174,9 @@ contains
       integrated%solver_seconds = result%solver_seconds
       integrated%certificate_seconds = result%certificate_seconds
       if (is_struck) then
-         integrated%message = integrated%message//"; a wall is struck"
+         integrated%message = integrated%message//"; with impacts on a wall"
       else
-         integrated%message = integrated%message//"; from a balance with an estimate of "//rounded(estimate_before)
+         integrated%message = integrated%message//"; started from a balance with estimated error "//rounded(estimate_before)
       end if
       result = integrated
    end subroutine integrate_from_balance

@@ -484,7 +484,7 @@ contains
          call find_circumstances(model, balance, u, circumstances)
          result%message = trim(advice_on(report, circumstances))
       else if (report%status == outcome%not_finite) then
-         result%message = "loads, or the motion under them, are out of the range of numbers; scale the units"
+         result%message = "loads or motion overflow; rescale the units"
       end if
    end subroutine keep_report
 

@@ -90,24 +90,25 @@ contains
       type(motion_result_t), intent(in) :: m
 
       call t%integer("status", "1", "", "outcome of the point", m%status, outcome_names)
-      call t%text("message", "1", "message_byte", "why the point failed", m%message)
+      call t%text("message", "1", "message_byte", "reason for a failure, and advice", m%message)
       call t%integer("iterations", "1", "", "iterations of the solver", m%iterations)
-      call t%integer("fallback", "1", "", "what the solver needed beside the direct attempt", m%fallback, fallback_names)
+      call t%integer("fallback", "1", "", "what was needed in addition to the direct attempt", m%fallback, fallback_names)
       call t%integer("evaluations", "1", "", "evaluations of the residual", m%evaluations)
-      call t%real("residual", "1", "", "norm of the balance relative to the scale of the forces", m%residual)
+      call t%real("residual", "1", "", "residual norm relative to the scale of the forces", m%residual)
       call t%real("solve_seconds", "s", "", "wall time of the point", m%solve_seconds)
-      call t%real("setup_seconds", "s", "", "of it, dynamic stiffness, plans, first guess", m%setup_seconds)
-      call t%real("iteration_seconds", "s", "", "of it, the solver", m%solver_seconds)
-      call t%real("certificate_seconds", "s", "", "of it, the certificate", m%certificate_seconds)
+      call t%real("setup_seconds", "s", "", "part of it: dynamic stiffness, plans, initial guess", m%setup_seconds)
+      call t%real("iteration_seconds", "s", "", "part of it: the solver", m%solver_seconds)
+      call t%real("certificate_seconds", "s", "", "part of it: the certificate", m%certificate_seconds)
       call t%integer("rank", "1", "", "MPI rank that solved the point", m%rank)
       call t%integer("n_harmonics", "1", "", "number of harmonics in the set of the point", m%n_harmonics)
       call t%integer("n_unknowns", "1", "", "number of unknowns of the equations that were solved", m%n_unknowns)
       call t%integer("is_odd", "1", "", &
-         "1 where the motion was sought among those of odd tuples alone, the equations being odd", merge(1, 0, m%is_odd))
+         "1 if only odd tuples were unknowns, because the equations are odd", merge(1, 0, m%is_odd))
       call t%integer("n_full_stick", "1", "", &
-         "friction laws that slip nowhere: the solution from rest, one of many", m%n_full_stick)
-      call t%integer("n_motions", "1", "", "motions in which time integration from several starts ends; 0: not tried", m%n_motions)
-      call t%integer("is_integrated_first", "1", "", "1 where time integration was tried before the balance", merge(1, 0, &
+         "number of friction laws that never slip: the solution for loading from rest, one of many", m%n_full_stick)
+      call t%integer("n_motions", "1", "", &
+         "number of motions found by time integration from several starts; 0: not tried", m%n_motions)
+      call t%integer("is_integrated_first", "1", "", "1 if time integration was tried before the balance", merge(1, 0, &
          m%is_integrated_first))
       call t%real("frequency", "rad/s", "tone", "base frequencies", m%frequency)
       call t%real("artificial_damping", "1/s", "tone", &
@@ -120,16 +121,16 @@ contains
       type(motion_result_t), intent(in) :: m
 
       t%is_there = t%has_accuracy
-      call t%integer("n_levels", "1", "", "sets and grids that were solved until the tolerance was met", m%n_levels)
-      call t%real("level_difference", "1", "", "difference of the last two of them, relative to the motion", m%level_difference)
+      call t%integer("n_levels", "1", "", "number of sets and grids solved until the tolerance was met", m%n_levels)
+      call t%real("level_difference", "1", "", "difference of the last two levels, relative to the motion", m%level_difference)
       call t%real("level_estimate", "1", "", &
-         "estimated error as this difference shows it, where it is more than by the motion alone; else 0", m%level_estimate)
+         "estimated error from this difference, where it exceeds the other estimates; else 0", m%level_estimate)
       call t%integer("grid", "1", "tone", "samples of each tone", m%n_samples)
       t%is_there = t%has_accuracy .and. t%has_outputs
       call t%real("output_estimate", "1", "output", &
-         "estimated error of each output that the tolerance is for, relative to it", m%output_estimate)
+         "estimated relative error of each output of the tolerance", m%output_estimate)
       call t%real("output_level_estimate", "1", "output", &
-         "estimated error of each output as the difference of levels shows it, where it is more; else 0", m%output_level_estimate)
+         "estimated error of each output from the difference of levels, where larger; else 0", m%output_level_estimate)
    end subroutine accuracy_columns
 
    !> `tuples` where each point chooses its own, improved coefficients with `&certificate improvement_steps`.
@@ -145,9 +146,9 @@ contains
       call t%real("force_coefficients", of_force, "law_dof harmonic component", &
          "coefficients of the force of the laws, on the left-hand side", m%force_coefficients)
       call t%real("corrected_coefficients", of_dof, "law_dof harmonic component", &
-         "coefficients of the displacement corrected to the wall", m%corrected_coefficients)
+         "coefficients of the displacement corrected at a rigid wall", m%corrected_coefficients)
       t%is_known = allocated(m%certificate%combination)
-      call t%real("frequency_estimate", "rad/s", "tone", "estimated error of the frequencies, 0 where given", &
+      call t%real("frequency_estimate", "rad/s", "tone", "estimated error of the frequencies, 0 for given ones", &
          m%certificate%frequency_error)
       t%is_known = .true.
       t%is_there = t%has_improved
@@ -170,29 +171,29 @@ contains
       if (t%is_known) loss_factor = m%certificate%energy%loss_factor(loss)
       associate (found => m%certificate)
          call t%real("truncation_estimate", "1", "", &
-            "estimated error by the harmonics left out, relative to the motion", found%truncation)
+            "estimated truncation error, relative to the motion", found%truncation)
          call t%real("aliasing_estimate", "1", "", &
-            "estimated error by the finite number of samples, relative to the motion", found%aliasing)
+            "estimated aliasing error, relative to the motion", found%aliasing)
          call t%real("penetration", "m", "", "largest penetration into a rigid wall", found%defects%penetration)
          call t%real("impact_estimate", "1", "", &
             "energy of the hardest impact against a rigid wall, relative to that of the motion there", found%impact)
-         call t%real("tension", "N", "", "largest pull that a rigid wall would have to exert", found%defects%tension)
+         call t%real("tension", "N", "", "largest tensile reaction of a rigid wall", found%defects%tension)
          call t%real("complementarity", "N m", "", "largest product of reaction and gap of a rigid wall", &
             found%defects%complementarity)
          call t%real("slip_defect", "W", "", &
-            "largest power that exact friction would take beyond the reaction of rigid friction", found%defects%slip)
+            "largest power by which exact friction would exceed the reaction of rigid friction", found%defects%slip)
          call t%real("power_in", "W", "", "mean power of the loads", found%power_in)
-         call t%real("power_damping", "W", "", "mean loss in the damping of the structure", found%energy%lost)
-         call t%real("power_laws", "W", "law", "mean loss in each law", found%power_laws)
+         call t%real("power_damping", "W", "", "mean dissipation in the damping of the structure", found%energy%lost)
+         call t%real("power_laws", "W", "law", "mean dissipation in each law", found%power_laws)
          call t%real("energy_kinetic", "J", "", "mean kinetic energy of the structure", found%energy%kinetic)
          call t%real("energy_strain", "J", "", "mean strain energy of the structure", found%energy%strain)
          call t%real("loss_factor", "1", "", &
-            "all losses over twice the sum of frequency times mean strain energy of each harmonic", loss_factor)
-         call t%real("equivalent_damping", "1/s", "", "all losses over four times the mean kinetic energy", damping)
+            "total dissipation over twice the sum of frequency times mean strain energy of each harmonic", loss_factor)
+         call t%real("equivalent_damping", "1/s", "", "total dissipation over four times the mean kinetic energy", damping)
          call t%real("combination_frequency", "rad/s", "", "smallest |k.omega| of low order", found%combination_frequency)
          call t%integer("combination", "1", "tone", "integers k of combination_frequency", found%combination)
       end associate
-      call t%integer("is_near_commensurate", "1", "", "1 where combination_frequency is below the threshold: "// &
+      call t%integer("is_near_commensurate", "1", "", "1 if combination_frequency is below the threshold: "// &
          "the tones are nearly commensurate", merge(1, 0, m%is_near_commensurate))
       t%is_known = .true.
    end subroutine certificate_columns
@@ -212,14 +213,14 @@ contains
             im = padded(aimag(found%multipliers), n)
          end if
          call t%integer("is_stable", "1", "", &
-            "1 where small disturbances of the motion decay, -1 where one grows, 0 where that is not known", found%verdict)
-         call t%integer("n_unstable", "1", "", "disturbances that grow", found%n_unstable)
-         call t%integer("stability_method", "1", "", "how stability was found", found%method, stability_method_names)
+            "1 stable (small disturbances decay), -1 unstable, 0 unknown", found%verdict)
+         call t%integer("n_unstable", "1", "", "number of growing disturbances", found%n_unstable)
+         call t%integer("stability_method", "1", "", "method of the stability analysis", found%method, stability_method_names)
          t%is_known = allocated(exponents)
          call t%real("stability_estimate", trim(merge("1  ", "1/s", t%has_one_tone)), "", &
-            "estimated error of the monodromy matrix, relative; of several tones of the largest exponent", found%estimate)
+            "estimated relative error of the monodromy matrix; for several tones of the largest exponent", found%estimate)
          t%is_there = n > 0
-         call t%real("exponent", "1/s", "multiplier", "rates at which disturbances grow, the largest first", exponents)
+         call t%real("exponent", "1/s", "multiplier", "growth rates of disturbances, the largest first", exponents)
          t%is_there = n > 0 .and. t%has_one_tone
          call t%real("multiplier_real", "1", "multiplier", "Floquet multipliers, the largest first: real parts", re)
          call t%real("multiplier_imag", "1", "multiplier", "Floquet multipliers, the largest first: imaginary parts", im)
@@ -235,17 +236,17 @@ contains
 
       t%is_there = t%has_gradient
       call t%real("gradient", "1", "gradient_value dof harmonic component", &
-         "derivatives of the coefficients by values of the input, each in its unit", m%gradient%coefficients)
+         "derivatives of the coefficients with respect to input values, each in its unit", m%gradient%coefficients)
       call t%real("frequency_gradient", "1", "gradient_value tone", "derivatives of the base frequencies likewise", &
          m%gradient%frequency)
       call t%real("gradient_estimate", "1", "gradient_value", &
-         "change of the derivatives of coefficients by twice the samples and, by tolerance, a set twice as wide; nan: not known", &
+         "relative change of the derivatives with twice the samples and, with a tolerance, twice the set; nan: unknown", &
          m%gradient%estimate)
       call t%real("gradient_defect", "1", "gradient_value", &
-         "how far the motion is from one with these derivatives a small step on; not small at a kink", m%gradient%defect)
+         "deviation of the motion from the linear prediction at a small step; not small at a kink", m%gradient%defect)
       t%is_there = t%has_gradient .and. t%has_curve
       call t%real("position_gradient", "1", "gradient_value", &
-         "derivatives of the value along the curve at a located point, such as a fold or peak; 0 at all others", &
+         "derivatives of the position of a located point, such as a fold or peak; 0 at all others", &
          m%gradient%position)
       t%is_there = .true.
    end subroutine gradient_columns
@@ -265,21 +266,21 @@ contains
       if (allocated(place%unknowns)) n = size(place%unknowns)
       if (n > 0 .and. .not. t%has_own_tuples) place%unknowns = padded(place%unknowns, t%n_curve_unknowns)
       if (allocated(place%direction) .and. .not. t%has_own_tuples) place%direction = padded(place%direction, t%n_curve_unknowns)
-      call t%integer("curve_kind", "1", "", "what the point of a curve is", place%kind, curve_kind_names)
+      call t%integer("curve_kind", "1", "", "kind of the point of a curve", place%kind, curve_kind_names)
       call t%integer("curve_branch", "1", "", &
-         "number of the branch point from which this part of the curve was followed, from 1; 0: from its start", place%branch)
+         "number of the branch point from which this part of the curve starts, from 1; 0: from its start", place%branch)
       call t%real("curve_length", "1", "", "length of the curve from its start, "// &
          "in units of the range and of the largest motion; negative in the other direction", place%length)
       call t%integer("curve_response", "1", "", "number of the response that is located there, of 'peak_of', 'minimum_of', "// &
          "'amplitude_of' and 'resonance_of' together; 0: none", place%response)
-      call t%real("curve_over", "1", "", "value of 'over' in its unit, where a located point is followed, else 0", place%over)
+      call t%real("curve_over", "1", "", "value of 'over' in its unit for continued located points, else 0", place%over)
       call t%integer("curve_n_unknowns", "1", "", "number of unknowns of the curve in use", n)
       call t%real("curve_unknowns", "1", "curve_unknown", "unknowns of the curve, the value last", place%unknowns)
       call t%real("curve_direction", "1", "curve_unknown", "tangent of the curve, where it continues from the point", &
          place%direction)
-      call t%real("curve_step", "1", "", "length of the next step; 0 but at the end of a step", place%step)
+      call t%real("curve_step", "1", "", "length of the next step; 0 except at the end of a step", place%step)
       call t%real("curve_orientation", "1", "", &
-         "sign of the determinant of the tangent bordered by the direction, at the end of a step; 0: not known", place%orientation)
+         "sign of the determinant of the bordered tangent, at the end of a step; 0: unknown", place%orientation)
       call t%real("curve_largest_motion", "1", "", &
          "largest motion so far, at the end of a step, relative to a typical one: the unit of lengths", place%largest_motion)
       call t%real("curve_angle", "rad", "", "angle of the pair of multipliers of a flip or torus, else 0", place%angle)
@@ -294,7 +295,7 @@ contains
       t%is_there = t%has_surfaces
       t%is_known = .true.
       call t%real("displacement_samples", of_dof, "law_dof tau", "hypertime surface of the motion", m%displacement_samples)
-      call t%real("corrected_samples", of_dof, "law_dof tau", "hypertime surface corrected to the wall", m%corrected_samples)
+      call t%real("corrected_samples", of_dof, "law_dof tau", "hypertime surface corrected at a rigid wall", m%corrected_samples)
       call t%real("force_samples", of_force, "law_dof tau", "hypertime surface of the force", m%force_samples)
    end subroutine surface_columns
 

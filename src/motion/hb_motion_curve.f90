@@ -90,11 +90,12 @@ contains
       self%is_done = allocated(error) .or. .not. allocated(unknowns)
       if (any(result%status == [outcome%time_domain, outcome%several])) then
          result%status = outcome%stalled                              ! a motion, but no point of a curve
-         result%message = "a curve starts from a balance; "//result%message
+         result%message = "a curve must start from a harmonic balance solution; "//result%message
       end if
       if (any(model%tones%is_unknown) .and. model%accuracy%is_on .and. .not. self%is_done) then
          self%is_done = estimate_of(result) >= reliable
-         if (self%is_done) result%message = "no set that is allowed holds this motion: it may have other tones, or none"
+         if (self%is_done) &
+            result%message = "no harmonic set within the limits represents this motion: it may have other tones, or none"
       end if
       if (self%is_done) return
       further = [pack(result%frequency, model%tones%is_unknown)]
@@ -125,7 +126,7 @@ contains
       call find_first(self, is_found)
       if (.not. is_found) then
          result%status = outcome%stalled
-         result%message = "next to the point where it leaves the other curve no motion was found"
+         result%message = "no bifurcating motion was found near the bifurcation point"
          self%is_done = .true.
          return
       end if
@@ -571,10 +572,10 @@ contains
 
       associate (value => self%curve%x(size(self%curve%x)), unit => self%curve%units(size(self%curve%x)))
          if (self%has_collapsed) then
-            text = "the motion of an unknown tone died out next to the value "//to_text(value)
+            text = "the amplitude of an unknown tone vanishes near the value "//to_text(value)
             return
          end if
-         text = "the curve cannot be continued from the value "//to_text(value)//" after the length "//to_text(self%length)
+         text = "continuation failed at the value "//to_text(value)//", arc length "//to_text(self%length)
          if (.not. allocated(self%problem%error_text)) return
          if (abs(self%problem%refused - value) <= at_end*unit) text = trim(text)//": "//self%problem%error_text  ! else none
       end associate

@@ -94,7 +94,7 @@ contains
       if (self%is_done) then
          if (result%status == outcome%converged) result%status = outcome%stalled
          result%curve = curve_position_t(curve_kind%none, request%start, over=self%inner%start)
-         result%message = "no such point is on the curve from "//to_text(self%inner%from)//" to "//to_text(self%inner%to)
+         result%message = "no such point was found on the curve from "//to_text(self%inner%from)//" to "//to_text(self%inner%to)
          return
       end if
       call take(self, request%start, curve_kind%start, result)
@@ -211,8 +211,8 @@ contains
             result%status = outcome%stalled
             if (verdict_on_work() == verdict%timed_out) result%status = outcome%timed_out
             if (verdict_on_work() == verdict%interrupted) result%status = outcome%interrupted
-            result%message = "no such point is found next to the last one beyond the value "//to_text(self%value)// &
-               ", as where it meets another one and both end, or leaves the range of 'over'"
+            result%message = "continuation of the located point failed beyond the value "//to_text(self%value)// &
+               ": it merges with another one, or leaves the range of 'over'"
             self%is_done = .true.
          else
             self%is_done = .true.

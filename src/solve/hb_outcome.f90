@@ -26,7 +26,7 @@ module hb_outcome
       integer :: timed_out = 15                        !! the point has had its processor time
       integer :: impact = 16                           !! solved, but a rigid wall is struck: a law of impact is missing
       integer :: unused = 17                           !! room for a point of a curve that has ended before
-      integer :: time_domain = 18 !! no balance gives it; the motion is that in which time integration ends
+      integer :: time_domain = 18 !! found by time integration instead of the balance
       integer :: subharmonic = 19                      !! time integration ends in a motion that takes several periods
       integer :: broadband = 20                        !! time integration ends in a motion without order
       integer :: several = 21                          !! time integration ends in several motions, by where it starts
@@ -44,57 +44,66 @@ module hb_outcome
    character(*), parameter :: texts(0:21) = [character(64) :: &
       "not solved yet", &
       "converged", &
-      "stalled: no step makes the residual smaller", &
-      "out of budget: the limit was reached before the tolerance", &
-      "singular: the linear system of a step has no unique solution", &
-      "not finite: the residual is NaN or infinite where evaluated", &
-      "failed: see the message of the point", &
-      "truncated: solved, but the harmonics left out matter", &
-      "aliased: solved, but the samples are too few", &
-      "penetrating: solved, but too far inside a rigid wall", &
-      "collapsed: an unknown tone died out, the motion has fewer tones", &
+      "stalled: no step reduces the residual", &
+      "out of budget: a work limit was reached before the tolerance", &
+      "singular: the linear system of a Newton step is singular", &
+      "not finite: the residual is NaN or infinite", &
+      "failed: an error of this point, see its message", &
+      "truncated: solved, but the truncation error exceeds its limit", &
+      "aliased: solved, but the aliasing error exceeds its limit", &
+      "penetrating: solved, but the penetration exceeds its limit", &
+      "collapsed: an unknown tone vanished, the motion has fewer tones", &
       "no motion: no self-excited motion was found", &
-      "crashed: the process ended while this point was solved", &
-      "diverged: the steps exceed the size of the problem", &
-      "locked: the tones are multiples of one, the motion has one tone", &
-      "timed out: the point has used its limit of processor time", &
-      "impact: solved, but a wall is struck: a law of impact is missing", &
-      "unused: room for a point of a curve that has ended before", &
-      "time domain: from time integration, no balance gives it", &
-      "subharmonic: the motion takes several periods, see the message", &
-      "broadband: time integration finds no motion of these tones", &
-      "several: time integration ends in different motions, see message"]
+      "crashed: the process crashed while solving this point", &
+      "diverged: the iteration diverged", &
+      "locked: the tones are commensurate, the motion is periodic", &
+      "timed out: the processor time limit of the point was reached", &
+      "impact: solved, but it depends on the unknown restitution", &
+      "unused: spare row of a curve that ended earlier", &
+      "time domain: found by time integration instead of the balance", &
+      "subharmonic: the motion repeats after several periods only", &
+      "broadband: time integration finds no motion with these tones", &
+      "several: time integration finds several motions"]
 
    character(*), parameter :: remedies(0:21) = [character(232) :: &
       "nhbm resume solves it.", &
-      "nhbm verify compares it with time integration. Where an order was given, a tolerance (&accuracy) would choose it.", &
-      "Check units and loads first (nhbm check), then come from a setting that is solved: a sweep with "// &
+      "nhbm verify checks it by time integration. If an order was given, a tolerance (&accuracy) would choose it.", &
+      "Check units and loads first (nhbm check). Then continue from a solved point: a sweep with "// &
          "first_guess = 'neighbour' in &solver; or start from time integration.", &
-      "Allow more work, or come from a setting that is solved: a sweep with first_guess = 'neighbour' in &solver.", &
-      "Hold what no law holds, damp what is driven at its resonance; at a fold, shift the parameter a little.", &
-      "Look for a load or stiffness out of proportion, a table that ends, or a law that divides by zero; "// &
-         "nhbm check compares the derivatives of the laws.", &
-      "Mend the cause, then nhbm resume --retry solves it again.", &
-      "Ask for a tolerance (&accuracy) or double the order; where a tolerance is asked for, raise its limits max_work and "// &
-         "max_harmonics. If the error is small enough for you, raise &certificate truncation, or the tolerance.", &
-      "Ask for a tolerance (&accuracy), or double the samples at the same order; contact and friction need many more samples "// &
-         "than harmonics. Where a tolerance is asked for, leave &sampling to it, or raise max_work and max_samples.", &
-      "Raise order and samples; a wall that is struck hard needs the highest orders of all.", &
+      "Raise the work limit, or continue from a solved point: a sweep with first_guess = "// &
+         "'neighbour' in &solver.", &
+      "Constrain rigid body motions, and add damping where a resonance is excited. At a fold, shift the "// &
+         "parameter slightly.", &
+      "Look for loads or stiffnesses of a wrong magnitude, the end of a table, or a law that divides by "// &
+         "zero; nhbm check tests the derivatives of the laws.", &
+      "Remove the cause, then solve the point again with nhbm resume --retry.", &
+      "Give a tolerance (&accuracy), or double the order. If a tolerance is given, raise its limits "// &
+         "max_work and max_harmonics. If the error is acceptable, raise &certificate truncation, or the "// &
+         "tolerance.", &
+      "Give a tolerance (&accuracy), or double the samples at the same order: contact and friction need "// &
+         "many more samples than harmonics. If a tolerance is given, leave out &sampling, or "// &
+         "raise max_work and max_samples.", &
+      "Raise order and samples; hard impacts on a wall need very high orders.", &
       "Solve the model with fewer tones.", &
-      "Integrate from a small disturbance: does it grow? If a large motion exists beside a stable rest, begin near it "// &
-         "with &start.", &
-      "Look for a law of your own that ends the process; when it is mended, nhbm resume --retry solves the point again.", &
-      "Check units and loads first (nhbm check), then come from smaller loads: a sweep with first_guess = 'neighbour' "// &
-         "in &solver.", &
-      "Solve the model with the one tone that the message names.", &
-      "Allow more time (&solver time_limit), or come from a setting that is solved: a sweep with first_guess = 'neighbour'.", &
-      "No order helps: the restitution of the wall decides. Give the wall its restitution (of rigid_wall, or of &integration "// &
-         "for all walls), or its stiffness (elastic_stop).", &
-      "It is no point.", &
-      "It is an answer, with the spread over time as its error; nhbm verify says whether it lasts.", &
-      "Divide the frequency by the number that the message names, and multiply tuples and orders by it: the command does.", &
-      "It is chaos, or it has a tone of its own: nhbm integrate with &integration n_peaks shows its frequencies.", &
-      "The motion stored is the first that repeats with the tones; begin near another one with &start."]
+      "Integrate from a small disturbance: does it grow? If a large motion coexists with a stable "// &
+         "equilibrium, start near it with &start.", &
+      "Look for a user law that ends the process. When it is repaired, solve the point again with nhbm "// &
+         "resume --retry.", &
+      "Check units and loads first (nhbm check). Then continue from smaller loads: a sweep with "// &
+         "first_guess = 'neighbour' in &solver.", &
+      "Solve the model with the single tone that the message gives.", &
+      "Allow more time (&solver time_limit), or continue from a solved point: a sweep with first_guess = "// &
+         "'neighbour'.", &
+      "A higher order does not help. Give the wall its restitution (of rigid_wall, or of "// &
+         "&integration for all walls), or its stiffness (elastic_stop).", &
+      "Ignore the row.", &
+      "The motion is a valid solution; its error is the spread of the averages over time. nhbm verify "// &
+         "checks that it persists.", &
+      "Divide the frequency by the number in the message, and multiply tuples and orders by "// &
+         "it, as in the command below.", &
+      "The motion is chaotic, or has a further tone: nhbm integrate with &integration n_peaks finds its "// &
+         "frequencies.", &
+      "The stored motion is the first one that repeats with the tones. Start near another one with &start."]
 
 contains
 

@@ -32,9 +32,9 @@ module hb_solver_types
       integer :: both_other = 3
       integer :: nonlinearity = 4                                     !! homotopy in the strength of the laws
       integer :: load = 5                                             !! homotopy in the loads
-      integer :: several_guesses = 6                                  !! from shares of the linear motion
+      integer :: several_guesses = 6                                  !! from scaled linear motions
       integer :: fewer_harmonics = 7                                  !! from the solution of a smaller problem
-      integer :: integration = 8                                      !! from where time integration ends
+      integer :: integration = 8                                      !! from a time-integrated motion
       integer :: damping = 9                                          !! artificial damping, less and less of it
    end type fallback_t
    type(fallback_t), parameter :: fallback = fallback_t()
@@ -42,10 +42,10 @@ module hb_solver_types
       "none", "other_guess", "other_method", "other_guess_and_method", "nonlinearity_homotopy", "load_homotopy", &
       "several_guesses", "fewer_harmonics", "integration", "damping"]
    character(*), parameter :: fallback_texts(0:9) = [character(45) :: &
-      "from the first guess", "from another first guess", "by another method", "by another method from another first guess", &
-      "with laws brought in little by little", "with loads brought in little by little", &
-      "from shares of the linear motion", "from a solution with fewer harmonics", "from where time integration ends", &
-      "with artificial damping, less and less of it"]
+      "from the first guess", "from another first guess", "by another method", "by another method and first guess", &
+      "by homotopy in the laws", "by homotopy in the loads", &
+      "from scaled linear motions", "from a solution with fewer harmonics", "from a time-integrated motion", &
+      "by homotopy in artificial damping"]
 
    !> Settings of a solver; the component initialisers are the defaults that the table of input keys has for `&solver`.
    type :: solver_config_t

@@ -169,9 +169,9 @@ contains
 
       select case (tracking%finding)
       case (finding%ends)
-         text = "another branch of motions than at the point before, whose branch ends near "//place
+         text = "not on the branch of the previous point, which ends near "//place
       case (finding%goes_on)
-         text = "another branch of motions than at the point before, whose branch continues here with another motion"
+         text = "not on the branch of the previous point, which continues here with another motion"
       case default
          return
       end select

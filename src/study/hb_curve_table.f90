@@ -111,11 +111,11 @@ contains
       call find_gaps(merge(kind, curve_kind%none, is_solved(status)), branch, merge(n_unstable, -1, is_stable /= 0), &
                      plan%n_fastest(), n, first_gap)
       if (allocated(plan%curve%over)) n = 0                           ! the points are located themselves, along other curves
-      if (n > 0) lines = [character(160) :: lines, number_of(n, "step")//", first to "//rounded%describe(first_gap)// &
-         ", point "//to_text(first_gap - 1)//": 'n_unstable' changes and no bifurcation was located"]
+      if (n > 0) lines = [character(160) :: lines, number_of(n, "step")//", first at "//rounded%describe(first_gap)// &
+         ", point "//to_text(first_gap - 1)//": 'n_unstable' changes without a located bifurcation"]
       n = number_cut_short(kind, status, plan%n_fastest())
-      if (n > 0) lines = [character(160) :: lines, number_of(n, "curve")//" used all of "//to_text(plan%n_fastest())// &
-         " points before any end: give &curve more 'points'"]
+      if (n > 0) lines = [character(160) :: lines, number_of(n, "curve")//" reached the limit of "//to_text(plan%n_fastest())// &
+         " points: increase 'points' of &curve"]
 
    contains
 

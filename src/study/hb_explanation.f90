@@ -83,7 +83,7 @@ contains
       n = index(kind%message, mark)
       advice = kind%message
       if (n > 0) advice = kind%message(:n - 1)
-      if (len_trim(advice) > 0) text = text//new_line("a")//"Its message: "//trim(advice)
+      if (len_trim(advice) > 0) text = text//new_line("a")//"Message: "//trim(advice)
       if (.not. is_solved(kind%status)) text = text//neighbour_text(kind%first, record, plan)
       text = text//new_line("a")//"What to do: "//outcome_remedy(kind%status)
       command = next_step(kind, names, plan, document)
@@ -148,17 +148,18 @@ contains
          if (is_solved(record%status(point)) .and. has_tolerance()) then
             text = text//", enough for the tolerance."                ! hb_accurate_motion, share_of_residual
          else
-            text = text//" (asked for: "//rounded(limit("solver", "tolerance"))//")."
+            text = text//" (tolerance: "//rounded(limit("solver", "tolerance"))//")."
          end if
       end if
       if (is_solved(record%status(point))) then
          sign = " The estimated error is "
-         call add(record%truncation(point), " by the harmonics left out", "truncation")
-         call add(record%aliasing(point), " by the samples", "aliasing")
+         call add(record%truncation(point), " by truncation", "truncation")
+         call add(record%aliasing(point), " by aliasing", "aliasing")
          if (sign /= " The estimated error is ") text = text//"."
-         if (record%penetration(point) > 0.0_wp) text = text//" It goes "//rounded(record%penetration(point))//" m into the wall."
+         if (record%penetration(point) > 0.0_wp) &
+            text = text//" The penetration of a wall is "//rounded(record%penetration(point))//" m."
          if (record%is_stable(point) /= 0) &
-            text = text//" It is "//trim(merge("stable  ", "unstable", record%is_stable(point) > 0))//"."
+            text = text//" The motion is "//trim(merge("stable  ", "unstable", record%is_stable(point) > 0))//"."
       end if
 
    contains
@@ -211,7 +212,7 @@ contains
          do i = point - distance, point + distance, 2*distance
             if (i < 1 .or. i > record%n_points) cycle
             if (.not. is_solved(record%status(i))) cycle
-            text = new_line("a")//"The nearest point with a motion: "//name_of(i, plan)//"."
+            text = new_line("a")//"Nearest solved point: "//name_of(i, plan)//"."
             return
          end do
       end do

@@ -76,7 +76,7 @@ contains
       associate (message => run%kind%message)
          select case (run%kind%status)
          case (outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%not_finite, outcome%diverged, outcome%timed_out)
-            if (index(message, "scale the units") == 0) text = with_other_search(run)
+            if (index(message, "rescale the units") == 0) text = with_other_search(run)
          case (outcome%truncated, outcome%penetrating)
             if (index(message, "disturbances grow") == 0) then
                text = with_more_harmonics(run)
@@ -130,7 +130,7 @@ contains
       logical :: fallbacks
 
       text = ""
-      if (index(run%kind%message, "the curve cannot be continued") == 1) then
+      if (index(run%kind%message, "continuation failed") == 1) then
          text = with_finer_equations(run)
       else if (index(run%kind%message, raise) > 0) then
          text = raised(run, run%kind%message(index(run%kind%message, raise) + len(raise):))

@@ -85,20 +85,20 @@ contains
 
       call t%integer("checksum", "1", "", "CRC-32 over the values of the row, as they stand in the file", 0)
       call t%integer("branch", "1", "", &
-         "piece of the response along the fastest swept parameter, from 1; 0 where that is not known", &
+         "segment of the response along the fastest swept parameter, from 1; 0: unknown", &
          merge(left_branch, 0, m%leaves_branch))
       t%is_known = .false.
-      call t%integer("integration_verdict", "1", "", "verdict of time integration from the point", 0, verdict_names)
+      call t%integer("integration_verdict", "1", "", "verdict of nhbm verify", 0, verdict_names)
       call t%real("integration_first_difference", "1", "", &
-         "largest difference to time integration in the first period of the slowest tone, "// &
+         "largest difference from time integration in the first period of the slowest tone, "// &
          "relative to the motion of its coordinate", none)
-      call t%real("integration_difference", "1", "", "difference to time integration in the last periods, "// &
-         "of the coordinate worst for its limit, relative to its motion", none)
+      call t%real("integration_difference", "1", "", "difference from time integration in the last periods, "// &
+         "for the coordinate with the largest ratio to its limit, relative to its motion", none)
       call t%real("integration_limit", "1", "", "limit of that difference", none)
-      call t%real("integration_growth", "1/s", "", "rate at which time integration close to the motion diverges from it", none)
-      call t%real("integration_duration", "s", "", "how long was integrated", none)
+      call t%real("integration_growth", "1/s", "", "rate at which a nearby trajectory diverges from the motion", none)
+      call t%real("integration_duration", "s", "", "integrated time", none)
       call t%real("integration_drift", "rad/s", "tone", &
-         "difference of the integrated frequency to that of the motion, 0 where given", [none])
+         "integrated frequency minus that of the motion, 0 for given tones", [none])
       t%is_known = .true.
    end subroutine later_columns
 
@@ -107,13 +107,13 @@ contains
       type(plan_t), intent(inout) :: t
 
       call t%integer("worker_points", "1", "worker", "points that the rank solved", 0)
-      call t%integer("worker_draws", "1", "worker", "numbers that the rank drew from shared counters", 0)
-      call t%real("worker_reading_seconds", "s", "worker", "time of making models of the input", 0.0_wp)
-      call t%real("worker_solving_seconds", "s", "worker", "time of solving", 0.0_wp)
-      call t%real("worker_writing_seconds", "s", "worker", "time of writing results", 0.0_wp)
-      call t%real("worker_drawing_seconds", "s", "worker", "time at shared counters", 0.0_wp)
-      call t%real("worker_idle_seconds", "s", "worker", "time of waiting for the other ranks at the end", 0.0_wp)
-      call t%real("worker_total_seconds", "s", "worker", "time from the first draw to the end of the slowest rank", 0.0_wp)
+      call t%integer("worker_draws", "1", "worker", "accesses of the rank to shared counters", 0)
+      call t%real("worker_reading_seconds", "s", "worker", "time for creating models from the input", 0.0_wp)
+      call t%real("worker_solving_seconds", "s", "worker", "time for solving", 0.0_wp)
+      call t%real("worker_writing_seconds", "s", "worker", "time for writing results", 0.0_wp)
+      call t%real("worker_drawing_seconds", "s", "worker", "time for accessing shared counters", 0.0_wp)
+      call t%real("worker_idle_seconds", "s", "worker", "time waiting for the other ranks at the end", 0.0_wp)
+      call t%real("worker_total_seconds", "s", "worker", "time from the first access to the end of the slowest rank", 0.0_wp)
       call t%real("worker_overhead_per_point", "s", "worker", "time per point that was neither solving nor waiting", 0.0_wp)
    end subroutine time_columns
 

@@ -84,6 +84,6 @@ contains
          if (status(first) /= outcome%time_domain) message = message//" ("//outcome_name(status(first))//")"
       end do
       if (maxval(motion) > most_named) message = message//", ..."
-      if (any(motion == 0)) message = message//"; not settled from "//to_text(count(motion == 0))
+      if (any(motion == 0)) message = message//"; no steady state from "//to_text(count(motion == 0))
    end subroutine report_motions
 end module hb_coexisting_motions

@@ -277,7 +277,7 @@ contains
                deallocate (error)                                     ! the data so far may suffice, unless there is only one window
                if (settled%status == outcome%time_domain) exit
                settled%status = outcome%pending
-               settled%message = settled%message//"; no work is left to see more"//more_work
+               settled%message = settled%message//"; the work limit was reached"//more_work
                exit
             end if
             if (next%is_out_of_work) error%message = error%message//more_work

@@ -367,8 +367,8 @@ def test_budget_of_points_is_kept(tmp_path):
     (tmp_path / "short.nml").write_text(CURVE.replace("points = 300", "points = 7"))
     done = run("solve", "short.nml", cwd=tmp_path)
     assert done.status == ALL_CONVERGED
-    assert "1 curve used all of 7 points before any end" in done.stdout
-    assert "1 curve used all of 7 points before any end" in run("info", "short.h5", cwd=tmp_path).stdout
+    assert "1 curve reached the limit of 7 points" in done.stdout
+    assert "1 curve reached the limit of 7 points" in run("info", "short.h5", cwd=tmp_path).stdout
     path = tmp_path / "short.h5"
     assert (read(path, "status") == 1).all() and "end" not in Results(path).curve_kind()
 

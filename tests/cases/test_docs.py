@@ -176,7 +176,7 @@ def test_keys_that_have_rows_are_read(section):
 def test_laws_have_a_row_in_the_overview():
     (types,) = [words(key.range) for key in KEYS if (key.section, key.name) == ("law", "type")]
     page = (ROOT / "docs" / "user" / "input.md").read_text(encoding="utf-8")
-    overview = page.partition("| law | place | force | smooth |\n")[2].partition("\n\n")[0]
+    overview = page.partition("| law | coordinates | force | smooth |\n")[2].partition("\n\n")[0]
     assert sorted(re.findall(r"^\| (\w+) \|", overview, re.MULTILINE)) == sorted(types)
 
 

@@ -78,6 +78,6 @@ def test_input_passes_the_check(source, tmp_path):
     done = run("check", with_its_law(source, tmp_path / "law"), cwd=folder)
     assert done.status == ALL_CONVERGED, done.stderr
     is_doubtful = source.name in DOUBTFUL
-    assert ("the input is sound" in done.stdout) != is_doubtful
+    assert ("the input is valid" in done.stdout) != is_doubtful
     assert ("the input can be solved, but is hardly what is meant" in done.stdout) == is_doubtful
     assert not list(folder.iterdir()), "check must write no file"

@@ -45,8 +45,8 @@ def test_each_failure_is_told_once_with_a_command_that_works(tmp_path):
     assert done.status == NOT_ALL_CONVERGED
     told = [line for line in done.stdout.splitlines() if line.startswith("  point ")]
     assert 1 <= len(told) <= 3 and "'stop' is 10000 times stiffer" in told[0] and "others" in told[0], done.stdout
-    assert "13 out of budget: the limit was reached before the tolerance (first: point 7)" in done.stdout
-    assert "\nnhbm why case.h5 says what was tried at each of them\n" in done.stdout
+    assert "13 out of budget: a work limit was reached before the tolerance (first: point 7)" in done.stdout
+    assert "\nnhbm why case.h5 explains each of them\n" in done.stdout
     tried = commands(done.stdout)
     assert any("solver%fallback=.true." in words for words in tried), done.stdout
     for line in tried:
@@ -68,8 +68,8 @@ def test_why_says_what_was_tried_and_what_to_do(tmp_path):
     of_one = " ".join(run("why", "case.h5", "--point", str(lost), cwd=tmp_path).stdout.split())
     assert of_one.startswith(f"Point {lost} (law(stop)%stiffness = 100000 N/m): ") and "out of budget" in of_one
     assert "Tried: from the first guess (residual " in of_one and "out_of_budget" in of_one
-    assert "What to do: Allow more work" in of_one and "try: nhbm solve case.nml" in of_one
-    assert status[0] == 1 and "The nearest point with a motion: 0 (" in of_one
+    assert "What to do: Raise the work limit" in of_one and "try: nhbm solve case.nml" in of_one
+    assert status[0] == 1 and "Nearest solved point: 0 (" in of_one
     found = run("why", "case.h5", "--point", "0", cwd=tmp_path).stdout
     assert "The estimated error is" in found
     refused = run("why", "case.h5", "--point", "20", cwd=tmp_path)

@@ -7,13 +7,19 @@ import fnmatch
 import io
 import os
 import re
+import shlex
 from pathlib import Path
 
+import h5py
 import pytest
 from program import ALL_CONVERGED, NOT_ALL_CONVERGED, run
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted({*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("postproc/*.md")} - {*ROOT.glob("docs/site/*")})
+STATUSES = re.findall(
+    r'"(\w+)"',
+    re.search(r"outcome_names\(0:\d+\) = \[(.*?)\]", (ROOT / "src/solve/hb_outcome.f90").read_text(encoding="utf-8"), re.DOTALL)[1],
+)
 CONVERGENCE = (ROOT / "docs" / "user" / "convergence.md").read_text(encoding="utf-8")
 
 MODEL = """&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0
@@ -80,17 +86,34 @@ def test_license_is_told_where_it_is_looked_for():
 
 
 def test_every_status_has_its_advice():
-    source = (ROOT / "src" / "solve" / "hb_outcome.f90").read_text(encoding="utf-8")
-    names = re.findall(r"\"(\w+)\"", re.search(r"outcome_names\(0:\d+\) = \[(.*?)\]", source, re.DOTALL).group(1))
-    assert "stalled" in names
-    missing = [name for name in names if f"`{name}`" not in CONVERGENCE]
+    assert "stalled" in STATUSES
+    missing = [name for name in STATUSES if f"`{name}`" not in CONVERGENCE]
     assert not missing, f"docs/user/convergence.md says nothing of {', '.join(missing)}"
+
+
+EXAMPLES = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \| `nhbm (solve [^`]*)` \|", CONVERGENCE, re.MULTILINE)
+
+
+def test_every_status_has_its_example():
+    named = {name for names, _ in EXAMPLES for name in re.findall(r"\w+", names)}
+    assert named == set(STATUSES) - {"diverged", "crashed"}, "one that nothing brings about surely, one that needs a law of its own"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("names", "command"), EXAMPLES, ids=[re.sub(r"\W+", "_", names).strip("_") for names, _ in EXAMPLES])
+def test_examples_have_the_status(names, command, tmp_path):
+    (tmp_path / "inputs").symlink_to(ROOT / "inputs")
+    done = run(*shlex.split(command), "-o", "run.h5", cwd=tmp_path)
+    with h5py.File(tmp_path / "run.h5") as file:
+        found = {STATUSES[status] for status in file["status"][:]}
+    assert set(re.findall(r"\w+", names)) <= found, done.stdout + done.stderr
 
 
 def test_settings_of_the_advice_are_accepted(tmp_path):
     (tmp_path / "case.nml").write_text(MODEL)
-    settings = re.findall(r"--set (\"[^\"]+\"|[^\s`]+)", CONVERGENCE)
-    groups = re.findall(r"^ {7}(&.*/)$", CONVERGENCE, re.MULTILINE)
+    advice = CONVERGENCE.split("\n## 8. ")[0]
+    settings = re.findall(r"--set (\"[^\"]+\"|[^\s`]+)", advice)
+    groups = re.findall(r"^ {7}(&.*/)$", advice, re.MULTILINE)
     assert len(settings) >= 3 and len(groups) >= 2
     done = run("check", "case.nml", *(f"--set={text.strip(chr(34))}" for text in settings), cwd=tmp_path)
     assert done.status == ALL_CONVERGED, done.stderr
@@ -112,3 +135,27 @@ def test_messages_are_read_as_the_page_says(tmp_path):
     finally:
         os.chdir(before)
     assert re.fullmatch(r"1 3 .*\n", printed.getvalue()), printed.getvalue()
+
+
+def statements_of_messages() -> list[list[str]]:
+    """The texts of each statement of the source that gives a point its message."""
+    also = {"hb_advice": r"|call add\(text, [^!\n]*", "hb_chain_check": r"|text = [^!\n]*", "hb_motion_curve": r"|text = [^!\n]*"}
+    found = []
+    for folder in ("balance", "motion", "study", "timedomain"):
+        for path in sorted((ROOT / "src" / folder).glob("*.f90")):
+            source = re.sub(r"&\s*\n\s*", " ", path.read_text(encoding="utf-8"))
+            target = r"(?<!error%)\bmessage = [^!\n]*" + also.get(path.stem, "")
+            for statement in re.findall(target, source):
+                texts = [text for text in re.findall(r'"([^"]*)"', statement) if re.search(r"\w \w|\w[:;] |^; \w", text)]
+                found += [texts] if texts else []
+    return found
+
+
+def test_every_message_of_a_point_is_explained():
+    """Each statement has a row of the last section of the page by a part of its text, and each part comes from a statement."""
+    table = CONVERGENCE.split("## 8. ")[1].split("\n## ")[0]
+    parts = [part for row in re.findall(r"^\| (`.*?`) \|", table, re.MULTILINE) for part in re.findall("`([^`]*)`", row)]
+    statements = statements_of_messages()
+    assert len(statements) > 40 and len(parts) > 40
+    assert not [texts for texts in statements if not any(part in text for part in parts for text in texts)]
+    assert not [part for part in parts if not any(part in text for texts in statements for text in texts)]

@@ -389,7 +389,7 @@ def test_time_limit(ranks, tmp_path):
     source = write(tmp_path, SWEPT.replace(f"n = {N_SWEPT}", "n = 2000"))
     done = run("solve", source, "--time-limit", "2", cwd=tmp_path, ranks=ranks)
     status = read(tmp_path / "case.h5", "status")
-    assert done.status == INCOMPLETE and "ended by the time limit" in done.stderr
+    assert done.status == INCOMPLETE and "stopped by the time limit" in done.stderr
     assert 0 < (status == CONVERGED).sum() < 2000
 
 
@@ -645,7 +645,7 @@ def test_info_of_a_complete_run(tmp_path):
     gap = {0: "1.5e-3", 2: "1.0e-3"}[worst]
     for words in (
         "2 converged",
-        "1 failed: see the message of the point (first: point 1)",
+        "1 failed: an error of this point, see its message (first: point 1)",
         f"truncation {truncation[worst]:.2E} at point {worst} (law(1)%gap = {gap} m)",
         "complete   yes",
         "nhbm resume case.h5 --retry also tries 1 again",

@@ -157,7 +157,7 @@ def test_check_finds_a_wrong_sign(wrong_law):
     assert done.status == NOT_ALL_CONVERGED
     (row,) = [line for line in done.stdout.splitlines() if line.startswith("mine ")]
     assert row.endswith("wrong: df/dz")
-    assert "the input is sound" not in done.stdout
+    assert "the input is valid" not in done.stdout
 
 
 def test_other_points_go_on_when_a_law_fails(wrong_law):
@@ -252,7 +252,7 @@ def test_signals_during_check_are_told(place, ending, tmp_path):
 def test_check_does_not_call_it_sound(parts, says, tmp_path):
     done = run("check", "rogue.nml", cwd=rogue(tmp_path, **parts))
     assert done.status == NOT_ALL_CONVERGED and says in done.stdout, (done.status, done.stdout)
-    assert "the input is sound" not in done.stdout
+    assert "the input is valid" not in done.stdout
 
 
 @pytest.mark.parametrize("parts", [{"force": "NAN"}, {"body": "return 0;"}], ids=["NaN", "no force"])

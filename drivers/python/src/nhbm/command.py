@@ -52,21 +52,21 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=f"nhbm-model {__version__}")
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
 
-    verb = verbs.add_parser("import", help="make a model file of matrices of other programs")
+    verb = verbs.add_parser("import", help="create a model file from matrices of other programs")
     verb.set_defaults(run=run_import)
     verb.add_argument("--calculix", metavar="STEM", help="STEM.sti, STEM.mas and STEM.dof of SOLVER=MATRIXSTORAGE")
     verb.add_argument("--abaqus", action="store_true", help="the matrices are Abaqus' MATRIX INPUT (.mtx)")
     verb.add_argument("--nastran", metavar="FILE", help="bulk data or punch file; the matrices are names of its DMIG")
     for name in MATRICES:
         verb.add_argument(f"--{name}", metavar="FILE", help=f"{name} matrix: Matrix Market (.mtx) or SciPy's .npz")
-    verb.add_argument("--labels", metavar="FILE", help="names of the degrees of freedom, such as n12.z, a line each")
+    verb.add_argument("--labels", metavar="FILE", help="names of the degrees of freedom, such as n12.z, one per line")
     verb.add_argument("--mesh", metavar="FILE", help="coordinates, cells and sets, in any format of meshio")
-    verb.add_argument("--set", action="append", default=[], metavar="NAME=N,N,...", help="a set by numbers of its nodes")
+    verb.add_argument("--set", action="append", default=[], metavar="NAME=N,N,...", help="a node set by node numbers")
     _loads(verb)
-    verb.add_argument("--units", default="m kg s", help="system of units, for the record (default: m kg s)")
+    verb.add_argument("--units", default="m kg s", help="unit system, for information only (default: m kg s)")
     _output(verb)
 
-    verb = verbs.add_parser("info", help="say what a model file holds")
+    verb = verbs.add_parser("info", help="contents of a model file")
     verb.set_defaults(run=run_info)
     verb.add_argument("model")
 
@@ -81,13 +81,13 @@ def parser() -> argparse.ArgumentParser:
         ("sector", examples.sector),
         ("ring", examples.ring),
     ):
-        verb = verbs.add_parser(name, help=f"an example made with scikit-fem: {str(make.__doc__).splitlines()[0]}")
+        verb = verbs.add_parser(name, help=f"an example created with scikit-fem: {str(make.__doc__).splitlines()[0]}")
         verb.set_defaults(run=run_example, make=make)
         for key, default in zip(make.__code__.co_varnames, make.__defaults__ or ()):
             verb.add_argument(f"--{key.replace('_', '-')}", dest=key, type=type(default), default=default,
                               help=f"(default: {default})")  # fmt: skip
         verb.add_argument("--node-set", action="append", default=[], metavar="NAME=X,Y,Z",
-                          help="a set of the nodes closest to places; X,Y,Z;X,Y,Z for several")  # fmt: skip
+                          help="set of the nodes closest to positions; X,Y,Z;X,Y,Z for several")  # fmt: skip
         _loads(verb)
         _output(verb)
 
@@ -97,49 +97,48 @@ def parser() -> argparse.ArgumentParser:
     verb.add_argument("--diameter", type=float, default=0.02, help="[m] (default: 0.02)")
     verb.add_argument("--n-elements", type=int, default=12, help="(default: 12)")
     verb.add_argument("--disk", action="append", default=[], metavar="POSITION,MASS,DIAMETRAL,POLAR",
-                      help="[m], [kg], moments of inertia [kg m2]; at the nearest node, as bearings are")  # fmt: skip
+                      help="[m], [kg], moments of inertia [kg m2]; at the nearest node, like bearings")  # fmt: skip
     verb.add_argument("--bearing", action="append", default=[], metavar="POSITION,STIFFNESS,DAMPING", help="[m], [N/m], [N s/m]")
     verb.add_argument(
         "--speed",
         type=float,
         metavar="RAD/S",
-        help="of the gyroscopic terms (default: they are left to the key speed of &structure)",
+        help="speed of the gyroscopic terms (default: given by the key speed of &structure)",
     )
     _loads(verb)
     _output(verb)
 
-    verb = verbs.add_parser("wheel", help="the whole wheel of a sector, and its frequencies by nodal diameter")
+    verb = verbs.add_parser("wheel", help="the whole wheel of a sector, and its natural frequencies by nodal diameter")
     verb.set_defaults(run=run_wheel)
     verb.add_argument("model", help="sector about the axis z")
     verb.add_argument("--sectors", type=int, required=True, metavar="N")
-    verb.add_argument("--low", default="low", metavar="SET", help="side that, turned by 2 pi/N, meets --high (default: low)")
+    verb.add_argument("--low", default="low", metavar="SET", help="side that, rotated by 2 pi/N, matches --high (default: low)")
     verb.add_argument("--high", default="high", metavar="SET", help="(default: high)")
     verb.add_argument("--frequencies", type=int, default=0, metavar="K", help="print the K lowest of each nodal diameter")
     verb.add_argument("--neighbours", action="append", default=[], metavar="NAME=SET,SET",
-                      help="a pair of a set of each sector and one of the next sector")  # fmt: skip
+                      help="pair of a set of each sector and one of the next sector")  # fmt: skip
     verb.add_argument("--wave", action="append", default=[], metavar="NAME=SET:DIAMETERS",
-                      help="vectors of loads NAME_cos and NAME_sin of a wave")  # fmt: skip
-    verb.add_argument("--keep", help="reduce each nodal diameter by itself and keep these of each sector, as reduce does")
-    verb.add_argument("--diameter", type=int, metavar="H", help="with --keep: the waves of this nodal diameter alone")
-    _reduction(verb, 10, "of each nodal diameter; of those with two waves pairs")
+                      help="load vectors NAME_cos and NAME_sin of a wave")  # fmt: skip
+    verb.add_argument("--keep", help="reduce each nodal diameter separately, retaining these degrees of freedom of each sector")
+    verb.add_argument("--diameter", type=int, metavar="H", help="with --keep: only the waves of this nodal diameter")
+    _reduction(verb, 10, "of each nodal diameter; for double modes the number of pairs")
     _output(verb)
 
-    verb = verbs.add_parser("assemble", help="put parts together in one model")
+    verb = verbs.add_parser("assemble", help="combine parts to one model")
     verb.set_defaults(run=run_assemble)
-    verb.add_argument("parts", nargs="+", metavar="NAME=FILE", help="a part and its model file; sets become NAME_SET")
-    verb.add_argument("--at", action="append", default=[], metavar="NAME=X,Y,Z", help="shifts a part")
+    verb.add_argument("parts", nargs="+", metavar="NAME=FILE", help="a part and its model file; its sets become NAME_SET")
+    verb.add_argument("--at", action="append", default=[], metavar="NAME=X,Y,Z", help="shift a part")
     verb.add_argument("--pair", action="append", default=[], metavar="NAME=SET,SET",
-                      help="names the nodes where two sets meet NAME_1 and NAME_2, first with first")  # fmt: skip
-    verb.add_argument("--within", type=float, default=0.0, metavar="M", help="how far apart nodes of a pair may be")
+                      help="pair of coincident nodes of two sets, named NAME_1 and NAME_2")  # fmt: skip
+    verb.add_argument("--within", type=float, default=0.0, metavar="M", help="largest distance of the nodes of a pair")
     _loads(verb)
     _output(verb)
 
-    verb = verbs.add_parser("reduce", help="a small model of a large one, with its error")
+    verb = verbs.add_parser("reduce", help="reduce a large model, with error estimate")
     verb.set_defaults(run=run_reduce)
     verb.add_argument("model")
     verb.add_argument("--keep", required=True,
-                      help="degrees of freedom and sets that stay as they are: n3.z,contact.z,corner; a pair keeps what its "
-                      "sets move relative to each other")  # fmt: skip
+                      help="retained degrees of freedom and sets: n3.z,contact.z; of a pair its relative motion")  # fmt: skip
     _reduction(verb, 20, methods=reduction.METHODS)
     _output(verb)
     return top
@@ -151,23 +150,23 @@ def _reduction(verb: Any, n_modes: int, more: str = "", methods: Any = reduction
     verb.add_argument("--modes", type=int, help=f"number of modes{' ' * bool(more)}{more} (default: {n_modes})")
     verb.add_argument("--method", choices=methods, help=f"(default: {default})")
     verb.add_argument(
-        "--up-to", type=float, metavar="RAD/S", help="highest frequency that the model is for, where errors are reported"
+        "--up-to", type=float, metavar="RAD/S", help="highest frequency of use, up to which errors are reported"
     )
     verb.add_argument("--no-error", action="store_true", help="do not compare with the full model")
     verb.add_argument("--tolerance", type=float, metavar="E",
-                      help="largest error up to there: doubles the modes until it is met"
+                      help="largest error up to there: the modes are doubled until it is met"
                       + has_krylov * "; krylov: of each step (default: 1e-10)")  # fmt: skip
     verb.set_defaults(n_modes=n_modes, has_krylov=has_krylov)
 
 
 def _loads(verb: Any) -> None:
     verb.add_argument("--load", action="append", default=[], metavar="NAME=LABEL:VALUE,...",
-                      help="a vector of loads; a set with a direction has the value at each node")  # fmt: skip
+                      help="a load vector; for a set with a direction the value applies to each node")  # fmt: skip
 
 
 def _output(verb: Any) -> None:
     verb.add_argument("-o", "--output", required=True, metavar="FILE", help="model file to write")
-    verb.add_argument("--overwrite", action="store_true", help="replace a file that exists")
+    verb.add_argument("--overwrite", action="store_true", help="replace an existing file")
 
 
 def _check_output(options: Any) -> None:

@@ -27,17 +27,17 @@ AMPLITUDES = "x(t) = sum over h of cos_h cos(j_h.omega t) + sin_h sin(j_h.omega 
 
 
 def open_dataset(path: str | Path) -> xr.Dataset:
-    """Opens a result file, as `xarray.open_dataset` does; `dataset.nhbm` has amplitudes, motions over time and pictures.
+    """Opens a result file, as `xarray.open_dataset` does; `dataset.nhbm` has amplitudes, motions over time and plots.
 
     Parameters
     ----------
     path : str or Path
-        A file of `nhbm solve`. Needs h5netcdf or netCDF4: ``pip install nhbm[xarray]``.
+        A result file of `nhbm solve`. Needs h5netcdf or netCDF4: ``pip install nhbm[xarray]``.
 
     Returns
     -------
     xarray.Dataset
-        All points of the run (docs/user/schema.md), read where they are used.
+        All points of the run (docs/user/schema.md), read on demand.
     """
     return xr.open_dataset(path)
 
@@ -194,25 +194,25 @@ def _padded(values: Any, like: xr.DataArray, longest: dict[Any, int]) -> np.ndar
 
 @xr.register_dataset_accessor("nhbm")  # type: ignore[no-untyped-call, unused-ignore]
 class Accessor:
-    """What one asks of motions: ``dataset.nhbm.amplitude("x1", 1)``."""
+    """Evaluation of motions: ``dataset.nhbm.amplitude("x1", 1)``."""
 
     def __init__(self, dataset: xr.Dataset) -> None:
         self._dataset = dataset
 
     @property
     def is_converged(self) -> xr.DataArray:
-        """Whether each motion solves the equations within what was asked for."""
+        """Whether each motion satisfies its tolerances."""
         return self._dataset["status"] == CONVERGED
 
     @property
     def status(self) -> xr.DataArray:
-        """Outcome of each motion in a word: converged, truncated, ... (docs/user/schema.md)."""
+        """Status of each motion as a word: converged, truncated, ... (docs/user/schema.md)."""
         words: xr.DataArray = xr.apply_ufunc(np.array(STATUSES).__getitem__, self._dataset["status"])
         return words
 
     @property
     def message(self) -> str:
-        """Why a motion was not found, or what to know of it; of several the first that says something."""
+        """Reason for a failure, or a note; for several points the first message."""
         return next((str(text) for text in np.ravel(self._dataset["message"].values) if str(text)), "")
 
     def harmonic(self, dof: str, tuple_: Any = 1, of: str = "coefficients") -> xr.DataArray:
@@ -221,16 +221,16 @@ class Accessor:
         Parameters
         ----------
         dof : str
-            Degree of freedom, by its label or by a set of one node ("disk1.x"), or law, as the axis of the column has it.
+            Label of a degree of freedom, or set of one node ("disk1.x"), or law, depending on the column.
         tuple_ : int or sequence of int
-            Its tuple; zero is returned where the set lacks it.
+            Its tuple; the result is zero if it is not in the set.
         of : str
             Column: "coefficients" [m], "force_coefficients" [N], "corrected_coefficients" [m].
 
         Returns
         -------
         xarray.DataArray
-            In the unit of the column, one a point.
+            In the unit of the column, one value per point.
         """
         data = self._dataset
         wanted = np.atleast_1d(tuple_)
@@ -248,12 +248,12 @@ class Accessor:
         return size  # type: ignore[no-any-return]
 
     def time(self, dof: str, times: Any, of: str = "coefficients") -> xr.DataArray:
-        """Values along time.
+        """Values over time.
 
         Parameters
         ----------
         dof : str
-            Degree of freedom, or law, as the axis of the column has it.
+            Degree of freedom, or law, depending on the column.
         times : array_like
             [s].
         of : str
@@ -274,14 +274,14 @@ class Accessor:
         return found
 
     def largest(self, dof: str, n: int = 4096) -> xr.DataArray:
-        """Largest displacement [m] over many samples of the motion along time, from both signs.
+        """Largest absolute displacement [m] over many samples of the motion in time.
 
         Parameters
         ----------
         dof : str
             Degree of freedom.
         n : int
-            Samples of a period; eight times as many over 64 periods of the slowest of several tones.
+            Samples per period; for several tones eight times as many over 64 periods of the slowest one.
         """
         times = self._times(n)
         if "point" not in self._dataset.dims:
@@ -311,9 +311,9 @@ class Accessor:
         return self.amplitude(dof, tuple_), f"{words_of(of)} [{unit}]"
 
     def gradient(self, of: str) -> xr.DataArray:
-        """Derivatives of a response by the values that the group &gradient names, in their units.
+        """Derivatives of a response with respect to the values of the group &gradient, in their units.
 
-        Of the largest displacement they are those at the instant where it is, phases held.
+        For the largest displacement they are taken at its instant, with fixed phases.
 
         Parameters
         ----------
@@ -323,7 +323,7 @@ class Accessor:
         Returns
         -------
         xarray.DataArray
-            (..., gradient_value); NaN where the motion was not found, or may not be differentiated.
+            (..., gradient_value); NaN if the motion was not found or is not differentiable.
         """
         dof, tuple_ = parts_of(of)
         if "gradient" not in self._dataset:
@@ -358,14 +358,14 @@ class Accessor:
         return found
 
     def plot(self, of: str | None = None, ax: Any = None) -> Any:
-        """Draws the motion of a degree of freedom over time, or a response of curves and sweeps over what varies.
+        """Plots the motion of a degree of freedom over time, or the response of a curve or sweep over its parameter.
 
         Parameters
         ----------
         of : str, optional
             "x1", the largest |x1| [m], or "x1 (1)", the amplitude of a harmonic; default: the first degree of freedom.
         ax : matplotlib.axes.Axes, optional
-            Where to draw.
+            Axes to plot into.
 
         Returns
         -------

@@ -11,12 +11,12 @@ _Function = TypeVar("_Function", bound=Callable[..., object])
 _SHARED = {
     "tolerance and order": """\
 tolerance : float, optional
-    Relative error of the motion that is asked for, with harmonics chosen for it; 1e-2 if neither it nor `order` is given.
+    Relative error of the motion; the harmonics are chosen accordingly. 1e-2 if neither this nor `order` is given.
 order : int, optional
-    Highest order of the harmonics, in the place of a tolerance.""",
+    Highest order of the harmonics, instead of a tolerance.""",
     "warm": """\
 warm : bool
-    Start from the motion found last.""",
+    Start from the last motion.""",
 }
 
 

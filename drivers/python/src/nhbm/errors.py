@@ -2,8 +2,8 @@
 
 
 class ModelError(Exception):
-    """A model, or a file that should hold one, is not what it must be."""
+    """A model or a model file is invalid."""
 
 
 class NotConverged(UserWarning):
-    """A motion was not found, or misses what was asked for."""
+    """A motion was not found, or does not satisfy its tolerance."""

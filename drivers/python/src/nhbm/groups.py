@@ -112,13 +112,13 @@ class Beam(Builder):
 
 
 class Chain(Builder):
-    """Masses in a row, with springs and dashpots between them and to the ground."""
+    """A chain of masses, with springs and dashpots between them and to ground."""
 
     type = "chain"
 
 
 class ModalBeam(Builder):
-    """A beam by its first modes."""
+    """A simply supported beam by its first modes."""
 
     type = "modal_beam"
 
@@ -130,7 +130,7 @@ class Jeffcott(Builder):
 
 
 class RotorStator(Builder):
-    """A rotor and a stator that it may touch."""
+    """A bladed disk and a casing."""
 
     type = "rotor_stator"
 
@@ -140,7 +140,7 @@ def _full(matrix: Any) -> Any:
 
 
 class Matrices(Builder):
-    """Small full matrices; Structure keeps large sparse ones as they are.
+    """Small full matrices; use Structure for large sparse ones.
 
     Parameters
     ----------

@@ -117,37 +117,37 @@ class Step(NamedTuple):
 
 
 class Law:
-    """A law that models of this process may use: ``model.law(law, "x1")``.
+    """A law for models in this process: ``model.law(law, "x1")``.
 
     Parameters
     ----------
     function : function or pointer
-        It has the arguments q, v and p, or the first one or two of them: displacements [m], velocities [m/s] and the parameters of
-        the input, each an array of all samples, (n_samples) with one coordinate, (n_samples, n_coordinates) with several. It
-        returns the forces [N] of the same shape, positive where they pull back, or a tuple of them and their derivatives by q (and
-        v), with a further axis for the coordinate differentiated by where there are several. Derivatives that it does not give come
-        from complex steps where it takes complex samples, else from central differences.
+        A function of q, v and p, or of the first one or two of them: displacements [m], velocities [m/s] and the parameters
+        of the input, each an array of all samples, (n_samples) for one coordinate, (n_samples, n_coordinates) for several.
+        It returns the forces [N] of the same shape, positive if restoring, or a tuple of the forces and their derivatives
+        with respect to q (and v), for several coordinates with a further axis. Missing derivatives are computed by complex
+        steps if the function accepts complex samples, else by central differences.
 
-        Further arguments are known by their names: `phases` are those of the tones, omega t along time [rad], (n_samples, n_tones),
-        and `frequencies` the base frequencies [rad/s], (n_tones).
+        Further arguments are recognised by name: `phases` of the tones, omega t [rad], (n_samples, n_tones), and
+        `frequencies`, the base frequencies [rad/s], (n_tones).
 
         A compiled function instead takes a pointer to LawSamples (nhbm_user_law.h): a ctypes pointer, a Numba cfunc, a
         scipy.LowLevelCallable.
     velocity, phases, frequencies : bool
-        Whether a compiled function needs these.
+        Whether a compiled function uses these.
     degree : int
-        Of a polynomial force; 0: it is none.
+        Degree of a polynomial force; 0: not a polynomial.
     length_scale : float
-        Displacement [m] over which the force changes; 0: not known.
+        Displacement [m] over which the force changes; 0: unknown.
     odd : bool
-        The force changes its sign with the motion.
+        Whether f(-q, -v) = -f(q, v).
     states : int
-        Number of states of a law with memory. The force is then a function of q, `states` and, if wanted, p, and derivatives that
-        it gives are those by q and by the states. Samples of one state are (n_samples), of several (n_samples, states). At rest
-        they are zero.
+        Number of states of a law with memory. The force is then a function of q, `states` and optionally p, with
+        derivatives with respect to q and the states. Samples of one state have the shape (n_samples), of several
+        (n_samples, states). At rest they are zero.
     advance : function or pointer
-        ``advance(states, step)`` or ``advance(states, step, p)`` returns the states at the end of a Step from those at its start; a
-        compiled one takes a pointer to LawStep.
+        ``advance(states, step)`` or ``advance(states, step, p)`` returns the states at the end of a Step from those at its
+        start; a compiled function takes a pointer to LawStep.
 
     Examples
     --------
@@ -195,7 +195,7 @@ class Law:
 
 
 def law(function: Any = None, **options: Any) -> Any:
-    """Decorator that makes a Law of a function: ``@nhbm.law``, or ``@nhbm.law(odd=True)``; the options are those of Law.
+    """Decorator that turns a function into a Law: ``@nhbm.law``, or ``@nhbm.law(odd=True)``; the options are those of Law.
 
     Examples
     --------

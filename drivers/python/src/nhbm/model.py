@@ -24,14 +24,15 @@ _IN_MEMORY = "structure in memory"
 
 
 class Peak(NamedTuple):
-    """The largest response of a curve, and the value of the parameter at which it is."""
+    """The largest response of a curve, and the value of the parameter there."""
 
     value: float
     at: float
 
 
 class PeakGradient(NamedTuple):
-    """The largest response of a curve, where it is, and the derivatives of both by values of the model in the order asked for."""
+    """The largest response of a curve, its position, and the derivatives of both with respect to the given values, in their
+    order."""
 
     value: float
     at: float
@@ -40,7 +41,7 @@ class PeakGradient(NamedTuple):
 
 
 class Gradient(NamedTuple):
-    """A response, and its derivatives by values of the model in the order asked for."""
+    """A response, and its derivatives with respect to the given values, in their order."""
 
     value: float
     slopes: Any  # np.ndarray
@@ -49,8 +50,8 @@ class Gradient(NamedTuple):
 class Model:
     """A structure with tones, loads and laws.
 
-    Keys, units and defaults are those of the input (docs/user/input.md). A model belongs to one thread at a time; it can be pickled
-    with its values, for processes that work on the same.
+    Keys, units and defaults are those of the input (docs/user/input.md). A model may be used by one thread at a time. It
+    can be pickled with its values, for use in other processes.
 
     Parameters
     ----------
@@ -64,7 +65,7 @@ class Model:
     Raises
     ------
     ModelError
-        What is wrong, with group, key and the right value; by the operation that first needs it.
+        Invalid model, with group, key and a suggestion; raised by the operation that first needs the value.
 
     Examples
     --------
@@ -129,16 +130,16 @@ class Model:
 
     @classmethod
     def from_namelist(cls, text: str, folder: str | Path = ".", name: str = "model") -> Model:
-        """The model of the text of an input; groups &sweep are left out.
+        """Creates a model from the text of an input, without groups &sweep.
 
         Parameters
         ----------
         text : str
-            Groups of the input.
+            The groups of the input.
         folder : str or Path
-            Where files that it names are looked for.
+            Folder of the files that the input names.
         name : str
-            Stands in messages.
+            Name for messages.
         """
         model = cls.__new__(cls)
         model._clear()
@@ -149,16 +150,16 @@ class Model:
 
     @classmethod
     def from_file(cls, path: str | Path) -> Model:
-        """The model of an input file."""
+        """Creates a model from an input file."""
         return cls.from_namelist(Path(path).read_text(), Path(path).parent, Path(path).name)
 
     def to_namelist(self) -> str:
-        """The input with all keys that may be given and their values; laws of Python and structures in memory stand by name alone.
+        """The complete input with all keys and their values; Python laws and structures in memory appear by name only.
 
         Returns
         -------
         str
-            An input that `from_namelist` and the command read.
+            An input for `from_namelist` and the command.
         """
         return self._live(*self._used[:2]).session.input()
 
@@ -170,9 +171,9 @@ class Model:
         Parameters
         ----------
         group : str
-            A group that there is once: "harmonics", "stability", "solver", ...
+            A group that occurs once: "harmonics", "stability", "solver", ...
         **keys
-            Its keys, such as ``set("harmonics", order=9)``; None leaves a key to its default.
+            Its keys, such as ``set("harmonics", order=9)``; None restores the default.
         """
         if group in ("load", "law", "start", "tie", "bearing", "dynamic_stiffness"):
             raise ModelError(f"there may be several groups &{group}; model.{group}(...) adds one")
@@ -187,14 +188,14 @@ class Model:
         Parameters
         ----------
         dof : str, optional
-            Degree of freedom; else ``vector="name"``, a load vector of the structure.
+            Degree of freedom; alternatively ``vector="name"``, a load vector of the structure.
         tuple_ : int or sequence of int
-            j, one entry a tone.
+            j, one entry per tone.
         cos, sin : float
-            Amplitudes [N] ([N m] at an angle), times those of the vector.
+            Amplitudes [N] ([N m] for rotations), multiplied by those of the vector.
         **keys
             Further keys of &load, such as ``frequency_power=2`` for an unbalance [kg m] or
-            ``kind="base_acceleration"`` for a base that moves [m/s2].
+            ``kind="base_acceleration"`` for a base motion [m/s2].
         """
         entries = [int(k) for k in np.atleast_1d(tuple_)]
         self._add("load", {"dof": dof, "tuple": entries, "cos": cos, "sin": sin, **keys})
@@ -205,11 +206,11 @@ class Model:
         Parameters
         ----------
         kind : str, Law or function
-            A type of the catalogue ("cubic_spring", "jenkins", ...), a law of Python, or a function that becomes one.
+            A built-in type ("cubic_spring", "jenkins", ...), a Python law, or a function, which is converted to one.
         dof : str or iterable of str, optional
-            Where it acts; several are the key `dofs`.
+            Where it acts; several degrees of freedom correspond to the key `dofs`.
         **keys
-            Its keys with their units of docs/user/input.md, such as ``gap=1e-3`` [m]; ``label="wall"`` names it in paths.
+            Its keys, with the units of docs/user/input.md, such as ``gap=1e-3`` [m]; ``label="wall"`` names it in paths.
         """
         where = {} if dof is None else {"dof": dof} if isinstance(dof, str) else {"dofs": list(dof)}
         if isinstance(kind, str):
@@ -220,7 +221,7 @@ class Model:
         self._add("law", {"type": "user", "library": "", "name": law.name, "odd": law.odd, **where, **keys})
 
     def start(self, dof: str, tuple_: Any = 1, cos: float = 0.0, sin: float = 0.0, **keys: Any) -> None:
-        """Adds an entry of the first guess.
+        """Adds a harmonic to the initial guess.
 
         Parameters
         ----------
@@ -236,32 +237,32 @@ class Model:
         self._add("start", {"dof": dof, "tuple": [int(k) for k in np.atleast_1d(tuple_)], "cos": cos, "sin": sin, **keys})
 
     def bearing(self, dofs: Iterable[str], speeds: Any, stiffness: Any, damping: Any = None, **keys: Any) -> None:
-        """Adds a bearing of tabulated coefficients to the structure.
+        """Adds a bearing with tabulated coefficients to the structure.
 
         Parameters
         ----------
         dofs : iterable of str
             Directions x and y.
         speeds : sequence of float
-            Where the tables have their rows [rad/s].
+            Speeds of the rows of the tables [rad/s].
         stiffness, damping : array_like
-            k_xx, k_xy, k_yx, k_yy [N/m] and the same of damping [N s/m], (n_speeds, 4).
+            k_xx, k_xy, k_yx, k_yy [N/m], likewise the damping [N s/m], (n_speeds, 4).
         **keys
-            `speed` [rad/s], the one of now, for ``model.tie("bearing(1)%speed", "tones[0]")``, and `label`.
+            `speed` [rad/s], the current speed, for ``model.tie("bearing(1)%speed", "tones[0]")``, and `label`.
         """
         tables = {"stiffness": stiffness} if damping is None else {"stiffness": stiffness, "damping": damping}
         values = {name: [float(x) for x in np.ravel(table)] for name, table in {"speeds": speeds, **tables}.items()}
         self._add("bearing", {"dofs": list(dofs), **values, **keys})
 
     def dynamic_stiffness(self, kind: str, dof: str | Iterable[str], **keys: Any) -> None:
-        """Adds a part of the structure whose stiffness depends on the frequency, such as a viscoelastic mount.
+        """Adds a part of the structure with frequency-dependent stiffness, such as a viscoelastic mount.
 
         Parameters
         ----------
         kind : str
-            "delay", "fractional", "loss_factor", "maxwell" or "table", as docs/user/input.md has them.
+            "delay", "fractional", "loss_factor", "maxwell" or "table", see docs/user/input.md.
         dof : str or iterable of str
-            What it feels, and acts on; several want `weights`.
+            Degree of freedom of its displacement and force; several need `weights`.
         **keys
             Its keys with their units, such as ``moduli=[2e5], times=[1e-3]`` [N/m], [s].
         """
@@ -269,12 +270,12 @@ class Model:
         self._add("dynamic_stiffness", {"type": kind, **where, **keys})
 
     def tie(self, path: str, to: str, factor: float = 1.0, offset: float = 0.0) -> None:
-        """Lets a value follow another one, ``offset + factor * value``.
+        """Makes a value follow another one, ``offset + factor * value``.
 
         Parameters
         ----------
         path, to : str
-            What follows, and what it follows: ``model.tie("structure.speed", "tones[0]")``.
+            The dependent value, and the value to follow: ``model.tie("structure.speed", "tones[0]")``.
         factor, offset : float
             In the units of both.
         """
@@ -312,7 +313,7 @@ class Model:
 
     @documented
     def solve(self, *, tolerance: float | None = None, order: int | None = None, warm: bool = False) -> xr.Dataset:
-        """Finds the motion.
+        """Computes the motion.
 
         Parameters
         ----------
@@ -322,14 +323,14 @@ class Model:
         Returns
         -------
         xarray.Dataset
-            The names, axes and units of the result file (docs/user/schema.md); `dataset.nhbm` has amplitudes, harmonics, values
-            over time and pictures.
+            The names, axes and units of the result file (docs/user/schema.md); `dataset.nhbm` has amplitudes, harmonics,
+            values over time and plots.
 
         Warns
         -----
         NotConverged
-            The motion was not found, or misses what was asked for; its `status` is not 1, and `dataset.nhbm.message` has the
-            reason.
+            The motion was not found, or does not satisfy its tolerance; its `status` is not 1, and `dataset.nhbm.message`
+            gives the reason.
         """
         session = self._live(tolerance, order).session
         self._solved = self._used
@@ -341,12 +342,12 @@ class Model:
 
     @documented
     def response(self, of: str, *, tolerance: float | None = None, order: int | None = None, warm: bool = True) -> float:
-        """Finds the motion and returns one number of it, without a dataset: for optimisers and other loops.
+        """Computes the motion and returns one response, without a dataset: for optimisation and other loops.
 
         Parameters
         ----------
         of : str
-            A degree of freedom, "x1", for the root mean square of what oscillates there, or a harmonic of it, "x1 (1)" or "v3
+            A degree of freedom, "x1", for the root mean square of its oscillation, or a harmonic of it, "x1 (1)" or "v3
             (1,0)", for its amplitude.
         {tolerance and order}
         {warm}
@@ -354,7 +355,7 @@ class Model:
         Returns
         -------
         float
-            In the unit of the degree of freedom [m or rad]; NaN, with the warning NotConverged, where no motion was found.
+            In the unit of the degree of freedom [m or rad]; NaN, with the warning NotConverged, if no motion was found.
         """
         session = self._live(tolerance, order).session
         session.solve(warm, points=0)
@@ -366,10 +367,10 @@ class Model:
     @documented
     def gradient(self, of: str, by: Iterable[str], *, tolerance: float | None = None, order: int | None = None,
                  warm: bool = True) -> Gradient:  # fmt: skip
-        """Finds the motion and returns one number of it with its derivatives: for optimisers that take them.
+        """Computes the motion and returns a response with its derivatives: for gradient-based optimisation.
 
-        Each derivative takes one solution with the tangent of the motion, not a further motion. Where contact or friction begins
-        or ends just there they are one-sided: column `gradient_defect` of `solve` with the group &gradient tells.
+        Each derivative needs one linear solution with the tangent of the motion. If contact or friction begins or ends at
+        this motion, derivatives are one-sided: see `gradient_defect` of `solve` with the group &gradient.
 
         Parameters
         ----------
@@ -383,8 +384,8 @@ class Model:
         Returns
         -------
         Gradient
-            The response, and its derivatives in its unit over those of the values; NaN, with the warning NotConverged, where no
-            motion was found.
+            The response, and its derivatives in its unit over those of the values; NaN, with the warning NotConverged, if
+            no motion was found.
 
         Examples
         --------
@@ -413,16 +414,16 @@ class Model:
     @documented
     def peak(self, of: str, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
              **keys: Any) -> Peak:  # fmt: skip
-        """Follows motions as `curve` does and returns the largest response on the way.
+        """Traces a curve like `curve` and returns its largest response.
 
-        Neither stability nor, of a given order, errors are looked for; folds on the way do not matter.
+        Stability and, for a given order, error estimates are not computed. Folds are passed.
 
         Parameters
         ----------
         of : str
             A response, as for `response`.
         path : str
-            Path of the value that moves.
+            Path of the continuation parameter.
         start, stop : float
             Its range, in its unit.
         {tolerance and order}
@@ -432,7 +433,7 @@ class Model:
         Returns
         -------
         Peak
-            The response and the value of the parameter at which it is.
+            The response and the value of the parameter there.
         """
         found = [Peak(float("nan"), float("nan"))]
         for session, value, at in self._highest(of, path, {"from": float(start), "to": float(stop), **keys}, tolerance, order, {}):
@@ -442,7 +443,7 @@ class Model:
     @documented
     def peak_gradient(self, of: str, by: Iterable[str], path: str, start: float, stop: float, *, tolerance: float | None = None,
                       order: int | None = None, **keys: Any) -> PeakGradient:  # fmt: skip
-        """Finds the largest response on a curve as `peak` does, with its derivatives: for optimisers that take them.
+        """Computes the largest response of a curve like `peak`, with its derivatives: for gradient-based optimisation.
 
         Parameters
         ----------
@@ -451,7 +452,7 @@ class Model:
         by : iterable of str
             Paths of the values, "wall.gap".
         path : str
-            Path of the value that moves.
+            Path of the continuation parameter.
         start, stop : float
             Its range, in its unit.
         {tolerance and order}
@@ -461,8 +462,8 @@ class Model:
         Returns
         -------
         PeakGradient
-            The response, the value of the parameter at which it is, and the derivatives of both; those of the value are zero where
-            the response is largest at an end of the range. NaN, with the warning NotConverged, where there are none.
+            The response, the value of the parameter there, and the derivatives of both; those of the value are zero if the
+            maximum is at an end of the range. NaN, with the warning NotConverged, if they do not exist.
 
         Examples
         --------
@@ -509,7 +510,7 @@ class Model:
     @documented
     def curve(self, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
               on_point: Callable[[xr.Dataset], bool] | None = None, progress: Any = False, **keys: Any) -> xr.Dataset:  # fmt: skip
-        """Follows motions while a value moves, round folds, with stability and bifurcations.
+        """Traces a response curve through folds, with stability and bifurcations.
 
         Parameters
         ----------
@@ -519,16 +520,16 @@ class Model:
             Its range, in its unit.
         {tolerance and order}
         on_point : function, optional
-            Gets the dataset of each point; True ends the curve.
+            Called with the dataset of each point; return True to end the curve.
         progress : bool or function
-            True: a bar of tqdm, in notebooks too; a function gets the number of points.
+            True: a progress bar of tqdm; a function is called with the number of points.
         **keys
-            Of the group &curve (docs/user/curves.md), such as ``peak_of="x1 (1)", points=200``.
+            Keys of the group &curve (docs/user/curves.md), such as ``peak_of="x1 (1)", points=200``.
 
         Returns
         -------
         xarray.Dataset
-            As of `solve`, with the dimension `point`; `curve_kind` names folds (3), peaks (4) and bifurcations.
+            As for `solve`, with the dimension `point`; `curve_kind` marks folds (3), peaks (4) and bifurcations.
 
         Examples
         --------
@@ -562,21 +563,21 @@ class Model:
         return found.set_coords(identifier(path)).assign_attrs(varies=[identifier(path)])
 
     def integrate(self, duration: float | None = None, *, order: int | None = None, **keys: Any) -> xr.Dataset:
-        """Integrates the model through time, from rest if nothing else is said.
+        """Integrates the model in time, by default from rest.
 
         Parameters
         ----------
         duration : float, optional
-            Of the record [s], after the `transient`; else that of the group &integration.
+            Length of the record [s], after the `transient`; by default that of the group &integration.
         order : int, optional
-            Highest order of the harmonics of which the record has coefficients.
+            Highest order of the coefficients of the record.
         **keys
-            Of the group &integration: `method`, `transient` [s], `step` [s], ...
+            Keys of the group &integration: `method`, `transient` [s], `step` [s], ...
 
         Returns
         -------
         xarray.Dataset
-            The record that `nhbm integrate` writes.
+            The record, as written by `nhbm integrate`.
         """
         given = {"duration": None if duration is None else float(duration), **keys}
         given = {key: value for key, value in given.items() if value is not None}
@@ -585,22 +586,21 @@ class Model:
         return dataset.record_of(session)
 
     def verify(self, motion: xr.Dataset | None = None, *, periods: int = 0) -> xr.Dataset:
-        """Integrates through time from the motion that `solve` has found last, and from beside it, until it is clear whether it
-        stays there.
+        """Integrates in time from the last motion, and from a perturbed state, to verify the motion and its stability.
 
         Parameters
         ----------
         motion : xarray.Dataset, optional
-            The motion found last; another one is refused.
+            The last motion; others are refused.
         periods : int
-            The most periods of the slowest tone; 0: as many as the decay takes.
+            Largest number of periods of the slowest tone; 0: from the decay rate.
 
         Returns
         -------
         xarray.Dataset
-            What `nhbm verify` writes: `integration_verdict` ("agrees", "unstable", "differs", "undecided"), the differences of the
-            motion in the first and in the last periods, the limit of the latter by the estimated error, the growth of disturbances
-            [1/s].
+            The results of `nhbm verify`: `integration_verdict` ("agrees", "unstable", "differs", "undecided"), the
+            differences in the first and in the last periods, the limit of the latter from the estimated error, the growth
+            rate of disturbances [1/s].
         """
         live = self._sessions.get(self._solved)
         if live is None:

@@ -33,7 +33,7 @@ class _Shaft:
 
 
 class Rotor:
-    """Round shafts of one material on one axis, with disks, bearings and unbalance; `structure` makes the matrices.
+    """Circular shafts of one material on one axis, with disks, bearings and unbalance; `structure` creates the matrices.
 
     young: Young's modulus [N/m2]; density [kg/m3]; poisson: Poisson's ratio for the shear of the sections, None for none
     (Bernoulli)."""
@@ -51,9 +51,9 @@ class Rotor:
         return sum(len(shaft.z) for shaft in self._shafts)
 
     def shaft(self, z: Any, diameter: Any, bore: float = 0.0, *, name: str = "shaft", speed: int = 1, damping: float = 0.0) -> None:
-        """Adds a shaft. z: positions of its nodes [m], rising; diameter, bore: outer and inner one [m], one or one for each
-        element; name: for the other methods; speed: 1 or 2, the number of the speed that it turns by; damping: of its material,
-        viscous and turning along, as a factor of its stiffness [s]."""
+        """Adds a shaft. z: ascending positions of its nodes [m]; diameter, bore: outer and inner diameter [m], one value or
+        one for each element; name: for the other methods; speed: 1 or 2, number of its speed; damping: viscous rotating
+        damping of the material, as a factor of the stiffness [s]."""
         z = np.asarray(z, dtype=float)
         if z.ndim != 1 or len(z) < 2 or not (np.diff(z) > 0).all():
             raise ModelError(f"shaft '{name}': z must be two or more rising positions")
@@ -85,7 +85,7 @@ class Rotor:
         self._sets[self._next("disk")] = node
 
     def bearing(self, z: float, stiffness: Any, damping: float = 0.0, *, shaft: str | None = None) -> None:
-        """Holds the node nearest to z [m]: stiffness [N/m] and damping [N s/m], one number or a matrix over x and y; set
+        """Supports the node nearest to z [m]: stiffness [N/m] and damping [N s/m], one number or a matrix over x and y; set
         `bearing1`, ..."""
         _, node = self._node(z, shaft)
         for name, values in (("stiffness", stiffness), ("damping", damping)):
@@ -93,8 +93,8 @@ class Rotor:
         self._sets[self._next("bearing")] = node
 
     def between(self, z: float, one: str, other: str, stiffness: Any, damping: float = 0.0) -> None:
-        """Joins two shafts at z [m] by a bearing, as `bearing`; sets `inner1` and `outer1`, ... for contact laws (stiffness may be
-        0)."""
+        """Connects two shafts at z [m] by a bearing, like `bearing`; sets `inner1` and `outer1`, ... for contact laws
+        (stiffness may be 0)."""
         nodes = self._node(z, one)[1], self._node(z, other)[1]
         joint = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.diag([1.0, 0.0]))
         for name, values in (("stiffness", stiffness), ("damping", damping)):
@@ -103,13 +103,13 @@ class Rotor:
             self._sets[self._next(word)] = node
 
     def unbalance(self, z: float, amount: float, angle: float = 0.0, *, shaft: str | None = None) -> None:
-        """Adds mass times eccentricity [kg m] at z [m] and an angle [rad]; vectors of loads `unbalance_NAME_cos` and `..._sin` of
+        """Adds mass times eccentricity [kg m] at z [m] and an angle [rad]; load vectors `unbalance_NAME_cos` and `..._sin` of
         the shaft, for &load with frequency_power = 2 and the tuple of the shaft's tone."""
         place, node = self._node(z, shaft)
         self._unbalance.setdefault(place.name, []).append((node, amount, angle))
 
     def structure(self) -> Structure:
-        """The matrices: what depends on speeds as terms in them, for the key `speed` of &structure and &tie."""
+        """The matrices, with speed-dependent terms for the key `speed` of &structure and &tie."""
         n = self.n_nodes
         if n == 0:
             raise ModelError("the rotor has no shaft")
@@ -151,18 +151,18 @@ class Rotor:
         )
 
     def campbell(self, speeds: Any, ratio: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-        """Whirl frequencies [rad/s], rising, and growth rates [1/s] of the linear rotor over its speed, each (n_speeds, n_dofs).
+        """Whirl frequencies [rad/s], ascending, and growth rates [1/s] of the linear rotor over its speed, each (n_speeds, n_dofs).
 
-        speeds: of the shafts of speed 1 [rad/s]; ratio: of speed 2 to them.
+        speeds: values of speed 1 [rad/s]; ratio: speed 2 over speed 1.
         """
         structure = self.structure()
         found = [whirls(at_speeds(structure, (speed, ratio * speed))) for speed in np.atleast_1d(speeds)]
         return np.array([f for f, _ in found]), np.array([g for _, g in found])
 
     def critical_speeds(self, up_to: float, ratio: float = 1.0, order: float = 1.0) -> np.ndarray:
-        """Speeds of speed 1 [rad/s], up to one, at which a whirl of the undamped rotor has `order` times the speed: forward ones
-        for the unbalance of its shafts (order 1); `order = ratio` is for that of the other shaft, a negative order for backward
-        whirls.
+        """Values of speed 1 [rad/s], up to a limit, at which a whirl frequency of the undamped rotor is `order` times the
+        speed: forward whirl excited by the unbalance of its shafts (order 1); `order = ratio` for the unbalance of the
+        other shaft, negative orders for backward whirl.
 
         Source: (K - W**2 (order**2 M - order G)) u = 0 for circular whirl, G the gyroscopic matrix of all shafts at W = 1; bearings
         must be the same in x and y."""

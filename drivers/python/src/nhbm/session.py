@@ -203,10 +203,10 @@ class Column:
 
 
 class Session:
-    """An input that is solved in process. Raises ModelError with group, key and the right value where something is wrong.
+    """An input that is solved in this process. Raises ModelError with group, key and a suggestion for an invalid input.
 
-    `structures(name)` gives the Structure that `&structure type = 'model', file = name` asks for. A session belongs to one thread
-    at a time; the interpreter's lock is released while it is solved."""
+    `structures(name)` returns the Structure for `&structure type = 'model', file = name`. A session may be used by one
+    thread at a time; the global interpreter lock is released during a solution."""
 
     def __init__(self, structures: Callable[[str], Structure] | None = None) -> None:
         self._library, self._error = library(), _Error()
@@ -228,15 +228,15 @@ class Session:
             library().nhbm_delete(ctypes.byref(self._handle))
 
     def read(self, text: str, name: str = "model") -> None:
-        """Takes the text of an input, in the place of the one before; `name` stands in messages."""
+        """Reads the text of an input, replacing the previous one; `name` is used in messages."""
         self._call("read", text.encode(), name.encode())
 
     def set(self, path: str, value: Any) -> None:
-        """Sets a key as the command's --set does: numbers, texts, lists."""
+        """Sets a key like --set of the command: numbers, texts, lists."""
         self._call("set_text", path.encode(), as_input(value).encode())
 
     def parameter(self, path: str) -> int:
-        """A handle for a number that is to be set many times."""
+        """Returns a handle for a number that is set repeatedly."""
         handle = ctypes.c_int()
         self._call("parameter", path.encode(), ctypes.byref(handle))
         return handle.value
@@ -247,9 +247,9 @@ class Session:
             self._tell(1)
 
     def solve(self, warm: bool = False, points: int = 1) -> None:
-        """Finds the motion with the present values, from the last one where `warm`.
+        """Computes the motion with the current values, from the last one if `warm`.
 
-        `points` share what a run of the command spends on stability beside its points, two seconds in all; 0: nothing is spent.
+        `points` share the time budget of a run for stability, two seconds in all; 0: no stability.
         """
         if points != self._n_points:
             self._library.nhbm_points(self._handle, points)
@@ -259,32 +259,32 @@ class Session:
             self._tell(code)
 
     def begin_curve(self) -> None:
-        """Begins the curve of the group &curve."""
+        """Starts the curve of the group &curve."""
         self._call("begin_curve")
 
     def next(self) -> bool:
-        """The next point of the curve becomes the motion found last; false behind its end."""
+        """Computes the next point of the curve as the last motion; false after its end."""
         is_point = ctypes.c_int(1)
         with self._interrupts:
             self._call("next", ctypes.byref(is_point))
         return bool(is_point.value)
 
     def integrate(self) -> None:
-        """Integrates the model through time as the group &integration says; `time_column` has the record then."""
+        """Integrates the model in time with the settings of the group &integration; `time_column` returns the record."""
         with self._interrupts:
             self._call("integrate")
 
     def verify(self, n_periods: int = 0) -> None:
-        """Integrates from the motion found last until it is clear whether it stays there; `time_column` has the verdict then."""
+        """Verifies the last motion by time integration; `time_column` returns the verdict."""
         with self._interrupts:
             self._call("verify", n_periods)
 
     def time_columns(self) -> list[str]:
-        """Names of what `integrate` or `verify`, whichever was called last, has found."""
+        """Names of the results of the last `integrate` or `verify`."""
         return _text(library().nhbm_time_column_names(self._handle)).split()
 
     def time_column(self, name: str) -> Column:
-        """A column of it. Raises KeyError for a name that there is not."""
+        """A column of these results. Raises KeyError for an unknown name."""
         return self._column(library().nhbm_time_column_of, name)
 
     def columns(self) -> list[str]:
@@ -297,15 +297,15 @@ class Session:
 
     @property
     def message(self) -> str:
-        """Why the motion found last was not found, or what to know of it."""
+        """Reason for a failure of the last motion, or a note."""
         return _text(library().nhbm_message(self._handle))
 
     def input(self) -> str:
-        """The input with all keys that may be given and their values."""
+        """The complete input with all keys and their values."""
         return _text(library().nhbm_input(self._handle))
 
     def column(self, name: str) -> Column:
-        """What is known of the motion found last, by a name of the result file. Raises KeyError for a name that there is not."""
+        """A column of the last motion, by a name of the result file. Raises KeyError for an unknown name."""
         if name == "message":
             return Column(np.array(self.message), "", ())
         return self._column(library().nhbm_column_of, name)

@@ -89,11 +89,11 @@ class Structure:
         return len(self.labels)
 
     def matrices(self) -> dict[str, sp.csr_matrix]:
-        """The matrices that there are, by name."""
+        """The given matrices, by name."""
         return {name: getattr(self, name) for name in MATRICES if getattr(self, name) is not None}
 
     def validate(self) -> None:
-        """Refuses sizes that disagree, numbers that are not finite, labels that are no names or not unique."""
+        """Refuses inconsistent sizes, non-finite numbers, and labels that are invalid or not unique."""
         n = self.n_dofs
         if n == 0:
             raise ModelError("the model has no degrees of freedom")
@@ -130,7 +130,7 @@ class Structure:
                 raise ModelError(f"load '{name}': the value at {at} is not a finite number")
 
     def dofs_of(self, name: str) -> list[int]:
-        """Numbers of a label, of a set with a direction (`contact.z`), or of all directions of a set (`contact`)."""
+        """Indices of a label, of a set with a direction (`contact.z`), or of all directions of a set (`contact`)."""
         if name in self.labels:
             return [self.labels.index(name)]
         stem, _, direction = name.rpartition(".")
@@ -154,7 +154,7 @@ class Structure:
         return [dof for node in self.sets[stem] for dof in of_node[int(node)]]
 
     def write(self, path: Any) -> None:
-        """Writes the model file: a new one beside it, which takes its name when it is complete and on the disk."""
+        """Writes the model file, under a temporary name until it is complete and on disk."""
         image = self._image()
         try:
             with written(path) as name, open(name, "wb") as file:

@@ -30,34 +30,33 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
           workers: int = 1, executor: Any = None, comm: Any = None, progress: Any = False) -> xr.Dataset:  # fmt: skip
     """Solves the points of a grid of values.
 
-    The work is spread over lines of the grid (points, where nothing is warm): over `workers`, an `executor`, or the ranks of
-    `comm`.
+    Lines of the grid (points, if not `warm`) are distributed over `workers`, an `executor`, or the ranks of `comm`.
 
     Parameters
     ----------
     values : dict
-        Values by path, ``{"wall.gap": [...], "tones[0]": [...]}``; the last one changes fastest.
+        Values by path, ``{"wall.gap": [...], "tones[0]": [...]}``; the last one varies fastest.
     paired : bool
-        The first values of all paths are a point, the second ones the next, as samples of random parameters are.
+        The first values of all paths form a point, the second values the next, as for random samples.
     of : str or function, optional
-        Keeps numbers in place of motions: a response ("x1 (1)"), or a function that gets the model with the values of the point
-        and returns a number or a mapping of numbers, such as ``functools.partial(nhbm.Model.peak, of="x1", ...)``.
+        Stores numbers instead of motions: a response ("x1 (1)"), or a function of the model that returns a number or a
+        mapping of numbers, such as ``functools.partial(nhbm.Model.peak, of="x1", ...)``.
     {tolerance and order}
     warm : bool
-        Start each point from its neighbour along the last path.
+        Start each point from the previous one along the last path.
     workers : int
         Processes.
     executor : object, optional
-        With `map`: of concurrent.futures, mpi4py.futures, a client of Dask by its `get_executor()`.
+        An executor with `map`: concurrent.futures, mpi4py.futures, or a Dask client by its `get_executor()`.
     comm : mpi4py.MPI.Comm, optional
-        Each of its ranks gets the whole dataset.
+        Communicator; each rank gets the complete dataset.
     progress : bool or function
-        True: a bar of tqdm, in notebooks too; a function gets the number of points done.
+        True: a progress bar of tqdm; a function is called with the number of points done.
 
     Returns
     -------
     xarray.Dataset
-        As of `solve`, with the dimension `point`; points without a motion are reported by `status` and `message`.
+        As for `solve`, with the dimension `point`; `status` and `message` report failed points.
     """
     grid = {path_of(path): list(np.atleast_1d(list(np.atleast_1d(line)))) for path, line in values.items()}
     if not grid or not all(grid.values()):
