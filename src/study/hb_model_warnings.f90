@@ -101,8 +101,7 @@ contains
       character(:), allocatable :: text
       character(17), parameter :: groups(8) = [character(17) :: "law", "load", "start", "output", "dynamic_stiffness", "bearing", &
                                                "normal_mode", "phase"]
-      character(11), parameter :: keys(6) = [character(11) :: "dof", "dofs", "second_dofs", "normal_dofs", "force_dof", &
-                                             "force_dofs"]
+      character(*), parameter :: keys(6) = [character(11) :: "dof", "dofs", "second_dofs", "normal_dofs", "force_dof", "force_dofs"]
       type(properties_t), pointer :: group
       type(string_t), allocatable :: names(:)
       integer :: g, i, k, n
