@@ -23,12 +23,12 @@
 module hb_document
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
-   use hb_input_keys, only: max_unit
+   use hb_input_keys, only: kind_of, max_unit
    use hb_kinds, only: wp
    use hb_parameter_path, only: path_help, select_group, split_index, split_path
    use hb_properties, only: properties_t
    use hb_property_groups, only: groups_t, new_groups
-   use hb_property_values, only: kind_of, number_value, value_t
+   use hb_property_values, only: number_value, value_t
    use hb_text, only: is_name, join, lower, max_name, string_t, text_builder_t, to_text
    implicit none
    private
@@ -104,7 +104,7 @@ contains
       character(*), intent(in) :: name
       type(properties_t), pointer :: group
 
-      call self%groups%add(lower(trim(name)), self%file_name)
+      call self%groups%add(lower(trim(name)), self%file_name, 0)
       group => self%groups%holders(self%groups%n)%group
    end function document_add
 
@@ -158,7 +158,7 @@ contains
       type(properties_t), pointer :: group
       type(error_t), allocatable :: error
 
-      if (self%count(name) == 0) call self%groups%add(lower(trim(name)), self%file_name)
+      if (self%count(name) == 0) call self%groups%add(lower(trim(name)), self%file_name, 0)
       group => self%group(name, 1)
       call check_single(self, name, error)
       if (allocated(error)) call group%problem_as_is(error%message)
@@ -243,7 +243,7 @@ contains
             call fail_with_advice(key//name//"'", self, name, error)
             return
          end if
-         call self%groups%add(name, self%file_name)
+         call self%groups%add(name, self%file_name, 0)
       end if
       call select_group(self%groups, name, selector, parameter%i_group, error)
    end subroutine document_resolve
@@ -283,32 +283,18 @@ contains
       type(parameter_t), intent(in) :: parameter
       real(wp), intent(out) :: number
       logical, intent(out) :: is_found
-      integer :: i_key, i_value, n
+      integer :: i, k
 
       number = 0.0_wp
       is_found = .false.
-      associate (content => self%groups%holders(parameter%i_group)%group%content)
-         i_key = content%names%find(trim(parameter%key))
-         if (i_key == 0) return
-         i_value = content%keys(i_key)%element_head
-         do while (i_value > 0)
-            associate (value => content%values(i_value))
-               if (value%i == max(1, parameter%element(1)) .and. value%j == parameter%element(2)) exit
-               i_value = value%next
-            end associate
-         end do
-         if (i_value == 0 .and. parameter%element(2) == 0) then
-            i_value = content%keys(i_key)%head
-            n = 0
-            do while (i_value > 0)
-               n = n + content%values(i_value)%count
-               if (n >= parameter%element(1)) exit
-               i_value = content%values(i_value)%next
-            end do
-         end if
-         if (i_value == 0) return
-         is_found = content%values(i_value)%kind == kind_of%number .or. content%values(i_value)%kind == kind_of%whole
-         if (is_found) number = content%values(i_value)%number
+      i = number_of_key(self, parameter)
+      if (i == 0) return
+      associate (key => self%groups%holders(parameter%i_group)%group%content%keys(i), element => parameter%element)
+         k = key%element_at(max(1, element(1)), element(2))
+         if (k == 0 .and. element(2) == 0) k = key%listed_at(element(1))
+         if (k == 0) return
+         is_found = any(key%values(k)%kind == [kind_of%number, kind_of%whole])
+         if (is_found) number = key%values(k)%number
       end associate
    end subroutine document_number_at
 
@@ -377,17 +363,15 @@ contains
       class(document_t), intent(in) :: self
       type(parameter_t), intent(in) :: parameter
       character(max_unit) :: unit
-      integer :: i_key
+      integer :: i
 
       unit = ""
-      associate (group => self%groups%holders(parameter%i_group)%group)
-         i_key = group%content%names%find(trim(parameter%key))
-         if (i_key == 0) return
-         if (group%content%keys(i_key)%asked == 0) return
-         associate (asked => group%asked(group%content%keys(i_key)%asked))
-            unit = asked%unit
-            if (unit == "" .and. asked%kind == kind_of%whole) unit = "1"
-         end associate
+      i = number_of_key(self, parameter)
+      if (i == 0) return
+      associate (key => self%groups%holders(parameter%i_group)%group%content%keys(i))
+         if (key%asked == 0) return
+         unit = key%unit
+         if (unit == "" .and. key%kind == kind_of%whole) unit = "1"
       end associate
    end function document_unit_of
 
@@ -395,14 +379,13 @@ contains
    pure logical function document_is_real(self, parameter) result(is_real)
       class(document_t), intent(in) :: self
       type(parameter_t), intent(in) :: parameter
-      integer :: i_key
+      integer :: i
 
       is_real = .false.
-      associate (group => self%groups%holders(parameter%i_group)%group)
-         i_key = group%content%names%find(trim(parameter%key))
-         if (i_key == 0) return
-         if (group%content%keys(i_key)%asked == 0) return
-         is_real = group%asked(group%content%keys(i_key)%asked)%kind == kind_of%number
+      i = number_of_key(self, parameter)
+      if (i == 0) return
+      associate (key => self%groups%holders(parameter%i_group)%group%content%keys(i))
+         is_real = key%asked > 0 .and. key%kind == kind_of%number
       end associate
    end function document_is_real
 
@@ -410,15 +393,23 @@ contains
    pure integer function document_n_tones_of(self, parameter) result(n_tones)
       class(document_t), intent(in) :: self
       type(parameter_t), intent(in) :: parameter
-      integer :: i_key
+      integer :: i
 
       n_tones = 0
+      i = number_of_key(self, parameter)
       associate (group => self%groups%holders(parameter%i_group)%group)
-         if (group%name /= "tones" .or. parameter%key /= "frequency" .or. parameter%element(1) > 0) return
-         i_key = group%content%names%find(trim(parameter%key))
-         if (i_key > 0) n_tones = max(group%content%keys(i_key)%n_listed, group%content%keys(i_key)%n_elements)
+         if (i == 0 .or. group%name /= "tones" .or. parameter%key /= "frequency" .or. parameter%element(1) > 0) return
+         n_tones = max(group%content%keys(i)%n_listed, group%content%keys(i)%n_elements)
       end associate
    end function document_n_tones_of
+
+   !> Number of the key of a parameter in its group, 0 where that has none.
+   pure integer function number_of_key(self, parameter)
+      class(document_t), intent(in) :: self
+      type(parameter_t), intent(in) :: parameter
+
+      number_of_key = self%groups%holders(parameter%i_group)%group%content%names%find(trim(parameter%key))
+   end function number_of_key
 
    !> Whether a value in a group of a name has changed since `accept_changes`; with `others`, in a group of another
    !> name.

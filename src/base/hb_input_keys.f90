@@ -5,15 +5,24 @@
 module hb_input_keys
    use hb_key_rows, only: key_row, n_key_rows, row_of
    use hb_kinds, only: wp
-   use hb_property_values, only: kind_of
    use hb_text, only: join, parse_real, split, string_t
    implicit none
    private
-   public :: choices_of, find_groups, find_rule, limits_t, max_unit, rule_t
+   public :: choices_of, find_groups, find_rule, kind_of, limits_t, max_unit, rule_t
 
    integer, parameter :: max_unit = 16
    integer, parameter :: max_choice = 24
    integer, parameter :: max_groups = 3                     ! that have the same key; with more of them a hint is not useful
+
+   !> Kinds of values. A whole number is valid as an integer and as a real.
+   type :: kinds_t
+      integer :: none = 0                                   !! invalid spelling
+      integer :: number = 1
+      integer :: whole = 2
+      integer :: truth = 3                                  !! 1 for true, 0 for false
+      integer :: word = 4
+   end type kinds_t
+   type(kinds_t), parameter :: kind_of = kinds_t()
 
    !> Limits of each number of a key; the defaults limit nothing.
    type :: limits_t

@@ -2,9 +2,10 @@
 module hb_parameter_path
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
+   use hb_input_keys, only: kind_of
    use hb_properties, only: properties_t
    use hb_property_groups, only: groups_t
-   use hb_property_values, only: kind_of, max_values
+   use hb_property_values, only: max_values
    use hb_text, only: is_name, letters, lower, parse_integer, quote, shown, string_t, to_text
    implicit none
    private
@@ -153,13 +154,11 @@ contains
       label = ""
       i_key = group%content%names%find("label")
       if (.not. group%content%is_given(i_key)) return
-      i_key = group%content%keys(i_key)%head
-      if (i_key == 0) return
-      if (group%content%values(i_key)%kind == kind_of%word) then
-         call group%content%get_word(i_key, label)
-      else
-         call group%content%get_shown(i_key, label)
-      end if
+      associate (value => group%content%keys(i_key)%values(1))
+         if (value%i > 0) return
+         if (value%kind == kind_of%word) call group%content%get_word(i_key, 1, label)
+         if (value%kind /= kind_of%word) call group%content%get_shown(i_key, 1, label)
+      end associate
       label = trim(label)
    end subroutine get_label
 

@@ -13,11 +13,11 @@
 module hb_properties
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_closest_word, only: closest_word
-   use hb_input_keys, only: limits_t, rule_t
+   use hb_input_keys, only: kind_of, limits_t, rule_t
    use hb_kinds, only: wp
    use hb_property_order, only: any_length, element_at, matrix_text, pick
    use hb_property_record, only: ask, missing_key, record_t, value_problem
-   use hb_property_values, only: kind_of, number_value, value_t
+   use hb_property_values, only: number_value, value_t
    use hb_text, only: join, lower, quote, shown, string_t, to_text
    implicit none
    private
@@ -66,12 +66,12 @@ contains
       logical, intent(in), optional :: required             !! the key must be given
       character(*), intent(in), optional :: unit
       real(wp), allocatable :: numbers(:)
-      integer :: i_asked
+      integer :: i_key
 
       numbers = [value]
-      call take_numbers(self, key, kind_of%number, single_value, numbers, required, i_asked)
+      call take_numbers(self, key, kind_of%number, single_value, numbers, required, i_key)
       value = numbers(1)
-      if (present(unit)) self%asked(i_asked)%unit = unit
+      if (present(unit)) self%content%keys(i_key)%unit = unit
    end subroutine properties_get_real
 
    !> Reads an integer.
@@ -118,10 +118,10 @@ contains
       character(*), intent(in) :: key                       !! with a default in the table
       integer, intent(out) :: choice
       type(string_t), allocatable :: words(:)
-      integer :: i_asked
+      integer :: i_key
 
-      call take_words(self, key, single_value, words, i_asked=i_asked)
-      choice = findloc(self%asked(i_asked)%rule%choices == words(1)%value, .true., dim=1)
+      call take_words(self, key, single_value, words, i_key=i_key)
+      choice = findloc(self%content%keys(i_key)%rule%choices == words(1)%value, .true., dim=1)
    end subroutine properties_choose
 
    !> Reads a list of reals of any length, or of length `n`.
@@ -308,39 +308,37 @@ contains
 
    !> Replaces the default by the numbers of a key: all of them, or none after a problem. Stores the values that are
    !> used.
-   pure subroutine take_numbers(self, key, kind, extents, numbers, required, i)
+   pure subroutine take_numbers(self, key, kind, extents, numbers, required, i_key)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       integer, intent(in) :: kind                           !! one of `kind_of`
       integer, intent(in) :: extents(:)                     !! as for `pick`
       real(wp), allocatable, intent(inout) :: numbers(:)    !! row by row; not allocated: no default
       logical, intent(in), optional :: required
-      integer, intent(out), optional :: i                   !! position among the requested keys
+      integer, intent(out), optional :: i_key               !! number of the key
       real(wp), allocatable :: found(:)
       integer, allocatable :: order(:)
-      integer :: i_asked, i_key, k
+      integer :: i, k
 
-      call find(self, key, kind, extents, required, i_asked, i_key, order)
-      if (present(i)) i = i_asked
-      call put_default(self%asked(i_asked)%rule, extents, numbers)
-      if (allocated(order)) then
-         associate (limits => self%asked(i_asked)%rule%limits, values => self%content%values)
-            allocate (found(size(order)))
+      call find(self, key, kind, extents, required, i, order)
+      if (present(i_key)) i_key = i
+      associate (asked => self%content%keys(i))
+         call put_default(asked%rule, extents, numbers)
+         if (allocated(order)) then
+            found = asked%values(order)%number
             do k = 1, size(order)
-               found(k) = values(order(k))%number
-               if (suits(values(order(k)), kind, limits)) cycle
-               call value_problem(self, i_key, order(k), element_at(k, extents), trim(error_text(values(order(k)), kind, limits)))
+               if (suits(asked%values(order(k)), kind, asked%rule%limits)) cycle
+               call value_problem(self, i, order(k), element_at(k, extents), &
+                                  trim(error_text(asked%values(order(k)), kind, asked%rule%limits)))
                deallocate (found)
                exit
             end do
-         end associate
-      end if
-      if (allocated(found)) then
-         call move_alloc(found, numbers)
-      else if (must_be_given(self%asked(i_asked)%rule, required) .or. .not. allocated(numbers)) then
-         return
-      end if
-      associate (asked => self%asked(i_asked))
+         end if
+         if (allocated(found)) then
+            call move_alloc(found, numbers)
+         else if (must_be_given(asked%rule, required) .or. .not. allocated(numbers)) then
+            return
+         end if
          asked%kind = kind
          asked%numbers = numbers
          asked%row_length = size(numbers)
@@ -369,100 +367,99 @@ contains
    end subroutine put_default
 
    !> Replaces the default by the words of a key, as `take_numbers` does.
-   pure subroutine take_words(self, key, extents, words, required, i_asked)
+   pure subroutine take_words(self, key, extents, words, required, i_key)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       integer, intent(in) :: extents(:)                     !! as for `pick`
       type(string_t), allocatable, intent(inout) :: words(:)
       logical, intent(in), optional :: required
-      integer, intent(out), optional :: i_asked             !! position among the requested keys
+      integer, intent(out), optional :: i_key               !! number of the key
       type(string_t), allocatable :: found(:)
       character(:), allocatable :: problem
       integer, allocatable :: order(:)
-      integer :: i, i_key, k
+      integer :: i, k
 
-      call find(self, key, kind_of%word, extents, required, i, i_key, order)
-      if (present(i_asked)) i_asked = i
-      if (allocated(self%asked(i)%rule%word)) then
-         if (.not. allocated(words)) allocate (words(1))
-         do k = 1, size(words)
-            words(k)%value = self%asked(i)%rule%word
-         end do
-      end if
-      if (allocated(order)) then
-         allocate (found(size(order)))
-         do k = 1, size(order)
-            call take_word(self, order(k), self%asked(i)%rule, found(k)%value, problem)
-            if (problem == "") cycle
-            call value_problem(self, i_key, order(k), element_at(k, extents), problem)
-            deallocate (found)
-            exit
-         end do
-      end if
-      if (allocated(found)) call move_alloc(found, words)
-      if (.not. allocated(words)) return
-      associate (asked => self%asked(i))
+      call find(self, key, kind_of%word, extents, required, i, order)
+      if (present(i_key)) i_key = i
+      associate (asked => self%content%keys(i))
+         if (allocated(asked%rule%word)) then
+            if (.not. allocated(words)) allocate (words(1))
+            do k = 1, size(words)
+               words(k)%value = asked%rule%word
+            end do
+         end if
+         if (allocated(order)) then
+            allocate (found(size(order)))
+            do k = 1, size(order)
+               call take_word(self, i, order(k), found(k)%value, problem)
+               if (problem == "") cycle
+               call value_problem(self, i, order(k), element_at(k, extents), problem)
+               deallocate (found)
+               exit
+            end do
+         end if
+         if (allocated(found)) call move_alloc(found, words)
+         if (.not. allocated(words)) return
          asked%kind = kind_of%word
-         asked%words = words
+         asked%texts = words
          asked%row_length = size(words)
       end associate
    end subroutine take_words
 
-   !> Reads one word, as the table spells it.
-   pure subroutine take_word(self, i_value, rule, word, problem)
+   !> Reads value `k` of a key as one word, as the table spells it.
+   pure subroutine take_word(self, i_key, k, word, problem)
       class(properties_t), intent(in) :: self
-      integer, intent(in) :: i_value
-      type(rule_t), intent(in) :: rule
+      integer, intent(in) :: i_key, k
       character(:), allocatable, intent(out) :: word, problem
       integer :: i
 
       problem = ""
-      if (self%content%values(i_value)%kind == kind_of%whole .and. .not. allocated(rule%choices)) then
-         call self%content%get_shown(i_value, word)         ! a name that is a number, such as that of a degree of freedom
-         return
-      else if (self%content%values(i_value)%kind /= kind_of%word) then
-         call self%content%get_shown(i_value, word)
-         problem = "needs quotes: "//quote(shown(word))
-         return
-      end if
-      call self%content%get_word(i_value, word)
-      if (.not. allocated(rule%choices)) return
-      do i = 1, size(rule%choices)
-         if (rule%choices(i) /= lower(word)) cycle
-         word = trim(rule%choices(i))
-         return
-      end do
-      problem = trim(closest_word(word, rule%choices))
-      if (problem /= "") problem = " did you mean '"//problem//"'?"
-      problem = "is not known;"//problem//" known: "//join(rule%choices, ", ")
+      associate (rule => self%content%keys(i_key)%rule, kind => self%content%keys(i_key)%values(k)%kind)
+         if (kind /= kind_of%word) then
+            call self%content%get_shown(i_key, k, word)
+            ! a name may be a number, such as that of a degree of freedom
+            if (kind /= kind_of%whole .or. allocated(rule%choices)) problem = "needs quotes: "//quote(shown(word))
+            return
+         end if
+         call self%content%get_word(i_key, k, word)
+         if (.not. allocated(rule%choices)) return
+         do i = 1, size(rule%choices)
+            if (rule%choices(i) /= lower(word)) cycle
+            word = trim(rule%choices(i))
+            return
+         end do
+         problem = trim(closest_word(word, rule%choices))
+         if (problem /= "") problem = " did you mean '"//problem//"'?"
+         problem = "is not known;"//problem//" known: "//join(rule%choices, ", ")
+      end associate
    end subroutine take_word
 
    !> Requests a key; `order` contains the positions of its values, and is not allocated if there are none, too few or
    !> too many.
-   pure subroutine find(self, key, kind, extents, required, i_asked, i_key, order)
+   pure subroutine find(self, key, kind, extents, required, i_key, order)
       class(properties_t), intent(inout) :: self
       character(*), intent(in) :: key
       integer, intent(in) :: kind
       integer, intent(in) :: extents(:)                     !! as for `pick`
       logical, intent(in), optional :: required
-      integer, intent(out) :: i_asked, i_key
+      integer, intent(out) :: i_key
       integer, allocatable, intent(out) :: order(:)
       character(:), allocatable :: choices
 
-      call ask(self, key, i_asked, i_key)
-      associate (rule => self%asked(i_asked)%rule)
+      call ask(self, key, i_key)
+      associate (rule => self%content%keys(i_key)%rule)
          if (all(rule%kind /= [kind, kind_of%none]) .and. (rule%kind /= kind_of%whole .or. kind /= kind_of%number)) &
             call self%problem(key, "is "//trim(what(rule%kind, extents))//" in the table of keys, and read as "// &
                               trim(what(kind, extents)))
+         if (self%content%is_given(i_key)) then
+            self%content%keys(i_key)%is_real = kind == kind_of%number
+            call pick(self, i_key, extents, order)
+         else if (must_be_given(rule, required)) then
+            choices = ""
+            if (allocated(rule%choices)) choices = ": "//join(rule%choices, ", ")
+            call missing_key(self, key, trim(what(kind, extents))//choices)
+         end if
       end associate
-      if (i_key > 0) then
-         self%content%keys(i_key)%is_real = kind == kind_of%number
-         call pick(self, i_key, extents, order)
-      else if (must_be_given(self%asked(i_asked)%rule, required)) then
-         choices = ""
-         if (allocated(self%asked(i_asked)%rule%choices)) choices = ": "//join(self%asked(i_asked)%rule%choices, ", ")
-         call missing_key(self, key, trim(what(kind, extents))//choices)
-      end if
    end subroutine find
 
    pure logical function must_be_given(rule, required)

@@ -24,30 +24,29 @@ contains
       character(:), allocatable :: name, problem
       integer(int64) :: n, n_found, n_needed
       integer :: gap
-      logical :: is_good
+      logical :: is_good, is_matrix
 
       name = trim(self%content%names%names(i_key))
       call check_elements(self, i_key, extents, name, n, is_good)
       if (.not. is_good) return
+      problem = ""
+      is_matrix = size(extents) == 2
+      n_needed = product(int(extents, int64))               ! negative: any
       associate (key => self%content%keys(i_key))
          n_found = n
-         if (size(extents) == 2) n_found = merge(key%n_listed, key%n_elements, key%head > 0)
-         n_needed = product(int(extents, int64))            ! negative: any
-         problem = ""
+         if (is_matrix) n_found = merge(key%n_listed, key%n_elements, key%n_listed > 0)
          if (size(extents) == 0 .and. n /= 1) problem = "has "//number_of(int(n), "value")//", needs one"
-         if (size(extents) == 2 .and. n_found /= n_needed .and. (key%head > 0 .or. n_needed > max_values)) &
+         if (is_matrix .and. n_found /= n_needed .and. (key%n_listed > 0 .or. n_needed > max_values)) &
             problem = "has "//number_of(int(n_found), "value")//", needs "//to_text(n_needed)//": "// &
                       matrix_text(extents(1), extents(2))//", row by row"
       end associate
       if (problem == "") then
-         allocate (order(merge(n_needed, n, size(extents) == 2)), source=0)
-         call fill_listed(self, i_key, order)
-         call fill_elements(self, i_key, extents, order, is_good)
+         allocate (order(merge(n_needed, n, is_matrix)), source=0)
+         call fill(self, i_key, extents, order, is_good)
+         if (.not. is_good) deallocate (order)
+         if (.not. is_good) return
          gap = findloc(order, 0, dim=1)
-         if (.not. is_good) then
-            deallocate (order)
-            return
-         else if (size(extents) == 2 .and. gap > 0) then
+         if (is_matrix .and. gap > 0) then
             associate (element => element_at(gap, extents))
                problem = "has "//number_of(int(n_found), "value")//", needs "//to_text(n_needed)//": "// &
                          element_text(name, element(1), element(2))//" is missing"
@@ -72,32 +71,39 @@ contains
       integer(int64), intent(out) :: n
       logical, intent(out) :: is_good
       character(:), allocatable :: problem
-      integer :: element(2), i_value
+      integer :: element(2), k
 
-      problem = ""
       n = self%content%keys(i_key)%n_listed
-      i_value = self%content%keys(i_key)%element_head
-      do while (i_value > 0 .and. problem == "")
-         element = [self%content%values(i_value)%i, self%content%values(i_value)%j]
+      is_good = .true.
+      do k = first_element(self, i_key), self%content%keys(i_key)%n
+         element = [self%content%keys(i_key)%values(k)%i, self%content%keys(i_key)%values(k)%j]
          n = max(n, int(element(1), int64))
+         is_good = .false.
          if (size(extents) == 0) then
             call key_problem(self, i_key, "is a single value; give it without an index")
          else if (size(extents) == 1 .and. element(2) /= 0) then
             call key_problem(self, i_key, "is a list; its elements have one index, like "//name//"(2)")
          else if (size(extents) == 2 .and. element(2) == 0) then
-            problem = "is an element of a matrix; write "//name//"(i, j)"
+            call value_problem(self, i_key, k, element, "is an element of a matrix; write "//name//"(i, j)")
          else if (any(element(:size(extents)) > extents .and. extents /= any_length)) then
-            problem = "is out of range: the list has "//to_text(extents(1))//" elements"
-            if (size(extents) == 2) problem = "is out of range: the matrix has "//matrix_text(extents(1), extents(2))
+            problem = "list has "//to_text(extents(1))//" elements"
+            if (size(extents) == 2) problem = "matrix has "//matrix_text(extents(1), extents(2))
+            call value_problem(self, i_key, k, element, "is out of range: the "//problem)
          else
-            i_value = self%content%values(i_value)%next
-            cycle
+            is_good = .true.
          end if
-         exit
+         if (.not. is_good) return
       end do
-      is_good = i_value == 0
-      if (problem /= "") call value_problem(self, i_key, i_value, element, problem)
    end subroutine check_elements
+
+   pure integer function first_element(self, i_key)
+      class(record_t), intent(in) :: self
+      integer, intent(in) :: i_key
+
+      associate (key => self%content%keys(i_key))
+         first_element = key%n - key%n_elements + 1
+      end associate
+   end function first_element
 
    !> Indices of the element at position `k` of the result of `pick`: 0 for those that it does not have.
    pure function element_at(k, extents) result(element)
@@ -110,49 +116,36 @@ contains
       if (size(extents) == 2) element = [(k - 1)/extents(2) + 1, mod(k - 1, extents(2)) + 1]
    end function element_at
 
-   !> Stores the listed values of a key in the first positions of `order`.
-   pure subroutine fill_listed(self, i_key, order)
-      class(record_t), intent(in) :: self
-      integer, intent(in) :: i_key
-      integer, intent(inout) :: order(:)
-      integer :: i_value, n
-
-      n = 0
-      i_value = self%content%keys(i_key)%head
-      do while (i_value > 0)
-         associate (value => self%content%values(i_value))
-            order(n + 1:n + value%count) = i_value
-            n = n + value%count
-            i_value = value%next
-         end associate
-      end do
-   end subroutine fill_listed
-
-   !> Stores the elements of a key at their positions in `order`; over listed values they come from an override.
-   pure subroutine fill_elements(self, i_key, extents, order, is_good)
+   !> Stores the listed values of a key in the first positions of `order`, then the elements at theirs; over listed values they come
+   !> from an override.
+   pure subroutine fill(self, i_key, extents, order, is_good)
       class(record_t), intent(inout) :: self
       integer, intent(in) :: i_key
       integer, intent(in) :: extents(:)                     !! as for `pick`
       integer, intent(inout) :: order(:)
       logical, intent(out) :: is_good                       !! false after a problem
-      integer :: i_value, position
+      integer :: k, n, position
 
       is_good = .true.
-      i_value = self%content%keys(i_key)%element_head
-      do while (i_value > 0)
-         associate (value => self%content%values(i_value))
-            position = value%i
-            if (size(extents) == 2) position = (value%i - 1)*extents(2) + value%j
-            if (self%content%keys(i_key)%head == 0 .and. order(position) > 0) then
-               call value_problem(self, i_key, i_value, [value%i, value%j], "is given again; give it once")
-               is_good = .false.
-               return
-            end if
-            order(position) = i_value
-            i_value = value%next
-         end associate
-      end do
-   end subroutine fill_elements
+      n = 0
+      associate (key => self%content%keys(i_key))
+         do k = 1, key%n
+            associate (value => key%values(k))
+               if (k < first_element(self, i_key)) then
+                  order(n + 1:n + value%count) = k
+                  n = n + value%count
+                  cycle
+               end if
+               position = value%i
+               if (size(extents) == 2) position = (value%i - 1)*extents(2) + value%j
+               is_good = key%n_listed > 0 .or. order(position) == 0
+               if (.not. is_good) call value_problem(self, i_key, k, [value%i, value%j], "is given again; give it once")
+               if (.not. is_good) return
+               order(position) = k
+            end associate
+         end do
+      end associate
+   end subroutine fill
 
    !> Text for the size of a matrix.
    pure function matrix_text(n, m) result(text)

@@ -5,27 +5,15 @@
 module hb_property_record
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
-   use hb_input_keys, only: find_groups, find_rule, max_unit, rule_t
+   use hb_input_keys, only: find_groups, find_rule, kind_of
    use hb_key_rows, only: row_of
-   use hb_kinds, only: wp
-   use hb_property_values, only: content_t, element_text, kind_of
+   use hb_property_values, only: content_t, element_text
    use hb_text, only: join, lower, max_name, shown, string_t, text_builder_t, to_text
    implicit none
    private
-   public :: ask, asked_t, key_problem, missing_key, record_t, value_problem
+   public :: ask, key_problem, missing_key, record_t, value_problem
 
    integer, parameter :: max_problems = 50                  !! further ones are counted, not reported
-
-   !> A requested key and the values used.
-   type :: asked_t
-      integer :: i_key = 0
-      type(rule_t), allocatable :: rule                     !! for the key, from the table of keys
-      character(max_unit) :: unit = ""
-      integer :: kind = 0                                   !! of the values: one of `kind_of`, `none` if there are none
-      real(wp), allocatable :: numbers(:)                   !! values, or
-      type(string_t), allocatable :: words(:)
-      integer :: row_length = 1                             !! of a matrix
-   end type asked_t
 
    type :: record_t
       character(:), allocatable :: name                     !! of the group, lower case
@@ -36,9 +24,9 @@ module hb_property_record
       integer :: reading = 0                                !! number of the last reading that opened it; 0: never
       logical :: has_changed = .false.                      !! a value has been set since the markers were removed
       type(content_t) :: content
-      type(asked_t), allocatable :: asked(:)                !! (capacity), in the order of the requests
-      character(:), allocatable, private :: type            !! for which the rules of `asked` are valid
+      integer, allocatable :: asked(:)                      !! (capacity), numbers of the keys in the order of the requests
       integer :: n_asked = 0
+      character(:), allocatable, private :: type            !! for which the rules of the keys are valid
       type(string_t), allocatable, private :: problems(:)
       integer, private :: n_problems = 0
    contains
@@ -125,7 +113,7 @@ contains
       integer :: i
 
       do i = 1, self%n_asked
-         self%content%keys(self%asked(i)%i_key)%asked = 0
+         self%content%keys(self%asked(i))%asked = 0
       end do
       self%n_asked = 0
       self%n_problems = 0
@@ -189,62 +177,51 @@ contains
       call fail(error, self%problems(1)%value)
    end subroutine record_tell_first
 
-   !> Records the request of a key. `i_key` is 0 if it is not given.
-   pure subroutine ask(self, key, i_asked, i_key)
+   !> Records the request of a key.
+   pure subroutine ask(self, key, i_key)
       class(record_t), intent(inout) :: self
       character(*), intent(in) :: key
-      integer, intent(out) :: i_asked, i_key
-      type(asked_t), allocatable :: larger(:)
+      integer, intent(out) :: i_key
       character(max_name) :: name
 
       name = lower(key)
-      i_key = self%content%names%find(name)
-      if (i_key == 0) then
-         call self%content%add_key(name)
-         i_key = self%content%names%n
-      end if
-      i_asked = self%content%keys(i_key)%asked
-      if (i_asked == 0) then
-         if (self%n_asked == 0) call begin_reading(self)
-         if (self%n_asked == size(self%asked)) then
-            allocate (larger(2*self%n_asked))
-            larger(:self%n_asked) = self%asked
-            call move_alloc(larger, self%asked)
+      call self%content%find_or_add(name, i_key)
+      if (self%content%keys(i_key)%asked > 0) return
+      if (self%n_asked == 0) call begin_reading(self)
+      self%n_asked = self%n_asked + 1
+      if (self%n_asked > size(self%asked)) self%asked = [self%asked, self%asked]
+      self%asked(self%n_asked) = i_key
+      associate (asked => self%content%keys(i_key))
+         asked%asked = self%n_asked
+         if (.not. allocated(asked%rule)) then
+            allocate (asked%rule)
+            call find_rule(self%name, self%type, trim(name), asked%rule)
          end if
-         self%n_asked = self%n_asked + 1
-         i_asked = self%n_asked
-         self%content%keys(i_key)%asked = i_asked
-         associate (asked => self%asked(i_asked))
-            if (asked%i_key /= i_key .or. .not. allocated(asked%rule)) then
-               if (.not. allocated(asked%rule)) allocate (asked%rule)
-               call find_rule(self%name, self%type, trim(name), asked%rule)
-            end if
-            asked%i_key = i_key
-            asked%unit = asked%rule%unit
-            asked%kind = kind_of%none
-         end associate
-      end if
-      if (.not. self%content%is_given(i_key)) i_key = 0
+         asked%unit = asked%rule%unit
+         asked%kind = kind_of%none
+      end associate
    end subroutine ask
 
    !> Allocates the list of requests; earlier requests are discarded if the type of the group has changed.
    pure subroutine begin_reading(self)
       class(record_t), intent(inout) :: self
       character(:), allocatable :: type
-      integer :: i_key, i_value
+      integer :: i
 
+      if (.not. allocated(self%asked)) allocate (self%asked(8))
       type = ""
-      i_key = self%content%names%find("type")
-      if (self%content%is_given(i_key)) then
-         i_value = self%content%keys(i_key)%head
-         if (i_value > 0) then
-            if (self%content%values(i_value)%kind == kind_of%word) call self%content%get_word(i_value, type)
+      associate (content => self%content)
+         i = content%names%find("type")
+         if (content%is_given(i)) then
+            if (content%keys(i)%values(1)%kind == kind_of%word .and. content%keys(i)%values(1)%i == 0) &
+               call content%get_word(i, 1, type)
             type = lower(type)
          end if
-      end if
-      if (.not. allocated(self%type)) self%type = type
-      if (self%type /= type .and. allocated(self%asked)) deallocate (self%asked)
-      if (.not. allocated(self%asked)) allocate (self%asked(8))
+         if (.not. allocated(self%type)) self%type = type
+         do i = 1, merge(content%names%n, 0, self%type /= type)
+            if (allocated(content%keys(i)%rule)) deallocate (content%keys(i)%rule)
+         end do
+      end associate
       self%type = type
    end subroutine begin_reading
 
@@ -270,15 +247,15 @@ contains
    end subroutine key_problem
 
    !> Adds a problem with one value of a key.
-   pure subroutine value_problem(self, i_key, i_value, element, text)
+   pure subroutine value_problem(self, i_key, k, element, text)
       class(record_t), intent(inout) :: self
-      integer, intent(in) :: i_key, i_value
+      integer, intent(in) :: i_key, k                       !! value k of the key
       integer, intent(in) :: element(2)                     !! its indices, 0 for missing ones
       character(*), intent(in) :: text
       character(:), allocatable :: value
 
-      call self%content%get_shown(i_value, value)
-      call add_problem(self, place_at(self, self%content%values(i_value)%line, .true.)//": "// &
+      call self%content%get_shown(i_key, k, value)
+      call add_problem(self, place_at(self, self%content%keys(i_key)%values(k)%line, .true.)//": "// &
                        element_text(trim(self%content%names%names(i_key)), element(1), element(2))//" = "//shown(value)//" "//text)
    end subroutine value_problem
 
@@ -292,7 +269,7 @@ contains
 
       allocate (names(self%n_asked), known(self%n_asked))
       do i = 1, self%n_asked
-         name = self%content%names%names(self%asked(i)%i_key)
+         name = self%content%names%names(self%asked(i))
          do j = i - 1, 1, -1
             if (lle(names(j), name)) exit
             names(j + 1) = names(j)

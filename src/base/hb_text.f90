@@ -12,7 +12,6 @@ module hb_text
       split, string_t, text_builder_t, to_text
 
    character(*), parameter :: digits = "0123456789"
-   integer, parameter :: max_kept = 800                     ! digits of a number; no double needs more to be rounded correctly
    character(*), parameter :: letters = "abcdefghijklmnopqrstuvwxyz"
    character(*), parameter :: ellipsis = " ..."
    integer, parameter :: max_name = 63                      !! length of the longest name of a group or key
@@ -274,43 +273,37 @@ contains
       real(wp), intent(out) :: value
       logical, intent(out) :: ok
       character(*), parameter :: largest = "179769313486231570814527423731704356798"
-      character(max_kept + 1) :: kept
-      character(max_kept + 40) :: normalised
       integer(int64) :: exponent_10, scale_10
-      integer :: i, iostat, n, n_digits
-      logical :: is_exponent, is_negative, is_sticky
+      integer :: first, iostat, last, point, start
+      logical :: is_beyond, is_exponent
 
       ok = .false.
       value = 0.0_wp
       if (len(token) == 0) return
-      is_negative = token(1:1) == "-"
-      i = 1
-      if (scan(token(1:1), "+-") == 1) i = 2
-      call parse_special(token(i:), is_negative, value, ok)
+      start = 1 + scan(token(1:1), "+-")
+      call parse_special(token(start:), token(1:1) == "-", value, ok)
       if (ok) return
-
-      ! The number is +-0.kept * 10**scale_10, where the first digit of `kept` is not zero.
-      call read_digits(token, i, kept, n, n_digits, scale_10, is_sticky)
-      if (n_digits == 0) return
-
-      call parse_exponent(token(i:), exponent_10, is_exponent)
-      if (.not. is_exponent) return
-      scale_10 = scale_10 + exponent_10
-      if (n > 0 .and. scale_10 > 309) return
-      if (n > 0 .and. scale_10 == 309 .and. llt(largest, kept(1:max_kept))) return
-      if (n > 0 .and. scale_10 > -330) then
-         if (is_sticky) then
-            n = n + 1
-            kept(n:n) = "1"
-         end if
-         write (normalised, "(a,a,a,i0)") "0.", kept(1:n), "e", scale_10
-         read (normalised, *, iostat=iostat) value
+      last = start + verify(token(start:)//"e", digits//".") - 2
+      call parse_exponent(token(last + 1:), exponent_10, is_exponent)
+      associate (mantissa => token(start:last))
+         point = index(mantissa, ".")
+         if (.not. is_exponent .or. scan(mantissa, digits) == 0 .or. index(mantissa, ".", back=.true.) /= point) return
+         if (point == 0) point = len(mantissa) + 1
+         first = scan(mantissa, digits(2:))                           ! digit other than zero
+         ! the number is +-0.d * 10**scale_10 with the digits d from there on
+         scale_10 = exponent_10 + int(point - first + merge(0, 1, first < point), int64)
+         is_beyond = scale_10 > 309
+         if (first > 0 .and. scale_10 == 309) is_beyond = llt(largest, mantissa(first:point - 1)//mantissa(max(first, point + 1):))
+      end associate
+      if (first > 0 .and. is_beyond) return
+      if (first > 0 .and. scale_10 > -330) then
+         read (token(start:), *, iostat=iostat) value
          if (iostat /= 0) then
             value = 0.0_wp
             return
          end if
       end if
-      if (is_negative) value = -value
+      if (token(1:1) == "-") value = -value
       ok = .true.
    end subroutine parse_real
 
@@ -334,45 +327,6 @@ contains
          ok = .false.
       end select
    end subroutine parse_special
-
-   !> Reads digits with at most one point, from position i on: 0.kept * 10**scale_10 with a first digit other than
-   !> zero.
-   pure subroutine read_digits(token, i, kept, n, n_digits, scale_10, is_sticky)
-      character(*), intent(in) :: token
-      integer, intent(inout) :: i                           !! on return the position after them
-      character(*), intent(out) :: kept
-      integer, intent(out) :: n, n_digits                   !! stored digits, all digits
-      integer(int64), intent(out) :: scale_10
-      logical, intent(out) :: is_sticky                     !! one of the digits that are not stored is not zero
-      logical :: after_point
-
-      kept = ""
-      n = 0
-      n_digits = 0
-      scale_10 = 0
-      after_point = .false.
-      is_sticky = .false.
-      do i = i, len(token)
-         if (token(i:i) == "." .and. .not. after_point) then
-            after_point = .true.
-         else if (index(digits, token(i:i)) > 0) then
-            n_digits = n_digits + 1
-            if (n == 0 .and. token(i:i) == "0") then
-               if (after_point) scale_10 = scale_10 - 1
-            else
-               if (.not. after_point) scale_10 = scale_10 + 1
-               if (n < max_kept) then
-                  n = n + 1
-                  kept(n:n) = token(i:i)
-               else if (token(i:i) /= "0") then
-                  is_sticky = .true.
-               end if
-            end if
-         else
-            exit
-         end if
-      end do
-   end subroutine read_digits
 
    !> Reads an exponent with its letter, or an empty text.
    pure subroutine parse_exponent(token, exponent_10, ok)

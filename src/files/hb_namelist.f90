@@ -8,13 +8,13 @@ module hb_namelist
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_document, only: document_t, new_document, parameter_t
    use hb_error, only: error_t, fail
+   use hb_input_keys, only: kind_of
    use hb_kinds, only: int64, wp
    use hb_namelist_parser, only: next_group, parse_body, scan_t
    use hb_parameter_path, only: path_help, split_path
    use hb_properties, only: properties_t
    use hb_property_groups, only: max_groups
-   use hb_property_record, only: asked_t
-   use hb_property_values, only: content_t, kind_of
+   use hb_property_values, only: content_t, key_t
    use hb_text, only: is_name, quote, shown, string_t, text_builder_t, to_text
    implicit none
    private
@@ -58,14 +58,12 @@ contains
                       self%file_name//":"//to_text(line)//": more than "//to_text(max_groups)//" groups")
             return
          end if
-         call self%groups%append(name, self%file_name, line)
+         call self%groups%add(name, self%file_name, line)
          self%groups%holders(self%groups%n)%group%content = content
       end do
       if (allocated(scan%problem)) then
          call fail(error, self%file_name//":"//to_text(scan%problem_line)//": "//scan%problem)
-         return
       end if
-      call self%groups%sort()
    end subroutine read_namelist
 
    !> Sets the key at `path` to another value in namelist form; the path names a group by its number or label. A
@@ -138,11 +136,11 @@ contains
 
       call lines%add("&"//self%name//new_line("a"))
       do i = 1, self%n_asked
-         associate (asked => self%asked(i))
+         associate (asked => self%content%keys(self%asked(i)))
             call texts_of(asked, texts)
             if (size(texts) == 0) cycle
             call write_list(texts, asked%row_length, list)
-            call lines%add("   "//trim(self%content%names%names(asked%i_key))//" = ")
+            call lines%add("   "//trim(self%content%names%names(self%asked(i)))//" = ")
             call lines%add(list)
             call lines%add(new_line("a"))
          end associate
@@ -152,36 +150,33 @@ contains
 
    !> Values in namelist form; none if a namelist file cannot express one of them.
    pure subroutine texts_of(asked, texts)
-      type(asked_t), intent(in) :: asked
+      type(key_t), intent(in) :: asked
       type(string_t), allocatable, intent(out) :: texts(:)
       character(:), allocatable :: text
       logical :: is_repeated
       integer :: i
 
-      allocate (texts(0))
-      if (asked%kind == kind_of%none) return
-      if (asked%kind == kind_of%word) then
-         if (.not. all([(can_be_written(asked%words(i)), i=1, size(asked%words))])) return
-         deallocate (texts)
-         allocate (texts(size(asked%words)))
+      select case (asked%kind)
+      case (kind_of%none)
+         allocate (texts(0))
+      case (kind_of%word)
+         allocate (texts(merge(size(asked%texts), 0, all([(can_be_written(asked%texts(i)), i=1, size(asked%texts))]))))
          do i = 1, size(texts)
-            texts(i)%value = quote(asked%words(i)%value)
+            texts(i)%value = quote(asked%texts(i)%value)
          end do
-         return
-      end if
-      if (.not. all(ieee_is_finite(asked%numbers))) return
-      deallocate (texts)
-      allocate (texts(size(asked%numbers)))
-      do i = 1, size(texts)
-         is_repeated = i > 1                                ! matrices have long rows of equal numbers; zeros have signs
-         if (is_repeated) is_repeated = transfer(asked%numbers(i), 0_int64) == transfer(asked%numbers(i - 1), 0_int64)
-         if (.not. is_repeated) then
-            text = to_text(asked%numbers(i))
-            if (asked%kind == kind_of%whole) text = to_text(nint(asked%numbers(i)))
-            if (asked%kind == kind_of%truth) text = to_text(asked%numbers(i) > 0.0_wp)
-         end if
-         texts(i)%value = text
-      end do
+      case default
+         allocate (texts(merge(size(asked%numbers), 0, all(ieee_is_finite(asked%numbers)))))
+         do i = 1, size(texts)
+            is_repeated = i > 1                             ! matrices have long rows of equal numbers; zeros have signs
+            if (is_repeated) is_repeated = transfer(asked%numbers(i), 0_int64) == transfer(asked%numbers(i - 1), 0_int64)
+            if (.not. is_repeated) then
+               text = to_text(asked%numbers(i))
+               if (asked%kind == kind_of%whole) text = to_text(nint(asked%numbers(i)))
+               if (asked%kind == kind_of%truth) text = to_text(asked%numbers(i) > 0.0_wp)
+            end if
+            texts(i)%value = text
+         end do
+      end select
    end subroutine texts_of
 
    pure logical function can_be_written(word)

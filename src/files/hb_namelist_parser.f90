@@ -3,9 +3,10 @@
 !> A subset of Fortran's namelist input (F2018, 13.11) that refuses what is legal but nearly always a mistake: omitted
 !> values, text after the closing '/', strings over several lines, lists for one element.
 module hb_namelist_parser
+   use hb_input_keys, only: kind_of
    use hb_kinds, only: wp
    use hb_parameter_path, only: index_help, split_index
-   use hb_property_values, only: content_t, kind_of, max_values, value_t
+   use hb_property_values, only: content_t, max_values, value_t
    use hb_text, only: is_name, lower, parse_integer, parse_real, shown, to_text
    implicit none
    private
@@ -34,6 +35,7 @@ module hb_namelist_parser
       integer :: i_key = 0                                  !! 0: values are skipped
       integer :: i = 0, j = 0                               !! element index of the key
       integer :: n_found = 0                                !! values of the key so far
+      integer :: offset = 0                                 !! where the spelling begins in the text
       type(value_t) :: value                                !! the latest one
    end type body_t
 
@@ -103,15 +105,14 @@ contains
       character(*), intent(in) :: name
       type(content_t), intent(out) :: content
       type(body_t) :: body
-      integer :: first_line, last, offset, start
+      integer :: first_line, last, start
       logical :: has_ended
 
       first_line = scan%line
-      offset = scan%position - 1
+      body%offset = scan%position - 1
       body%name = name
       body%key = ""
       has_ended = .false.
-      allocate (content%values(8))
       do while (.not. has_ended)
          call skip_blanks(text, scan)
          if (scan%position > len(text)) then
@@ -164,11 +165,7 @@ contains
                       "; a value with '/' needs quotes, a comment begins with '!'")
          return
       end if
-      content%spelling = text(offset + 1:scan%position - 1)
-      associate (values => content%values(1:content%n_values))
-         values%first = values%first - offset
-         values%last = values%last - offset
-      end associate
+      content%spelling = text(body%offset + 1:scan%position - 1)
    end subroutine parse_body
 
    !> Whether the word that ends at `last` is a key: '=' or an index follows; blanks in between are ignored.
@@ -228,17 +225,15 @@ contains
       body%in_key = .true.
       body%after_comma = .false.
       body%n_found = 0
-      body%i_key = content%names%find(body%key)
-      if (body%i_key == 0) then
-         call content%add_key(body%key)
-         body%i_key = content%names%n
-         content%keys(body%i_key)%line = scan%line
-      else if (body%i == 0 .or. content%keys(body%i_key)%head > 0) then
-         associate (key => content%keys(body%i_key))
+      call content%find_or_add(body%key, body%i_key)
+      associate (key => content%keys(body%i_key))
+         if (key%line == 0) then
+            key%line = scan%line
+         else if (body%i == 0 .or. key%n_listed > 0) then
             if (key%second_line == 0) key%second_line = scan%line
-         end associate
-         body%i_key = 0                                               ! its values are skipped
-      end if
+            body%i_key = 0                                            ! its values are skipped
+         end if
+      end associate
    end subroutine begin_key
 
    !> Reads the index '(i)' or '(i, j)' of an element.
@@ -391,7 +386,9 @@ contains
                       to_text(max_values)//" values")
       end if
       if (body%i_key == 0) return
-      call content%add_value(body%i_key, body%value)
+      body%value%first = body%value%first - body%offset
+      body%value%last = body%value%last - body%offset
+      call content%keys(body%i_key)%add(body%value)
       if (content%keys(body%i_key)%n_elements > max_values) then
          call stop_at(scan, scan%line, "&"//body%name//": key '"//body%key//"' has more than "// &
                       to_text(max_values)//" values")
