@@ -1,5 +1,5 @@
 # CVODE of SUNDIALS, by its C interface: target CVODE::cvode. Its indices must have 64 bits and its numbers double precision,
-# as src/extern/hb_sundials.f90 declares them.
+# as src/extern/hb_cvode.c takes them.
 find_path(CVODE_INCLUDE_DIR cvode/cvode.h)
 set(CVODE_LIBRARIES)
 foreach(part IN ITEMS cvode nvecserial)
@@ -25,5 +25,6 @@ mark_as_advanced(CVODE_INCLUDE_DIR)
 
 if(CVODE_FOUND AND NOT TARGET CVODE::cvode)
    add_library(CVODE::cvode INTERFACE IMPORTED)
-   set_target_properties(CVODE::cvode PROPERTIES INTERFACE_LINK_LIBRARIES "${CVODE_LIBRARIES}")
+   set_target_properties(CVODE::cvode PROPERTIES INTERFACE_LINK_LIBRARIES "${CVODE_LIBRARIES}"
+      INTERFACE_INCLUDE_DIRECTORIES ${CVODE_INCLUDE_DIR})
 endif()

@@ -116,7 +116,6 @@ contains
          origin%method = trim(methods(model%integration%method))
          origin%input_text = study%input_text
          origin%input_complete = study%input_complete
-         origin%omega = content%omega
          origin%tuples = model%harmonics%tuples
          origin%retained_dofs = model%output%dofs
          call write_integration_file(path, options%overwrite, origin, model%structure, content%system%laws, content, error)

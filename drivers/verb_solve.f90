@@ -6,7 +6,7 @@ module verb_solve
    use hb_curve_request, only: curve_kind
    use hb_curve_table, only: curve_lines, find_leaving, leaving_t, note_curve_values
    use hb_error, only: error_t
-   use hb_failure_kinds, only: status_lines
+   use hb_explanation, only: status_lines
    use hb_file_location, only: check_source
    use hb_interruption, only: interruption
    use hb_kinds, only: wp

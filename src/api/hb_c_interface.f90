@@ -59,7 +59,7 @@ contains
       logical :: is_known
       integer :: i
 
-      is_known = c_text(feature)//"|" == "cvode|" .and. has_cvode
+      is_known = c_text(feature)//"|" == "cvode|" .and. has_cvode()
       do i = 1, n_key_rows()
          is_known = is_known .or. index(key_row(i), c_text(feature)//" | ") == 1
       end do

@@ -3,7 +3,7 @@ module hb_column_view
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_motion_columns, only: columns_t, of_dof, of_force
+   use hb_motion_columns, only: columns_t, of_dof, of_force, of_rate
    use hb_motion_result, only: motion_result_t
    use hb_text, only: split, string_t
    implicit none
@@ -105,6 +105,7 @@ contains
       self%units = units
       if (units == of_dof) self%units = "m"
       if (units == of_force) self%units = "N"
+      if (units == of_rate) self%units = "m/s"
    end function is_asked
 
    subroutine column_view_integer(self, name, units, axes, long_name, values, flags)

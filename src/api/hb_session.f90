@@ -32,7 +32,7 @@ module hb_session
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: is_solved, outcome
    use hb_parameter_path, only: identifier
-   use hb_time_columns, only: find_record_column, find_verdict_column
+   use hb_record_columns, only: record_columns, verdict_columns
    use hb_time_integration, only: add_time_integration
    use hb_tones, only: tones_t
    use hb_verification, only: claim_t, verdict_t, verify_motion
@@ -221,7 +221,7 @@ contains
          call solve_to_tolerance(self%model, self%result, failure, level, before)
          if (allocated(level%unknowns)) unknowns = level%unknowns
       else
-         if (is_warm) call self%neighbour%predict(here, self%model%harmonics%tuples, .false., start)
+         if (is_warm) call self%neighbour%predict(here, self%model%harmonics, .false., start)
          call solve_motion(self%model, self%result, failure, start, unknowns, self%kept)
          level = level_t(self%model%harmonics, self%model%torus%n_samples)
       end if
@@ -232,7 +232,8 @@ contains
          self%result%status = outcome%failed
          self%result%message = failure%message
       else if (allocated(unknowns)) then
-         call self%neighbour%keep(here, level%set%tuples, unknowns, level%n_samples)
+         level%unknowns = unknowns
+         call self%neighbour%keep(here, level)
       end if
       if (self%cancellation%verdict == verdict%interrupted) self%result%status = outcome%interrupted
       self%result%solve_seconds = wall_clock() - started
@@ -358,11 +359,13 @@ contains
       character(*), intent(in) :: name                                !! empty: `column%names` are listed
       type(error_t), allocatable, intent(out) :: error
 
+      call self%column%begin(name)
       if (allocated(self%record)) then
-         call find_record_column(self%column, name, self%record, self%model, error)
+         call record_columns(self%column, self%record, self%model%harmonics%tuples)
       else
-         call find_verdict_column(self%column, name, self%verdict, error)
+         call verdict_columns(self%column, self%verdict)
       end if
+      call self%column%refuse_unknown(error)
    end subroutine session_look_up_in_time
 
    !> Looks up a column of the result in `column`. Fails for an unknown name.

@@ -1,5 +1,5 @@
-!> Keys of one group of properties with the values given for them: numbers, logicals and words, with their line in the file, and
-!> what the reader of a key has taken. A single value is a list of length one.
+!> Keys of one group of properties, the values given for them (numbers, logicals and words, with their line in the file) and the
+!> values that their reader uses. A single value is a list of length one.
 !>
 !> Values read from a text are stored as spans of it, and repeat counts as counts, so that memory is linear in the
 !> size of the file. Values set from numbers have no spelling and no line.

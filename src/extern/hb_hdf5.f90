@@ -18,7 +18,7 @@ module hb_hdf5
    use hb_hdf5_attributes, only: h5_object_t
    use hb_hdf5_datasets, only: h5_dataset_t
    use hb_hdf5_library, only: bytes_of_kind, check, is_characters, is_integer, is_real, kind_of_type, memory_type, new_space, &
-      new_text_type, no_id, start_library, switch_locking_off
+      no_id, start_library, switch_locking_off, text_type
    use hb_kinds, only: wp
    use hb_mpi, only: comm_handle, comm_t, no_info_handle
    use hb_text, only: to_text
@@ -146,15 +146,17 @@ contains
       call check(status, "flush", error, self%place)
    end subroutine file_flush
 
-   !> Closes the file with all its datasets; safe to call twice.
+   !> Closes the file with all its datasets; safe to call twice. Does not replace an earlier error.
    subroutine file_close(self, error)
       class(h5_file_t), intent(inout) :: self
-      type(error_t), allocatable, intent(out) :: error
+      type(error_t), allocatable, intent(inout) :: error
+      type(error_t), allocatable :: own
       integer :: status
 
       if (self%id == no_id) return
       call h5fclose_f(self%id, status)
-      call check(status, "close", error, self%place)
+      call check(status, "close", own, self%place)
+      if (.not. allocated(error)) call move_alloc(own, error)
       if (status < 0) is_library_sound = .false.
       self%id = no_id
       if (self%is_guarded) call lower_guard()
@@ -193,17 +195,12 @@ contains
       type(h5_dataset_t), intent(out) :: dataset
       type(error_t), allocatable, intent(out) :: error
       logical, intent(in), optional :: as_hole         !! default false
-      integer(hid_t) :: type
-      integer :: status
-      logical :: is_copy, is_hole
+      logical :: is_hole
 
       is_hole = .false.
       if (present(as_hole)) is_hole = as_hole
       dataset%kind = kind
-      call memory_type(kind, type, is_copy, status)
-      call check(status, "make the text type", error)
-      if (.not. allocated(error)) call add_dataset(self, name, extents, type, dataset, error, is_hole)
-      if (is_copy) call h5tclose_f(type, status)
+      call add_dataset(self, name, extents, memory_type(kind), dataset, error, is_hole)
    end subroutine file_add
 
    !> Adds a vector of strings of any length and writes it; trailing blanks are dropped. For serial files only: the
@@ -239,18 +236,12 @@ contains
       type(c_ptr), intent(in), target :: addresses(:)  !! of the null-terminated strings
       type(h5_dataset_t), intent(out) :: dataset
       type(error_t), allocatable, intent(out) :: error
-      integer(hid_t) :: text_type
       integer :: status
 
-      call new_text_type(text_type, status)
-      call check(status, "make the text type", error)
-      if (allocated(error)) return
       call add_dataset(self, name, extents, text_type, dataset, error, .false.)
-      if (.not. allocated(error) .and. size(addresses) > 0) then
-         call h5dwrite_f(dataset%id, text_type, c_loc(addresses), status)
-         call check(status, "write", error, dataset%place)
-      end if
-      call h5tclose_f(text_type, status)
+      if (allocated(error) .or. size(addresses) == 0) return
+      call h5dwrite_f(dataset%id, text_type, c_loc(addresses), status)
+      call check(status, "write", error, dataset%place)
    end subroutine add_varying
 
    !> Adds a dataset with early allocation.
@@ -449,22 +440,18 @@ contains
       call dataset%close()
    end subroutine file_get_real
 
-   !> As for real numbers.
+   !> As for real numbers, which represent each integer exactly.
    subroutine file_get_integer(self, name, values, error, extents, row)
       class(h5_file_t), intent(in) :: self
       character(*), intent(in) :: name
       integer, allocatable, intent(out) :: values(:)
       type(error_t), allocatable, intent(inout) :: error
       integer, intent(in), optional :: extents(:), row
-      type(h5_dataset_t) :: dataset
-      integer :: n, status
+      real(wp), parameter :: largest = real(huge(1), wp)
+      real(wp), allocatable :: numbers(:)
 
-      call open_for_get(self, name, dataset, n, error, extents, row)
-      if (allocated(error)) return
-      allocate (values(n), stat=status)
-      if (status /= 0) call fail(error, dataset%place//": not enough memory for its "//to_text(n)//" entries")
-      if (.not. allocated(error)) call dataset%read(values, error, row)
-      call dataset%close()
+      call self%get(name, numbers, error, extents, row)
+      if (.not. allocated(error)) values = nint(max(-largest, min(numbers, largest)))
    end subroutine file_get_integer
 
    !> As for numbers: strings padded with blanks.

@@ -4,11 +4,11 @@ module hb_hdf5_attributes
    use hb_c_text, only: c_text
    use hb_error, only: error_t, fail
    use hb_guard, only: name_guarded
-   use hb_hdf5_library, only: check, new_space, new_text_type, no_id
+   use hb_hdf5_library, only: check, new_space, no_id, text_type
    use hb_text, only: to_text
    use hdf5, only: h5aclose_f, h5acreate_f, h5aget_space_f, h5aopen_f, h5aread_f, h5awrite_f, &
       h5dvlen_reclaim_f, H5P_DEFAULT_F, h5sclose_f, h5sget_simple_extent_npoints_f, H5T_NATIVE_INTEGER, H5T_STD_I32LE, &
-      h5tclose_f, hid_t, hsize_t
+      hid_t, hsize_t
    implicit none
    private
    public :: h5_object_t
@@ -36,16 +36,10 @@ contains
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable, target :: bytes
       type(c_ptr), target :: address
-      integer(hid_t) :: text_type
-      integer :: status
 
       bytes = value//c_null_char
       address = c_loc(bytes)
-      call new_text_type(text_type, status)
-      call check(status, "make the text type", error)
-      if (allocated(error)) return
       call set_attribute(self, name, text_type, text_type, [integer(hsize_t) ::], c_loc(address), error)
-      call h5tclose_f(text_type, status)
    end subroutine object_set_text_attribute
 
    !> Sets an attribute of one or several integers.
@@ -84,22 +78,20 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(c_ptr), target :: addresses(1)
       type(c_ptr) :: list
-      integer(hid_t) :: attribute, space, text_type
+      integer(hid_t) :: attribute, space
       integer :: status
 
       addresses = c_null_ptr
       list = c_loc(addresses)
       call open_single(self, name, attribute, error)
       if (allocated(error)) return
-      call new_text_type(text_type, status)
-      if (status >= 0) call h5aread_f(attribute, text_type, list, status)
+      call h5aread_f(attribute, text_type, list, status)
       call check(status, "read attribute '"//name//"'", error, self%place)
       if (allocated(error)) return
       value = c_text(addresses(1))
       call h5aget_space_f(attribute, space, status)
       call h5dvlen_reclaim_f(text_type, space, H5P_DEFAULT_F, list, status)
       call h5sclose_f(space, status)
-      call h5tclose_f(text_type, status)
       call h5aclose_f(attribute, status)
    end subroutine object_get_text_attribute
 

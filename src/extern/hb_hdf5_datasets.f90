@@ -162,9 +162,8 @@ contains
       integer, intent(in), optional :: first            !! row, from 1; default: everything
       integer, intent(in), optional :: n_used           !! of the second axis; default: all
       type(c_ptr) :: buffer
-      integer(hid_t) :: in_file, in_memory, type
+      integer(hid_t) :: in_file, in_memory
       integer :: status
-      logical :: is_copy
 
       in_file = H5S_ALL_F
       in_memory = H5S_ALL_F
@@ -175,14 +174,12 @@ contains
       end if
       if (allocated(error) .or. memory%n_values == 0) return
       buffer = memory%address
-      call memory_type(memory%kind, type, is_copy, status)
-      if (is_reading .and. status >= 0) then
-         call h5dread_f(self%id, type, buffer, status, in_memory, in_file)
-      else if (status >= 0) then
-         call h5dwrite_f(self%id, type, buffer, status, in_memory, in_file)
+      if (is_reading) then
+         call h5dread_f(self%id, memory_type(memory%kind), buffer, status, in_memory, in_file)
+      else
+         call h5dwrite_f(self%id, memory_type(memory%kind), buffer, status, in_memory, in_file)
       end if
       call check(status, merge("read ", "write", is_reading), error, self%place)
-      if (is_copy) call h5tclose_f(type, status)
       if (.not. present(first)) return
       call h5sclose_f(in_memory, status)
       call h5sclose_f(in_file, status)

@@ -8,8 +8,8 @@ module hb_hdf5_library
       h5tget_class_f, h5tget_size_f, h5tset_cset_f, h5tset_strpad_f, hid_t, hsize_t, size_t
    implicit none
    private
-   public :: bytes_of_kind, check, is_characters, is_integer, is_real, kind_of_type, memory_type, new_space, new_text_type, no_id
-   public :: start_library, switch_locking_off
+   public :: bytes_of_kind, check, is_characters, is_integer, is_real, kind_of_type, memory_type, new_space, no_id, start_library
+   public :: switch_locking_off, text_type
 
    integer(hid_t), parameter :: no_id = -1
    ! Kinds of values: int32, float64, single bytes of text.
@@ -17,6 +17,8 @@ module hb_hdf5_library
    integer, parameter :: bytes_of_kind(3) = [4, 8, 1]
    integer, parameter :: max_cause = 512               ! maximum length of the library's message
    logical :: is_library_open = .false.
+   integer(hid_t), protected :: text_type = no_id         !! of UTF-8 strings of any length
+   integer(hid_t) :: character_type = no_id             ! of single bytes
 
    !> H5E_error2_t of H5Epublic.h: one entry of the library's stack of errors.
    type, bind(c) :: stack_entry_t
@@ -59,12 +61,13 @@ contains
 
       if (is_library_open) return
       call h5open_f(status)
-      if (status < 0) then
-         call fail(error, "cannot start the HDF5 library")
-         return
-      end if
-      call h5eset_auto_f(0, status)
-      is_library_open = .true.
+      if (status >= 0) call h5eset_auto_f(0, status)
+      if (status >= 0) call h5tcopy_f(H5T_STRING, text_type, status)
+      if (status >= 0) call h5tset_cset_f(text_type, H5T_CSET_UTF8_F, status)
+      if (status >= 0) call h5tcopy_f(H5T_C_S1, character_type, status)
+      if (status >= 0) call h5tset_strpad_f(character_type, H5T_STR_NULLPAD_F, status)
+      is_library_open = status >= 0
+      if (status < 0) call fail(error, "cannot start the HDF5 library")
    end subroutine start_library
 
    !> Disables file locking for files opened with these access properties.
@@ -132,32 +135,14 @@ contains
       end if
    end subroutine new_space
 
-   !> Creates the type of UTF-8 strings of variable length.
-   subroutine new_text_type(text_type, status)
-      integer(hid_t), intent(out) :: text_type
-      integer, intent(out) :: status
-
-      call h5tcopy_f(H5T_STRING, text_type, status)
-      if (status >= 0) call h5tset_cset_f(text_type, H5T_CSET_UTF8_F, status)
-   end subroutine new_text_type
-
-   !> Returns the type of values of a kind in memory, for single bytes of text also in a file; to be closed if it is a
-   !> copy.
-   subroutine memory_type(kind, type, is_copy, status)
+   !> Returns the type of values of a kind in memory, for single bytes of text also in a file.
+   integer(hid_t) function memory_type(kind) result(type)
       integer, intent(in) :: kind
-      integer(hid_t), intent(out) :: type
-      logical, intent(out) :: is_copy
-      integer, intent(out) :: status
 
-      status = 0
-      is_copy = kind == is_characters
-      if (is_copy) then
-         call h5tcopy_f(H5T_C_S1, type, status)
-         if (status >= 0) call h5tset_strpad_f(type, H5T_STR_NULLPAD_F, status)
-      else
-         type = merge(H5T_NATIVE_INTEGER, H5T_NATIVE_DOUBLE, kind == is_integer)
-      end if
-   end subroutine memory_type
+      type = character_type
+      if (kind == is_integer) type = H5T_NATIVE_INTEGER
+      if (kind == is_real) type = H5T_NATIVE_DOUBLE
+   end function memory_type
 
    !> Kind in which values of a file type are read, `is_real` if it is none of the three, which the library refuses to
    !> convert. Values that are not text, or of another size, must not be read into a text buffer.

@@ -3,11 +3,11 @@
 !> Source: proc(5) (MemAvailable), getrlimit(2) of Linux, and the control groups of its kernel (version 2, memory.max). A
 !> limit that the system does not report counts as none.
 module hb_memory
-   use, intrinsic :: iso_c_binding, only: c_int, c_long, c_size_t
+   use, intrinsic :: iso_c_binding, only: c_int, c_long
    use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: available_memory, keep_freed_memory, memory_peak, memory_resident, release_memory, reset_memory_peak
+   public :: available_memory, keep_freed_memory
 
    integer(c_int), parameter :: address_space = 9                     ! RLIMIT_AS of Linux
 
@@ -21,11 +21,6 @@ module hb_memory
          integer(c_int), value :: resource
          type(limits_t), intent(out) :: limits
       end function c_getrlimit
-
-      integer(c_int) function c_malloc_trim(pad) bind(c, name="malloc_trim")
-         import :: c_int, c_size_t
-         integer(c_size_t), value :: pad
-      end function c_malloc_trim
 
       integer(c_int) function c_mallopt(parameter, value) bind(c, name="mallopt")
          import :: c_int
@@ -88,35 +83,4 @@ contains
       ignored = c_mallopt(trim_threshold, 64*mebibyte)
       ignored = c_mallopt(mmap_threshold, 32*mebibyte)
    end subroutine keep_freed_memory
-
-   !> Returns free memory of this process to the system, so that previous work is not counted.
-   subroutine release_memory()
-      integer(c_int) :: ignored
-
-      ignored = c_malloc_trim(0_c_size_t)
-   end subroutine release_memory
-
-   !> Resets `memory_peak`; `ok` is false if the system does not support it.
-   subroutine reset_memory_peak(ok)
-      logical, intent(out) :: ok
-      integer :: status, unit
-
-      open (newunit=unit, file="/proc/self/clear_refs", action="write", status="old", iostat=status)
-      ok = status == 0
-      if (.not. ok) return
-      write (unit, "(a)", iostat=status) "5"
-      ok = status == 0
-      close (unit, iostat=status)
-      ok = ok .and. status == 0
-   end subroutine reset_memory_peak
-
-   !> Returns the largest memory [byte] in use since `reset_memory_peak`; 0 if not known.
-   real(wp) function memory_peak()
-      memory_peak = 1024*number_in("/proc/self/status", "VmHWM:")
-   end function memory_peak
-
-   !> Returns the memory [byte] in use now; 0 if not known.
-   real(wp) function memory_resident()
-      memory_resident = 1024*number_in("/proc/self/status", "VmRSS:")
-   end function memory_resident
 end module hb_memory

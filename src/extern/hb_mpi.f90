@@ -17,15 +17,9 @@ module hb_mpi
       MPI_Win_unlock_all, operator(/=)
    implicit none
    private
-   public :: as_comm, barrier, broadcast_integers, broadcast_text, comm_handle, comm_t, gather_rows, max_over, &
+   public :: barrier, broadcast_integers, broadcast_text, comm_handle, comm_t, gather_rows, max_over, &
       new_work_counter, no_info_handle, rank_of, ranks_on_node, share_error, size_of, start_mpi, stop_mpi, sum_over, &
       work_counter_t, world
-
-   !> Converts to a communicator: an integer handle of the old `mpi` module, or a communicator.
-   interface as_comm
-      module procedure as_comm_integer
-      module procedure as_comm_same
-   end interface as_comm
 
    interface
       subroutine hb_set_default(name, value) bind(c, name="hb_set_default")
@@ -114,19 +108,7 @@ contains
       world = MPI_COMM_WORLD
    end function world
 
-   pure type(comm_t) function as_comm_integer(comm)
-      integer, intent(in) :: comm
-
-      as_comm_integer%MPI_VAL = comm
-   end function as_comm_integer
-
-   pure type(comm_t) function as_comm_same(comm)
-      type(comm_t), intent(in) :: comm
-
-      as_comm_same = comm
-   end function as_comm_same
-
-   !> Returns the integer handle of a communicator, for libraries with an older interface.
+   !> Gives the integer handle of a communicator, for libraries with an older interface.
    pure integer function comm_handle(comm)
       type(comm_t), intent(in) :: comm
 

@@ -28,55 +28,47 @@ module hb_system
       integer(c_long_long), private :: n_bytes = 0     ! at the beginning
    end type held_file_t
 
-   interface
-      integer(c_int) function c_link(old, new) bind(c, name="link")
-         import :: c_char, c_int
-         character(c_char), intent(in) :: old(*), new(*)
-      end function c_link
-
-      integer(c_int) function c_rename(old, new) bind(c, name="rename")
-         import :: c_char, c_int
-         character(c_char), intent(in) :: old(*), new(*)
-      end function c_rename
-
-      integer(c_int) function c_unlink(path) bind(c, name="unlink")
+   abstract interface
+      integer(c_int) function call_with_path(path) bind(c)
          import :: c_char, c_int
          character(c_char), intent(in) :: path(*)
-      end function c_unlink
+      end function call_with_path
 
+      integer(c_int) function call_with_paths(one, other) bind(c)
+         import :: c_char, c_int
+         character(c_char), intent(in) :: one(*), other(*)
+      end function call_with_paths
+
+      integer(c_int) function text_of_path(path, text, n_bytes) bind(c)
+         import :: c_char, c_int
+         character(c_char), intent(in) :: path(*)
+         character(c_char), intent(out) :: text(*)
+         integer(c_int), value :: n_bytes
+      end function text_of_path
+
+      subroutine call_with_descriptor(descriptor) bind(c)
+         import :: c_int
+         integer(c_int), value :: descriptor
+      end subroutine call_with_descriptor
+   end interface
+
+   procedure(call_with_paths), bind(c, name="link") :: c_link
+   procedure(call_with_paths), bind(c, name="rename") :: c_rename
+   procedure(call_with_path), bind(c, name="unlink") :: c_unlink
+   procedure(call_with_path), bind(c, name="hb_kind_of_file") :: hb_kind_of_file
+   procedure(call_with_paths), bind(c, name="hb_is_same_file") :: hb_is_same_file
+   procedure(text_of_path), bind(c, name="hb_read_link") :: hb_read_link
+   procedure(text_of_path), bind(c, name="hb_full_folder") :: hb_full_folder
+   procedure(call_with_path), bind(c, name="hb_take_file") :: hb_take_file
+   procedure(call_with_path), bind(c, name="hb_sync_file") :: hb_sync_file
+   procedure(call_with_descriptor), bind(c, name="hb_finish_file") :: hb_finish_file
+   procedure(call_with_descriptor), bind(c, name="hb_release_file") :: hb_release_file
+
+   interface
       integer(c_int) function c_isatty(descriptor) bind(c, name="isatty")
          import :: c_int
          integer(c_int), value :: descriptor
       end function c_isatty
-
-      integer(c_int) function hb_kind_of_file(path) bind(c, name="hb_kind_of_file")
-         import :: c_char, c_int
-         character(c_char), intent(in) :: path(*)
-      end function hb_kind_of_file
-
-      integer(c_int) function hb_is_same_file(one, other) bind(c, name="hb_is_same_file")
-         import :: c_char, c_int
-         character(c_char), intent(in) :: one(*), other(*)
-      end function hb_is_same_file
-
-      integer(c_int) function hb_read_link(path, target, n_bytes) bind(c, name="hb_read_link")
-         import :: c_char, c_int
-         character(c_char), intent(in) :: path(*)
-         character(c_char), intent(out) :: target(*)
-         integer(c_int), value :: n_bytes
-      end function hb_read_link
-
-      integer(c_int) function hb_full_folder(path, full, n_bytes) bind(c, name="hb_full_folder")
-         import :: c_char, c_int
-         character(c_char), intent(in) :: path(*)
-         character(c_char), intent(out) :: full(*)
-         integer(c_int), value :: n_bytes
-      end function hb_full_folder
-
-      integer(c_int) function hb_take_file(path) bind(c, name="hb_take_file")
-         import :: c_char, c_int
-         character(c_char), intent(in) :: path(*)
-      end function hb_take_file
 
       integer(c_int) function hb_hold_file(path, n_bytes) bind(c, name="hb_hold_file")
          import :: c_char, c_int, c_long_long
@@ -96,21 +88,6 @@ module hb_system
          integer(c_int), value :: descriptor
          integer(c_long_long), value :: n_bytes
       end function hb_check_space
-
-      subroutine hb_finish_file(descriptor) bind(c, name="hb_finish_file")
-         import :: c_int
-         integer(c_int), value :: descriptor
-      end subroutine hb_finish_file
-
-      subroutine hb_release_file(descriptor) bind(c, name="hb_release_file")
-         import :: c_int
-         integer(c_int), value :: descriptor
-      end subroutine hb_release_file
-
-      integer(c_int) function hb_sync_file(path) bind(c, name="hb_sync_file")
-         import :: c_char, c_int
-         character(c_char), intent(in) :: path(*)
-      end function hb_sync_file
 
       integer(c_int) function c_getpid() bind(c, name="getpid")
          import :: c_int

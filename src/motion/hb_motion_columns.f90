@@ -15,10 +15,10 @@ module hb_motion_columns
    use hb_stability, only: stability_method_names
    implicit none
    private
-   public :: columns_t, of_dof, of_force
+   public :: columns_t, of_dof, of_force, of_rate
 
-   ! Units that depend on the degrees of freedom along the slowest axis of a row, and those of the forces on these.
-   character(*), parameter :: of_dof = "of the degree of freedom", of_force = "of its force"
+   ! Units that depend on the degrees of freedom along an axis of a row: theirs, and those of the forces on them and of their rates.
+   character(*), parameter :: of_dof = "of the degree of freedom", of_force = "of its force", of_rate = "of its rate"
 
    !> Who goes through the table: gets each column that is there with its values, if these are known.
    type, abstract :: columns_t

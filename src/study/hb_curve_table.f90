@@ -29,7 +29,6 @@ contains
       character(*), intent(in) :: path
       type(sweep_plan_t), intent(inout) :: plan
       type(error_t), allocatable, intent(out) :: error
-      type(error_t), allocatable :: error_in_close
       type(h5_file_t) :: file
       type(h5_dataset_t) :: dataset
 
@@ -41,7 +40,7 @@ contains
       if (.not. allocated(error)) call dataset%get_attribute("units", plan%curve%units, error)
       if (.not. allocated(error)) call dataset%read(plan%curve_values, error)
       if (allocated(plan%curve%over)) call file%get("curve_over", plan%over_values, error, [plan%n_points])
-      call file%close(error_in_close)
+      call file%close(error)
    end subroutine note_curve_values
 
    !> Lists where other motions leave the curves of a file: doublings, tones that join, and grazing at which stability is lost.
@@ -50,7 +49,6 @@ contains
       integer, intent(in) :: n_points
       type(leaving_t), allocatable, intent(out) :: leaving(:)
       type(error_t), allocatable, intent(out) :: error
-      type(error_t), allocatable :: error_in_close
       type(h5_file_t) :: file
       integer, allocatable :: is_stable(:), kind(:)
       integer :: after, before, beyond, i
@@ -60,7 +58,7 @@ contains
       if (allocated(error)) return
       call file%get("curve_kind", kind, error, [n_points])
       call file%get("is_stable", is_stable, error, [n_points])
-      call file%close(error_in_close)
+      call file%close(error)
       if (allocated(error)) return
       do i = 1, n_points
          beyond = i
@@ -81,7 +79,6 @@ contains
       type(sweep_plan_t), intent(in) :: plan
       character(:), allocatable, intent(out) :: lines(:)
       type(error_t), allocatable, intent(out) :: error
-      type(error_t), allocatable :: error_in_close
       type(h5_file_t) :: file
       type(sweep_plan_t) :: rounded                                   ! to ten digits
       character(16) :: digits
@@ -96,7 +93,7 @@ contains
       call file%get("curve_branch", branch, error, [plan%n_points])
       call file%get("is_stable", is_stable, error, [plan%n_points])
       call file%get("n_unstable", n_unstable, error, [plan%n_points])
-      call file%close(error_in_close)
+      call file%close(error)
       if (allocated(error)) return
       rounded = plan
       n = 0

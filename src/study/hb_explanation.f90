@@ -1,24 +1,63 @@
-!> What happened at a point of a result file, in sentences: how it ended, what was tried, how near that came, and what to do next.
+!> What happened at the points of a result file: each kind of failure once, with its message, how many points it has and the command
+!> to try next; and of one point, in sentences, how it ended, what was tried, how near that came, and what to do next.
 module hb_explanation
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_advice, only: rounded
    use hb_document, only: document_t
-   use hb_failure_kinds, only: find_kinds
    use hb_kinds, only: wp
-   use hb_next_step, only: failure_kind_t, next_step, run_names_t
+   use hb_next_step, only: failure_kind_t, next_step, run_names_t, shell_word
    use hb_outcome, only: is_solved, outcome, outcome_names, outcome_remedy, outcome_text
    use hb_properties, only: properties_t
-   use hb_results_record, only: messages_of, record_t
+   use hb_results_record, only: message_of, messages_of, record_t
    use hb_solver_types, only: fallback_names, fallback_texts
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, split, string_t, to_text
    implicit none
    private
-   public :: explain_failures, explain_point
+   public :: explain_failures, explain_point, find_kinds, status_lines
 
    character(*), parameter :: mark = "; least residuals: "            ! of hb_advice, before what each attempt reached
+   integer, parameter :: most_read = 200                              ! messages of a status that are examined for a summary
+   integer, parameter :: most_kinds = 3                               ! of a status that are reported there
 
 contains
+
+   !> Lines on all points but those that are converged, pending or unused.
+   subroutine status_lines(status, names, plan, document, lines)
+      integer, intent(in) :: status(:)                                !! (n_points)
+      type(run_names_t), intent(in) :: names
+      type(sweep_plan_t), intent(in) :: plan
+      type(document_t), intent(in) :: document                        !! the input of the run
+      type(string_t), allocatable, intent(out) :: lines(:)
+      type(failure_kind_t), allocatable :: kinds(:)
+      character(:), allocatable :: said, text
+      integer :: i, k
+
+      allocate (lines(0))
+      do i = outcome%converged + 1, ubound(outcome_names, 1)
+         call kinds_of_status(i, status, names%result, most_read, kinds)
+         if (size(kinds) == 0) cycle
+         call add(to_text(count(status == i))//" "//outcome_text(i)//" (first: point "//to_text(kinds(1)%first - 1)//")")
+         said = ""
+         do k = 1, min(size(kinds), most_kinds)
+            text = "point "//name_of(kinds(k)%first, plan)
+            if (size(kinds) > 1) text = text//others_of(kinds(k))
+            if (len(kinds(k)%message) > 0) call add("  "//text//": "//kinds(k)%message)
+            text = next_step(kinds(k), names, plan, document)
+            if (len(text) == 0 .or. text == said) cycle
+            call add("  try: "//text)
+            said = text
+         end do
+         if (size(kinds) > most_kinds) call add("  and "//number_of(size(kinds) - most_kinds, "other message")// &
+            "; nhbm-post info "//shell_word(names%result)//" has a row for each point")
+      end do
+   contains
+      subroutine add(line)
+         character(*), intent(in) :: line
+
+         lines = [lines, string_t(line)]
+      end subroutine add
+   end subroutine status_lines
 
    !> A paragraph on each kind of failure in a file, at the first of its points; an element each.
    subroutine explain_failures(record, names, plan, document, paragraphs)
@@ -28,17 +67,12 @@ contains
       type(document_t), intent(in) :: document
       type(string_t), allocatable, intent(out) :: paragraphs(:)
       type(failure_kind_t), allocatable :: kinds(:)
-      type(string_t), allocatable :: messages(:)
       character(:), allocatable :: text
-      integer, allocatable :: points(:)
       integer :: i, k
 
       allocate (paragraphs(0))
       do i = outcome%converged + 1, ubound(outcome_names, 1)
-         points = pack([(k, k=1, record%n_points)], record%status == i)
-         if (size(points) == 0 .or. i == outcome%unused) cycle
-         call messages_of(names%result, points, messages)
-         call find_kinds(i, points, messages, kinds)
+         call kinds_of_status(i, record%status, names%result, record%n_points, kinds)
          do k = 1, size(kinds)
             text = paragraph(kinds(k), record, names, plan, document)
             paragraphs = [paragraphs, string_t(text)]
@@ -54,13 +88,65 @@ contains
       type(sweep_plan_t), intent(in) :: plan
       type(document_t), intent(in) :: document
       character(:), allocatable :: text
-      type(string_t), allocatable :: messages(:)
-      type(failure_kind_t), allocatable :: kinds(:)
 
-      call messages_of(names%result, [point], messages)
-      call find_kinds(record%status(point), [point], messages, kinds)
-      text = paragraph(kinds(1), record, names, plan, document)
+      text = paragraph(failure_kind_t(record%status(point), 1, point, message_of(names%result, point)), &
+                       record, names, plan, document)
    end function explain_point
+
+   !> Kinds of the points that have a status, none where it is `unused`; of many points the first alone are examined.
+   subroutine kinds_of_status(wanted, status, path, most, kinds)
+      integer, intent(in) :: wanted, status(:)                        !! of all points
+      character(*), intent(in) :: path                                !! of the result file
+      integer, intent(in) :: most                                     !! points that are examined
+      type(failure_kind_t), allocatable, intent(out) :: kinds(:)
+      type(string_t), allocatable :: messages(:)
+      integer, allocatable :: points(:)
+      integer :: i
+
+      points = pack([(i, i=1, size(status))], status == wanted .and. wanted /= outcome%unused)
+      points = points(:min(size(points), most))
+      allocate (messages(0))
+      if (size(points) > 0) call messages_of(path, points, messages)
+      call find_kinds(wanted, points, messages, kinds)
+   end subroutine kinds_of_status
+
+   !> Groups points of one status by their messages, apart from numbers.
+   pure subroutine find_kinds(status, points, messages, kinds)
+      integer, intent(in) :: status
+      integer, intent(in) :: points(:)                                !! from 1, ascending
+      type(string_t), intent(in) :: messages(:)                       !! as points
+      type(failure_kind_t), allocatable, intent(out) :: kinds(:)
+      character(:), allocatable :: form
+      integer :: i, k, n
+
+      allocate (kinds(size(points)))
+      n = 0
+      do i = 1, size(points)
+         form = without_numbers(messages(i)%value)
+         do k = 1, n
+            if (without_numbers(kinds(k)%message) == form) exit
+         end do
+         n = max(n, k)
+         kinds(k)%n_points = kinds(k)%n_points + 1
+         if (kinds(k)%n_points > 1) cycle
+         kinds(k)%status = status
+         kinds(k)%first = points(i)
+         kinds(k)%message = messages(i)%value
+      end do
+      kinds = kinds(:n)
+   end subroutine find_kinds
+
+   !> Message up to its list of residuals, without what numbers consist of.
+   pure function without_numbers(message) result(form)
+      character(*), intent(in) :: message
+      character(:), allocatable :: form
+      integer :: i
+
+      form = ""
+      do i = 1, index(message//mark, mark) - 1
+         if (index("0123456789.+-Ee", message(i:i)) == 0) form = form//message(i:i)
+      end do
+   end function without_numbers
 
    !> Sentences on the first point of a kind; lines with a command begin with "try: ".
    function paragraph(kind, record, names, plan, document) result(text)
@@ -72,9 +158,7 @@ contains
       character(:), allocatable :: text, advice, command
       integer :: n
 
-      text = "Point "//name_of(kind%first, plan)
-      if (kind%n_points > 1) text = text//" and "//number_of(kind%n_points - 1, "other")
-      text = text//": "//outcome_text(kind%status)//"."
+      text = "Point "//name_of(kind%first, plan)//others_of(kind)//": "//outcome_text(kind%status)//"."
       if (kind%status == outcome%pending .or. kind%status == outcome%unused) then
          if (kind%status == outcome%pending) text = text//" "//outcome_remedy(kind%status)
          return
@@ -98,6 +182,15 @@ contains
       text = to_text(point - 1)
       if (len(plan%describe(point)) > 0) text = text//" ("//plan%describe(point)//")"
    end function name_of
+
+   !> How many points beside the first are of a kind.
+   pure function others_of(kind) result(text)
+      type(failure_kind_t), intent(in) :: kind
+      character(:), allocatable :: text
+
+      text = ""
+      if (kind%n_points > 1) text = " and "//number_of(kind%n_points - 1, "other")
+   end function others_of
 
    !> What was tried: the attempts that the message lists, or the one that led to the motion.
    function attempts_text(kind, record) result(text)

@@ -4,10 +4,9 @@ module hb_padding
    use hb_error, only: error_t
    use hb_hdf5, only: h5_file_t, open_file
    use hb_kinds, only: wp
-   use hb_result_columns, only: new_plan, plan_t
+   use hb_result_columns, only: measure_row, new_plan, plan_t
    use hb_results_file, only: make_file
    use hb_results_layout, only: results_layout_t
-   use hb_results_plan, only: measure_row
    use hb_results_record, only: open_points, read_record, record_t
    use hb_study, only: describe_layout, row_of_study, study_t
    implicit none

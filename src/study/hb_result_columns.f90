@@ -6,30 +6,22 @@
 module hb_result_columns
    use hb_branches, only: left_branch
    use hb_error, only: annotate, error_t, fail
-   use hb_hdf5, only: h5_dataset_t, is_characters, is_integer, is_real
-   use hb_integration_verdict, only: verdict_names
-   use hb_kinds, only: wp
-   use hb_motion_columns, only: columns_t, of_dof, of_force
+   use hb_file_columns, only: file_columns_t
+   use hb_hdf5, only: bytes_of_kind, h5_dataset_t, is_characters, is_integer, is_real
+   use hb_kinds, only: int64, two_pi, wp
    use hb_motion_result, only: motion_result_t
    use hb_parameter_path, only: identifier
+   use hb_record_columns, only: verdict_columns
    use hb_results_layout, only: results_layout_t
    use hb_row_buffer, only: row_buffer_t
-   use hb_text, only: join, shortened, split, string_t, to_text
+   use hb_text, only: join, shortened, to_text
+   use hb_verification, only: verdict_t
    implicit none
    private
-   public :: axis_t, column_t, message_length, new_plan, plan_t, tuple_entry_name
+   public :: bytes_of_row, column_t, measure_row, message_length, new_plan, plan_t, tuple_entry_name
 
    integer, parameter :: message_length = 400          ! bytes
    integer, parameter :: most_columns = 100            ! that the table has room for
-
-   !> A dimension of the file. Its entries are labels, else angles if the unit says so, else numbers from `first`.
-   type :: axis_t
-      character(:), allocatable :: name, long_name, units
-      integer :: length = 0, first = 0
-      character(64), allocatable :: labels(:)
-      character(16), allocatable :: dof_units(:)        ! of the degrees of freedom that the labels name
-      type(h5_dataset_t) :: scale
-   end type axis_t
 
    !> A dataset of the file that has one row per point, or per rank.
    type :: column_t
@@ -47,8 +39,7 @@ module hb_result_columns
    end type column_t
 
    !> What a file consists of, beside swept parameters and texts.
-   type, extends(columns_t) :: plan_t
-      type(axis_t), allocatable :: axes(:)              ! that of the points is the first
+   type, extends(file_columns_t) :: plan_t
       type(column_t), allocatable :: columns(:)         ! one row per point
       type(column_t), allocatable :: times(:)           ! one row per rank: hb_timing%rank_times_t and the overhead
       ! Going through the table:
@@ -56,10 +47,8 @@ module hb_result_columns
       integer, private :: i = 0                         ! column
       type(error_t), allocatable, private :: error
    contains
-      procedure :: axis_index => plan_axis_index
       procedure :: extents_of => plan_extents_of
       procedure :: index_of => plan_index_of
-      procedure :: length_of => plan_length_of
       procedure :: put_motion => plan_put_motion
       procedure :: integer => plan_integer
       procedure :: real => plan_real
@@ -81,24 +70,13 @@ contains
    subroutine later_columns(t, m)
       type(plan_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
-      real(wp), parameter :: none = 0.0_wp
 
       call t%integer("checksum", "1", "", "CRC-32 over the values of the row, as they stand in the file", 0)
       call t%integer("branch", "1", "", &
          "segment of the response along the fastest swept parameter, from 1; 0: unknown", &
          merge(left_branch, 0, m%leaves_branch))
       t%is_known = .false.
-      call t%integer("integration_verdict", "1", "", "verdict of nhbm verify", 0, verdict_names)
-      call t%real("integration_first_difference", "1", "", &
-         "largest difference from time integration in the first period of the slowest tone, "// &
-         "relative to the motion of its coordinate", none)
-      call t%real("integration_difference", "1", "", "difference from time integration in the last periods, "// &
-         "for the coordinate with the largest ratio to its limit, relative to its motion", none)
-      call t%real("integration_limit", "1", "", "limit of that difference", none)
-      call t%real("integration_growth", "1/s", "", "rate at which a nearby trajectory diverges from the motion", none)
-      call t%real("integration_duration", "s", "", "integrated time", none)
-      call t%real("integration_drift", "rad/s", "tone", &
-         "integrated frequency minus that of the motion, 0 for given tones", [none])
+      call verdict_columns(t, verdict_t())
       t%is_known = .true.
    end subroutine later_columns
 
@@ -117,50 +95,36 @@ contains
       call t%real("worker_overhead_per_point", "s", "worker", "time per point that was neither solving nor waiting", 0.0_wp)
    end subroutine time_columns
 
-   !> All dimensions of the file.
-   subroutine list_axes(layout, axes)
+   !> All dimensions of the file; that of the points is the first.
+   subroutine list_axes(self, layout)
+      class(plan_t), intent(inout) :: self
       type(results_layout_t), intent(in) :: layout
-      type(axis_t), allocatable, intent(out) :: axes(:)
-      integer :: i
+      integer :: i, k
 
-      allocate (axes(0))
-      call add("point", layout%n_points, "number of the sweep point, from 0")
-      call add("tone", size(layout%tuples, 1), "number of the tone, from 1", first=1)
-      call add("harmonic", size(layout%tuples, 2), "number of the harmonic, from 0")
-      call add("dof", size(layout%dof_labels), "stored degree of freedom", layout%dof_labels, layout%dof_units)
-      call add("law_dof", size(layout%law_dof_labels), "degree of freedom on which laws act", layout%law_dof_labels, &
+      call self%add_axis("point", layout%n_points, "number of the sweep point, from 0")
+      call self%add_axis("tone", size(layout%tuples, 1), "number of the tone, from 1", first=1)
+      call self%add_axis("harmonic", size(layout%tuples, 2), "number of the harmonic, from 0")
+      call self%add_axis("dof", size(layout%dof_labels), "stored degree of freedom", layout%dof_labels, layout%dof_units)
+      call self%add_axis("law_dof", size(layout%law_dof_labels), "degree of freedom on which laws act", layout%law_dof_labels, &
          layout%law_dof_units)
-      call add("component", 2, "part of a coefficient", ["cos", "sin"])
-      call add("message_byte", message_length, "byte of a message")
-      call add("law", size(layout%law_labels), "law, by its label", layout%law_labels)
-      call add("worker", layout%n_ranks, "MPI rank of the run, from 0")
-      call add("multiplier", layout%n_multipliers, "number of the multiplier, from 0")
-      call add("output", size(layout%output_names), "output that the tolerance is for, as the input has it", layout%output_names)
-      call add("gradient_value", size(layout%gradient_names), "value by which motions are differentiated, as the input has it", &
-         layout%gradient_names)
+      call self%add_axis("component", 2, "part of a coefficient", ["cos", "sin"])
+      call self%add_axis("message_byte", message_length, "byte of a message")
+      call self%add_axis("law", size(layout%law_labels), "law, by its label", layout%law_labels)
+      call self%add_axis("worker", layout%n_ranks, "MPI rank of the run, from 0")
+      call self%add_axis("multiplier", layout%n_multipliers, "number of the multiplier, from 0")
+      call self%add_axis("output", size(layout%output_names), "output that the tolerance is for, as the input has it", &
+         layout%output_names)
+      call self%add_axis("gradient_value", size(layout%gradient_names), &
+         "value by which motions are differentiated, as the input has it", layout%gradient_names)
       do i = 1, size(layout%n_samples)
-         call add("tau_"//to_text(i), layout%n_samples(i), "hypertime of tone "//to_text(i))
-         axes(size(axes))%units = "rad"
+         call self%add_axis("tau_"//to_text(i), layout%n_samples(i), "hypertime of tone "//to_text(i))
+         associate (axis => self%axes(size(self%axes)))
+            axis%units = "rad"
+            axis%values = [(two_pi*k/axis%length, k=0, axis%length - 1)]
+         end associate
       end do
       if (allocated(layout%curve_parameter)) &
-         call add("curve_unknown", layout%n_curve_unknowns, "number of the unknown of the curve, from 0")
-   contains
-      subroutine add(name, length, long_name, labels, dof_units, first)
-         character(*), intent(in) :: name, long_name
-         integer, intent(in) :: length
-         character(*), intent(in), optional :: labels(:), dof_units(:)
-         integer, intent(in), optional :: first                       !! number, default 0
-         type(axis_t) :: axis
-
-         axis%name = name
-         axis%length = length
-         axis%long_name = long_name
-         axis%units = "1"
-         if (present(labels)) axis%labels = [character(64) :: labels]
-         if (present(dof_units)) axis%dof_units = [character(16) :: dof_units]
-         if (present(first)) axis%first = first
-         axes = [axes, axis]
-      end subroutine add
+         call self%add_axis("curve_unknown", layout%n_curve_unknowns, "number of the unknown of the curve, from 0")
    end subroutine list_axes
 
    ! Going through the table
@@ -184,11 +148,12 @@ contains
       if (allocated(layout%curve_units)) self%curve_units = layout%curve_units
       if (self%has_curve) self%curve_path = layout%curve_parameter
       if (self%has_curve) self%curve_column = identifier(layout%curve_parameter)
-      call list_axes(layout, self%axes)
+      call list_axes(self, layout)
       allocate (self%columns(most_columns))
       call time_columns(self)
       self%times = self%columns(:self%i)
       self%i = 0
+      self%row_axis = 1
       call all_columns(self, motion_result_t())
       self%columns = self%columns(:self%i)
    end subroutine new_plan
@@ -269,7 +234,6 @@ contains
       class(plan_t), intent(inout) :: self
       integer, intent(in) :: kind
       character(*), intent(in) :: name, units, shape, long_name
-      character(16), allocatable :: dof_units(:)
 
       begins = self%is_there .and. .not. allocated(self%error)
       if (.not. begins) return
@@ -286,50 +250,13 @@ contains
          end if
          column%kind = kind
          column%long_name = long_name
-         column%units = units
-         call find_axes(self, shape, column%axes)
+         call self%find_axes(shape, column%axes)
+         call self%find_units(units, column%axes, column%units, column%dof_units)
          column%is_checked = all(name /= ["checksum", "branch  ", "rank    "]) .and. index(name, "integration_") /= 1 .and. &
             index(name, "_seconds") == 0
          column%is_part_used = self%has_own_tuples .and. (index(shape, "harmonic") > 0 .or. shape == "curve_unknown")
-         if (units /= of_dof .and. units /= of_force) return
-         dof_units = self%axes(column%axes(size(column%axes) - 1))%dof_units
-         if (units == of_force) dof_units = force_units(dof_units)
-         column%units = common_units(dof_units)
-         column%dof_units = trim(adjustl(join(dof_units, " ")))
       end associate
    end function begins
-
-   !> Axes of the rows of a shape, fastest first; the last is that of the points, or of the ranks.
-   subroutine find_axes(self, shape, axes)
-      class(plan_t), intent(in) :: self
-      character(*), intent(in) :: shape
-      integer, allocatable, intent(out) :: axes(:)
-      type(string_t), allocatable :: names(:)
-      integer :: i, k
-
-      allocate (axes(0))
-      if (shape /= "worker") axes = [self%axis_index("point")]
-      call split(shape, " ", names)
-      do i = 1, size(names)
-         select case (names(i)%value)
-         case ("")
-         case ("tau")
-            axes = [pack([(k, k=1, size(self%axes))], [(index(self%axes(k)%name, "tau_") == 1, k=1, size(self%axes))]), axes]
-         case default
-            axes = [self%axis_index(names(i)%value), axes]
-         end select
-      end do
-   end subroutine find_axes
-
-   !> Gives the index of an axis, 0 where the file has none of the name.
-   pure integer function plan_axis_index(self, name) result(i)
-      class(plan_t), intent(in) :: self
-      character(*), intent(in) :: name
-
-      do i = size(self%axes), 1, -1
-         if (self%axes(i)%name == name) return
-      end do
-   end function plan_axis_index
 
    !> Gives the index of a column, 0 where the file has none of the name.
    pure integer function plan_index_of(self, name) result(i)
@@ -350,18 +277,28 @@ contains
       extents = self%axes(column%axes)%length
    end function plan_extents_of
 
-   !> Gives the length of an axis, 0 where the file has none of the name.
-   pure integer function plan_length_of(self, axis) result(length)
-      class(plan_t), intent(in) :: self
-      character(*), intent(in) :: axis
+   !> Gives what one point takes in the file, swept parameters included, and how many datasets it is written to when solved.
+   pure subroutine measure_row(plan, n_parameters, n_bytes, n_datasets)
+      type(plan_t), intent(in) :: plan
+      integer, intent(in) :: n_parameters
+      real(wp), intent(out) :: n_bytes
+      integer, intent(out) :: n_datasets
       integer :: i
 
-      i = self%axis_index(axis)
-      length = 0
-      if (i > 0) length = self%axes(i)%length
-   end function plan_length_of
+      n_datasets = size(plan%columns)
+      n_bytes = bytes_of_kind(is_integer) + real(bytes_of_kind(is_real), wp)*n_parameters
+      do i = 1, size(plan%columns)
+         n_bytes = n_bytes + bytes_of_row(plan, plan%columns(i))
+      end do
+   end subroutine measure_row
 
-   ! Values and units
+   !> Bytes of a row of one column.
+   pure integer(int64) function bytes_of_row(plan, column) result(n_bytes)
+      type(plan_t), intent(in) :: plan
+      type(column_t), intent(in) :: column
+
+      n_bytes = bytes_of_kind(column%kind)*product(int(plan%axes(column%axes(:size(column%axes) - 1))%length, int64))
+   end function bytes_of_row
 
    !> Gives the name of the dataset with the entries of all tuples for one tone, from 1.
    pure function tuple_entry_name(tone) result(name)
@@ -370,33 +307,4 @@ contains
 
       name = "tuple_"//to_text(tone)
    end function tuple_entry_name
-
-   !> Gives the unit of the force that does work on each degree of freedom.
-   pure function force_units(units)
-      character(*), intent(in) :: units(:)
-      character(16) :: force_units(size(units))
-      integer :: i
-
-      do i = 1, size(units)
-         select case (units(i))
-         case ("m"); force_units(i) = "N"
-         case ("rad"); force_units(i) = "N*m"
-         case ("1", ""); force_units(i) = "1"
-         case default; force_units(i) = "J/"//units(i)
-         end select
-      end do
-   end function force_units
-
-   !> Gives the unit that all degrees of freedom share, or the name of the attribute that lists them.
-   pure function common_units(units) result(shared)
-      character(*), intent(in) :: units(:)
-      character(:), allocatable :: shared
-
-      shared = "see dof_units"
-      if (size(units) == 0) then
-         shared = "1"
-      else if (all(units == units(1))) then
-         shared = trim(units(1))
-      end if
-   end function common_units
 end module hb_result_columns

@@ -15,10 +15,9 @@ module hb_results
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_outcome, only: outcome
-   use hb_result_columns, only: message_length, new_plan
+   use hb_result_columns, only: measure_row, message_length, new_plan
    use hb_results_file, only: make_file
    use hb_results_layout, only: check_layout, results_layout_t, swept_parameter_t
-   use hb_results_plan, only: measure_row
    use hb_row_buffer, only: hold_seconds, new_row_buffer, room_for
    use hb_stored_rows, only: stored_file_t
    use hb_system, only: check_held, held_file_t, hold_file, release_file
@@ -109,7 +108,6 @@ contains
       type(results_layout_t), intent(in) :: layout
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
-      type(error_t), allocatable :: error_in_close
       integer :: i
 
       if (rank_of(comm) == 0) call hold_file(self%path, self%place, error)
@@ -134,7 +132,7 @@ contains
       end do
       call share_error(comm, error)
       if (allocated(error)) then
-         call self%file%close(error_in_close)
+         call self%file%close(error)
          call release_file(self%place%descriptor)
       else
          call make_room(self, size(layout%parameters), size_of(comm))
@@ -377,20 +375,18 @@ contains
       end do
    end subroutine results_read_curve
 
-   !> Writes what is held back and closes the file; collective, safe to call twice.
+   !> Writes what is held back and closes the file; collective, safe to call twice. Does not replace an earlier error.
    subroutine results_close(self, error)
       class(results_t), intent(inout) :: self
-      type(error_t), allocatable, intent(out) :: error
-      type(error_t), allocatable :: error_in_close
+      type(error_t), allocatable, intent(inout) :: error
+      type(error_t), allocatable :: in_close, in_flush
 
-      call self%flush(error)
-      call self%file%close(error_in_close)
-      call annotate(error_in_close, "result file '"//self%path//"'")
-      if (.not. allocated(error)) call move_alloc(error_in_close, error)
-      if (.not. allocated(error)) then
-         call check_held(self%place, self%path, error)
-         call annotate(error, "result file '"//self%path//"'")
-      end if
+      call self%flush(in_flush)
+      call self%file%close(in_close)
+      if (.not. allocated(in_close)) call check_held(self%place, self%path, in_close)
+      call annotate(in_close, "result file '"//self%path//"'")
+      if (allocated(in_flush)) call move_alloc(in_flush, in_close)
+      if (.not. allocated(error)) call move_alloc(in_close, error)
       call release_file(self%place%descriptor)
       self%place%descriptor = -1
    end subroutine results_close

@@ -3,13 +3,13 @@ module hb_results_file
    use, intrinsic :: iso_fortran_env, only: int8
    use hb_checksum, only: checksum
    use hb_error, only: annotate, error_t, fail
+   use hb_file_columns, only: amplitude_convention
    use hb_file_location, only: check_place, put_in_place
-   use hb_hdf5, only: bytes_of_kind, create_file, h5_dataset_t, h5_file_t, is_characters, is_integer, is_real
-   use hb_kinds, only: int64, two_pi, wp
+   use hb_hdf5, only: bytes_of_kind, create_file, h5_dataset_t, h5_file_t, is_characters
+   use hb_kinds, only: int64, wp
    use hb_parameter_path, only: identifier
-   use hb_result_columns, only: axis_t, column_t, plan_t, tuple_entry_name
+   use hb_result_columns, only: bytes_of_row, column_t, measure_row, plan_t, tuple_entry_name
    use hb_results_layout, only: results_layout_t, swept_parameter_t
-   use hb_results_plan, only: measure_row, n_bytes_of, parameter_name_length, parameter_names, size_text
    use hb_signals, only: note_unfinished
    use hb_system, only: finish_file, has_space, release_file, remove_file, sync_file, take_file, utc_now
    use hb_text, only: to_text
@@ -20,8 +20,7 @@ module hb_results_file
    real(wp), parameter :: most_bytes = 1.6e7_wp                       ! [B] of rows that are copied at once
 
    integer, parameter :: schema_version = 1
-   character(*), parameter :: amplitude_convention = "x(t) = sum over harmonics h of "// &
-      "[ cos_h cos(j_h . omega t) + sin_h sin(j_h . omega t) ], j_h = tuple[h, :]"
+   integer, parameter :: parameter_name_length = 256                  ! more than any path of an input has
 
 contains
 
@@ -69,6 +68,44 @@ contains
       call release_file(descriptor)
    end subroutine make_file
 
+   !> Gives the number of bytes that a file takes on the disk, rather a few too many.
+   pure function n_bytes_of(plan, layout) result(n_bytes)
+      type(plan_t), intent(in) :: plan
+      type(results_layout_t), intent(in) :: layout
+      integer(int64) :: n_bytes
+      integer(int64), parameter :: of_one_dataset = 4000, of_a_text = 100 ! what describes a dataset; a label or text value
+      integer :: i
+
+      n_bytes = of_one_dataset*(size(plan%columns) + size(plan%times) + size(plan%axes) + &
+         size(layout%parameters) + size(layout%tuples, 1) + 8)
+      do i = 1, size(plan%columns)
+         if (plan%columns(i)%is_part_used) cycle                      ! nothing yet
+         n_bytes = n_bytes + layout%n_points*bytes_of_row(plan, plan%columns(i))
+      end do
+      do i = 1, size(plan%times)
+         n_bytes = n_bytes + bytes_of_kind(plan%times(i)%kind)*int(layout%n_ranks, int64)
+      end do
+      n_bytes = n_bytes + 8*sum(int(plan%axes%length, int64)) + 8*size(layout%tuples, kind=int64) + &
+         of_a_text*(size(layout%dof_labels) + size(layout%law_dof_labels) + size(layout%law_labels) + &
+                    size(layout%output_names))
+      do i = 1, size(layout%parameters)
+         n_bytes = n_bytes + layout%n_points*merge(of_a_text, 8_int64, layout%parameters(i)%is_text)
+      end do
+      if (allocated(layout%input_text)) n_bytes = n_bytes + len(layout%input_text)
+      if (allocated(layout%input_complete)) n_bytes = n_bytes + len(layout%input_complete)
+   end function n_bytes_of
+
+   !> Gives a number of bytes in words, for messages.
+   function size_text(n_bytes) result(text)
+      integer(int64), intent(in) :: n_bytes
+      character(:), allocatable :: text
+      character(40) :: digits
+
+      write (digits, "(f0.1)") max(0.1_wp, real(n_bytes, wp)/1.0e6_wp)
+      text = trim(digits)//" MB"
+      if (text(1:1) == ".") text = "0"//text
+   end function size_text
+
    !> Makes the file and closes it.
    subroutine fill_file(path, layout, plan, error, source)
       character(*), intent(in) :: path
@@ -76,18 +113,16 @@ contains
       type(plan_t), intent(inout) :: plan
       type(error_t), allocatable, intent(out) :: error
       type(h5_file_t), intent(in), optional :: source
-      type(error_t), allocatable :: error_in_close
       type(h5_file_t) :: file
 
       call create_file(file, path, .true., error)
       if (.not. allocated(error)) call add_root_attributes(file, layout, error)
-      if (.not. allocated(error)) call add_scales(file, plan%axes, error)
+      call plan%write_scales(file, error)
       if (.not. allocated(error)) call add_inputs(file, layout, plan, error)
       if (.not. allocated(error)) call add_columns(file, plan, plan%columns, error)
       if (.not. allocated(error)) call add_columns(file, plan, plan%times, error)
       if (present(source) .and. .not. allocated(error)) call copy_rows(source, plan, error)
-      call file%close(error_in_close)
-      if (.not. allocated(error)) call move_alloc(error_in_close, error)
+      call file%close(error)
    end subroutine fill_file
 
    subroutine add_root_attributes(file, layout, error)
@@ -109,44 +144,6 @@ contains
          if (.not. allocated(error)) call file%set_attribute(name, value, error)
       end subroutine set_text
    end subroutine add_root_attributes
-
-   subroutine add_scales(file, axes, error)
-      type(h5_file_t), intent(in) :: file
-      type(axis_t), intent(inout) :: axes(:)
-      type(error_t), allocatable, intent(out) :: error
-      integer :: i, k
-
-      do i = 1, size(axes)
-         associate (axis => axes(i))
-            if (allocated(axis%labels)) then
-               call file%add_texts(axis%name, axis%labels, axis%scale, error)
-            else if (axis%units == "rad") then
-               call file%add(axis%name, is_real, [axis%length], axis%scale, error)
-               if (.not. allocated(error)) call axis%scale%write([(two_pi*k/axis%length, k=0, axis%length - 1)], error)
-            else
-               call file%add(axis%name, is_integer, [axis%length], axis%scale, error)
-               if (axis%length > 0 .and. .not. allocated(error)) &
-                  call axis%scale%write([(axis%first + k, k=0, axis%length - 1)], error)
-            end if
-            if (.not. allocated(error)) call axis%scale%make_scale(scale_name(axis), error)
-            call axis%scale%describe(axis%units, axis%long_name, error)
-         end associate
-         if (allocated(error)) return
-      end do
-   end subroutine add_scales
-
-   !> Gives the name that a scale keeps in the file: its own, or the words of netCDF for a dimension without
-   !> coordinate.
-   function scale_name(axis) result(name)
-      type(axis_t), intent(in) :: axis
-      character(:), allocatable :: name
-      character(64) :: words
-
-      name = axis%name
-      if (name /= "message_byte") return
-      write (words, "(a, i10)") "This is a netCDF dimension but not a netCDF variable.", axis%length
-      name = trim(words)
-   end function scale_name
 
    !> Adds the results of the run before it starts: tuples, swept parameters, input files.
    subroutine add_inputs(file, layout, plan, error)
@@ -186,6 +183,40 @@ contains
       call file%put("input_libraries", or_empty(layout%input_libraries), &
          "libraries of the laws, checksum and length, a line each", error)
    end subroutine add_inputs
+
+   !> Gives a variable name for each swept parameter: its path in lower case with one underscore for every run
+   !> of other characters; a number is added where the name is taken.
+   function parameter_names(layout, plan) result(names)
+      type(results_layout_t), intent(in) :: layout
+      type(plan_t), intent(in) :: plan
+      character(parameter_name_length) :: names(size(layout%parameters))
+      character(:), allocatable :: stem
+      integer :: i, n
+
+      do i = 1, size(names)
+         stem = identifier(layout%parameters(i)%path)
+         if (stem == "") stem = "parameter"
+         names(i) = stem
+         n = 1
+         do while (is_taken(trim(names(i))) .or. any(names(:i - 1) == names(i)))
+            n = n + 1
+            names(i) = stem//"_"//to_text(n)
+         end do
+      end do
+
+   contains
+
+      pure logical function is_taken(name)
+         character(*), intent(in) :: name
+         character(*), parameter :: others(6) = [character(15) :: "tuple", "input_text", "input_overrides", "input_complete", &
+                                                 "input_libraries", "tuples"]
+         integer :: k
+
+         is_taken = plan%index_of(name) > 0 .or. plan%axis_index(name) > 0 .or. any(others == name) .or. &
+            any([(plan%times(k)%name == name, k=1, size(plan%times))]) .or. &
+            any([(tuple_entry_name(k) == name, k=1, size(layout%tuples, 1))])
+      end function is_taken
+   end function parameter_names
 
    !> Gives the names of what labels points and harmonics, with blanks between (CF convention).
    function coordinate_names(layout, parameters) result(text)

@@ -9,7 +9,7 @@ module hb_stored_origin
    use hb_hdf5, only: open_file
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t
-   use hb_row_checks, only: refuse_damaged_rows
+   use hb_results_record, only: refuse_damaged_rows
    use hb_stored_rows, only: stored_file_t
    use hb_text, only: to_text
    implicit none
@@ -41,7 +41,6 @@ contains
       integer, intent(in) :: point                                    !! from 0
       type(model_t), intent(in) :: model                              !! of the new curve
       type(error_t), allocatable, intent(out) :: error
-      type(error_t), allocatable :: error_in_close
       type(stored_file_t) :: stored
       type(curve_position_t) :: place
       integer, allocatable :: status(:), tuples(:, :)
@@ -55,7 +54,7 @@ contains
       call stored%fetch("status", status, error)
       call stored%get_place(point + 1, place, error)
       call stored%get_tuples(point + 1, tuples, error)
-      call stored%file%close(error_in_close)
+      call stored%file%close(error)
       if (.not. allocated(error)) call refuse_damaged_rows(path, status, [point], error)
       if (.not. allocated(error)) then
          if (any(place%kind == [curve_kind%flip, curve_kind%torus])) then

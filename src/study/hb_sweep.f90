@@ -25,9 +25,8 @@ module hb_sweep
    use hb_point_source, only: point_source_t
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_results, only: create_results, open_results, results_t
-   use hb_results_record, only: read_record, record_t
+   use hb_results_record, only: count_pending, read_record, record_t
    use hb_resume, only: choose_units, resumed_file_t, resumed_input_t
-   use hb_row_checks, only: count_pending
    use hb_run_summary, only: count_kept, count_point, has_answer, run_summary_t, sum_up
    use hb_schedule, only: cursor_t, new_schedule, schedule_t
    use hb_signals, only: wait_for_points

@@ -57,7 +57,7 @@ contains
                call solve_to_tolerance(model, result, error, level, below)
                if (allocated(level%unknowns)) unknowns = level%unknowns
             else
-               if (model%chain%is_on) call neighbour%predict(value, model%harmonics%tuples, model%chain%secant, start)
+               if (model%chain%is_on) call neighbour%predict(value, model%harmonics, model%chain%secant, start)
                call solve_motion(model, result, error, start, unknowns, source%kept)
                level = level_t(model%harmonics, model%torus%n_samples)
             end if
@@ -74,7 +74,7 @@ contains
          level%unknowns = unknowns
          if (present(check)) call check%look(source, point, level, result)
          if (result%leaves_branch) call neighbour%forget()
-         call neighbour%keep(value, level%set%tuples, unknowns, level%n_samples)
+         call neighbour%keep(value, level)
       else
          call neighbour%forget()
       end if

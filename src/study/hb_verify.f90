@@ -11,8 +11,7 @@ module hb_verify
    use hb_model_reader, only: read_model
    use hb_mpi, only: comm_t, rank_of, share_error, size_of
    use hb_outcome, only: is_solved, outcome
-   use hb_results_record, only: read_record, record_t
-   use hb_row_checks, only: refuse_damaged_rows
+   use hb_results_record, only: read_record, record_t, refuse_damaged_rows
    use hb_run_callbacks, only: run_callbacks
    use hb_stored_rows, only: stored_file_t
    use hb_study, only: new_study, study_t
@@ -42,7 +41,6 @@ contains
       type(comm_t), intent(in) :: comm
       type(verdict_t), allocatable, intent(out) :: verdicts(:)        !! (n_points), of the points of this rank
       type(error_t), allocatable, intent(out) :: error
-      type(error_t), allocatable :: error_in_close
       type(stored_t) :: stored
       type(h5_file_t) :: file
       integer :: i, n_done
@@ -72,8 +70,7 @@ contains
       call share_error(comm, error)
       if (allocated(error)) return
       call write_verdicts(file, verdicts, error)
-      call file%close(error_in_close)
-      if (.not. allocated(error)) call move_alloc(error_in_close, error)
+      call file%close(error)
       call share_error(comm, error)
    end subroutine verify_points
 
@@ -100,7 +97,6 @@ contains
       character(*), intent(in) :: path
       type(stored_t), intent(out) :: stored
       type(error_t), allocatable, intent(out) :: error
-      type(error_t), allocatable :: error_in_close
       type(stored_file_t) :: of_file
       character(:), allocatable :: folder
 
@@ -110,8 +106,7 @@ contains
       call open_file(of_file%file, path, error)
       if (allocated(error)) return
       call read_motions(of_file, stored, error)
-      call of_file%file%close(error_in_close)
-      if (.not. allocated(error)) call move_alloc(error_in_close, error)
+      call of_file%file%close(error)
       folder = stored%input_folder                                    ! files that the input names are those of the run
       if (len(folder) == 0) folder = stored%input_name(:index(stored%input_name, "/", back=.true.))
       if (.not. allocated(error)) call new_study(stored%study, &

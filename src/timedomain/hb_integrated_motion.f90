@@ -107,7 +107,7 @@ contains
       type(model_t), intent(in) :: model
       integer :: i
 
-      has_bounds = has_cvode
+      has_bounds = has_cvode()
       do i = 1, size(model%laws)
          select type (law => model%laws(i)%law)
          class is (hysteretic_law_t)

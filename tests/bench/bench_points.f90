@@ -11,7 +11,6 @@ module bench_points
    use hb_fftw, only: forget_plans
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
-   use hb_memory, only: memory_peak, memory_resident, release_memory, reset_memory_peak
    use hb_motion_result, only: motion_result_t
    use hb_mpi, only: comm_t
    use hb_neighbour, only: neighbour_t
@@ -25,6 +24,7 @@ module bench_points
    use hb_timing, only: rank_times_t
    use kernel_times, only: has_kernels, kernel_names, kernel_times_t, kernel_words, measure_kernels, median, &
       memory_bandwidth, yardstick_words
+   use process_memory, only: memory_peak, memory_resident, release_memory, reset_memory_peak
    implicit none
    private
    public :: bench_options_t, part, point_cost_t, run_bench

@@ -1,0 +1,83 @@
+!> The tables of what time integration gives: a record, as its file has it (docs/user/schema.md), and the verdict on a motion.
+module hb_record_columns
+   use hb_integration, only: integration_t
+   use hb_integration_verdict, only: verdict_names
+   use hb_kinds, only: wp
+   use hb_motion_columns, only: columns_t, of_dof, of_rate
+   use hb_verification, only: verdict_t
+   implicit none
+   private
+   public :: record_columns, verdict_columns
+
+contains
+
+   !> Hands over all columns of a record.
+   subroutine record_columns(t, content, tuples)
+      class(columns_t), intent(inout) :: t
+      type(integration_t), intent(in) :: content
+      integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
+      integer :: i
+
+      associate (record => content%record, assessment => content%assessment, state => content%state)
+         call t%real("time", "s", "time", "time", record%time)
+         call t%real("displacement", of_dof, "dof time", "displacement", record%displacement)
+         call t%real("velocity", of_rate, "dof time", "velocity", record%velocity)
+         call t%real("force", "N", "law_coordinate time", "force of the laws on their coordinates, on the left-hand side", &
+                     record%force)
+         call t%real("cpu_seconds", "s", "", "processor time of the integration", record%cpu_seconds)
+         call t%real("frequency", "rad/s", "tone", "base frequencies", content%omega)
+         call t%integer("tuple", "1", "harmonic tone", "integer tuple j of each harmonic", tuples)
+         call t%real("coefficients", of_dof, "dof harmonic component", &
+                     "coefficients of the record by averages with a smooth window", pairs_of(assessment%coefficients))
+         call t%real("spread", of_dof, "dof harmonic", "difference of the coefficients of both halves of the record", &
+                     assessment%spread)
+         if (size(assessment%frequencies, 1) > 0) then
+            call t%real("peak_frequency", "rad/s", "dof peak", "frequencies of the largest lines", assessment%frequencies)
+            call t%real("peak_coefficients", of_dof, "dof peak component", "coefficients of the largest lines", &
+                        pairs_of(assessment%amplitudes))
+         end if
+         if (allocated(content%motion)) then
+            associate (n => size(assessment%spread, 1), m => size(assessment%spread, 2), motions => content%motions)
+               call t%integer("start_motion", "1", "start", "motion in which each start ends, 0: none", content%motion)
+               call t%real("motion_coefficients", of_dof, "motion dof harmonic component", "coefficients of each motion", &
+                           reshape([(pairs_of(motions(i)%coefficients), i=1, size(motions))], [2, n, m, size(motions)]))
+               call t%real("motion_spread", of_dof, "motion dof harmonic", &
+                           "difference of the coefficients of both halves of its record", &
+                           reshape([(motions(i)%spread, i=1, size(motions))], [n, m, size(motions)]))
+            end associate
+         end if
+         call t%real("state_time", "s", "", "time of the last state", state%time)
+         call t%real("state_displacement", of_dof, "state_dof", "displacement of the last state", state%q)
+         call t%real("state_velocity", of_rate, "state_dof", "velocity of the last state", state%v)
+         if (size(state%s) > 0) &
+            call t%real("state_slider", "m", "slider", "states of the laws with memory in the last state", state%s)
+      end associate
+   end subroutine record_columns
+
+   !> Hands over all columns of a verdict.
+   subroutine verdict_columns(t, verdict)
+      class(columns_t), intent(inout) :: t
+      type(verdict_t), intent(in) :: verdict
+
+      call t%integer("integration_verdict", "1", "", "verdict of nhbm verify", verdict%kind, verdict_names)
+      call t%real("integration_first_difference", "1", "", &
+         "largest difference from time integration in the first period of the slowest tone, "// &
+         "relative to the motion of its coordinate", verdict%first_difference)
+      call t%real("integration_difference", "1", "", "difference from time integration in the last periods, "// &
+         "for the coordinate with the largest ratio to its limit, relative to its motion", verdict%difference)
+      call t%real("integration_limit", "1", "", "limit of that difference", verdict%limit)
+      call t%real("integration_growth", "1/s", "", "rate at which a nearby trajectory diverges from the motion", verdict%growth)
+      call t%real("integration_duration", "s", "", "integrated time", verdict%duration)
+      call t%real("integration_drift", "rad/s", "tone", &
+         "integrated frequency minus that of the motion, 0 for given tones", verdict%drift)
+   end subroutine verdict_columns
+
+   !> Cosine and sine of amplitudes c - i s.
+   pure function pairs_of(amplitudes) result(pairs)
+      complex(wp), intent(in) :: amplitudes(:, :)
+      real(wp) :: pairs(2, size(amplitudes, 1), size(amplitudes, 2))
+
+      pairs(1, :, :) = real(amplitudes, wp)
+      pairs(2, :, :) = -aimag(amplitudes)
+   end function pairs_of
+end module hb_record_columns
