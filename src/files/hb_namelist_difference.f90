@@ -1,6 +1,9 @@
 !> Differences between two inputs by group and key, for users who resume a run with a changed input.
 module hb_namelist_difference
-   use hb_text, only: split, string_t, text_builder_t, to_text
+   use hb_document, only: document_t
+   use hb_error, only: error_t
+   use hb_namelist, only: read_namelist
+   use hb_text, only: join, split, string_t, text_builder_t, to_text
    implicit none
    private
    public :: input_differences
@@ -8,52 +11,57 @@ module hb_namelist_difference
    integer, parameter :: max_lines = 20                     !! of a list of differences
    integer, parameter :: max_shown = 60                     !! characters of a value
 
-   !> One key of an input.
-   type :: entry_t
-      character(:), allocatable :: place                    !! such as &law(2): gap
-      character(:), allocatable :: value
-      logical :: is_met = .false.                           !! the other input has the same key
-   end type entry_t
-
 contains
 
    !> Returns a line for each key whose value differs between two inputs, or that one of them lacks; empty if there is
-   !> none. Both are texts of `complete` of a document.
+   !> none. Both are texts of `write_complete_text`.
    function input_differences(one, other, name_of_one, name_of_other) result(text)
       character(*), intent(in) :: one, other
       character(*), intent(in) :: name_of_one, name_of_other !! for the lines
       character(:), allocatable :: text
-      type(entry_t), allocatable :: ours(:), theirs(:)
+      type(document_t) :: ours, theirs
+      type(error_t), allocatable :: ignored
       type(text_builder_t) :: lines
-      integer :: i, j, n
+      integer :: n
 
       text = ""
       if (one == other) return
-      call read_entries(one, ours)
-      call read_entries(other, theirs)
+      call read_namelist(ours, "", one, ignored)
+      call read_namelist(theirs, "", other, ignored)
       n = 0
-      do i = 1, size(ours)
-         j = index_of(theirs, ours(i)%place)
-         if (j == 0) then
-            call add(ours(i)%place, shown(ours(i)%value), "nothing")
-         else
-            theirs(j)%is_met = .true.
-            if (ours(i)%value /= theirs(j)%value) call add_values(ours(i), theirs(j))
-         end if
-      end do
-      do j = 1, size(theirs)
-         if (.not. theirs(j)%is_met) call add(theirs(j)%place, "nothing", shown(theirs(j)%value))
-      end do
+      call add_keys(ours, theirs, .true.)
+      call add_keys(theirs, ours, .false.)
       if (n > max_lines) call lines%add(new_line("a")//"and "//to_text(n - max_lines)//" more")
       text = lines%text()
-   contains
-      subroutine add_values(our, their)
-         type(entry_t), intent(in) :: our, their
-         integer :: first
 
-         first = first_difference(our%value, their%value)
-         call add(our%place, shown(our%value, first), shown(their%value, first))
-      end subroutine add_values
+   contains
+
+      !> Adds the keys of one input that the other lacks or, for the first one, that have another value there.
+      subroutine add_keys(from, to, is_first)
+         type(document_t), intent(in) :: from, to
+         logical, intent(in) :: is_first
+         character(:), allocatable :: its, place, value
+         integer :: first, i, k
+
+         do i = 1, from%groups%n
+            associate (group => from%groups%holders(i)%group)
+               do k = 1, group%content%names%n
+                  place = "&"//group%name
+                  if (group%is_repeated) place = place//"("//to_text(group%number)//")"
+                  place = place//": "//trim(group%content%names%names(k))
+                  call get_value(from, group%name, group%number, trim(group%content%names%names(k)), value)
+                  call get_value(to, group%name, group%number, trim(group%content%names%names(k)), its)
+                  if (.not. allocated(its)) then
+                     if (is_first) call add(place, shown(value), "nothing")
+                     if (.not. is_first) call add(place, "nothing", shown(value))
+                  else if (is_first .and. value /= its) then
+                     first = first_difference(value, its)
+                     call add(place, shown(value, first), shown(its, first))
+                  end if
+               end do
+            end associate
+         end do
+      end subroutine add_keys
 
       subroutine add(place, our_value, their_value)
          character(*), intent(in) :: place, our_value, their_value
@@ -65,60 +73,30 @@ contains
       end subroutine add
    end function input_differences
 
-   !> Parses a text of `complete`: a group begins with & in the first column, a key in the fourth; other lines
-   !> continue a value.
-   pure subroutine read_entries(text, entries)
-      character(*), intent(in) :: text
-      type(entry_t), allocatable, intent(out) :: entries(:)
-      type(string_t), allocatable :: lines(:), groups(:)
-      integer, allocatable :: numbers(:), group_of(:)
-      integer :: equals, g, i, k, n
+   !> Returns the values of a key as they are spelt, in one line; not allocated if the input does not have the key.
+   subroutine get_value(document, name, number, key, value)
+      type(document_t), intent(in) :: document
+      character(*), intent(in) :: name, key
+      integer, intent(in) :: number                         !! of the group of that name
+      character(:), allocatable, intent(out) :: value
+      type(string_t), allocatable :: pieces(:)
+      integer :: first, i, last
 
-      call split(text, new_line("a"), lines)
-      n = 0
-      g = 0
-      allocate (entries(size(lines)), groups(size(lines)), numbers(size(lines)), group_of(size(lines)))
-      do i = 1, size(lines)
-         associate (line => lines(i)%value)
-            if (index(line, "&") == 1) then
-               g = g + 1
-               groups(g)%value = trim(line)
-               numbers(g) = 1 + count([(groups(k)%value == groups(g)%value, k=1, g - 1)])
-            else if (index(line, "      ") == 1 .and. n > 0) then
-               entries(n)%value = entries(n)%value//" "//trim(adjustl(line))
-            else if (index(line, "   ") == 1) then
-               equals = index(line, " = ")
-               n = n + 1
-               entries(n)%place = line(4:equals - 1)
-               entries(n)%value = line(equals + 3:)
-               group_of(n) = g
-            end if
+      if (number > document%count(name)) return
+      associate (content => document%groups%holders(document%groups%position_of(name, number))%group%content)
+         i = content%names%find(key)
+         if (.not. content%is_given(i)) return
+         associate (values => content%keys(i)%values(:content%keys(i)%n), spelling => content%spelling)
+            first = index(spelling(:values(1)%first - 1), " = ", back=.true.) + 3
+            last = values(size(values))%last
+            call split(spelling(first:last + index(spelling(last + 1:)//new_line("a"), new_line("a")) - 1), new_line("a"), pieces)
          end associate
+      end associate
+      do i = 1, size(pieces)
+         pieces(i)%value = trim(adjustl(pieces(i)%value))
       end do
-      entries = entries(:n)
-      do i = 1, n
-         g = group_of(i)
-         k = count([(groups(k)%value == groups(g)%value, k=1, count_groups())])
-         if (k > 1) then
-            entries(i)%place = groups(g)%value//"("//to_text(numbers(g))//"): "//entries(i)%place
-         else
-            entries(i)%place = groups(g)%value//": "//entries(i)%place
-         end if
-      end do
-   contains
-      pure integer function count_groups()
-         count_groups = count([(allocated(groups(k)%value), k=1, size(groups))])
-      end function count_groups
-   end subroutine read_entries
-
-   pure integer function index_of(entries, place)
-      type(entry_t), intent(in) :: entries(:)
-      character(*), intent(in) :: place
-
-      do index_of = size(entries), 1, -1
-         if (entries(index_of)%place == place) return
-      end do
-   end function index_of
+      value = join(pieces, " ")
+   end subroutine get_value
 
    !> Position of the first character in which two texts differ.
    pure integer function first_difference(a, b) result(i)
