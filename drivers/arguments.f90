@@ -18,16 +18,16 @@ module arguments
       integer :: point = -1                                           !! number of a point of the sweep, from 0; -1: not given
       integer :: n_periods = 0                                        !! 0: not given
       logical :: overwrite = .false.
-      logical :: resumes = .false.                                    !! continues with an existing result file
-      logical :: retries = .false.                                    !! points that did not converge, too
+      logical :: resumes = .false.                                    !! continue with an existing result file
+      logical :: retries = .false.                                    !! also solve again the points that did not converge
       real(wp) :: time_limit = huge(1.0_wp)                           !! [s]
-      integer :: level = log_level%normal                             !! how much to tell
-      logical :: wants_check = .false.                                !! of info: whether rows are damaged
+      integer :: level = log_level%normal                             !! amount of output
+      logical :: wants_check = .false.                                !! of info: check the rows for damage
       logical :: wants_help = .false.
       logical :: wants_version = .false.
       character(:), allocatable :: ranks, cost, cost_from             !! of plan
       character(:), allocatable :: points                             !! of plan their number, of verify a list
-      type(string_t), allocatable :: given(:)                         !! the options that were given, by their long names
+      type(string_t), allocatable :: given(:)                         !! long names of the options that were given
    contains
       procedure :: result_path => arguments_result_path
    end type arguments_t
@@ -54,7 +54,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: name, value
       integer :: i
-      logical :: options_ended                                        !! by `--`: what follows are words
+      logical :: options_ended                                        !! by `--`: only words follow
 
       allocate (self%overrides(0), self%given(0))
       options_ended = .false.
@@ -80,7 +80,7 @@ contains
       call check_combination(self, error)
    end subroutine read_arguments
 
-   !> Keeps a word that is no option: the verb, then the file.
+   !> Stores a word that is not an option: first the verb, then the file.
    subroutine take_word(self, word, error)
       type(arguments_t), intent(inout) :: self
       character(*), intent(in) :: word
@@ -95,7 +95,7 @@ contains
       end if
    end subroutine take_word
 
-   !> Cuts `--name=value`, `--name` or `-n` into the long name and the value, if there is one.
+   !> Splits `--name=value`, `--name` or `-n` into the long name and the value, if there is one.
    subroutine cut_option(word, name, value, error)
       character(*), intent(in) :: word
       character(:), allocatable, intent(out) :: name, value
@@ -118,7 +118,7 @@ contains
       end if
    end subroutine cut_option
 
-   !> Keeps what an option says.
+   !> Stores an option.
    subroutine take_option(self, name, value, error)
       type(arguments_t), intent(inout) :: self
       character(*), intent(in) :: name                                !! the long one
@@ -149,7 +149,7 @@ contains
       end select
    end subroutine take_option
 
-   !> Keeps the value of an option that has one.
+   !> Stores the value of an option that has one.
    subroutine take_value(self, option, value, error)
       type(arguments_t), intent(inout) :: self
       character(*), intent(in) :: option, value
@@ -176,7 +176,7 @@ contains
       end select
    end subroutine take_value
 
-   !> Whole numbers separated by commas, each at least as large as given.
+   !> Reads whole numbers separated by commas, each with a lower bound.
    subroutine read_numbers(option, text, least, numbers, error)
       character(*), intent(in) :: option, text
       integer, intent(in) :: least
@@ -207,7 +207,7 @@ contains
       if (.not. ok) call fail(error, "--time-limit needs seconds, such as 3600, not '"//text//"'")
    end subroutine read_time_limit
 
-   !> Refuses options that contradict each other.
+   !> Rejects options that contradict each other.
    subroutine check_combination(self, error)
       type(arguments_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
@@ -226,7 +226,7 @@ contains
       end if
    end subroutine check_combination
 
-   !> Refuses options that mean nothing to the verb.
+   !> Rejects options that the verb does not have.
    subroutine refuse_others(self, error)
       type(arguments_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
@@ -239,8 +239,8 @@ contains
       end do
    end subroutine refuse_others
 
-   !> Where the result goes: --output, or the name of the input without its folder, ending in .h5, in the current folder;
-   !> resume continues in the file that it is given.
+   !> Path of the result: --output, or the name of the input without its folder, with the ending .h5, in the current
+   !> folder; for resume the given file.
    pure function arguments_result_path(self) result(path)
       class(arguments_t), intent(in) :: self
       character(:), allocatable :: path

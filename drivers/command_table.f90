@@ -1,4 +1,4 @@
-!> The verbs and options of nhbm, each written once: what the command line may have, and what the help says.
+!> The verbs and options of nhbm, each in one place: the permitted command lines, and the text of the help.
 module command_table
    use console, only: say, say_entry
    use hb_text, only: join, split, string_t
@@ -16,8 +16,8 @@ module command_table
    type :: option_t
       character(12) :: name
       character(2) :: short
-      character(11) :: value                            !! what stands behind; blank: nothing
-      character(90) :: verbs                            !! that have it, separated by blanks
+      character(11) :: value                            !! placeholder of the value; blank: no value
+      character(90) :: verbs                            !! that have the option, separated by blanks
       character(200) :: text
    end type option_t
 
@@ -85,7 +85,7 @@ contains
       names = verbs%name
    end function verb_names
 
-   !> Names of the options of a verb, of all without one; long and short ones, each once.
+   !> Names of the options of a verb, or of all verbs; long and short names, each once.
    pure function option_names(verb) result(names)
       character(*), intent(in), optional :: verb
       character(12), allocatable :: names(:)
@@ -102,7 +102,7 @@ contains
       end do
    end function option_names
 
-   !> Options of a verb as a message lists them.
+   !> Options of a verb as a list in a message.
    pure function options_of(verb) result(text)
       character(*), intent(in) :: verb
       character(:), allocatable :: text
@@ -110,7 +110,7 @@ contains
       text = join(option_names(verb), ", ")
    end function options_of
 
-   !> The long name of an option that may be given by its short one; empty where it is unknown.
+   !> The long name of an option given by its short or long one; empty if it is unknown.
    pure function long_name(name) result(long)
       character(*), intent(in) :: name
       character(:), allocatable :: long
@@ -122,7 +122,7 @@ contains
       end do
    end function long_name
 
-   !> Whether a value stands behind an option.
+   !> Whether an option has a value.
    pure logical function takes_value(name)
       character(*), intent(in) :: name                  !! a long one
 
@@ -136,7 +136,7 @@ contains
       has = index(" "//trim(option%verbs)//" ", " "//trim(verb)//" ") > 0
    end function has
 
-   !> Writes the help of one verb, or of all when it names none.
+   !> Writes the help of one verb, or of all verbs without a name.
    subroutine write_help(verb)
       character(*), intent(in) :: verb
       logical :: is_one
@@ -163,7 +163,7 @@ contains
       call say(closing)
    end subroutine write_help
 
-   !> Writes the manual page in the language of man.
+   !> Writes the manual page in troff.
    subroutine write_manual(version)
       character(*), intent(in) :: version
       integer :: i
@@ -216,7 +216,7 @@ contains
                 "   COMPREPLY=($(compgen -W ""$words"" -- ""$word""))", "}", "complete -o default -F _nhbm nhbm"])
    end subroutine write_completion
 
-   !> The verbs of an option, where the help lists all verbs and not all have it.
+   !> The verbs of an option, for the help of all verbs if some do not have it.
    pure function verbs_before(option, is_one) result(text)
       type(option_t), intent(in) :: option
       logical, intent(in) :: is_one

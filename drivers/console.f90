@@ -1,5 +1,6 @@
-!> Output of the program. Standard output is written through the standard library of C: that of Fortran does not report lost
-!> output. Titles, labels, names and options reach a terminal without their control characters.
+!> Output of the program. Standard output is written through the C standard library, because the Fortran library does
+!> not report lost output. Titles, labels, names and options are written to a terminal without their control
+!> characters.
 module console
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
    use, intrinsic :: iso_fortran_env, only: error_unit
@@ -36,7 +37,7 @@ contains
       call hb_say(printable(text)//c_null_char)
    end subroutine print_line
 
-   !> Blanks at their ends are dropped.
+   !> Writes lines without trailing blanks.
    subroutine print_lines(texts)
       character(*), intent(in) :: texts(:)
       integer :: i
@@ -46,7 +47,7 @@ contains
       end do
    end subroutine print_lines
 
-   !> Writes a name and, from a column on, words wrapped to the width of a page.
+   !> Writes a name and, from a given column on, words wrapped to the width of a page.
    subroutine say_entry(name, text, column)
       character(*), intent(in) :: name, text
       integer, intent(in) :: column                     !! of the text
@@ -73,8 +74,7 @@ contains
       write (error_unit, "(a)") "nhbm: "//printable(text)
    end subroutine complain
 
-   !> Brings all that was said to where it goes; fails where something of it was lost. A reader who has closed the pipe wants
-   !> no more, which is no failure.
+   !> Flushes all output; fails if some of it was lost. A pipe closed by its reader is not an error.
    subroutine finish_output(error)
       type(error_t), allocatable, intent(out) :: error
 

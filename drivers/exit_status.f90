@@ -5,7 +5,7 @@ module exit_status
    public :: bad_input, incomplete, not_all_right, success
 
    integer, parameter :: success = 0
-   integer, parameter :: not_all_right = 1             !! some points did not converge, or a derivative is wrong
-   integer, parameter :: bad_input = 2                 !! bad command line or input, failure with a file
-   integer, parameter :: incomplete = 3                !! points are left, which `resume` solves
+   integer, parameter :: not_all_right = 1             !! points without a motion, or a wrong derivative
+   integer, parameter :: bad_input = 2                 !! invalid command line or input, or a file error
+   integer, parameter :: incomplete = 3                !! unsolved points, which `resume` solves
 end module exit_status

@@ -1,8 +1,7 @@
-!> Compares the derivatives that a law gives with central differences of its forces.
-!>
-!> At random samples of magnitudes over several decades; where differences of two step sizes disagree (a kink in between, or
-!> rounding) a sample is skipped, otherwise both are extrapolated to step zero. Source: Richardson, Philos. Trans. R. Soc.
-!> London A 210 (1911) 307-357.
+!> Compares the derivatives of a law with central differences of its forces.
+!> The samples are random, with magnitudes over several decades; if differences with two step sizes disagree (because
+!> of a kink or of rounding), a sample is skipped, otherwise they are extrapolated to step zero. Source: Richardson,
+!> Philos. Trans. R. Soc. London A 210 (1911) 307-357.
 module law_check
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_kinds, only: wp
@@ -15,17 +14,17 @@ module law_check
    integer, parameter :: n_samples = 400
    real(wp), parameter :: step = 1.0e-5_wp                            ! relative to the magnitude of a sample
    real(wp), parameter :: agreement = 1.0e-6_wp                       ! of both differences, relative
-   real(wp), parameter :: units = 20.0_wp                             ! of rounding in a force
-   real(wp), parameter :: derivative_tolerance = 1.0e-5_wp            !! relative difference from which a derivative is wrong
+   real(wp), parameter :: units = 20.0_wp                             ! units in the last place: rounding of a force
+   real(wp), parameter :: derivative_tolerance = 1.0e-5_wp            !! relative difference above which a derivative is wrong
 
-   !> What a check found.
+   !> The results of a check.
    type :: derivative_check_t
       real(wp) :: difference = 0.0_wp                                 !! largest, relative to the derivative
-      integer :: n_compared = 0                                       !! samples, each for every motion differentiated by
+      integer :: n_compared = 0                                       !! samples, counted for each derivative
       integer :: n_skipped = 0                                        !! of these, near a kink or without a finite force
       type(string_t), allocatable :: wrong(:)                         !! derivatives that are wrong, such as df/dz
-      logical :: is_repeatable = .true.                               !! the same samples give the same forces and derivatives
-      logical :: has_touched_inputs = .false.                         !! by code of the user
+      logical :: is_repeatable = .true.                               !! equal samples give equal forces and derivatives
+      logical :: has_touched_inputs = .false.                         !! code of the user has modified its inputs
    contains
       procedure :: is_sound => derivative_check_is_sound
       procedure :: verdict => derivative_check_verdict
@@ -42,12 +41,12 @@ module law_check
 
 contains
 
-   !> Checks all derivatives of a law. What it takes from the structure it gets as for a static stiffness of 1 N/m and an
-   !> impedance of 1 N s/m.
+   !> Checks all derivatives of a law. Its parameters that depend on the structure are those for a static stiffness of
+   !> 1 N/m and an impedance of 1 N s/m.
    subroutine check_derivatives(unprepared_law, check, tones)
       class(law_t), intent(in) :: unprepared_law
       type(derivative_check_t), intent(out) :: check
-      integer, intent(in), optional :: tones                          !! their number; not present: those that the law needs
+      integer, intent(in), optional :: tones                          !! their number; default: as many as the law requires
       class(law_t), allocatable :: law
       type(samples_t) :: samples
       real(wp), allocatable :: f(:, :), f_again(:, :), slopes(:, :, :, :), slopes_again(:, :, :, :)
@@ -80,7 +79,7 @@ contains
       end do
    end subroutine check_derivatives
 
-   !> Whether the law may be used: its derivatives are those of its forces, and that could be seen.
+   !> Whether the law may be used: its derivatives agree with its forces, and the comparison was possible.
    pure logical function derivative_check_is_sound(self) result(is_sound)
       class(derivative_check_t), intent(in) :: self
 
@@ -88,7 +87,7 @@ contains
          self%n_skipped < self%n_compared
    end function derivative_check_is_sound
 
-   !> What was found, in words.
+   !> The result as text.
    function derivative_check_verdict(self) result(verdict)
       class(derivative_check_t), intent(in) :: self
       character(:), allocatable :: verdict
@@ -106,7 +105,7 @@ contains
       end if
    end function derivative_check_verdict
 
-   !> Whether two answers to one question agree, but for rounding; both may be no number at the same places.
+   !> Whether two results agree up to rounding; NaN agrees with NaN.
    pure logical function are_the_same(a, b)
       real(wp), intent(in) :: a(:), b(:)
       real(wp), parameter :: rounding = 1.0e-12_wp
@@ -118,7 +117,7 @@ contains
       are_the_same = maxval(abs(pack(a, is_number) - pack(b, is_number))) <= rounding*maxval(abs(pack(a, is_number)))
    end function are_the_same
 
-   !> Whether the law is reported this kind of motion: 1 displacement, 2 rate, 3 reaction.
+   !> Whether the law depends on this kind of motion: 1 displacement, 2 rate, 3 reaction.
    pure logical function depends_on(law, kind_of_motion)
       class(law_t), intent(in) :: law
       integer, intent(in) :: kind_of_motion
@@ -130,8 +129,8 @@ contains
       end select
    end function depends_on
 
-   !> Numbers between -1 and 1 times a length of the law (1 m, 1 m/s, 1 N without one) times a power of ten, the same at
-   !> every call.
+   !> Chooses numbers between -1 and 1 times a length of the law (1 m, 1 m/s, 1 N without one) times a power of ten,
+   !> equal in every call.
    subroutine choose_samples(law, n_tones, samples)
       class(law_t), intent(in) :: law
       integer, intent(in) :: n_tones
@@ -149,7 +148,7 @@ contains
       allocate (samples%motion(n_samples, size(law%shape, 2), 3), samples%magnitude(n_samples, 3))
       call random_number(samples%motion)
       call random_number(samples%magnitude)
-      samples%phases = spread(100.0_wp*[(real(i, wp), i=1, n_samples)], 1, n_tones)   ! all around the circle
+      samples%phases = spread(100.0_wp*[(real(i, wp), i=1, n_samples)], 1, n_tones)   ! distributed over the circle
       call random_seed(put=seed_before)
       length = law%length_scale
       if (length <= 0.0_wp) length = 1.0_wp
@@ -162,7 +161,7 @@ contains
       end do
    end subroutine choose_samples
 
-   !> Compares the derivatives of all forces by one coordinate's displacement, rate or reaction.
+   !> Compares the derivatives of all forces with respect to the displacement, rate or reaction of one coordinate.
    subroutine check_column(law, samples, kind_of_motion, b, slope, check)
       class(law_t), intent(in) :: law
       type(samples_t), intent(in) :: samples
@@ -200,8 +199,8 @@ contains
       end do
    end subroutine check_column
 
-   !> Difference relative to the larger of both, or to what makes rounding alone a tolerable difference. No finite derivative
-   !> counts as 1e300.
+   !> Difference relative to the larger of both, or to a value for which the rounding error alone is tolerable. Two
+   !> derivatives without a finite value give 1e300.
    pure real(wp) function relative_difference(expected, found, noise)
       real(wp), intent(in) :: expected, found, noise
 
@@ -214,7 +213,7 @@ contains
       end if
    end function relative_difference
 
-   !> Such as df/dz, with several coordinates df(1)/dz(2).
+   !> Name of a derivative, such as df/dz, with several coordinates df(1)/dz(2).
    pure function name_of(a, letter, b, n) result(name)
       integer, intent(in) :: a, b, n
       character(1), intent(in) :: letter
@@ -224,9 +223,10 @@ contains
       if (n > 1) name = "df("//to_text(a)//")/d"//letter//"("//to_text(b)//")"
    end function name_of
 
-   !> (f(x + h) - f(x - h))/(2 h) with h relative to the magnitude of each sample, and what rounding may do to it: units in the
-   !> last place of the largest force of the sample, because terms that all forces share may cancel in one of them, and of what
-   !> the law's own length makes of its slope, because springs that are pressed at rest hold each other.
+   !> Computes (f(x + h) - f(x - h))/(2 h) with h relative to the magnitude of each sample, and a bound of its
+   !> rounding error: from units in the last place of the largest force of the sample, because terms common to all
+   !> forces may cancel in one of them, and of the product of the law's length and slope, because the forces of
+   !> preloaded springs may balance each other.
    subroutine central_difference(law, samples, kind_of_motion, b, relative_step, quotient, noise)
       class(law_t), intent(in) :: law
       type(samples_t), intent(in) :: samples
@@ -260,8 +260,8 @@ contains
       end do
    end function largest
 
-   !> Forces of all samples and, when requested, their derivatives; sample by sample where a law cannot do all at once, so
-   !> that only those are lost that it cannot do.
+   !> Evaluates the forces of all samples and, if requested, their derivatives; sample by sample if the law fails for
+   !> all of them together, so that only the samples for which it fails are lost.
    subroutine evaluate(law, samples, f, slopes)
       class(law_t), intent(in) :: law
       type(samples_t), intent(in) :: samples
@@ -291,7 +291,7 @@ contains
       end do
    end subroutine evaluate
 
-   !> As `evaluate`, all at once.
+   !> Evaluates all samples together, as `evaluate`.
    subroutine evaluate_block(law, motion, f, slopes)
       class(law_t), intent(in) :: law
       real(wp), intent(in) :: motion(:, :, :)                         !! (n_samples, n_coordinates, z v p)

@@ -30,19 +30,19 @@ program nhbm
    implicit none
 
    interface
-      !> Ends the process with a status and without a word.
+      !> Ends the process with a status, without a message.
       subroutine hb_exit(status) bind(c, name="hb_exit")
          import :: c_int
          integer(c_int), value :: status
       end subroutine hb_exit
 
-      !> Ends the process with a status, and nothing else.
+      !> Ends the process with a status immediately.
       subroutine hb_leave(status) bind(c, name="hb_leave")
          import :: c_int
          integer(c_int), value :: status
       end subroutine hb_leave
 
-      !> Has the process end with a text and a status where anybody else calls exit().
+      !> Ends the process with a text and a status if other code calls exit().
       subroutine hb_refuse_exit(text, status) bind(c, name="hb_refuse_exit")
          import :: c_char, c_int
          character(c_char), intent(in) :: text(*)
@@ -70,16 +70,16 @@ program nhbm
    call report_error(bad_input)
    call finish_output(error)
    call report_error(max(status, bad_input))
-   call wait_for_points()                                             ! a signal of mpirun has no news any more
+   call wait_for_points()                                             ! a signal to mpirun does not change the status any more
    flush (error_unit)
-   if (.not. can_end_library()) call hb_leave(int(max(status, bad_input), c_int))   ! HDF5 would die when MPI ends
+   if (.not. can_end_library()) call hb_leave(int(max(status, bad_input), c_int))   ! HDF5 would crash when MPI ends
    call stop_mpi()
    flush (error_unit)
    call hb_exit(int(status, c_int))
 
 contains
 
-   !> From here on, before anything takes time, a signal asks for what the verbs that solve points can do: end between two of them.
+   !> From now on, before any long operation, a signal requests the end of a run between two points.
    subroutine expect_signals()
       if (.not. (allocated(options%verb) .and. allocated(options%input))) return
       if (options%verb /= "solve" .and. options%verb /= "resume") return
@@ -87,7 +87,7 @@ contains
          printable(options%result_path())//" continues it", incomplete, error)
    end subroutine expect_signals
 
-   !> Describes what went wrong, if anything did, and has the program end with this status.
+   !> Writes an error, if there is one, and sets this status for the end of the program.
    subroutine report_error(status_of_error)
       integer, intent(in) :: status_of_error
 
@@ -138,7 +138,7 @@ contains
       end if
    end subroutine run_verb
 
-   !> Prints the rows of the table of input keys, or those that have a word.
+   !> Prints the rows of the table of input keys, or those that contain a word.
    subroutine tell_keys()
       integer :: i
       logical :: is_reported
@@ -154,7 +154,7 @@ contains
       if (.not. is_reported) call fail(error, "no row of the table of keys has '"//options%input//"'; nhbm keys prints all")
    end subroutine tell_keys
 
-   !> Prints an input to begin with, or the names of all.
+   !> Prints a starter input, or the names of all of them.
    subroutine tell_starter()
       character(:), allocatable :: closest
 

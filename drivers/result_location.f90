@@ -1,4 +1,4 @@
-!> Where a verb puts its result: the file that a link leads to, never the input or a model.
+!> The location of the result of a verb: the target of a link, never the input or a model.
 module result_location
    use arguments, only: arguments_t
    use hb_error, only: error_t, fail
@@ -11,7 +11,7 @@ module result_location
 
 contains
 
-   !> Gives the path of the result file, the same on all ranks; collective.
+   !> Returns the path of the result file, the same on all ranks; collective.
    subroutine place_result(options, comm, path, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm

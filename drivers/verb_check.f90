@@ -1,5 +1,5 @@
-!> `nhbm check`: reads an input as `solve` would, every point of it, prints what it requests, and compares the derivatives of
-!> its laws with differences of their forces.
+!> `nhbm check`: reads an input and every point of it as `solve` does, prints what it requests, and compares the
+!> derivatives of its laws with differences of their forces.
 module verb_check
    use arguments, only: arguments_t
    use console, only: say
@@ -30,15 +30,15 @@ module verb_check
    private
    public :: run_check
 
-   !> What is doubtful at the points of a study.
+   !> Warnings about the points of a study.
    type :: doubts_t
       integer :: n_commensurate = 0, n_without_load = 0               !! points
-      character(:), allocatable :: first_commensurate                 !! what to say of the first
+      character(:), allocatable :: first_commensurate                 !! texts for the first of them
    end type doubts_t
 
 contains
 
-   !> Runs the verb; `all_right` reports whether the derivatives of all laws are.
+   !> Runs the verb; `all_right` is true if the derivatives of all laws are correct.
    subroutine run_check(options, comm, all_right, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
@@ -70,7 +70,7 @@ contains
       end if
    end subroutine run_check
 
-   !> Reads a point and notes what is doubtful about it.
+   !> Reads a point and records its warnings.
    subroutine check_point(study, point, doubts, error)
       type(study_t), intent(in) :: study
       integer, intent(in) :: point
@@ -90,7 +90,7 @@ contains
       if (has_no_load(model)) doubts%n_without_load = doubts%n_without_load + 1
    end subroutine check_point
 
-   !> Prints what is doubtful, a line for each kind.
+   !> Prints the warnings, one line for each kind.
    subroutine write_doubts(study, doubts)
       type(study_t), intent(in) :: study
       type(doubts_t), intent(in) :: doubts
@@ -101,7 +101,7 @@ contains
          share_text(study, doubts%n_without_load, ": ")//"no load acts and no tone is unknown: nothing moves but what laws push")
    end subroutine write_doubts
 
-   !> How many points of a sweep, with what follows; empty for a single point.
+   !> Number of points of a sweep, with a text after it; empty for a single point.
    function share_text(study, n, and) result(text)
       type(study_t), intent(in) :: study
       integer, intent(in) :: n
@@ -152,7 +152,7 @@ contains
       end associate
    end subroutine describe
 
-   !> Describes how accurate motions are to be, and what may be spent on it.
+   !> Writes the requested accuracy of motions, and the limits of the search.
    subroutine describe_accuracy(model)
       type(model_t), intent(in) :: model
 
@@ -214,11 +214,12 @@ contains
       if (is_chosen) text = " to begin with"
    end function on_lowest
 
-   !> Lists the lowest natural frequencies of the linear structure, those of a reduced one as far as its error is known.
+   !> Lists the lowest natural frequencies of the linear structure; those of a reduced one as far as their error is
+   !> known.
    subroutine describe_frequencies(structure)
       type(structure_t), intent(in) :: structure
       integer, parameter :: most = 10
-      integer, parameter :: largest = 1500                            ! degrees of freedom: all are found at once, in some seconds
+      integer, parameter :: largest = 1500 ! degrees of freedom: all are computed at once, in some seconds
       integer, parameter :: largest_gyroscopic = 200                  ! likewise, with gyroscopic terms
       type(error_t), allocatable :: error
       type(modes_t) :: modes
@@ -255,7 +256,8 @@ contains
       end if
    end subroutine describe_frequencies
 
-   !> Lists the damping ratios of the lowest modes that oscillate: 1 is critical damping, less than 0 an unstable rest.
+   !> Lists the damping ratios of the lowest oscillating modes: 1 is critical damping, a negative one an unstable
+   !> equilibrium.
    subroutine describe_damping(structure)
       type(structure_t), intent(in) :: structure
       integer, parameter :: most = 10
@@ -278,7 +280,7 @@ contains
          " of critical"//note)
    end subroutine describe_damping
 
-   !> Numbers, with six digits unless a form is given.
+   !> Formats numbers, with six digits unless a format is given.
    function list_text(values, unit, form) result(text)
       real(wp), intent(in) :: values(:), unit
       character(*), intent(in), optional :: form
@@ -321,7 +323,7 @@ contains
       if (is_odd) call say("symmetry    odd motions, "//to_text(basis%harmonics%n_coefficients*n_coordinates)//" unknowns")
    end subroutine describe_symmetry
 
-   !> Describes what the memory of a point is estimated at, and what takes most of it.
+   !> Writes the estimated memory of a point, and its largest parts.
    subroutine describe_memory(model)
       type(model_t), intent(in) :: model
       type(memory_estimate_t) :: bytes
@@ -334,7 +336,7 @@ contains
       call say("memory      "//text)
       call say("            most for: "//trim(memory_text(bytes)))
    end subroutine describe_memory
-   !> Frequency of a tone, or that it is unknown.
+   !> Frequency of a tone, or `unknown`.
    function tone_text(model, i) result(text)
       type(model_t), intent(in) :: model
       integer, intent(in) :: i
@@ -349,7 +351,7 @@ contains
       end if
    end function tone_text
 
-   !> Checks the derivatives of all laws of the first point and prints them as a table, wrong ones by name.
+   !> Checks the derivatives of all laws of the first point and prints them as a table, with the names of wrong ones.
    subroutine check_laws(laws, n_tones, all_right)
       type(law_box_t), intent(in) :: laws(:)
       integer, intent(in) :: n_tones
@@ -377,7 +379,7 @@ contains
       call say("")
    end subroutine check_laws
 
-   !> Text filled up with blanks to a width.
+   !> Text padded with blanks to a width.
    pure function pad(text, width)
       character(*), intent(in) :: text
       integer, intent(in) :: width

@@ -1,4 +1,4 @@
-!> `nhbm info`: what a result file holds, how its points ended, and whether it is complete.
+!> `nhbm info`: the contents of a result file, the outcome of its points, and whether it is complete.
 module verb_info
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use arguments, only: arguments_t
@@ -26,7 +26,7 @@ module verb_info
 
 contains
 
-   !> Runs the verb, on rank 0; the exit status reports whether the file is complete.
+   !> Runs the verb, on rank 0; the exit status shows whether the file is complete.
    subroutine run_info(options, comm, status, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
@@ -69,7 +69,7 @@ contains
       type(record_t), intent(out) :: record
       type(document_t), intent(out), target :: document
       type(sweep_plan_t), intent(out) :: plan
-      type(run_names_t), intent(out) :: names           !! of the commands to try
+      type(run_names_t), intent(out) :: names           !! for the suggested commands
       type(error_t), allocatable, intent(out) :: error
 
       call read_record(record, path, error)
@@ -83,7 +83,7 @@ contains
       names%overrides = record%overrides
    end subroutine read_result
 
-   !> The words on the left are those of `nhbm-post info`.
+   !> Writes the origin of the file; the labels on the left are those of `nhbm-post info`.
    subroutine write_origin(record, path)
       type(record_t), intent(in) :: record
       character(*), intent(in) :: path
@@ -114,7 +114,7 @@ contains
       if (size(plan%parameters) == 0) call write_fact("swept", "nothing")
    end subroutine write_parameters
 
-   !> How many points ended how; of those without a motion what they say, and what to try.
+   !> Writes the number of points of each status; for those without a motion the message and a suggestion.
    subroutine write_statuses(record, names, plan, document)
       type(record_t), intent(in) :: record
       type(run_names_t), intent(in) :: names
@@ -138,7 +138,7 @@ contains
       if (n > 0) call write_fact("", number_of(n, "point")//" where a low-order combination of the tones nearly vanishes")
    end subroutine write_statuses
 
-   !> How many motions would be seen.
+   !> Writes the number of stable and unstable motions.
    subroutine write_stability(record)
       type(record_t), intent(in) :: record
       integer :: n_stable, n_unstable
@@ -159,7 +159,7 @@ contains
       end function first_unstable
    end subroutine write_stability
 
-   !> Where the motion jumps to another branch.
+   !> Writes the points at which the motion jumps to another branch.
    subroutine write_jumps(record, plan, path)
       type(record_t), intent(in) :: record
       type(sweep_plan_t), intent(in) :: plan
@@ -177,7 +177,7 @@ contains
       if (size(points) > most) call write_fact("", "and "//to_text(size(points) - most)//" more (see 'branch')")
    end subroutine write_jumps
 
-   !> What a point says of itself.
+   !> Writes the message of a point.
    subroutine write_message(path, point)
       character(*), intent(in) :: path                  !! of the result file
       integer, intent(in) :: point                      !! from 1
@@ -187,7 +187,7 @@ contains
       if (len(message) > 0) call write_fact("", "  point "//to_text(point - 1)//": "//message)
    end subroutine write_message
 
-   !> Folds, peaks and ends of curves.
+   !> Writes folds, peaks and ends of curves.
    subroutine write_curves(path, plan, error)
       character(*), intent(in) :: path
       type(sweep_plan_t), intent(in) :: plan
@@ -202,7 +202,7 @@ contains
       end do
    end subroutine write_curves
 
-   !> The frequencies of unknown tones.
+   !> Writes the frequencies of unknown tones.
    subroutine write_found(record, is_unknown)
       type(record_t), intent(in) :: record
       logical, intent(in) :: is_unknown(:)              !! (n_tones)
@@ -216,7 +216,7 @@ contains
       end do
    end subroutine write_found
 
-   !> The largest values of what certifies a point, each with its point.
+   !> Writes the largest values of the certificates, each with its point.
    subroutine write_worst(record, plan)
       type(record_t), intent(in) :: record
       type(sweep_plan_t), intent(in) :: plan
@@ -281,7 +281,7 @@ contains
          " again that did not converge")
    end subroutine write_rest
 
-   !> Fails where rows are damaged, with their points.
+   !> Fails if rows are damaged; the message names their points.
    subroutine report_damage(record, path, error)
       type(record_t), intent(in) :: record
       character(*), intent(in) :: path
@@ -299,7 +299,7 @@ contains
 
       field = name
       line = trim(text)
-      do i = 1, len(line)                               ! of a title, say: what looks like a further line is none
+      do i = 1, len(line)                               ! control characters of a title, for example, must not start a new line
          if (line(i:i) == new_line("a")) line(i:i) = " "
       end do
       call say(field//line)

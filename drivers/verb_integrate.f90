@@ -37,7 +37,7 @@ module verb_integrate
 
 contains
 
-   !> Runs the verb; one rank does the work.
+   !> Runs the verb, on one rank.
    subroutine run_integrate(options, comm, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
@@ -58,7 +58,7 @@ contains
       call share_error(comm, error)
    end subroutine run_integrate
 
-   !> Makes the model of the study that of the point asked for; fails where a sweep leaves the choice open.
+   !> Sets the model of the study to that of the requested point; fails if a sweep leaves the choice open.
    subroutine choose_point(options, study, error)
       type(arguments_t), intent(in) :: options
       type(study_t), intent(inout) :: study
@@ -140,7 +140,7 @@ contains
       call say("largest difference between coefficients of both halves of the record: "//trim(line))
    end subroutine integrate_to_file
 
-   !> Amplitude of an oscillation with the same root mean square, of the degree of freedom that has the largest one.
+   !> Amplitude of an oscillation with the same root mean square, for the degree of freedom with the largest one.
    pure real(wp) function amplitude_of(content, motion) result(amplitude)
       type(integration_t), intent(in) :: content
       integer, intent(in) :: motion                                   !! 0: none

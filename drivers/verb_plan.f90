@@ -1,4 +1,4 @@
-!> `nhbm plan`: how large the result file of an input becomes and how long a run of it takes on any number of ranks.
+!> `nhbm plan`: estimates the size of the result file of an input and the duration of a run on any number of ranks.
 module verb_plan
    use arguments, only: arguments_t, read_numbers
    use console, only: say
@@ -18,7 +18,7 @@ module verb_plan
 
 contains
 
-   !> Runs the verb on rank 0. Times need the seconds of a point, or a result file with those of a smaller run.
+   !> Runs the verb on rank 0. Times require the seconds of a point, or a result file with those of a smaller run.
    subroutine run_plan(options, comm, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
@@ -89,12 +89,13 @@ contains
       if (.not. is_right) call fail(error, name//": '"//text//"' is no number greater than 0")
    end subroutine read_positive
 
-   !> Wall time on each number of ranks. Ranks draw tasks until there are none (hb_schedule), so that the last of them ends at most
-   !> one slow task after the mean; start, the making of the file and a file system that is too slow come on top.
+   !> Writes the wall time for each number of ranks. Ranks draw tasks until there are none left (hb_schedule), so the
+   !> last rank ends at most one slow task after the mean; the start, the creation of the file and a slow file system
+   !> are not included.
    subroutine write_times(ranks, n_points, task, mean, most)
       integer, intent(in) :: ranks(:)
       real(wp), intent(in) :: n_points
-      integer, intent(in) :: task                                     !! points that one rank solves one after the other
+      integer, intent(in) :: task                                     !! points that one rank solves in order
       real(wp), intent(in) :: mean, most                              !! [s] of a point
       character(80) :: row
       real(wp) :: n_tasks, seconds
@@ -109,7 +110,7 @@ contains
       end do
    end subroutine write_times
 
-   !> A number that is whole or has three decimals.
+   !> A number, whole or with three decimals.
    function rounded(value) result(text)
       real(wp), intent(in) :: value
       character(:), allocatable :: text

@@ -1,4 +1,4 @@
-!> `nhbm solve`: solves all points of an input and writes the result file. `nhbm resume`: continues with one.
+!> `nhbm solve`: solves all points of an input and writes the result file. `nhbm resume`: continues a result file.
 module verb_solve
    use arguments, only: arguments_t
    use console, only: complain, say
@@ -37,7 +37,7 @@ module verb_solve
 
 contains
 
-   !> Runs the verb `solve`; an exit status without an error.
+   !> Runs the verb `solve`; without an error it returns an exit status.
    subroutine run_solve(options, comm, status, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
@@ -55,7 +55,7 @@ contains
       if (.not. allocated(error)) call run_switched(study, options, path, comm, status, error)
    end subroutine run_solve
 
-   !> Runs the verb `resume`; an exit status without an error.
+   !> Runs the verb `resume`; without an error it returns an exit status.
    subroutine run_resume(options, comm, status, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
@@ -78,7 +78,7 @@ contains
       type(comm_t), intent(in) :: comm
       integer, intent(out) :: status
       type(error_t), allocatable, intent(out) :: error
-      integer, intent(out), optional :: n_rows                        !! points of the file that are not unused
+      integer, intent(out), optional :: n_rows                        !! points of the file except unused ones
       type(run_options_t) :: how
       type(run_summary_t) :: summary
       logical :: is_reported
@@ -110,7 +110,8 @@ contains
          " left; nhbm resume "//path//" solves "//merge("it  ", "them", summary%n_left == 1))
    end subroutine run
 
-   !> Follows the motions that leave the curves of a finished run, each in a result file of its own, if the input requests it.
+   !> Follows the motions that leave the curves of a finished run, each in its own result file, if the input requests
+   !> it.
    subroutine run_switched(study, options, path, comm, status, error)
       type(study_t), intent(in) :: study
       type(arguments_t), intent(in) :: options
@@ -151,20 +152,20 @@ contains
          where = switched_path(path, from%point)
          place = place_of(path, from%point)
          is_there = kind_of_file(where) /= file_kind%none .and. .not. options%overwrite
-         if (is_there) then                                           ! its own input names this file as it was named then
+         if (is_there) then                                           ! its input names this file by its previous name
             call load_stored_study(where, comm, switched, error)
          else
             call switched_input(study, plan, path, from, text, overrides, error)
             if (.not. allocated(error)) call new_study(switched, trim(folder_of(study%document%file_name))// &
                place_of(last_name(path), from%point), text, overrides, error, memory_share(comm))
          end if
-         if (allocated(error)) then                                   ! the curve itself is there
+         if (allocated(error)) then                                   ! the curve itself is complete
             if (rank_of(comm) == 0) call say(place//": branch not followed: "//error%message)
             deallocate (error)
          else
             call run(switched, options, where, is_there, comm, its_status, error, n_rows)
             if (allocated(error) .or. from%kind /= curve_kind%graze .or. its_status /= not_all_right .or. n_rows > 1) return
-            its_status = success                                      ! the motion that contact brings need not be a torus
+            its_status = success                                      ! the motion after the graze need not be a torus
             if (rank_of(comm) > 0) return
             call say("no torus was found beyond "//place//": "//where//" is removed")
             call remove_file(where)
@@ -172,7 +173,7 @@ contains
       end subroutine run_one
    end subroutine run_switched
 
-   !> Removes the files of motions that leave the curves of an old result file, which is about to be replaced.
+   !> Removes the files of motions that leave the curves of an old result file that is about to be replaced.
    subroutine remove_switched(path)
       character(*), intent(in) :: path
       type(record_t) :: old, switched
@@ -204,7 +205,7 @@ contains
       last_name = path(index(path, "/", back=.true.) + 1:)
    end function last_name
 
-   !> Where the motions that leave a curve at a point, from 1, are stored.
+   !> Path of the file of the motions that leave a curve at a point, counted from 1.
    function switched_path(path, point) result(where)
       character(*), intent(in) :: path
       integer, intent(in) :: point
@@ -214,7 +215,7 @@ contains
       if (index(path, ".h5", back=.true.) == len(path) - 2) where = path(:len(path) - 3)//"_"//to_text(point - 1)//".h5"
    end function switched_path
 
-   !> A point of a curve in words, as the input of the motions that leave it there is named.
+   !> Description of a point of a curve, used as the name of the input of the motions that leave it there.
    function place_of(path, point) result(place)
       character(*), intent(in) :: path
       integer, intent(in) :: point
@@ -223,7 +224,7 @@ contains
       place = "point "//to_text(point - 1)//" of "//path
    end function place_of
 
-   !> How many points there are, or how many there is room for.
+   !> Text with the number of points, or with the largest number of them.
    function room_text(study) result(text)
       type(study_t), intent(in) :: study
       character(:), allocatable :: text
@@ -235,7 +236,7 @@ contains
       end associate
    end function room_text
 
-   !> What was found along curves.
+   !> Writes the located points of curves.
    subroutine write_curves(study, path)
       type(study_t), intent(in) :: study
       character(*), intent(in) :: path
@@ -247,13 +248,13 @@ contains
       plan = study%plan
       call note_curve_values(path, plan, error)
       if (.not. allocated(error)) call curve_lines(path, plan, lines, error)
-      if (allocated(error)) return                                    ! of a file that was just written: `info` tells it
+      if (allocated(error)) return                                    ! the file was just written: `info` reports the error
       do i = 1, size(lines)
          call say(trim(lines(i)))
       end do
    end subroutine write_curves
 
-   !> Why a run has ended before its points did.
+   !> The reason why a run has ended early.
    function reason(summary)
       type(run_summary_t), intent(in) :: summary
       character(:), allocatable :: reason
@@ -330,7 +331,7 @@ contains
          " (see 'combination')"//near_text(study, summary%first_near_commensurate))
    end subroutine write_summary
 
-   !> How the points ended that are not converged, and what to try.
+   !> Writes the outcome of the points that did not converge, and suggestions.
    subroutine write_others(study, path)
       type(study_t), intent(in) :: study
       character(*), intent(in) :: path                                !! of the result file
@@ -353,7 +354,7 @@ contains
       if (size(lines) > 0) call say("nhbm why "//shell_word(path)//" explains each of them")
    end subroutine write_others
 
-   !> What is to be said of the tones of a point, where they are given.
+   !> Warning about the tones of a point, if they are given.
    function near_text(study, point) result(text)
       type(study_t), intent(in) :: study
       integer, intent(in) :: point                                    !! from 1
@@ -373,7 +374,7 @@ contains
       text = "; "//text
    end function near_text
 
-   !> Reads the input file on rank 0, for all ranks, and makes the study of it.
+   !> Reads the input file on rank 0, for all ranks, and creates its study.
    subroutine load_study(options, comm, study, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
@@ -391,7 +392,7 @@ contains
       call make_study(study, options%input, text, options%overrides, comm, error)
    end subroutine load_study
 
-   !> Makes the study of the input that stands in a result file.
+   !> Creates the study of the input that is stored in a result file.
    subroutine load_stored_study(path, comm, study, error)
       character(*), intent(in) :: path
       type(comm_t), intent(in) :: comm
@@ -404,7 +405,7 @@ contains
       if (rank_of(comm) == 0) then
          call read_record(record, path, error)
          if (.not. allocated(error)) then
-            name = record%input_name                               ! files that it names are those of the run, wherever this one is
+            name = record%input_name                               ! files that it names are relative to the folder of the run
             if (kind_of_file(record%input_folder) == file_kind%folder) name = record%input_folder//last_name(name)
             text = record%input_text
             lines = join(record%overrides, new_line("a"))
@@ -420,7 +421,8 @@ contains
       call make_study(study, name, text, overrides, comm, error)
    end subroutine load_stored_study
 
-   !> Makes a study on all ranks, after each other: the first may have to reduce a model, the others then read what it has kept.
+   !> Creates a study on all ranks, one after the other: the first may have to reduce a model, and the others read the
+   !> stored reduction.
    subroutine make_study(study, name, text, overrides, comm, error)
       type(study_t), intent(out) :: study
       character(*), intent(in) :: name, text
@@ -450,7 +452,7 @@ contains
       memory_share = -max_over(comm, -available_memory()/ranks_on_node(comm))
    end function memory_share
 
-   !> How many harmonics the points have, or how accurate they are to be.
+   !> Text with the number of harmonics of the points, or with their requested accuracy.
    function set_text(study) result(text)
       type(study_t), intent(in) :: study
       character(:), allocatable :: text

@@ -16,7 +16,7 @@ module verb_verify
 
 contains
 
-   !> Runs the verb; `all_right` reports whether time integration agrees with every point.
+   !> Runs the verb; `all_right` is true if time integration confirms every point.
    subroutine run_verify(options, comm, all_right, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
@@ -55,7 +55,7 @@ contains
       call say(number_of(sum(counts), "point")//" verified"//text)
    end subroutine run_verify
 
-   !> Verdict on a point, and the numbers that it rests on.
+   !> Verdict on a point, with its numbers.
    function words_on(found) result(text)
       type(verdict_t), intent(in) :: found
       character(:), allocatable :: text

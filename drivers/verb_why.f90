@@ -1,4 +1,5 @@
-!> `nhbm why`: how points of a result file ended, what was tried, how near that came and what to do next, in sentences.
+!> `nhbm why`: explains in sentences how points of a result file ended, what was tried, how close the attempts came
+!> and what to do next.
 module verb_why
    use arguments, only: arguments_t
    use console, only: say, say_entry
@@ -59,7 +60,7 @@ contains
       end if
    end subroutine explain
 
-   !> Wraps sentences; a command stays on its line, so that it can be copied.
+   !> Wraps sentences; a command remains on one line, so that it can be copied.
    subroutine write_paragraph(text)
       character(*), intent(in) :: text
       type(string_t), allocatable :: lines(:)
@@ -75,14 +76,14 @@ contains
       end do
    end subroutine write_paragraph
 
-   !> Prints the table of all statuses: what each means, and what to do.
+   !> Prints the table of all statuses: the meaning and the remedy of each.
    subroutine tell_statuses()
       character(:), allocatable :: text
       integer :: i
 
       do i = lbound(outcome_names, 1), ubound(outcome_names, 1)
          text = outcome_text(i)
-         if (index(text, ": ") > 0) text = text(index(text, ": ") + 2:)   ! what is before repeats the name
+         if (index(text, ": ") > 0) text = text(index(text, ": ") + 2:)   ! the preceding text repeats the name
          call say_entry(trim(outcome_names(i)), text//". "//outcome_remedy(i), 16)
       end do
    end subroutine tell_statuses

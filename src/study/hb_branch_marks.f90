@@ -1,5 +1,5 @@
-!> Marks the branches of a run in its result file, when all of its points are there: a jump is assessed by the points on both
-!> sides of it, which different ranks may have solved.
+!> Numbers the branches of a run in its result file when all of its points are complete: a jump is assessed from the
+!> points on both sides of it, which different ranks may have solved.
 module hb_branch_marks
    use hb_branches, only: is_reported, jumps_between, line_t, new_line
    use hb_error, only: error_t
@@ -16,15 +16,15 @@ module hb_branch_marks
 
 contains
 
-   !> Numbers the branches along each line of the sweep and writes them; collective, and an error is the same on all ranks.
-   !> Does nothing where the fastest parameter has no order.
+   !> Numbers the branches along each line of the sweep and writes the numbers; collective, and an error is the same
+   !> on all ranks. No effect if the fastest parameter has no order.
    subroutine mark_branches(results, plan, chain, comm, n_jumps, first_jump, error)
       type(results_t), intent(inout) :: results
       type(sweep_plan_t), intent(in) :: plan
-      integer, intent(in) :: chain                                    !! points of a line that start from each other, at most
+      integer, intent(in) :: chain                                    !! largest number of points of a line in a chain
       type(comm_t), intent(in) :: comm
       integer, intent(out) :: n_jumps
-      integer, intent(out) :: first_jump                              !! point from 1 to which it leads; 0: there is none
+      integer, intent(out) :: first_jump                              !! first point after a jump, counted from 1; 0: none
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: branch(:), points(:)
       integer :: line, n
@@ -53,12 +53,12 @@ contains
       if (n_jumps == 0) first_jump = 0
    end subroutine mark_branches
 
-   !> Numbers the branches of the line behind a point, whose motions are read in pieces.
+   !> Numbers the branches of the line that follows a point; the motions are read in pieces.
    subroutine number_line(results, plan, chain, before, branch, error)
       type(results_t), intent(in) :: results
       type(sweep_plan_t), intent(in) :: plan
       integer, intent(in) :: chain                                    !! length
-      integer, intent(in) :: before                                   !! point
+      integer, intent(in) :: before                                   !! preceding point
       integer, intent(out) :: branch(:)                               !! (points of the line)
       type(error_t), allocatable, intent(out) :: error
       type(line_t) :: line

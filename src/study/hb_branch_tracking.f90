@@ -1,41 +1,42 @@
-!> Whether two motions, at two values of a parameter, lie on one branch: the first is followed towards the second in steps as
-!> small as the branch needs.
-!>
-!> Each step goes along the line through the last two motions and is taken where the motion found stays close to this line; else
-!> it is halved. Where halving leads nowhere, the branch ends there, at a fold as a rule. Corners of contact, where samples
-!> enter one by one, have folds of their own, too small to matter: steps over them are long, and changes of the motion
-!> below `smallest_jump` are no other branch. Source: E. L. Allgower and K. Georg, Numerical Continuation Methods (1990),
-!> sections 2.2 and 6.1, with the parameter as the length.
+!> Whether two motions, at two values of a parameter, lie on one branch: the first is followed towards the second in
+!> steps as small as the branch requires.
+!> Each step goes along the line through the last two motions and is accepted if the motion found is close to this
+!> line; otherwise it is halved. If halving does not help, the branch ends there, usually at a fold. Corners of
+!> contact, where samples come into contact one by one, have folds of their own that are too small to matter: steps
+!> over them are long, and changes of the motion below `smallest_jump` do not count as another branch. Source: E. L.
+!> Allgower and K. Georg, Numerical Continuation Methods (1990), sections 2.2 and 6.1, with the parameter as the
+!> length.
 module hb_branch_tracking
    use hb_kinds, only: wp
    implicit none
    private
    public :: difference_of, find_branch, finding, smallest_jump, stretch_t, tracking_t
 
-   real(wp), parameter :: smallest_jump = 1.0e-2_wp                   !! relative to the motion: less is no other branch to anybody
-   real(wp), parameter :: first_step = 1.0_wp/16.0_wp, longest_step = 0.25_wp, shortest_step = 1.0_wp/1024.0_wp ! of the stretch
-   real(wp), parameter :: largest_turn = 0.3_wp                       ! distance to the line, relative to the step
-   real(wp), parameter :: small_turn = 0.1_wp                         ! steps grow below
+   real(wp), parameter :: smallest_jump = 1.0e-2_wp !! relative to the motion: smaller changes are not another branch
+   real(wp), parameter :: first_step = 1.0_wp/16.0_wp, longest_step = 0.25_wp, shortest_step = 1.0_wp/1024.0_wp ! of the interval
+   real(wp), parameter :: largest_turn = 0.3_wp                       ! distance from the line, relative to the step
+   real(wp), parameter :: small_turn = 0.1_wp                         ! below which steps grow
    real(wp), parameter :: leaps(3) = [4.0_wp, 16.0_wp, 64.0_wp]       ! over a fold of a corner, in shortest steps
 
-   !> What comes of it.
+   !> Outcomes.
    type :: finding_t
       integer :: one_branch = 0
-      integer :: ends = 1                                             !! the branch of the first ends before the second
-      integer :: goes_on = 2                                          !! it does not, and the second motion is another
-      integer :: unclear = 3                                          !! the work was spent before
+      integer :: ends = 1                                             !! the branch of the first motion ends before the second
+      integer :: goes_on = 2                                          !! it does not end, and the second motion is a different one
+      integer :: unclear = 3                                          !! the budget was exhausted before
    end type finding_t
    type(finding_t), parameter :: finding = finding_t()
 
    !> Motions between two values of a parameter, which is 0 at the first and 1 at the second.
    type, abstract :: stretch_t
-      logical :: is_spent = .false.                                   !! no more motions can be sought
+      logical :: is_spent = .false.                                   !! the budget is exhausted
    contains
       procedure(solve_between), deferred :: solve
    end type stretch_t
 
    abstract interface
-      !> Finds the motion at a value of the parameter from a first guess close to it; says in `is_spent` whether it was the last.
+      !> Finds the motion at a value of the parameter from a first guess close to it; sets `is_spent` if it was the
+      !> last permitted one.
       subroutine solve_between(self, share, motion, is_solved)
          import :: stretch_t, wp
          class(stretch_t), intent(inout) :: self
@@ -48,14 +49,14 @@ module hb_branch_tracking
    !> A branch as far as it was followed.
    type :: tracking_t
       integer :: finding = finding%unclear
-      real(wp) :: share = 0.0_wp                                      !! where it was left
+      real(wp) :: share = 0.0_wp                                      !! position at which it ends
       real(wp), allocatable :: motion(:)                              !! there
    end type tracking_t
 
 contains
 
-   !> Whether the motions at both ends of a stretch lie on one branch. A branch that seems to end is followed from the
-   !> other side too, and continues after all if that leads back to it: it may have been lost at a corner.
+   !> Whether the motions at both ends of an interval lie on one branch. A branch that appears to end is also followed
+   !> from the other side; if that leads back to its end, it continues: the first attempt may have failed at a corner.
    subroutine find_branch(stretch, first, last, tracking)
       class(stretch_t), intent(inout) :: stretch
       real(wp), intent(in) :: first(:), last(:)
@@ -68,7 +69,7 @@ contains
       if (back%finding == finding%one_branch) tracking%finding = finding%one_branch
    end subroutine find_branch
 
-   !> Follows the branch of one motion from one end of the stretch to the other.
+   !> Follows the branch of one motion from one end of the interval to the other.
    subroutine follow(stretch, start, first, last, tracking)
       class(stretch_t), intent(inout) :: stretch
       real(wp), intent(in) :: start                                   !! 0 or 1
@@ -109,7 +110,7 @@ contains
 
    contains
 
-      !> Finds the motion a step further on.
+      !> Finds the motion after one more step.
       subroutine go(length, is_found)
          real(wp), intent(in) :: length
          logical, intent(out) :: is_found
@@ -118,7 +119,7 @@ contains
          call stretch%solve(abs(start - min(1.0_wp, done + length)), next, is_found)
       end subroutine go
 
-      !> Takes the step, and makes the next one longer.
+      !> Accepts the step, and increases the length of the next one.
       subroutine take(factor)
          real(wp), intent(in) :: factor
 
@@ -130,7 +131,7 @@ contains
          step = min(longest_step, factor*step)
       end subroutine take
 
-      !> Goes over a corner to a motion that is hardly another.
+      !> Passes a corner to a motion that differs very little.
       subroutine leap(is_over)
          logical, intent(out) :: is_over
          integer :: i

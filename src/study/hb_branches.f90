@@ -1,10 +1,10 @@
-!> Where the motion jumps from one branch of solutions to another along a line of a sweep.
-!>
-!> Between two neighbours the motion x moves with the slope |x_k+1 - x_k|/|p_k+1 - p_k|. A jump is a slope that stands far above
-!> those on both sides of it. How far a smooth response can come is known from the steepest shapes that there are: the slope
-!> across a resonance without damping, x = 1/(p - p0), is at most three times that of either neighbour, however coarse the
-!> points are; across the vertical tangent of a cusp, x = (p - p0)**(1/3), 4.5 times. Where both sides differ much, as before a
-!> fold (steep) and behind the jump (flat), less is needed: the limit is taken of a mean of both that the larger one leads.
+!> Locates jumps of the motion from one branch of solutions to another along a line of a sweep.
+!> Between two neighbours the motion x changes with the slope |x_k+1 - x_k|/|p_k+1 - p_k|. A jump is a slope far
+!> larger than those on both sides of it. The limit follows from the steepest smooth responses: across a resonance
+!> without damping, x = 1/(p - p0), the slope is at most three times that of either neighbour, however coarse the
+!> points are; across the vertical tangent of a cusp, x = (p - p0)**(1/3), 4.5 times. If the two sides differ greatly,
+!> as before a fold (steep) and after the jump (flat), a smaller ratio suffices: the limit is applied to a mean of
+!> both, dominated by the larger one.
 module hb_branches
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_branch_tracking, only: smallest_jump
@@ -13,23 +13,23 @@ module hb_branches
    private
    public :: is_far_above, is_reported, jumps_between, left_branch, line_t, new_line
 
-   integer, parameter :: left_branch = -1                           !! number of a point where a chain was seen to leave its branch
+   integer, parameter :: left_branch = -1 !! number of a point at which a chain was found to leave its branch
 
    real(wp), parameter :: least_ratio = 3.0_wp                        ! to the larger slope beside a jump
    real(wp), parameter :: mean_ratio = 6.0_wp                         ! to larger**(3/4)*smaller**(1/4)
-   real(wp), parameter :: return_ratio = 1.5_wp                       ! slope past points that lie elsewhere, to those beside it
-   integer, parameter :: longest_run = 8                              ! steps to and fro between two branches
+   real(wp), parameter :: return_ratio = 1.5_wp                       ! slope past deviating points, relative to those beside it
+   integer, parameter :: longest_run = 8                              ! alternating steps between two branches
 
-   !> The solved points of a line, in their order.
+   !> The solved points of a line, in order.
    type :: line_t
       private
       integer :: n = 0
       integer, allocatable :: point(:)
       real(wp), allocatable :: parameter(:), norm(:)
-      real(wp), allocatable :: step(:)                                ! to a point from that before it
-      real(wp), allocatable :: cosine(:)                              ! of the angle between this step and that before it
-      logical, allocatable :: is_reported(:)                          ! that the motion jumps to a point
-      real(wp), allocatable :: last(:), direction(:)                  ! the last motion, and the step to it, of length 1
+      real(wp), allocatable :: step(:)                                ! from the previous point
+      real(wp), allocatable :: cosine(:)                              ! of the angle between this step and the previous one
+      logical, allocatable :: is_reported(:)                          ! the motion is known to jump to the point
+      real(wp), allocatable :: last(:), direction(:)                  ! the last motion, and the direction of the step to it
    contains
       procedure :: add => line_add
       procedure :: number => line_number
@@ -37,7 +37,7 @@ module hb_branches
 
 contains
 
-   !> A line without points yet.
+   !> Creates a line without points.
    pure subroutine new_line(self, n_points)
       type(line_t), intent(out) :: self
       integer, intent(in) :: n_points                                 !! at most
@@ -49,10 +49,10 @@ contains
    !> Adds the next solved point.
    pure subroutine line_add(self, point, parameter, motion, is_reported)
       class(line_t), intent(inout) :: self
-      integer, intent(in) :: point                                    !! its place on the line, from 1
+      integer, intent(in) :: point                                    !! its position on the line, from 1
       real(wp), intent(in) :: parameter
-      real(wp), intent(in) :: motion(:)                               !! coefficients; those that it lacks are no numbers
-      logical, intent(in), optional :: is_reported                    !! whether it is known that the motion jumps to it
+      real(wp), intent(in) :: motion(:)                               !! coefficients; missing ones are NaN
+      logical, intent(in), optional :: is_reported                    !! whether the motion is known to jump to it
       real(wp) :: direction(size(motion)), x(size(motion))
       real(wp) :: cosine, step
 
@@ -77,7 +77,7 @@ contains
       self%last = x
    end subroutine line_add
 
-   !> Numbers the branches of a line from 1; 0 where there is no solved point.
+   !> Numbers the branches of a line from 1; 0 if there is no solved point.
    pure subroutine line_number(self, branch)
       class(line_t), intent(in) :: self
       integer, intent(out) :: branch(:)                               !! (points of the line)
@@ -95,7 +95,7 @@ contains
       end do
    end subroutine line_number
 
-   !> Finds the steps that are jumps: those that are reported, single ones, and several in a row that lead to and fro.
+   !> Finds the steps that are jumps: known ones, single ones, and several consecutive ones that alternate.
    pure subroutine find_jumps(self, is_jump)
       type(line_t), intent(in) :: self
       logical, intent(out) :: is_jump(2:)
@@ -119,7 +119,7 @@ contains
             end if
             before = slope(max(2, i - 1))
             after = slope(min(n, last + 1))
-            if (i == 2) before = slope(min(n, last + 2))              ! at an end both stand on one side
+            if (i == 2) before = slope(min(n, last + 2))              ! at an end both are on one side
             if (last == n) after = slope(max(2, i - 2))
             if (last > i .and. (i == 2 .or. last == n)) cycle
             if (.not. all(is_far_above(slope(i:last), before, after))) cycle
@@ -134,7 +134,7 @@ contains
       end do
    end subroutine find_jumps
 
-   !> Whether a slope stands out from those on both sides of it.
+   !> Whether a slope is far larger than those on both sides of it.
    elemental logical function is_far_above(slope, before, after)
       real(wp), intent(in) :: slope, before, after
 
@@ -143,11 +143,11 @@ contains
       end associate
    end function is_far_above
 
-   !> Whether the motion is back on its way after one point elsewhere; behind the peak of a resonance that only one point meets
-   !> it is not, since the phase has turned.
+   !> Whether the motion returns to its branch after one deviating point. This is not the case after the peak of a
+   !> resonance that only one point reaches, since the phase has changed.
    pure logical function returns(self, i, slope)
       type(line_t), intent(in) :: self
-      integer, intent(in) :: i                                        !! the point elsewhere
+      integer, intent(in) :: i                                        !! the deviating point
       real(wp), intent(in) :: slope                                   !! on either side
       real(wp) :: across
 
@@ -157,15 +157,15 @@ contains
       returns = across <= return_ratio*slope*abs(self%parameter(i + 1) - self%parameter(i - 1))
    end function returns
 
-   !> Whether numbers of two neighbours of a chain tell that the motion jumps between them: the mark of a point that was just
-   !> solved, or numbers of a run before.
+   !> Whether the numbers of two neighbours of a chain show that the motion jumps between them: the number
+   !> `left_branch` of a newly solved point, or numbers of a previous run.
    elemental logical function is_reported(before, branch)
       integer, intent(in) :: before, branch
 
       is_reported = branch == left_branch .or. (before > 0 .and. branch > before)
    end function is_reported
 
-   !> Points of a sweep, from 1, to which the motion jumps from the solved point before them on their line.
+   !> Points of a sweep, from 1, to which the motion jumps from the preceding solved point of their line.
    pure function jumps_between(branch, line_length) result(points)
       integer, intent(in) :: branch(:)                                !! of all points
       integer, intent(in) :: line_length

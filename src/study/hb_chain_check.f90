@@ -1,9 +1,10 @@
-!> Whether the points of a chain lie on one branch of motions. Where a point is not on the extrapolation of those before it, the
-!> branch of the last one is followed up to it in small steps, hb_branch_tracking; what is found becomes the message of the point.
-!> Where points choose their own sets it is followed in one that has the tuples of both, in which both motions are found anew:
-!> what one set lacks is no other branch.
-!>
-!> The work is bounded: that of all motions in between by the work of the points of the chain so far and a part of a second.
+!> Whether the points of a chain lie on one branch of motions. If a point is not on the extrapolation of its
+!> predecessors, the branch of the last one is followed up to it in small steps, hb_branch_tracking; the outcome
+!> becomes the message of the point. If points choose their own sets, the branch is followed in a set that has the
+!> tuples of both points, in which both motions are computed again: a difference between the sets is thus not taken
+!> for another branch.
+!> The work is bounded: for all motions in between by the work of the points of the chain so far plus a fraction of a
+!> second.
 module hb_chain_check
    use hb_branch_tracking, only: difference_of, find_branch, finding, smallest_jump, stretch_t, tracking_t
    use hb_cancellation, only: work_is_over
@@ -21,10 +22,10 @@ module hb_chain_check
    private
    public :: chain_check_t
 
-   integer, parameter :: most_motions = 120                           ! to be sought for a point
+   integer, parameter :: most_motions = 120                           ! computed for a point
    real(wp), parameter :: free_work = 0.03e9_wp                       ! of a chain, as `work` of a result
-   integer, parameter :: most_iterations = 10                         ! for one, from a guess that is close to it
-   real(wp), parameter :: largest_turn = 0.5_wp                       ! of a step that nobody doubts, relative to its length
+   integer, parameter :: most_iterations = 10                         ! for one motion, from a close first guess
+   real(wp), parameter :: largest_turn = 0.5_wp                       ! of an accepted step, relative to its length
    real(wp), parameter :: largest_first = 0.2_wp                      ! first step of a chain, relative to the motion
 
    !> The solved points of a chain so far.
@@ -40,28 +41,28 @@ module hb_chain_check
       procedure :: look => chain_check_look
    end type chain_check_t
 
-   !> Between two points of a sweep.
+   !> The interval between two points of a sweep.
    type, extends(stretch_t) :: swept_stretch_t
       type(point_source_t), pointer :: source => null()
       integer :: first = 0, last = 0                                  ! points
       integer :: n_left = most_motions
       real(wp) :: work_left = 0.0_wp
-      type(level_t) :: level                                          ! set and grid, where points choose them
-      real(wp), allocatable :: frequencies(:)                         ! behind the coefficients of a guess
+      type(level_t) :: level                                          ! set and grid, if points choose them
+      real(wp), allocatable :: frequencies(:)                         ! appended to the coefficients of a guess
    contains
       procedure :: solve => swept_stretch_solve
    end type swept_stretch_t
 
 contains
 
-   !> Looks at a solved point, which follows the last one that was examined. The document and the model may have values between
-   !> the two afterwards.
+   !> Examines a solved point, which follows the last examined one. Afterwards the document and the model may have
+   !> values between the two.
    subroutine chain_check_look(self, source, point, here, result)
       class(chain_check_t), intent(inout) :: self
       type(point_source_t), intent(inout), target :: source
       integer, intent(in) :: point
       type(level_t), intent(in) :: here                               !! set, grid and unknowns of the point
-      type(motion_result_t), intent(inout) :: result                  !! of the point; gets the message
+      type(motion_result_t), intent(inout) :: result                  !! of the point; receives the message
       type(level_t) :: both
       type(swept_stretch_t) :: stretch
       type(tracking_t) :: tracking
@@ -114,12 +115,12 @@ contains
       self%last_point = point
    end subroutine chain_check_look
 
-   !> Finds the motion at one end of the stretch in its set; it stays as it is where that leads elsewhere.
+   !> Computes the motion at one end of the interval in its set; it is unchanged if the result is a different one.
    subroutine find_anew(stretch, share, motion)
       type(swept_stretch_t), intent(inout) :: stretch
       real(wp), intent(in) :: share
       real(wp), intent(inout) :: motion(:)
-      real(wp), parameter :: largest_change = 0.1_wp                  ! relative to the motion: another one
+      real(wp), parameter :: largest_change = 0.1_wp                  ! relative to the motion: otherwise a different one
       real(wp) :: found(size(motion))
       logical :: is_solved
 
@@ -138,14 +139,14 @@ contains
       coefficients = carry(level%set, set, level%unknowns(:size(level%unknowns) - set%n_tones), 0)
    end function coefficients_of
 
-   !> Coordinates of the laws of a motion.
+   !> Number of coordinates of the laws of a motion.
    pure integer function n_functions(level)
       type(level_t), intent(in) :: level
 
       n_functions = (size(level%unknowns) - level%set%n_tones)/level%set%n_coefficients
    end function n_functions
 
-   !> Whether a point is not where those before it lead.
+   !> Whether a point deviates from the extrapolation of its predecessors.
    pure logical function is_doubtful(last, motion, length, slope)
       real(wp), intent(in) :: last(:), motion(:)                      !! in one set
       real(wp), intent(in) :: length                                  !! of the step in the parameter
@@ -160,10 +161,10 @@ contains
       end if
    end function is_doubtful
 
-   !> Describes what was found, if there is something to say.
+   !> Describes the outcome if there is one to report.
    subroutine tell(tracking, place, result)
       type(tracking_t), intent(in) :: tracking
-      character(*), intent(in) :: place                               !! where the tracking was left
+      character(*), intent(in) :: place                               !! position at which the tracking ended
       type(motion_result_t), intent(inout) :: result
       character(:), allocatable :: text
 
@@ -182,7 +183,7 @@ contains
       result%message = text
    end subroutine tell
 
-   !> Finds the motion of the model between two points, and no more than it.
+   !> Computes the motion of the model between two points, without further results.
    subroutine swept_stretch_solve(self, share, motion, is_solved)
       class(swept_stretch_t), intent(inout) :: self
       real(wp), intent(in) :: share

@@ -1,4 +1,4 @@
-!> The group `&curve`: which value moves, its range, and which points are located.
+!> The group `&curve`: the moving value, its range, and the points that are located.
 module hb_curve_plan
    use hb_curve_request, only: curve_kind, curve_kind_names, curve_request_t, located_response_t
    use hb_document, only: document_t, parameter_t
@@ -16,7 +16,7 @@ module hb_curve_plan
    private
    public :: curve_plan_t, keys_of_responses, read_curve_plan
 
-   !> Keys that name responses, and what is located by them.
+   !> Keys that name responses, each with the kind of located point.
    character(*), parameter :: keys_of_responses(4) = [character(12) :: "peak_of", "minimum_of", "amplitude_of", "resonance_of"]
    integer, parameter :: kinds_of_responses(4) = [curve_kind%peak, curve_kind%minimum, curve_kind%amplitude, curve_kind%resonance]
 
@@ -25,18 +25,18 @@ module hb_curve_plan
       type(string_t), allocatable :: names(:)
    end type names_t
 
-   !> A request whose responses and origin are texts still: they need the model.
+   !> A request whose responses and origin are still text: resolving them requires the model.
    type, extends(curve_request_t) :: curve_plan_t
       character(:), allocatable :: path                               !! in the input, such as tones%frequency
-      character(:), allocatable :: units                              !! of the value; empty before it is known
+      character(:), allocatable :: units                              !! of the value; empty until known
       character(:), allocatable :: place                              !! of the group, for messages
       type(names_t) :: responses_of(size(keys_of_responses))          !! as the keys
       real(wp), allocatable :: amplitudes(:)                          !! of each of `amplitude_of`
-      character(:), allocatable :: origin_path                        !! result file from whose point the curve leaves; empty: none
+      character(:), allocatable :: origin_path !! result file whose point is the origin of the curve; empty: none
       integer :: origin_point = 0                                     !! from 0
       integer, allocatable :: torus_order(:)                          !! of the set of a torus that leaves the curve; none: chosen
-      character(:), allocatable :: over_path                          !! of the value over which what is followed is located
-      real(wp), allocatable :: ratios(:)                              !! of all tones to the one that moves, if these are tied
+      character(:), allocatable :: over_path !! path of the value `over` which the located point is followed
+      real(wp), allocatable :: ratios(:)                              !! of all tones to the moving one, if they are tied
    contains
       procedure :: set => curve_plan_set
       procedure :: tie_tones => curve_plan_tie_tones
@@ -46,7 +46,7 @@ module hb_curve_plan
 
 contains
 
-   !> Reads `&curve` and looks its path up in the document; fails with all problems of the group.
+   !> Reads `&curve` and resolves its path in the document; fails with all problems of the group.
    subroutine read_curve_plan(self, document, error)
       type(curve_plan_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
@@ -94,7 +94,7 @@ contains
       self%moving%parameter%line = group%line
    end subroutine read_curve_plan
 
-   !> Adds a problem for each of the values that is not between the ends.
+   !> Reports a problem for each of the values that is outside the range.
    subroutine check_range(self, group)
       type(curve_plan_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
@@ -121,7 +121,7 @@ contains
       end subroutine check_values
    end subroutine check_range
 
-   !> The value over which a point is located that the curve follows.
+   !> Reads the value over which a located point is followed.
    subroutine read_over(self, group, follow)
       type(curve_plan_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
@@ -153,7 +153,7 @@ contains
       end if
    end subroutine read_over
 
-   !> Finds what the paths name; fails for what is no single number that can move.
+   !> Resolves the paths; fails if one is not a single number that can move.
    subroutine find_values(self, document, error)
       type(curve_plan_t), intent(inout) :: self
       type(document_t), intent(inout) :: document
@@ -191,8 +191,8 @@ contains
                    trim(lower(self%path))//"(1)', and tie = 'ratio' if the others move along")
    end subroutine find_values
 
-   !> The request to the follower, for the model at the start; the origin in a file is added by hb_stored_origin. Fails where the
-   !> path names no real number, or not one of them, or where a response is not known.
+   !> Creates the request of the continuation, for the model at the start; hb_stored_origin adds an origin in a file.
+   !> Fails if the path is not a real number or not a single one, or if a response is unknown.
    subroutine curve_plan_make_request(self, model, document, request, error)
       class(curve_plan_t), intent(in) :: self
       type(model_t), intent(in) :: model
@@ -224,7 +224,7 @@ contains
       end do
    end subroutine curve_plan_make_request
 
-   !> Whether a wall has its law of impact.
+   !> Whether a wall has a given restitution.
    logical function has_restitution(model)
       type(model_t), intent(in) :: model
       type(hold_t) :: hold
@@ -237,7 +237,7 @@ contains
       end do
    end function has_restitution
 
-   !> Fails where the model has no curve along these values.
+   !> Fails if the model has no curve along these values.
    subroutine check_model(self, model, document, error)
       class(curve_plan_t), intent(in) :: self
       type(model_t), intent(in) :: model
@@ -306,7 +306,7 @@ contains
       end do
    end subroutine add_amplitudes
 
-   !> Fails where a response is no harmonic whose loads have one phase: it cannot be a quarter of a period from them.
+   !> Fails if a response is not a harmonic with loads of one phase: it then cannot be in quadrature with them.
    subroutine check_loads(model, response, error)
       type(model_t), intent(in) :: model
       type(located_response_t), intent(in) :: response
@@ -328,7 +328,7 @@ contains
       end if
    end subroutine check_loads
 
-   !> Notes the ratios of tied tones, as the input gives them. Fails for a tone that there is not.
+   !> Stores the ratios of tied tones of the input. Fails for a tone that does not exist.
    subroutine curve_plan_tie_tones(self, document, omega, error)
       class(curve_plan_t), intent(inout) :: self
       type(document_t), intent(in) :: document
@@ -344,7 +344,7 @@ contains
       end if
    end subroutine curve_plan_tie_tones
 
-   !> Sets the value that moves, and what is tied to it.
+   !> Sets the moving value, and the tied ones.
    pure subroutine curve_plan_set(self, document, value)
       class(curve_plan_t), intent(in) :: self
       type(document_t), intent(inout) :: document
@@ -361,7 +361,7 @@ contains
       end do
    end subroutine curve_plan_set
 
-   !> Path and range with the unit, for people.
+   !> Path and range with the unit, for messages.
    function curve_plan_describe(self) result(text)
       class(curve_plan_t), intent(in) :: self
       character(:), allocatable :: text

@@ -15,16 +15,16 @@ module hb_curve_table
 
    integer, parameter :: most_lines = 60
 
-   !> A point at which other motions leave a curve.
+   !> A point of a curve at which other motions branch off.
    type :: leaving_t
       integer :: point = 0                                            !! from 1
       integer :: kind = 0                                             !! hb_curve_request%curve_kind
-      integer :: beyond = 0                                           !! of a graze: the point next to it, on the side of contact
+      integer :: beyond = 0                                           !! of a graze: the adjacent point, on the side of contact
    end type leaving_t
 
 contains
 
-   !> Notes in a plan the values that the points of curves have in a file.
+   !> Stores in a plan the values of the points of curves in a file.
    subroutine note_curve_values(path, plan, error)
       character(*), intent(in) :: path
       type(sweep_plan_t), intent(inout) :: plan
@@ -43,7 +43,8 @@ contains
       call file%close(error)
    end subroutine note_curve_values
 
-   !> Lists where other motions leave the curves of a file: doublings, tones that join, and grazing at which stability is lost.
+   !> Lists the points at which other motions branch off the curves of a file: period doublings, torus bifurcations,
+   !> and grazes with a loss of stability.
    subroutine find_leaving(path, n_points, leaving, error)
       character(*), intent(in) :: path
       integer, intent(in) :: n_points
@@ -73,7 +74,7 @@ contains
       end do
    end subroutine find_leaving
 
-   !> A line for each special point: what it is, its values, its number. `plan` has the values of the curve.
+   !> A line for each special point: its kind, its values, its number. `plan` has the values of the curve.
    subroutine curve_lines(path, plan, lines, error)
       character(*), intent(in) :: path
       type(sweep_plan_t), intent(in) :: plan
@@ -107,7 +108,7 @@ contains
       if (n > most_lines) lines = [character(160) :: lines, "and "//to_text(n - most_lines)//" more (see 'curve_kind')"]
       call find_gaps(merge(kind, curve_kind%none, is_solved(status)), branch, merge(n_unstable, -1, is_stable /= 0), &
                      plan%n_fastest(), n, first_gap)
-      if (allocated(plan%curve%over)) n = 0                           ! the points are located themselves, along other curves
+      if (allocated(plan%curve%over)) n = 0                           ! the points are themselves located, along other curves
       if (n > 0) lines = [character(160) :: lines, number_of(n, "step")//", first at "//rounded%describe(first_gap)// &
          ", point "//to_text(first_gap - 1)//": 'n_unstable' changes without a located bifurcation"]
       n = number_cut_short(kind, status, plan%n_fastest())
@@ -131,15 +132,14 @@ contains
       end function line_of
    end subroutine curve_lines
 
-   !> Counts the steps on which the number of growing disturbances changes without a point, on them or next to them, that reports
-   !> why.
-   !> Steps on which it is not known at both ends do not count, nor does the start of a branch.
+   !> Counts the steps on which the number of growing disturbances changes without a point on the step or next to it
+   !> that explains this. Steps with an unknown number at either end do not count, nor does the start of a branch.
    pure subroutine find_gaps(kind, branch, n_unstable, n_rows, n_gaps, first)
       integer, intent(in) :: kind(:), branch(:)                       !! of all points of all curves
       integer, intent(in) :: n_unstable(:)                            !! likewise, -1: not known
       integer, intent(in) :: n_rows                                   !! for one curve
       integer, intent(out) :: n_gaps
-      integer, intent(out) :: first                                   !! point at the end of the first such step; 0: there is none
+      integer, intent(out) :: first                                   !! point at the end of the first such step; 0: none
       integer, parameter :: steps(2) = [curve_kind%regular, curve_kind%start]
       integer, parameter :: reasons(6) = [curve_kind%fold, curve_kind%branch, curve_kind%flip, curve_kind%torus, curve_kind%split, &
                                           curve_kind%graze]
@@ -158,7 +158,7 @@ contains
                   next = k
                   if (any(steps == kind(k))) exit
                end do
-               do k = before - 1, i - modulo(i - 1, n_rows), -1       ! the beginning of the one before
+               do k = before - 1, i - modulo(i - 1, n_rows), -1       ! the beginning of the previous step
                   if (any(steps == kind(k))) exit
                end do
                first_row = max(k, i - modulo(i - 1, n_rows))
@@ -172,7 +172,7 @@ contains
       end do
    end subroutine find_gaps
 
-   !> Curves whose last row is no end: they have used their points, and continue.
+   !> Number of curves whose last row is not an end: they have used all of their points, and could continue.
    pure integer function number_cut_short(kind, status, n_rows) result(n)
       integer, intent(in) :: kind(:), status(:)                       !! of all points of all curves
       integer, intent(in) :: n_rows                                   !! for one curve

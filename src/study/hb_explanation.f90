@@ -1,5 +1,6 @@
-!> What happened at the points of a result file: each kind of failure once, with its message, how many points it has and the command
-!> to try next; and of one point, in sentences, how it ended, what was tried, how near that came, and what to do next.
+!> Explains the points of a result file: each kind of failure once, with its message, the number of its points and the
+!> command to try next; and one point in sentences: how it ended, what was tried, how close the attempts came, and
+!> what to do next.
 module hb_explanation
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_advice, only: rounded
@@ -16,13 +17,13 @@ module hb_explanation
    private
    public :: explain_failures, explain_point, find_kinds, status_lines
 
-   character(*), parameter :: mark = "; least residuals: "            ! of hb_advice, before what each attempt reached
+   character(*), parameter :: mark = "; least residuals: "            ! of hb_advice, before the residual of each attempt
    integer, parameter :: most_read = 200                              ! messages of a status that are examined for a summary
    integer, parameter :: most_kinds = 3                               ! of a status that are reported there
 
 contains
 
-   !> Lines on all points but those that are converged, pending or unused.
+   !> Lines on all points except those that are converged, pending or unused.
    subroutine status_lines(status, names, plan, document, lines)
       integer, intent(in) :: status(:)                                !! (n_points)
       type(run_names_t), intent(in) :: names
@@ -59,7 +60,7 @@ contains
       end subroutine add
    end subroutine status_lines
 
-   !> A paragraph on each kind of failure in a file, at the first of its points; an element each.
+   !> Explains each kind of failure in a file by its first point; one paragraph per element.
    subroutine explain_failures(record, names, plan, document, paragraphs)
       type(record_t), intent(in) :: record
       type(run_names_t), intent(in) :: names
@@ -80,7 +81,7 @@ contains
       end do
    end subroutine explain_failures
 
-   !> A paragraph on one point.
+   !> Explains one point in a paragraph.
    function explain_point(point, record, names, plan, document) result(text)
       integer, intent(in) :: point                                    !! from 1
       type(record_t), intent(in) :: record
@@ -93,7 +94,7 @@ contains
                        record, names, plan, document)
    end function explain_point
 
-   !> Kinds of the points that have a status, none where it is `unused`; of many points the first alone are examined.
+   !> Kinds of the points with a status, none if it is `unused`; of many points only the first are examined.
    subroutine kinds_of_status(wanted, status, path, most, kinds)
       integer, intent(in) :: wanted, status(:)                        !! of all points
       character(*), intent(in) :: path                                !! of the result file
@@ -110,7 +111,7 @@ contains
       call find_kinds(wanted, points, messages, kinds)
    end subroutine kinds_of_status
 
-   !> Groups points of one status by their messages, apart from numbers.
+   !> Groups points of one status by their messages, ignoring numbers.
    pure subroutine find_kinds(status, points, messages, kinds)
       integer, intent(in) :: status
       integer, intent(in) :: points(:)                                !! from 1, ascending
@@ -136,7 +137,7 @@ contains
       kinds = kinds(:n)
    end subroutine find_kinds
 
-   !> Message up to its list of residuals, without what numbers consist of.
+   !> Message up to its list of residuals, without the characters of numbers.
    pure function without_numbers(message) result(form)
       character(*), intent(in) :: message
       character(:), allocatable :: form
@@ -148,7 +149,7 @@ contains
       end do
    end function without_numbers
 
-   !> Sentences on the first point of a kind; lines with a command begin with "try: ".
+   !> Explains the first point of a kind; lines with a command begin with "try: ".
    function paragraph(kind, record, names, plan, document) result(text)
       type(failure_kind_t), intent(in) :: kind
       type(record_t), intent(in) :: record
@@ -183,7 +184,7 @@ contains
       if (len(plan%describe(point)) > 0) text = text//" ("//plan%describe(point)//")"
    end function name_of
 
-   !> How many points beside the first are of a kind.
+   !> Text with the number of further points of a kind.
    pure function others_of(kind) result(text)
       type(failure_kind_t), intent(in) :: kind
       character(:), allocatable :: text
@@ -192,7 +193,7 @@ contains
       if (kind%n_points > 1) text = " and "//number_of(kind%n_points - 1, "other")
    end function others_of
 
-   !> What was tried: the attempts that the message lists, or the one that led to the motion.
+   !> Text on what was tried: the attempts that the message lists, or the one that succeeded.
    function attempts_text(kind, record) result(text)
       type(failure_kind_t), intent(in) :: kind
       type(record_t), intent(in) :: record
@@ -214,7 +215,7 @@ contains
       ending = ""
       do i = 1, size(attempts)
          call split(trim(adjustl(attempts(i)%value)), " ", words)
-         if (size(words) < 2) cycle                                   ! the end of the message had no room
+         if (size(words) < 2) cycle                                   ! the end of the message was truncated
          if (size(words) > 2) ending = words(3)%value
          name = trim(words(1)%value)
          do k = 0, ubound(fallback_names, 1)
@@ -227,7 +228,7 @@ contains
       text = text//"."
    end function attempts_text
 
-   !> How near the point has come, beside what is asked for.
+   !> Text on how close the point has come, compared with the limits.
    function nearness_text(point, record, document) result(text)
       integer, intent(in) :: point                                    !! from 1
       type(record_t), intent(in) :: record
@@ -274,7 +275,7 @@ contains
          has_tolerance = copy%count("accuracy") > 0
       end function has_tolerance
 
-      !> What the input asks for: with a tolerance that of the motion.
+      !> The limit in the input: with a tolerance that of the motion.
       real(wp) function limit(group_name, key) result(value)
          character(*), intent(in) :: group_name, key
          type(document_t), target :: copy
@@ -292,7 +293,7 @@ contains
       end function limit
    end function nearness_text
 
-   !> The point nearest in number that has a motion to come from.
+   !> Text with the nearest point, by number, that has a motion.
    function neighbour_text(point, record, plan) result(text)
       integer, intent(in) :: point                                    !! from 1
       type(record_t), intent(in) :: record

@@ -1,7 +1,6 @@
-!> Whether a run has to end early: a signal, a limit on its time, or another rank that ends.
-!>
-!> It is checked before each point, and by solvers within a point as a cancellation token. A point that is ended
-!> stays pending and is solved by a later run from its beginning: no number depends on when a run ends.
+!> Whether a run must end early: a signal, a limit on its time, or another rank that ends.
+!> This is checked before each point, and within a point by the solvers through a cancellation. A point that is
+!> interrupted remains pending, and a later run solves it from its beginning: no number depends on when a run ends.
 module hb_interruption
    use hb_cancellation, only: cancellation_t
    use hb_clock, only: wall_clock
@@ -13,7 +12,7 @@ module hb_interruption
    private
    public :: interruption, interruption_t, new_interruption
 
-   !> Why no further point is begun; of two ranks the one with the larger number has more to tell.
+   !> Reasons not to begin another point; of two ranks, the one with the larger number is reported.
    type :: reason_t
       integer :: none = 0
       integer :: other_rank = 1                                       !! another rank has its reason
@@ -23,8 +22,8 @@ module hb_interruption
 
    type(reason_t), parameter :: interruption = reason_t()
 
-   ! The flag stands in the memory of one rank; all others together look at it so often at most, and each no more often than
-   ! people notice.
+   ! The flag is in the memory of one rank; this limits how often all other ranks together read it, and each rank
+   ! reads it at most as often as a delay is perceptible.
    real(wp), parameter :: looks_per_second = 1.0e5_wp, shortest_interval = 0.01_wp
 
    type, extends(cancellation_t) :: interruption_t
@@ -32,9 +31,9 @@ module hb_interruption
       real(wp), private :: started = 0.0_wp
       real(wp), private :: time_limit = huge(1.0_wp)                  !! [s] from the start
       real(wp), private :: longest = 0.0_wp                           !! [s] of the points of this rank so far
-      type(work_counter_t), private :: flag                           !! more than 0 points are done: all ranks have to stop
-      real(wp), private :: looked = -huge(1.0_wp)                     !! [s] when this rank looked at it last
-      real(wp), private :: interval = shortest_interval               !! [s] between two looks
+      type(work_counter_t), private :: flag                           !! more than 0 points are done: all ranks must stop
+      real(wp), private :: looked = -huge(1.0_wp)                     !! [s] time of the last check by this rank
+      real(wp), private :: interval = shortest_interval               !! [s] between two checks
    contains
       procedure :: ask_all => interruption_ask_all
       procedure :: destroy => interruption_destroy
@@ -45,7 +44,7 @@ module hb_interruption
 
 contains
 
-   !> Starts the clock of a run that may take `time_limit`; collective, as `destroy` is.
+   !> Starts the clock of a run with a `time_limit`; collective, as is `destroy`.
    subroutine new_interruption(self, time_limit, comm, error)
       type(interruption_t), intent(out) :: self
       real(wp), intent(in) :: time_limit                              !! [s], huge for none
@@ -59,7 +58,7 @@ contains
       self%interval = max(shortest_interval, size_of(comm)/looks_per_second)
    end subroutine new_interruption
 
-   !> Takes note of what a point took.
+   !> Records the duration of a point.
    pure subroutine interruption_note_point(self, seconds)
       class(interruption_t), intent(inout) :: self
       real(wp), intent(in) :: seconds
@@ -67,9 +66,9 @@ contains
       self%longest = max(self%longest, seconds)
    end subroutine interruption_note_point
 
-   !> Whether no further point may be begun. One that would end after the time limit, if it took as long as the longest so
-   !> far, is not begun. A signal to one rank stops all; the time limit is met by each rank for itself, since their points
-   !> differ.
+   !> Whether no further point may be begun. A point is not begun if it would exceed the time limit when it took as
+   !> long as the longest so far. A signal to one rank stops all ranks; each rank observes the time limit by itself,
+   !> since their points differ.
    logical function interruption_is_due(self) result(is_due)
       class(interruption_t), intent(inout) :: self
 
@@ -77,7 +76,7 @@ contains
       is_due = self%reason /= interruption%none
    end function interruption_is_due
 
-   !> Whether the point in flight has to end.
+   !> Whether the present point must end.
    logical function interruption_wants_end(self)
       class(interruption_t), intent(inout) :: self
 
@@ -85,7 +84,7 @@ contains
       interruption_wants_end = self%reason /= interruption%none
    end function interruption_wants_end
 
-   !> Looks whether there is a reason to end, for something that still takes a while.
+   !> Checks for a reason to end, given the expected duration of the remaining work.
    subroutine look(self, seconds)
       class(interruption_t), intent(inout) :: self
       real(wp), intent(in) :: seconds
@@ -103,14 +102,14 @@ contains
       end if
    end subroutine look
 
-   !> Has all ranks begin no further point.
+   !> Requests that no rank begins another point.
    subroutine interruption_ask_all(self)
       class(interruption_t), intent(in) :: self
 
       if (self%flag%n_done(1) == 0) call self%flag%add_done(1, 1, 0)
    end subroutine interruption_ask_all
 
-   !> Frees what the ranks share; collective, safe to call twice.
+   !> Frees the shared memory of the ranks; collective, safe to call twice.
    subroutine interruption_destroy(self)
       class(interruption_t), intent(inout) :: self
 

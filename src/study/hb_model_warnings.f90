@@ -1,4 +1,4 @@
-!> Warnings about a model that can be solved: tones that are multiples of each other, no load, speeds that stay constant while
+!> Warnings about a model that can be solved: tones with a common period, no load, speeds that stay constant while
 !> tones move, and models that are large or were reduced for lower frequencies.
 module hb_model_warnings
    use hb_certificate, only: near_commensurate
@@ -17,8 +17,8 @@ module hb_model_warnings
 
 contains
 
-   !> Whether nothing drives the model: no load, no law that changes with tones, and no unknown tone that it would keep up by
-   !> itself.
+   !> Whether nothing drives the model: no load, no law that depends on tones, and no unknown tone of a self-excited
+   !> motion.
    pure logical function has_no_load(model)
       type(model_t), intent(in) :: model
       integer :: i
@@ -27,8 +27,8 @@ contains
                     .not. any([(allocated(model%laws(i)%law%modulation), i=1, size(model%laws))])
    end function has_no_load
 
-   !> Which speed of a structure or bearing stays where it is while the frequency of a tone moves, and what lets it follow; empty
-   !> for none.
+   !> Names a speed of a structure or bearing that is constant while the frequency of a tone moves, and the input that
+   !> ties them; empty: none.
    function frozen_speed_text(plan, document) result(text)
       type(sweep_plan_t), intent(in) :: plan
       type(document_t), intent(inout) :: document                     !! that was read
@@ -71,10 +71,10 @@ contains
       end function group_of
    end function frozen_speed_text
 
-   !> What is doubtful about a structure from a model, empty for none: it is large, or was reduced for lower frequencies.
+   !> Warnings about a structure of type model, empty for none: it is large, or was reduced for lower frequencies.
    function model_text(model, document) result(text)
       type(model_t), intent(in) :: model
-      type(document_t), intent(inout) :: document                     !! that the model was made from
+      type(document_t), intent(inout) :: document                     !! from which the model was made
       character(:), allocatable :: text
       real(wp) :: highest
 
@@ -95,7 +95,7 @@ contains
       end associate
    end function model_text
 
-   !> Names of degrees of freedom and sets in an input, with commas.
+   !> Names of degrees of freedom and sets in an input, separated by commas.
    function named_dofs(document) result(text)
       type(document_t), intent(inout) :: document
       character(:), allocatable :: text
@@ -122,8 +122,8 @@ contains
       text = text(2:)
    end function named_dofs
 
-   !> Which combination of given tones has a frequency below `limit` times the largest, and the model with fewer tones that is
-   !> meant where it is zero; empty where there is none.
+   !> Names a combination of given tones with a frequency below `limit` times the largest, and the equivalent model
+   !> with fewer tones if it is zero; empty if there is none.
    function commensurate_text(tones, limit) result(text)
       type(tones_t), intent(in) :: tones
       real(wp), intent(in) :: limit                                   !! relative to the largest tone
@@ -145,7 +145,7 @@ contains
       end if
    end function commensurate_text
 
-   !> The model of fewer tones that has the same loads, where k.omega = 0.
+   !> The model of fewer tones with the same loads, for k.omega = 0.
    function model_of_fewer(omega, k) result(text)
       real(wp), intent(in) :: omega(:)
       integer, intent(in) :: k(:)
@@ -169,7 +169,7 @@ contains
       end if
    end function model_of_fewer
 
-   !> A number without the rounding of its last digits.
+   !> A number without the rounding errors of its last digits.
    real(wp) function rounded(number)
       real(wp), intent(in) :: number
       character(24) :: digits

@@ -1,5 +1,6 @@
-!> First guesses from neighbours: each point of a chain along a swept parameter starts from the solutions of the points
-!> before it, never from a point of another chain, so that nothing depends on which rank solves which chain and when.
+!> First guesses from neighbours: each point of a chain along a swept parameter starts from the solutions of its
+!> predecessors, never from a point of another chain, so that the results do not depend on the distribution of the
+!> chains over ranks or on the time.
 module hb_neighbour
    use hb_branches, only: is_far_above
    use hb_harmonics, only: harmonics_t
@@ -10,13 +11,13 @@ module hb_neighbour
    private
    public :: neighbour_t
 
-   real(wp), parameter :: farthest = 4.0_wp                           ! that a line is trusted, in steps between its points
+   real(wp), parameter :: farthest = 4.0_wp                           ! limit of the extrapolation, in steps between its points
 
    !> The last two solutions of a chain.
    type :: neighbour_t
       private
       integer :: n_kept = 0
-      type(level_t) :: last                                           ! with its grid, where points choose theirs
+      type(level_t) :: last                                           ! with its grid, if points choose their own
       real(wp), allocatable :: before(:)                              ! unknowns in the same set
       real(wp) :: last_value = 0.0_wp, before_value = 0.0_wp
    contains
@@ -28,15 +29,15 @@ module hb_neighbour
 
 contains
 
-   !> Forgets all solutions: a new chain begins, or a point was not solved.
+   !> Removes all solutions: a new chain begins, or a point was not solved.
    pure subroutine neighbour_forget(self)
       class(neighbour_t), intent(inout) :: self
 
       self%n_kept = 0
    end subroutine neighbour_forget
 
-   !> Keeps the solution of the point just solved; it alone, with other harmonics than before and where it has jumped away from
-   !> those before: a line through two branches leads nowhere.
+   !> Stores the solution of a point. The previous one is removed if its harmonics differ or if the motion has jumped:
+   !> a line through two branches is of no use.
    pure subroutine neighbour_keep(self, parameter, level)
       class(neighbour_t), intent(inout) :: self
       real(wp), intent(in) :: parameter                               !! its value at the point, in the unit of the input
@@ -57,18 +58,19 @@ contains
       self%n_kept = min(2, self%n_kept + 1)
    end subroutine neighbour_keep
 
-   !> Gives a first guess for the next point, unallocated where there is no neighbour: the last solution x1, or with two of them of
-   !> the same harmonics the line x1 + (x1 - x0) (p - p1)/(p1 - p0) through both. Harmonics that the last one lacks are zero.
+   !> Returns a first guess for the next point, unallocated if there is no neighbour: the last solution x1 or, with
+   !> two of them of the same harmonics, the line x1 + (x1 - x0) (p - p1)/(p1 - p0) through both. Harmonics that the
+   !> last one lacks are zero.
    pure subroutine neighbour_predict(self, parameter, set, secant, start)
       class(neighbour_t), intent(in) :: self
       real(wp), intent(in) :: parameter
       type(harmonics_t), intent(in) :: set                            !! of the next point
-      logical, intent(in) :: secant                                   !! false: the last solution as it is
+      logical, intent(in) :: secant                                   !! false: the unchanged last solution
       real(wp), allocatable, intent(out) :: start(:)
 
       if (self%n_kept == 0) return
       if (.not. same_set(set, self%last%set)) then
-         start = carry(self%last%set, set, self%last%unknowns, set%n_tones)      ! the base frequencies follow
+         start = carry(self%last%set, set, self%last%unknowns, set%n_tones)      ! the base frequencies follow the coefficients
          return
       end if
       start = self%last%unknowns
@@ -77,8 +79,8 @@ contains
       start = start + (start - self%before)*((parameter - self%last_value)/(self%last_value - self%before_value))
    end subroutine neighbour_predict
 
-   !> Gives the set and the grid of the last point with a first guess in them, where the model wants first guesses from neighbours
-   !> and there is one; neighbours share sets as long as these serve them.
+   !> Returns the set and the grid of the last point with a first guess in them, if the model requests first guesses
+   !> from neighbours and there is one; neighbours share sets as long as these are suitable.
    pure subroutine neighbour_predict_level(self, parameter, model, level)
       class(neighbour_t), intent(in) :: self
       real(wp), intent(in) :: parameter
@@ -90,7 +92,7 @@ contains
       call self%predict(parameter, self%last%set, model%chain%secant, level%unknowns)
    end subroutine neighbour_predict_level
 
-   !> Whether the motion has left the way of the points before, as far as these tell.
+   !> Whether the motion has left the branch of the previous points, as far as these show.
    pure logical function has_jumped(self, parameter, unknowns)
       type(neighbour_t), intent(in) :: self
       real(wp), intent(in) :: parameter, unknowns(:)

@@ -1,4 +1,4 @@
-!> The command to try where points of a run ended like this.
+!> The command to try after points of a run ended with a given status.
 module hb_next_step
    use hb_document, only: document_t
    use hb_error, only: error_t
@@ -14,10 +14,10 @@ module hb_next_step
    private
    public :: failure_kind_t, list_of, next_step, run_names_t, shell_word
 
-   character(*), parameter :: without_bounds(1) = ["jenkins_2d"]      ! laws with states that cvode cannot follow
-   integer, parameter :: more = 10                                    ! times a budget that was not enough
+   character(*), parameter :: without_bounds(1) = ["jenkins_2d"]      ! laws with states that cvode cannot integrate
+   integer, parameter :: more = 10                                    ! times a budget that was insufficient
 
-   !> Points that ended the same way.
+   !> Points that ended in the same way.
    type :: failure_kind_t
       integer :: status = outcome%pending
       integer :: n_points = 0
@@ -25,10 +25,10 @@ module hb_next_step
       character(:), allocatable :: message                            !! of that one
    end type failure_kind_t
 
-   !> What a command has to name.
+   !> The names that a command contains.
    type :: run_names_t
       character(:), allocatable :: input, result                      !! paths
-      type(string_t), allocatable :: overrides(:)                     !! path=value, as they were given
+      type(string_t), allocatable :: overrides(:)                     !! path=value, as given
    end type run_names_t
 
    !> A kind of failure with the model of its first point.
@@ -42,7 +42,7 @@ module hb_next_step
 
 contains
 
-   !> The command to try where points ended like this; empty where there is nothing to be tried.
+   !> The command to try after points ended in this way; empty if there is none.
    function next_step(kind, names, plan, document) result(text)
       type(failure_kind_t), intent(in) :: kind
       type(run_names_t), intent(in) :: names
@@ -102,7 +102,7 @@ contains
       end associate
    end function solve_or_integrate
 
-   !> More about the failure.
+   !> A command that shows more about the failure.
    function look_into(run) result(text)
       type(run_t), intent(in) :: run
       character(:), allocatable :: text
@@ -120,7 +120,7 @@ contains
       end select
    end function look_into
 
-   !> The budget that was not enough, the ways that were left out, or time integration.
+   !> A larger budget, the fallbacks that were off, or time integration.
    function with_other_search(run) result(text)
       type(run_t), intent(in) :: run
       character(:), allocatable :: text
@@ -147,7 +147,7 @@ contains
       if (len(text) == 0) text = integrate_from_rest(run)
    end function with_other_search
 
-   !> Where a curve is lost, more samples smooth out kinks and small folds that are not those of the structure.
+   !> Finer equations: if a curve cannot be continued, more samples remove artificial kinks and small folds.
    function with_finer_equations(run) result(text)
       type(run_t), intent(in) :: run
       character(:), allocatable :: text
@@ -174,11 +174,11 @@ contains
       end if
    end function with_more_harmonics
 
-   !> More work for a tolerance, and a higher limit where it is given.
+   !> More work for a tolerance, and a higher limit if one is given.
    function with_more_work(run, key, most) result(text)
       type(run_t), intent(in) :: run
       character(*), intent(in) :: key
-      integer, intent(in) :: most                                     !! that the limit may be
+      integer, intent(in) :: most                                     !! largest possible limit
       character(:), allocatable :: text
       type(string_t), allocatable :: sets(:)
       integer, allocatable :: limits(:)
@@ -220,7 +220,7 @@ contains
       end if
    end function with_more_samples
 
-   !> The same run with some values changed, in a result file of its own; empty where a sweep gives one of them.
+   !> The same run with some values changed, with its own result file; empty if a sweep varies one of them.
    function solve_with(run, first, others) result(command)
       type(run_t), intent(in) :: run
       character(*), intent(in) :: first
@@ -257,7 +257,7 @@ contains
       command = command//" -o "//shell_word(beside_result(run, "_integration"))
    end function integrate_from_rest
 
-   !> Whether it is known what rigid walls leave of an impact.
+   !> Whether the restitution of rigid walls is given.
    logical function has_restitution(run)
       type(run_t), intent(in) :: run
       character(:), allocatable :: type
@@ -275,7 +275,7 @@ contains
       end do
    end function has_restitution
 
-   !> Whether the usual method cannot follow a law, and no other is requested.
+   !> Whether the default method cannot integrate a law, and no other method is requested.
    logical function needs_fixed_steps(run)
       type(run_t), intent(in) :: run
       character(:), allocatable :: type
@@ -292,7 +292,7 @@ contains
       end do
    end function needs_fixed_steps
 
-   !> The key that a message names, with ten times its value.
+   !> The key named in a message, with ten times its value.
    function raised(run, words) result(command)
       type(run_t), intent(in) :: run
       character(*), intent(in) :: words
@@ -309,7 +309,8 @@ contains
       end if
    end function raised
 
-   !> Twice, or as many times as the message says, the period: tuples of loads and orders count in the new tone.
+   !> The same model with the period multiplied by two, or by the number in the message: tuples of loads and orders
+   !> are multiples of the new tone.
    function with_lower_tones(run) result(command)
       type(run_t), intent(in) :: run
       character(:), allocatable :: command
@@ -337,14 +338,14 @@ contains
       if (size(values) > 0) sets = [sets, string_t("harmonics%order="//list_of(n*values))]
       values = numbers_of(run, "sampling", "samples")
       if (any(values > 0)) sets = [sets, string_t("sampling%samples="//list_of(n*values))]
-      values = [numbers_of(run, "tones", "subharmonic"), 1]            ! 1 where it is not given
+      values = [numbers_of(run, "tones", "subharmonic"), 1]            ! 1 if it is not given
       command = solve_with(run, "tones%subharmonic="//to_text(n*max(1, values(1))), sets)
    end function with_lower_tones
 
-   !> Values that the run was started with and that nothing behind them sets again.
+   !> Values with which the run was started and that no later assignment sets again.
    function earlier(run, later) result(words)
       type(run_t), intent(in) :: run
-      type(string_t), intent(in) :: later(:)                          !! path=value, behind those of the run
+      type(string_t), intent(in) :: later(:)                          !! path=value, after those of the run
       character(:), allocatable :: words
       type(string_t), allocatable :: sets(:)
       integer :: i, k
@@ -386,7 +387,7 @@ contains
       end do
    end function is_swept
 
-   !> Whole numbers of a key; none where it is not given.
+   !> Whole numbers of a key; none if it is not given.
    function numbers_of(run, group_name, key, i) result(values)
       type(run_t), intent(in) :: run
       character(*), intent(in) :: group_name, key
@@ -423,7 +424,7 @@ contains
       call group%get(key, value)
    end function real_of
 
-   !> Writes numbers as the values of a key.
+   !> Formats numbers as the values of a key.
    pure function list_of(numbers) result(text)
       integer, intent(in) :: numbers(:)
       character(:), allocatable :: text
@@ -436,7 +437,7 @@ contains
       end do
    end function list_of
 
-   !> A word as a shell takes it for one.
+   !> A word quoted for the shell if necessary.
    pure function shell_word(text) result(word)
       character(*), intent(in) :: text
       character(:), allocatable :: word

@@ -1,5 +1,6 @@
-!> Removal of padding: files of points with tuples of their own have room for as many as the input allows; a complete file is
-!> reduced to those that its points use, because padding is most of its size with many degrees of freedom.
+!> Removal of padding: files of points with their own tuples have room for as many tuples as the input permits; a
+!> complete file is reduced to the number that its points use, because with many degrees of freedom padding is most of
+!> its size.
 module hb_padding
    use hb_error, only: error_t
    use hb_hdf5, only: h5_file_t, open_file
@@ -13,15 +14,16 @@ module hb_padding
    private
    public :: remove_padding
 
-   real(wp), parameter :: worth_it = 1.0e6_wp                         ! [B] that a copy without them is smaller by
+   real(wp), parameter :: worth_it = 1.0e6_wp                         ! [B] smallest saving that justifies a copy
 
 contains
 
-   !> Puts a copy without spare places in the place of a complete file, where it is less than half as large. Not of one with points
-   !> that could be tried again, which may need them. What goes wrong leaves the file as it is.
+   !> Replaces a complete file by a copy without unused elements if that has less than half the size. A file with
+   !> points that could be solved again is not replaced, because they may need the room. After an error the file is
+   !> unchanged.
    subroutine remove_padding(study, path)
       type(study_t), intent(in) :: study
-      character(*), intent(in) :: path                                !! of the result file, which is not being written
+      character(*), intent(in) :: path                                !! of the result file, which must be closed
       type(results_layout_t) :: layout
       type(record_t) :: record
       type(plan_t) :: plan

@@ -1,4 +1,4 @@
-!> The document, plan and model from which the points of one rank are made.
+!> The document, plan and model from which one rank creates its points.
 module hb_point_source
    use hb_cached_linear_part, only: cached_linear_parts_t
    use hb_document, only: document_t
@@ -10,15 +10,15 @@ module hb_point_source
    private
    public :: point_source_t
 
-   !> The input, which gets the values of a point, and the file that takes its result.
+   !> The input, in which the values of a point are set, and the layout of the file for its result.
    type :: point_source_t
       type(document_t) :: document                                    !! with the values of the point read last
       type(model_t) :: model                                          !! of that point
-      type(callbacks_t) :: callbacks                                   !! for models that are read anew
+      type(callbacks_t) :: callbacks                                   !! for models that are read again
       type(sweep_plan_t) :: plan                                      !! values of all points
       type(results_layout_t) :: layout                                !! of the file
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes
       type(cached_linear_parts_t) :: kept                             !! of the point solved last
-      integer :: rank = 0                                             !! that solves the points
+      integer :: rank = 0                                             !! of this process
    end type point_source_t
 end module hb_point_source

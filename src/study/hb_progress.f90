@@ -1,5 +1,4 @@
-!> Progress of a run: one line that is rewritten on a terminal, a plain line now and then in a log, depending
-!> on the log level.
+!> Progress of a run: one line that is rewritten on a terminal, occasional lines in a log, depending on the log level.
 module hb_progress
    use, intrinsic :: iso_fortran_env, only: error_unit
    use hb_clock, only: wall_clock
@@ -11,11 +10,11 @@ module hb_progress
    private
    public :: log_level, log_level_names, new_progress, progress_t
 
-   !> How much a run prints, each level all of those before it.
+   !> Amount of output of a run; each level includes the previous ones.
    type :: log_level_t
-      integer :: quiet = 0                                            !! errors alone
+      integer :: quiet = 0                                            !! errors only
       integer :: normal = 1                                           !! progress, summary, warnings
-      integer :: verbose = 2                                          !! where the time of each rank went
+      integer :: verbose = 2                                          !! the time of each rank by activity
       integer :: debug = 3                                            !! a line for each point, from the rank that solved it
    end type log_level_t
    type(log_level_t), parameter :: log_level = log_level_t()
@@ -23,7 +22,7 @@ module hb_progress
 
    integer, parameter :: bar_width = 30
    real(wp), parameter :: terminal_interval = 0.2_wp                  ! [s] between two lines
-   real(wp), parameter :: log_interval = 10.0_wp                      ! [s], of the first; then longer and longer
+   real(wp), parameter :: log_interval = 10.0_wp                      ! [s], of the first; then increasingly longer
    real(wp), parameter :: log_growth = 1.5_wp, longest_log_interval = 600.0_wp
    real(wp), parameter :: tally_interval = 0.2_wp                     ! [s] between two messages of a rank to the others
 
@@ -32,9 +31,9 @@ module hb_progress
       logical, private :: is_shown = .false.
       logical, private :: on_terminal = .false.
       integer, private :: n_points = 0
-      character(:), allocatable, private :: what                      ! is counted
+      character(:), allocatable, private :: what                      ! name of the items that are counted
       real(wp), private :: started = 0.0_wp, shown = 0.0_wp, interval = log_interval
-      integer, private :: done = 0, failed = 0                        ! points of this rank that it has not reported yet
+      integer, private :: done = 0, failed = 0                        ! points of this rank that are not reported yet
       integer, private :: shown_done = 0, shown_failed = 0            ! in the last line
       real(wp), private :: reported = 0.0_wp
    contains
@@ -49,13 +48,13 @@ module hb_progress
 
 contains
 
-   !> Progress over `n_points`, written to standard error by one rank of a run.
+   !> Creates the progress over `n_points`, written to standard error by one rank of a run.
    subroutine new_progress(self, n_points, level, is_first, what)
       type(progress_t), intent(out) :: self
-      integer, intent(in) :: n_points                                 !! 0: not known before
+      integer, intent(in) :: n_points                                 !! 0: unknown
       integer, intent(in) :: level                                    !! one of log_level
       logical, intent(in) :: is_first                                 !! this rank writes the line
-      character(*), intent(in), optional :: what                      !! is counted; default: points
+      character(*), intent(in), optional :: what                      !! name of the items; default: points
 
       self%what = "points"
       if (present(what)) self%what = what
@@ -68,7 +67,7 @@ contains
       if (self%on_terminal) self%interval = terminal_interval
    end subroutine new_progress
 
-   !> Counts a point that this rank has solved; `is_report_due` reports whether the others should hear of it.
+   !> Counts a point that this rank has solved; `is_report_due` is true if the other ranks should be informed.
    subroutine progress_note(self, has_failed, is_report_due)
       class(progress_t), intent(inout) :: self
       logical, intent(in) :: has_failed
@@ -79,7 +78,7 @@ contains
       is_report_due = wall_clock() - self%reported >= tally_interval
    end subroutine progress_note
 
-   !> Gives the points noted since the last call.
+   !> Returns the points counted since the last call.
    subroutine progress_report(self, done, failed)
       class(progress_t), intent(inout) :: self
       integer, intent(out) :: done, failed
@@ -91,7 +90,7 @@ contains
       self%reported = wall_clock()
    end subroutine progress_report
 
-   !> Whether the last line is old enough for the next one.
+   !> Whether the next line is due.
    logical function progress_is_due(self)
       class(progress_t), intent(in) :: self
 
@@ -99,7 +98,7 @@ contains
       if (self%is_shown) progress_is_due = wall_clock() - self%shown >= self%interval
    end function progress_is_due
 
-   !> Describes how far the run is.
+   !> Writes the progress of the run.
    subroutine progress_show(self, done, failed)
       class(progress_t), intent(inout) :: self
       integer, intent(in) :: done, failed                             !! points, over all ranks
@@ -112,7 +111,7 @@ contains
       call write_line(self, done, failed, self%shown)
    end subroutine progress_show
 
-   !> Describes how far a long point of this rank is, behind the last line on a terminal.
+   !> Writes the progress of a long point of this rank, after the last line on a terminal.
    subroutine progress_show_level(self, level, n_unknowns, estimate)
       class(progress_t), intent(inout) :: self
       integer, intent(in) :: level, n_unknowns
@@ -127,7 +126,7 @@ contains
          to_text(n_unknowns)//" unknowns, estimated error "//trim(adjustl(error)))
    end subroutine progress_show_level
 
-   !> Describes how one point ended, at level debug, whichever rank solved it.
+   !> Writes the outcome of one point, at level debug, on the rank that solved it.
    subroutine progress_report_point(self, text)
       class(progress_t), intent(in) :: self
       character(*), intent(in) :: text
@@ -135,7 +134,7 @@ contains
       if (self%is_debug) write (error_unit, "(a)") printable(text)
    end subroutine progress_report_point
 
-   !> Says the final state, and ends the line on a terminal.
+   !> Writes the final state, and ends the line on a terminal.
    subroutine progress_finish(self, done, failed)
       class(progress_t), intent(inout) :: self
       integer, intent(in) :: done, failed

@@ -1,8 +1,7 @@
-!> The columns of a result file: those of motions (hb_motion_columns), those that are found when a row, or the run, is complete, and
-!> the times of ranks.
-!>
-!> Going through them once lists the datasets of a file (`new_plan`); going through them again with a motion puts its values into
-!> the row of a point (`put_motion`).
+!> The columns of a result file: those of motions (hb_motion_columns), those that are computed when a row, or the run,
+!> is complete, and the times of ranks.
+!> One pass over them lists the datasets of a file (`new_plan`); a pass with a motion stores its values in the row of
+!> a point (`put_motion`).
 module hb_result_columns
    use hb_branches, only: left_branch
    use hb_error, only: annotate, error_t, fail
@@ -21,29 +20,29 @@ module hb_result_columns
    public :: bytes_of_row, column_t, measure_row, message_length, new_plan, plan_t, tuple_entry_name
 
    integer, parameter :: message_length = 400          ! bytes
-   integer, parameter :: most_columns = 100            ! that the table has room for
+   integer, parameter :: most_columns = 100            ! capacity of the table
 
    !> A dataset of the file that has one row per point, or per rank.
    type :: column_t
       character(:), allocatable :: name, long_name, units
       integer :: kind = 0                               ! of its values, hb_hdf5
       integer, allocatable :: axes(:)                   ! indices of axes, fastest first
-      character(:), allocatable :: dof_units            ! of each degree of freedom, where they are an axis
-      character(:), allocatable :: flags                ! names of the values 0, 1, ..., with blanks between
+      character(:), allocatable :: dof_units            ! of each degree of freedom, if these are an axis
+      character(:), allocatable :: flags                ! names of the values 0, 1, ..., separated by blanks
       integer :: n_flags = 0
-      character(:), allocatable :: parameter            ! path in the input, of the value that moves along curves
-      logical :: is_part_used = .false.                 ! of each row only the first harmonics, as many as the point has
-      logical :: is_checked = .true.                    ! the checksum of a row goes over it
+      character(:), allocatable :: parameter            ! path in the input of the value that moves along curves
+      logical :: is_part_used = .false.                 ! each row uses only as many harmonics as the point has
+      logical :: is_checked = .true.                    ! the checksum of a row includes it
       type(h5_dataset_t) :: dataset
       type(row_buffer_t) :: held                        ! rows that are not written yet
    end type column_t
 
-   !> What a file consists of, beside swept parameters and texts.
+   !> The contents of a file besides swept parameters and texts.
    type, extends(file_columns_t) :: plan_t
       type(column_t), allocatable :: columns(:)         ! one row per point
       type(column_t), allocatable :: times(:)           ! one row per rank: hb_timing%rank_times_t and the overhead
       ! Going through the table:
-      integer, private :: row = 0                       ! of the buffers that is filled; 0: columns are listed
+      integer, private :: row = 0                       ! of the buffers into which values are stored; 0: columns are listed
       integer, private :: i = 0                         ! column
       type(error_t), allocatable, private :: error
    contains
@@ -66,7 +65,8 @@ contains
       t%is_known = .true.
    end subroutine all_columns
 
-   !> What is found when the row, or the run, is complete: the checksum, branches, and what `nhbm verify` writes.
+   !> Columns that are written when the row, or the run, is complete: the checksum, branches, and those of `nhbm
+   !> verify`.
    subroutine later_columns(t, m)
       type(plan_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
@@ -129,7 +129,7 @@ contains
 
    ! Going through the table
 
-   !> Plans the file for a layout that `check_layout` has passed.
+   !> Plans the file for a layout that has passed `check_layout`.
    subroutine new_plan(self, layout)
       type(plan_t), intent(out) :: self
       type(results_layout_t), intent(in) :: layout
@@ -158,7 +158,7 @@ contains
       self%columns = self%columns(:self%i)
    end subroutine new_plan
 
-   !> Puts the results of a motion into a row of the buffers, and nothing where that is not known.
+   !> Stores the results of a motion in a row of the buffers, and missing values for unknown ones.
    subroutine plan_put_motion(self, row, motion, error)
       class(plan_t), intent(inout) :: self
       integer, intent(in) :: row
@@ -176,7 +176,7 @@ contains
       call move_alloc(self%error, error)
    end subroutine plan_put_motion
 
-   !> A column of integers: lists it, or puts the values of the row into its buffer.
+   !> A column of integers: lists it, or stores the values of the row in its buffer.
    subroutine plan_integer(self, name, units, axes, long_name, values, flags)
       class(plan_t), intent(inout) :: self
       character(*), intent(in) :: name, units, axes, long_name
@@ -229,7 +229,7 @@ contains
       end associate
    end subroutine plan_text
 
-   !> Goes on to the next column, and lists it unless a row is filled. False where there is no value to put.
+   !> Proceeds to the next column, and lists it unless a row is filled. False if there is no value to store.
    logical function begins(self, kind, name, units, shape, long_name)
       class(plan_t), intent(inout) :: self
       integer, intent(in) :: kind
@@ -258,7 +258,7 @@ contains
       end associate
    end function begins
 
-   !> Gives the index of a column, 0 where the file has none of the name.
+   !> Index of a column, 0 if the file has none of this name.
    pure integer function plan_index_of(self, name) result(i)
       class(plan_t), intent(in) :: self
       character(*), intent(in) :: name
@@ -268,7 +268,7 @@ contains
       end do
    end function plan_index_of
 
-   !> Gives the extents of a column, fastest first; without the last those of a row.
+   !> Extents of a column, fastest first; all but the last are those of a row.
    pure function plan_extents_of(self, column) result(extents)
       class(plan_t), intent(in) :: self
       type(column_t), intent(in) :: column
@@ -277,7 +277,8 @@ contains
       extents = self%axes(column%axes)%length
    end function plan_extents_of
 
-   !> Gives what one point takes in the file, swept parameters included, and how many datasets it is written to when solved.
+   !> Size of one point in the file, including swept parameters, and the number of datasets to which it is written
+   !> when solved.
    pure subroutine measure_row(plan, n_parameters, n_bytes, n_datasets)
       type(plan_t), intent(in) :: plan
       integer, intent(in) :: n_parameters
@@ -300,7 +301,7 @@ contains
       n_bytes = bytes_of_kind(column%kind)*product(int(plan%axes(column%axes(:size(column%axes) - 1))%length, int64))
    end function bytes_of_row
 
-   !> Gives the name of the dataset with the entries of all tuples for one tone, from 1.
+   !> Name of the dataset with the entries of all tuples for one tone, from 1.
    pure function tuple_entry_name(tone) result(name)
       integer, intent(in) :: tone
       character(:), allocatable :: name

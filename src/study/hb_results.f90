@@ -1,9 +1,8 @@
 !> The result file of a run: the only writer of the schema in docs/user/schema.md.
-!>
-!> In the order of use: fill a `results_layout_t`, `create_results` or, to continue with a file, `open_results`, then
-!> `write_point` by any rank for any point, then `close`. The file is made whole before the first point is solved;
-!> after that only raw data are written in place, the status of a point last, so that a killed run leaves a sound
-!> file in which a status other than 0 means complete.
+!> Order of use: fill a `results_layout_t`; `create_results` or, to continue a file, `open_results`; then
+!> `write_point` by any rank for any point; then `close`. The whole file is created before the first point is solved;
+!> afterwards only raw data are written in place, the status of a point last, so that a killed run leaves a valid file
+!> in which a status other than 0 means that the point is complete.
 module hb_results
    use hb_clock, only: wall_clock
    use hb_crash_detection, only: crash_location_t
@@ -32,10 +31,10 @@ module hb_results
       private
       character(:), allocatable :: path
       integer :: n_points = 0, i_checksum = 0
-      logical :: is_resumed = .false.                   !! rows may hold what a run before has left
-      integer :: room = 1, first_held = 1, n_held = 0   ! points that are held back
-      real(wp) :: hold = 0.0_wp, flushed = 0.0_wp       ! [s] how long, and when the last was written
-      type(held_file_t) :: place                        ! of rank 0: whether the file is still what it was
+      logical :: is_resumed = .false.                   !! rows may contain results of a previous run
+      integer :: room = 1, first_held = 1, n_held = 0   ! points that are held
+      real(wp) :: hold = 0.0_wp, flushed = 0.0_wp       ! [s] how long, and time of the last write
+      type(held_file_t) :: place                        ! of rank 0: whether the file has been replaced
    contains
       procedure :: abandon => results_abandon
       procedure :: close => results_close
@@ -53,10 +52,9 @@ module hb_results
 
 contains
 
-   !> Makes the result file and opens it on all ranks; collective, and an error is the same on all ranks.
-   !>
-   !> An existing file is an error unless `overwrite` is true. It is replaced only when the new file is
-   !> complete: that is made under another name in the same folder.
+   !> Creates the result file and opens it on all ranks; collective, and an error is the same on all ranks.
+   !> An existing file is an error unless `overwrite` is true. It is replaced only when the new file, which is created
+   !> under another name in the same folder, is complete.
    subroutine create_results(self, path, layout, overwrite, comm, error)
       type(results_t), intent(out) :: self
       character(*), intent(in) :: path
@@ -68,8 +66,8 @@ contains
       call begin(self, path, layout, comm, error, overwrite)
    end subroutine create_results
 
-   !> Opens a file that a run before has made from the same layout, to write further points; collective, and an error is
-   !> the same on all ranks.
+   !> Opens a file that a previous run has created with the same layout, to write further points; collective, and an
+   !> error is the same on all ranks.
    subroutine open_results(self, path, layout, comm, error)
       type(results_t), intent(out) :: self
       character(*), intent(in) :: path
@@ -80,14 +78,14 @@ contains
       call begin(self, path, layout, comm, error)
    end subroutine open_results
 
-   !> Plans the file, makes it if it is new, and opens it.
+   !> Plans the file, creates it if it is new, and opens it.
    subroutine begin(self, path, layout, comm, error, overwrite)
       type(results_t), intent(inout) :: self
       character(*), intent(in) :: path
       type(results_layout_t), intent(in) :: layout
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error
-      logical, intent(in), optional :: overwrite        !! a file that is there; default: continue with it
+      logical, intent(in), optional :: overwrite        !! replace an existing file; default: continue it
 
       self%path = path
       self%n_points = layout%n_points
@@ -101,7 +99,7 @@ contains
       call annotate(error, "result file '"//path//"'")
    end subroutine begin
 
-   !> Opens the file on all ranks, and makes room for the rows that are held back; refuses datasets of other extents than
+   !> Opens the file on all ranks, and allocates memory for the held rows; rejects datasets whose extents differ from
    !> those of the plan.
    subroutine open_datasets(self, layout, comm, error)
       type(results_t), intent(inout) :: self
@@ -140,7 +138,8 @@ contains
       call lower_guard()
    end subroutine open_datasets
 
-   !> Takes as many places for harmonics as the file has where it was complete and has fewer than the input allows.
+   !> Reduces the number of harmonics to that of the file, if it is complete and has room for fewer than the input
+   !> permits.
    subroutine fit_places(self, error)
       type(results_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
@@ -161,7 +160,7 @@ contains
       end do
    end subroutine fit_places
 
-   !> Makes room for the rows that are held back.
+   !> Allocates memory for the held rows.
    subroutine make_room(self, n_parameters, n_ranks)
       type(results_t), intent(inout) :: self
       integer, intent(in) :: n_parameters, n_ranks
@@ -180,8 +179,8 @@ contains
       end do
    end subroutine make_room
 
-   !> Takes the result of point `i`, from 1; any rank may give any point at any time. Points that follow each other are
-   !> held back for a while and written together, see hb_row_buffer and `flush`.
+   !> Receives the result of point `i`, from 1; any rank may write any point at any time. Consecutive points are held
+   !> for a while and written together, see hb_row_buffer and `flush`.
    subroutine results_write_point(self, i, point, error)
       class(results_t), intent(inout) :: self
       integer, intent(in) :: i
@@ -206,20 +205,20 @@ contains
       if (.not. allocated(error)) call self%plan%columns(self%i_checksum)%held%put(self%n_held, sum, error)
       call annotate(error, "point "//to_text(i))
       if (allocated(error)) then
-         self%n_held = self%n_held - 1                  ! what could not be taken whole is not written in part
+         self%n_held = self%n_held - 1                  ! a row with an error is not written in part
          return
       end if
       if (self%n_held == self%room .or. wall_clock() - self%flushed >= self%hold) call self%flush(error)
    end subroutine results_write_point
 
-   !> Gives the time [s] for which a rank holds results back.
+   !> Time [s] for which a rank holds results.
    pure real(wp) function results_hold_seconds(self)
       class(results_t), intent(in) :: self
 
       results_hold_seconds = self%hold
    end function results_hold_seconds
 
-   !> Returns where in the file a crash is noted, for hb_crash_detection.
+   !> Location in the file at which a crash is recorded, for hb_crash_detection.
    type(crash_location_t) function results_crash_place(self) result(place)
       class(results_t), intent(in) :: self
 
@@ -229,8 +228,8 @@ contains
       place%message_length = message_length
    end function results_crash_place
 
-   !> Writes what is held back, the statuses last; independent of other ranks. Rows that a run before may have filled are
-   !> pending while they are written over, and written whole.
+   !> Writes the held rows, the statuses last; independent of other ranks. Rows that may contain results of a previous
+   !> run are set to pending while they are overwritten, and written completely.
    subroutine results_flush(self, error)
       class(results_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
@@ -257,7 +256,7 @@ contains
       call annotate(error, "result file '"//self%path//"': point "//to_text(self%first_held - 1)//" or after")
    end subroutine results_flush
 
-   !> Writes where the time of a rank, from 0, went; nothing in the file of a run before, whose ranks the rows are of.
+   !> Writes the times of a rank, from 0; no effect for a file of a previous run, to whose ranks the rows belong.
    subroutine results_write_times(self, rank, times, error)
       class(results_t), intent(inout) :: self
       integer, intent(in) :: rank
@@ -278,7 +277,7 @@ contains
       call annotate(error, "result file '"//self%path//"': times of rank "//to_text(rank))
    end subroutine results_write_times
 
-   !> Writes what is held back, so that every rank may read every point after a barrier; collective.
+   !> Writes the held rows, so that each rank can read all points after a barrier; collective.
    subroutine results_share(self, error)
       class(results_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
@@ -287,7 +286,8 @@ contains
       if (.not. allocated(error)) call self%file%flush(error)
    end subroutine results_share
 
-   !> Number of coefficients that tell the motion of a point, at the degrees of freedom of the laws: 0 without laws.
+   !> Number of coefficients that describe the motion of a point, at the degrees of freedom of the laws: 0 without
+   !> laws.
    pure integer function results_motion_size(self)
       class(results_t), intent(in) :: self
 
@@ -296,13 +296,13 @@ contains
       end associate
    end function results_motion_size
 
-   !> Reads the statuses, motions and branches of points that follow each other; independent of other ranks, after `share`.
+   !> Reads the statuses, motions and branches of consecutive points; independent of other ranks, after `share`.
    subroutine results_read_motions(self, first, status, motion, branch, error)
       class(results_t), intent(in) :: self
       integer, intent(in) :: first                      !! point, from 1
       integer, intent(out) :: status(:)                 !! (points)
       real(wp), intent(out) :: motion(:, :)             !! (motion_size, points)
-      integer, intent(out) :: branch(:)                 !! (points), as `write_point` or `write_branches` left them
+      integer, intent(out) :: branch(:)                 !! (points), as written by `write_point` or `write_branches`
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: tuples(:, :, :)
 
@@ -319,8 +319,8 @@ contains
       if (.not. allocated(error)) call line_up(tuples, motion, error)
    end subroutine results_read_motions
 
-   !> Puts motions of points that have tuples of their own onto the tuples of a box, so that they can be compared; what lies
-   !> outside of it carries little.
+   !> Maps motions of points with their own tuples to the tuples of a box, so that they can be compared; tuples
+   !> outside it contribute little.
    subroutine line_up(tuples, motion, error)
       integer, intent(in) :: tuples(:, :, :)            !! (n_tones, n_harmonics, points)
       real(wp), intent(inout) :: motion(:, :)           !! (motion_size, points)
@@ -340,7 +340,7 @@ contains
          own = reshape(motion(:, p), [2, size(tuples, 2), size(motion, 1)/(2*size(tuples, 2))])
          moved = 0.0_wp*own
          do h = 1, size(tuples, 2)
-            if (h > 1 .and. all(tuples(:, h, p) == 0)) exit           ! not in use
+            if (h > 1 .and. all(tuples(:, h, p) == 0)) exit           ! unused
             k = box%index_of(tuples(:, h, p))
             if (k > 0) moved(:, k, :) = own(:, h, :)
          end do
@@ -348,7 +348,7 @@ contains
       end do
    end subroutine line_up
 
-   !> Writes the branches of points that follow each other; independent of other ranks.
+   !> Writes the branches of consecutive points; independent of other ranks.
    subroutine results_write_branches(self, first, branch, error)
       class(results_t), intent(in) :: self
       integer, intent(in) :: first                      !! point, from 1
@@ -359,8 +359,7 @@ contains
       call annotate(error, "result file '"//self%path//"': 'branch'")
    end subroutine results_write_branches
 
-   !> Reads the statuses of points that follow each other, and where on a curve they are; independent of other ranks, after
-   !> `share`.
+   !> Reads the statuses and the positions on curves of consecutive points; independent of other ranks, after `share`.
    subroutine results_read_curve(self, first, status, places, error)
       class(results_t), intent(in) :: self
       integer, intent(in) :: first                      !! point, from 1
@@ -375,7 +374,7 @@ contains
       end do
    end subroutine results_read_curve
 
-   !> Writes what is held back and closes the file; collective, safe to call twice. Does not replace an earlier error.
+   !> Writes the held rows and closes the file; collective, safe to call twice. An earlier error is not replaced.
    subroutine results_close(self, error)
       class(results_t), intent(inout) :: self
       type(error_t), allocatable, intent(inout) :: error
@@ -391,7 +390,7 @@ contains
       self%place%descriptor = -1
    end subroutine results_close
 
-   !> Leaves the file as it is, without what is held back; not collective.
+   !> Closes the file without writing the held rows; not collective.
    subroutine results_abandon(self)
       class(results_t), intent(inout) :: self
 

@@ -1,4 +1,4 @@
-!> Making a result file whole, before the first point is solved; by one process.
+!> Creates a complete result file before the first point is solved; by one process.
 module hb_results_file
    use, intrinsic :: iso_fortran_env, only: int8
    use hb_checksum, only: checksum
@@ -17,17 +17,16 @@ module hb_results_file
    private
    public :: copy_rows, make_file, schema_version
 
-   real(wp), parameter :: most_bytes = 1.6e7_wp                       ! [B] of rows that are copied at once
+   real(wp), parameter :: most_bytes = 1.6e7_wp                       ! [B] of rows that are copied together
 
    integer, parameter :: schema_version = 1
-   integer, parameter :: parameter_name_length = 256                  ! more than any path of an input has
+   integer, parameter :: parameter_name_length = 256                  ! longer than any path of an input
 
 contains
 
-   !> Makes the whole file under another name beside `path`, then puts it in its place.
-   !>
-   !> The other name is the same for all runs. It is locked while the file is made, and a lock ends with its process: what
-   !> a killed run has left is taken over, what another run is making is not.
+   !> Creates the whole file under another name beside `path`, then renames it.
+   !> The other name is the same for all runs. It is locked while the file is created, and a lock ends with its
+   !> process: the remains of a killed run are replaced, the file of a running process is not.
    subroutine make_file(path, layout, plan, overwrite, error, source)
       character(*), intent(in) :: path
       type(results_layout_t), intent(in) :: layout
@@ -68,18 +67,18 @@ contains
       call release_file(descriptor)
    end subroutine make_file
 
-   !> Gives the number of bytes that a file takes on the disk, rather a few too many.
+   !> Upper estimate of the size of a file on the disk in bytes.
    pure function n_bytes_of(plan, layout) result(n_bytes)
       type(plan_t), intent(in) :: plan
       type(results_layout_t), intent(in) :: layout
       integer(int64) :: n_bytes
-      integer(int64), parameter :: of_one_dataset = 4000, of_a_text = 100 ! what describes a dataset; a label or text value
+      integer(int64), parameter :: of_one_dataset = 4000, of_a_text = 100 ! description of a dataset; a label or text value
       integer :: i
 
       n_bytes = of_one_dataset*(size(plan%columns) + size(plan%times) + size(plan%axes) + &
          size(layout%parameters) + size(layout%tuples, 1) + 8)
       do i = 1, size(plan%columns)
-         if (plan%columns(i)%is_part_used) cycle                      ! nothing yet
+         if (plan%columns(i)%is_part_used) cycle                      ! nothing is allocated yet
          n_bytes = n_bytes + layout%n_points*bytes_of_row(plan, plan%columns(i))
       end do
       do i = 1, size(plan%times)
@@ -95,7 +94,7 @@ contains
       if (allocated(layout%input_complete)) n_bytes = n_bytes + len(layout%input_complete)
    end function n_bytes_of
 
-   !> Gives a number of bytes in words, for messages.
+   !> Formats a number of bytes for messages.
    function size_text(n_bytes) result(text)
       integer(int64), intent(in) :: n_bytes
       character(:), allocatable :: text
@@ -106,7 +105,7 @@ contains
       if (text(1:1) == ".") text = "0"//text
    end function size_text
 
-   !> Makes the file and closes it.
+   !> Creates the file and closes it.
    subroutine fill_file(path, layout, plan, error, source)
       character(*), intent(in) :: path
       type(results_layout_t), intent(in) :: layout
@@ -145,7 +144,7 @@ contains
       end subroutine set_text
    end subroutine add_root_attributes
 
-   !> Adds the results of the run before it starts: tuples, swept parameters, input files.
+   !> Adds the data that are known before the run: tuples, swept parameters, input files.
    subroutine add_inputs(file, layout, plan, error)
       type(h5_file_t), intent(in) :: file
       type(results_layout_t), intent(in) :: layout
@@ -184,8 +183,8 @@ contains
          "libraries of the laws, checksum and length, a line each", error)
    end subroutine add_inputs
 
-   !> Gives a variable name for each swept parameter: its path in lower case with one underscore for every run
-   !> of other characters; a number is added where the name is taken.
+   !> Variable names of the swept parameters: the path in lower case with one underscore for every sequence of other
+   !> characters; a number is added if the name is already used.
    function parameter_names(layout, plan) result(names)
       type(results_layout_t), intent(in) :: layout
       type(plan_t), intent(in) :: plan
@@ -218,7 +217,7 @@ contains
       end function is_taken
    end function parameter_names
 
-   !> Gives the names of what labels points and harmonics, with blanks between (CF convention).
+   !> Names of the coordinates of points and harmonics, separated by blanks (CF convention).
    function coordinate_names(layout, parameters) result(text)
       type(results_layout_t), intent(in) :: layout
       character(*), intent(in) :: parameters(:)
@@ -291,7 +290,7 @@ contains
       end subroutine set_text
    end subroutine add_columns
 
-   !> Names of the datasets that the checksum of a row goes over, in its order, with blanks between.
+   !> Names of the datasets that the checksum of a row includes, in order, separated by blanks.
    function names_of_checked(columns) result(names)
       type(column_t), intent(in) :: columns(:)
       character(:), allocatable :: names
@@ -304,7 +303,7 @@ contains
       names = names(2:)
    end function names_of_checked
 
-   !> Gives the text, or an empty one where none is allocated.
+   !> The text, or an empty one if it is not allocated.
    pure function or_empty(text)
       character(*), intent(in), optional :: text
       character(:), allocatable :: or_empty
@@ -313,8 +312,8 @@ contains
       if (present(text)) or_empty = text
    end function or_empty
 
-   !> Copies the rows of all points and ranks. Of the places for harmonics, and of what curves continue from, those that the new
-   !> file has are kept, the first ones; checksums are made anew.
+   !> Copies the rows of all points and ranks. Of the elements for harmonics, and for the continuation of curves, the
+   !> first ones are copied, as many as the new file has; checksums are computed again.
    subroutine copy_rows(source, plan, error)
       type(h5_file_t), intent(in) :: source
       type(plan_t), intent(in) :: plan                                !! of the new file, with its datasets
@@ -348,7 +347,7 @@ contains
       end do
    end subroutine copy_rows
 
-   !> Copies as many rows of a dataset as there are checksums, which continue over what is checked.
+   !> Copies as many rows of a dataset as there are checksums, which are continued over columns that they include.
    subroutine copy(source, column, first, sums, error)
       type(h5_file_t), intent(in) :: source
       type(column_t), intent(in) :: column
@@ -357,7 +356,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(h5_dataset_t) :: old
       integer(int8), allocatable :: rows(:, :)
-      integer, allocatable :: n_used                                  ! not allocated: not present where it is handed on
+      integer, allocatable :: n_used                                  ! not allocated: passed on as not present
       integer :: k
 
       call source%open_dataset(column%name, old, error)

@@ -7,41 +7,41 @@ module hb_results_layout
    private
    public :: check_layout, results_layout_t, swept_parameter_t
 
-   !> One swept input parameter with its value at every point.
+   !> One swept input parameter with its value at each point.
    type :: swept_parameter_t
       character(:), allocatable :: path                 !! in the input, for example `law(1)%gap`
       character(:), allocatable :: units                !! of the input
-      logical :: is_text = .false.                      !! which of the next two holds the values
+      logical :: is_text = .false.                      !! which of the next two components contains the values
       real(wp), allocatable :: values(:)                !! (n_points)
       character(64), allocatable :: text_values(:)      !! (n_points)
    end type swept_parameter_t
 
-   !> All that is known before the first point is solved; the same on all ranks.
+   !> The data of a file that are known before the first point is solved; the same on all ranks.
    type :: results_layout_t
       integer :: n_points = 0
       character(:), allocatable :: curve_parameter      !! path of the value that moves along curves; none: there are no curves
       character(:), allocatable :: curve_units          !! of the value
-      integer :: n_curve_unknowns = 0                   !! unknowns of a curve, at most
-      integer, allocatable :: tuples(:, :)              !! (n_tones, n_harmonics), the union over all points; zeros where each has
-                                                        !! tuples of its own
-      logical :: has_own_tuples = .false.               !! each point has, in the first of its places for harmonics
-      character(64), allocatable :: output_names(:)     !! that a tolerance is for; none: it is for the motion
-      character(64), allocatable :: gradient_names(:)   !! of values by which motions are differentiated
-      logical :: has_accuracy = .false.                 !! sets or grids follow from a tolerance
+      integer :: n_curve_unknowns = 0                   !! largest number of unknowns of a curve
+      integer, allocatable :: tuples(:, :)              !! (n_tones, n_harmonics), the union over all points; zeros if each
+                                                        !! point has its own tuples
+      logical :: has_own_tuples = .false.               !! each point has its own, in its first n_harmonics elements
+      character(64), allocatable :: output_names(:)     !! to which a tolerance applies; none: to the motion
+      character(64), allocatable :: gradient_names(:)   !! of values with respect to which motions are differentiated
+      logical :: has_accuracy = .false.                 !! sets or grids are chosen for a tolerance
       character(16), allocatable :: dof_labels(:), dof_units(:) !! stored degrees of freedom; `m`, `rad`
-      character(16), allocatable :: law_dof_labels(:), law_dof_units(:) !! those on which laws act
+      character(16), allocatable :: law_dof_labels(:), law_dof_units(:) !! those with laws
       character(64), allocatable :: law_labels(:)       !! of the laws, unique
-      integer :: n_multipliers = 0                      !! that are stored for each point; 0: stability is not requested
+      integer :: n_multipliers = 0                      !! stored for each point; 0: stability is not requested
       logical :: has_improved = .false.                 !! improved coefficients are stored
       integer, allocatable :: n_samples(:)              !! grid per tone; size 0: no surfaces are stored
       type(swept_parameter_t), allocatable :: parameters(:)
       character(:), allocatable :: title
       character(:), allocatable :: input_name           !! name of the input file, for messages
-      character(:), allocatable :: input_folder         !! absolute, in which files stand that it names, with a slash at its end
+      character(:), allocatable :: input_folder         !! absolute folder of files that the input names, with a slash at its end
       character(:), allocatable :: input_text           !! the input as given
-      character(:), allocatable :: input_overrides      !! changes of it: path=value, a line each
+      character(:), allocatable :: input_overrides      !! changes of it: path=value, one per line
       character(:), allocatable :: input_complete       !! the input after defaults
-      character(:), allocatable :: input_libraries      !! of laws of the user, and what marks them, a line each
+      character(:), allocatable :: input_libraries      !! of laws of the user, with their checksums, one per line
       integer :: n_ranks = 1
       character(:), allocatable :: program_version
       character(:), allocatable :: git_commit
@@ -51,7 +51,7 @@ module hb_results_layout
 
 contains
 
-   !> Gives the memory of the swept values back, once they stand in the file.
+   !> Frees the memory of the swept values after they are written to the file.
    pure subroutine results_layout_forget_values(self)
       class(results_layout_t), intent(inout) :: self
       integer :: i
@@ -62,7 +62,7 @@ contains
       end do
    end subroutine results_layout_forget_values
 
-   !> Refuses a layout with parts that are missing or do not fit each other.
+   !> Rejects a layout with missing or inconsistent parts.
    subroutine check_layout(layout, error)
       type(results_layout_t), intent(in) :: layout
       type(error_t), allocatable, intent(out) :: error

@@ -1,5 +1,5 @@
-!> Record of a run in its result file: origin, input, how each point ended, and which rows are damaged: each has a checksum over its
-!> values in most datasets. Read by one process; `resume` and `info` start from it.
+!> Record of a run in its result file: origin, input, outcome of each point, and damaged rows: each row has a checksum
+!> over its values in most datasets. Read by one process; `resume` and `info` begin with it.
 module hb_results_record
    use hb_checksum, only: checksum_rows
    use hb_error, only: annotate, error_t, fail
@@ -19,36 +19,36 @@ module hb_results_record
 
    type :: record_t
       character(:), allocatable :: title, program_version, git_commit, created_utc
-      integer :: n_ranks = 0                            !! of the run that made the file
+      integer :: n_ranks = 0                            !! of the run that created the file
       integer :: n_points = 0
       character(:), allocatable :: input_name           !! name of the input file, for messages
-      character(:), allocatable :: input_folder         !! in which files stand that it names; empty where the file does not tell
+      character(:), allocatable :: input_folder         !! folder of files that it names; empty if unknown
       character(:), allocatable :: input_text           !! the input as given
       type(string_t), allocatable :: overrides(:)       !! path=value
       character(:), allocatable :: input_complete       !! the input after defaults
-      character(:), allocatable :: input_libraries      !! of laws of the user, and what marks them, a line each
-      integer, allocatable :: tuples(:, :)              !! (n_tones, n_harmonics); zeros where points have their own
-      logical :: has_own_tuples = .false.               !! points have
+      character(:), allocatable :: input_libraries      !! of laws of the user, with their checksums, one per line
+      integer, allocatable :: tuples(:, :)              !! (n_tones, n_harmonics); zeros if points have their own
+      logical :: has_own_tuples = .false.               !! points have their own tuples
       character(:), allocatable :: dofs(:), laws(:)     !! labels
       integer, allocatable :: status(:)                 !! (n_points), hb_outcome; as the next
       integer, allocatable :: fallback(:)
       integer, allocatable :: is_near_commensurate(:)
       integer, allocatable :: is_stable(:)              !! 1 stable, -1 unstable, 0 not known
-      integer, allocatable :: branch(:)                 !! hb_branches; 0 where that is not known
+      integer, allocatable :: branch(:)                 !! hb_branches; 0: unknown
       real(wp), allocatable :: frequency(:, :)          !! [rad/s], (n_tones, n_points)
       real(wp), allocatable :: residual(:)
       real(wp), allocatable :: solve_seconds(:)         !! [s]; NaN for a point not solved, as the next
       real(wp), allocatable :: truncation(:), aliasing(:)
-      real(wp), allocatable :: by_levels(:)             !! what the difference of levels shows; not allocated: none were refined
+      real(wp), allocatable :: by_levels(:)             !! from the difference of levels; not allocated: none were refined
       real(wp), allocatable :: penetration(:)           !! [m]
-      logical, allocatable :: is_damaged(:)             !! by their checksums; not allocated before `check_rows`
+      logical, allocatable :: is_damaged(:)             !! according to checksums; not allocated before `check_rows`
    contains
       procedure :: check_rows => record_check_rows
    end type record_t
 
 contains
 
-   !> Reads the message of a point; empty where there is none, or the file does not tell.
+   !> Reads the message of a point; empty if there is none or it cannot be read.
    function message_of(path, point) result(message)
       character(*), intent(in) :: path                  !! of the result file
       integer, intent(in) :: point                      !! from 1
@@ -82,7 +82,7 @@ contains
       call file%close(error)
    end subroutine messages_of
 
-   !> Reads how the points of a file ended; none where it does not tell.
+   !> Reads the statuses of the points of a file; none if they cannot be read.
    function statuses_of(path) result(status)
       character(*), intent(in) :: path                  !! of the result file
       integer, allocatable :: status(:)
@@ -95,7 +95,7 @@ contains
       call file%close(error)
    end function statuses_of
 
-   !> Reads the file; it may be that of a run which is still going on.
+   !> Reads the file, possibly of a run that has not ended.
    subroutine read_record(self, path, error)
       type(record_t), intent(out) :: self
       character(*), intent(in) :: path
@@ -113,7 +113,7 @@ contains
       call annotate(error, "'"//path//"' is no result file of this program")
    end subroutine read_record
 
-   !> Notes in a plan the units of its parameters that the file gives; others stay empty.
+   !> Stores in a plan the units of its parameters that are in the file; others remain empty.
    subroutine read_units(path, plan)
       character(*), intent(in) :: path
       type(sweep_plan_t), intent(inout) :: plan
@@ -221,7 +221,7 @@ contains
       end associate
    end subroutine read_columns
 
-   !> Reads a text that stands alone; does nothing once there is an error.
+   !> Reads a single text; no effect after an error.
    subroutine read_one(file, name, text, error)
       type(h5_file_t), intent(in) :: file
       character(*), intent(in) :: name
@@ -233,7 +233,7 @@ contains
       if (.not. allocated(error)) text = texts(1)
    end subroutine read_one
 
-   !> Gives the lines of a text that are not empty.
+   !> Lines of a text that are not empty.
    pure subroutine read_overrides(text, overrides)
       character(*), intent(in) :: text
       type(string_t), allocatable, intent(out) :: overrides(:)
@@ -251,7 +251,7 @@ contains
       overrides = overrides(:n)
    end subroutine read_overrides
 
-   !> Looks which rows are damaged.
+   !> Finds the damaged rows.
    subroutine record_check_rows(self, path, error)
       class(record_t), intent(inout) :: self
       character(*), intent(in) :: path
@@ -260,8 +260,8 @@ contains
       call find_damaged_rows(path, self%status, self%is_damaged, error)
    end subroutine record_check_rows
 
-   !> Gives the points, from 1, that a resumed run has to solve: those that are pending or known to be damaged and, if `retries`,
-   !> those whose solver has failed.
+   !> The points, from 1, that a resumed run must solve: those that are pending or known to be damaged and, if
+   !> `retries`, those whose solver has failed.
    pure function open_points(self, retries) result(points)
       type(record_t), intent(in) :: self
       logical, intent(in) :: retries
@@ -274,7 +274,8 @@ contains
       points = pack([(i, i=1, self%n_points)], is_open)
    end function open_points
 
-   !> Returns which points have other numbers than were written. What has no result, or a crash noted in it, has no checksum.
+   !> Finds the points whose numbers differ from those that were written. Points without a result, or with a recorded
+   !> crash, have no checksum.
    subroutine find_damaged_rows(path, status, is_damaged, error)
       character(*), intent(in) :: path
       integer, intent(in) :: status(:)                                !! of the points
@@ -297,7 +298,7 @@ contains
       is_damaged = found /= expected .and. status /= outcome%pending .and. status /= outcome%crashed
    end subroutine find_damaged_rows
 
-   !> Fails where rows of these points are damaged.
+   !> Fails if rows of these points are damaged.
    subroutine refuse_damaged_rows(path, status, points, error)
       character(*), intent(in) :: path
       integer, intent(in) :: status(:)                                !! of all points
@@ -317,7 +318,7 @@ contains
       character(*), intent(in) :: path
       logical, intent(in) :: is_damaged(:)                            !! (points)
       type(error_t), allocatable, intent(out) :: error
-      integer, parameter :: most = 20                                 ! points that are named
+      integer, parameter :: most = 20                                 ! points named in the message
       integer, allocatable :: points(:)
       type(string_t), allocatable :: names(:)
       character(:), allocatable :: more
@@ -335,7 +336,7 @@ contains
                 " are not what was written ("//join(names, ", ")//more//"); nhbm resume "//path//" solves them again")
    end subroutine fail_where_damaged
 
-   !> Checksums of all rows over the datasets of these names, with blanks between them.
+   !> Checksums of all rows over the datasets of these names, separated by blanks.
    subroutine add_up(file, path, names, checksums, error)
       type(h5_file_t), intent(in) :: file
       character(*), intent(in) :: path, names
@@ -372,7 +373,7 @@ contains
       end do
    end subroutine add_up
 
-   !> Counts the points without a result in a file, as it stands on the disk.
+   !> Counts the points without a result in a file on the disk.
    subroutine count_pending(path, n_pending, error)
       character(*), intent(in) :: path
       integer, intent(out) :: n_pending

@@ -1,4 +1,5 @@
-!> Resuming the result file of a run that has ended: whether the input is still the same, and which units of points are left.
+!> Resuming the result file of a run that has ended: checks that the input is the same, and selects the remaining
+!> units of points.
 module hb_resume
    use hb_error, only: error_t, fail
    use hb_mpi, only: broadcast_integers, comm_t, rank_of, share_error
@@ -12,23 +13,24 @@ module hb_resume
    private
    public :: choose_units, resumed_file_t, resumed_input_t
 
-   !> What must agree with the file.
+   !> The data that must agree with the file.
    type :: resumed_input_t
       character(:), allocatable :: complete                           !! the input after defaults
       integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics), of all points
-      character(:), allocatable :: libraries                          !! of laws, model, reduction, and what marks them
+      character(:), allocatable :: libraries                          !! of laws, model, reduction, with their checksums
    end type resumed_input_t
 
-   !> What is known of the file.
+   !> The data of the file.
    type :: resumed_file_t
       logical :: is_there = .false.
-      integer, allocatable :: crashed(:)                              !! points, from 1, that are to be passed by
+      integer, allocatable :: crashed(:)                              !! points, from 1, that are skipped
    end type resumed_file_t
 
 contains
 
-   !> Leaves in the schedule of all points the units that have a point to solve in the file at `path`; all, where there is no
-   !> file. The summary of rank 0 begins with the points that are kept. Collective; an error is the same on all ranks.
+   !> Restricts the schedule to the units that have a point to solve in the file at `path`; to all units if there is
+   !> no file. The summary of rank 0 begins with the points that are not solved again. Collective; an error is the
+   !> same on all ranks.
    subroutine choose_units(path, input, retries, comm, schedule, file, summary, error)
       character(*), intent(in) :: path
       type(resumed_input_t), intent(in) :: input
@@ -65,11 +67,11 @@ contains
       summary%has_other_libraries = input%libraries /= record%input_libraries
    end subroutine choose_units
 
-   !> Refuses to continue with the file of another input.
+   !> Rejects the file of another input.
    subroutine compare_input(self, n_points, retries, record, path, error)
       type(resumed_input_t), intent(in) :: self
       integer, intent(in) :: n_points
-      logical, intent(in) :: retries                                  !! another library may be what cures points
+      logical, intent(in) :: retries                                  !! with another library, points may converge
       type(record_t), intent(in) :: record
       character(*), intent(in) :: path
       type(error_t), allocatable, intent(out) :: error
@@ -78,7 +80,7 @@ contains
 
       differences = input_differences(self%complete, record%input_complete, "the input", "the file")
       has_same_tuples = all(shape(self%tuples) == shape(record%tuples))
-      if (record%has_own_tuples) then                                 ! of a complete file there may be fewer places for them
+      if (record%has_own_tuples) then                                 ! a complete file may have room for fewer of them
          has_same_tuples = size(self%tuples, 1) == size(record%tuples, 1) .and. size(self%tuples, 2) >= size(record%tuples, 2)
       else if (has_same_tuples) then
          has_same_tuples = all(self%tuples == record%tuples)

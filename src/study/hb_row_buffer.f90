@@ -1,8 +1,7 @@
-!> Buffer of results until several rows of a dataset can be written at once.
-!>
-!> A point writes a few bytes to some thirty datasets. A parallel file system takes only so many writes a second from all
-!> ranks together, so each rank holds its results for a time that grows with the number of ranks. On few ranks that is less
-!> than a point takes, and every point is written when it is solved.
+!> Buffer of results, so that several rows of a dataset are written at once.
+!> A point writes a few bytes to about thirty datasets. A parallel file system handles a limited number of writes per
+!> second from all ranks together, so each rank holds its results for a time that grows with the number of ranks. On
+!> few ranks this time is shorter than a point takes, and every point is written when it is solved.
 module hb_row_buffer
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use, intrinsic :: iso_fortran_env, only: int8
@@ -15,19 +14,19 @@ module hb_row_buffer
    private
    public :: hold_seconds, new_row_buffer, room_for, row_buffer_t
 
-   real(wp), parameter :: writes_per_second = 5.0e4_wp                ! of all ranks, half of what a large file system takes
+   real(wp), parameter :: writes_per_second = 5.0e4_wp                ! of all ranks, half of the capacity of a large file system
    real(wp), parameter :: shortest = 0.01_wp                          ! [s], for points that take less than that
    real(wp), parameter :: most_bytes = 1.6e7_wp                       ! [B] held by a rank
-   integer, parameter :: most_rows = 128                              ! what a further one saves is below a hundredth of its writing
+   integer, parameter :: most_rows = 128                              ! with more rows the saving is below one percent
 
-   !> Rows of one dataset, for consecutive points, in the bytes of the file.
+   !> Rows of one dataset, for consecutive points, as the bytes of the file.
    type :: row_buffer_t
       private
       integer :: kind = is_real                                       ! of the values, hb_hdf5
       integer, allocatable :: extents(:)                              ! of a row, fastest first
       integer :: row_size = 0                                         ! values
-      integer :: part = 0                                             ! axis of which each row uses its own extent; 0: none
-      logical :: is_used = .false.                                    ! something that a new file does not hold anyway
+      integer :: part = 0                                             ! axis along which rows have their own lengths; 0: none
+      logical :: is_used = .false.                                    ! it contains values that differ from those of a new file
       integer(int8), allocatable :: bytes(:, :)                       ! (bytes of a row, room)
       integer, allocatable :: n_used(:)                               ! of the axis `part`, (room)
    contains
@@ -43,15 +42,15 @@ module hb_row_buffer
 
 contains
 
-   !> Time [s] for which a rank holds results back.
+   !> Time [s] for which a rank holds its results.
    pure real(wp) function hold_seconds(n_ranks, n_datasets)
       integer, intent(in) :: n_ranks
-      integer, intent(in) :: n_datasets                               !! that a point is written to
+      integer, intent(in) :: n_datasets                               !! written by a point
 
       hold_seconds = max(shortest, real(n_ranks, wp)*n_datasets/writes_per_second)
    end function hold_seconds
 
-   !> Number of points that a rank holds at most, one or more, of those that there are.
+   !> Largest number of points that a rank holds, at least one.
    pure integer function room_for(bytes_per_point, n_points)
       real(wp), intent(in) :: bytes_per_point
       integer, intent(in) :: n_points
@@ -59,7 +58,7 @@ contains
       room_for = max(1, int(min(real(min(most_rows, n_points), wp), most_bytes/max(bytes_per_point, 1.0_wp))))
    end function room_for
 
-   !> Makes room for `room` rows of a dataset.
+   !> Allocates `room` rows of a dataset.
    pure subroutine new_row_buffer(self, kind, extents, room, is_part_used)
       type(row_buffer_t), intent(out) :: self
       integer, intent(in) :: kind                                     !! of the values, hb_hdf5
@@ -75,7 +74,7 @@ contains
       allocate (self%n_used(room), source=0)
    end subroutine new_row_buffer
 
-   !> Fills row `k` with what a new file has there.
+   !> Fills row `k` with the values of a new file.
    subroutine row_buffer_blank(self, k)
       class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
@@ -89,7 +88,7 @@ contains
       end do
    end subroutine row_buffer_blank
 
-   !> Goes on with the checksum over row `k`, byte by byte as in the file.
+   !> Continues the checksum over row `k`, byte by byte as in the file.
    subroutine row_buffer_add_to_checksum(self, k, so_far)
       class(row_buffer_t), intent(in) :: self
       integer, intent(in) :: k
@@ -98,7 +97,7 @@ contains
       so_far = checksum(so_far, self%bytes(:, k))
    end subroutine row_buffer_add_to_checksum
 
-   !> Holds the integers of row `k`, all that a row of the dataset has, or those of its part.
+   !> Stores the integers of row `k`: all of the row, or those of its part.
    subroutine row_buffer_put_integers(self, k, values, error)
       class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
@@ -118,7 +117,7 @@ contains
       call put_bytes(self, k, bytes_in(values), shape(values), error)
    end subroutine row_buffer_put_reals
 
-   !> Holds the text of row `k`, with zeros behind it.
+   !> Stores the text of row `k`, padded with zeros.
    subroutine row_buffer_put_text(self, k, text, error)
       class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
@@ -132,7 +131,7 @@ contains
       self%is_used = self%is_used .or. n > 0
    end subroutine row_buffer_put_text
 
-   !> Holds in row `k` that nothing is known: of a part that there is one entry, no number.
+   !> Stores missing values in row `k`; for a part, one NaN entry.
    subroutine row_buffer_put_none(self, k, error)
       class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: k
@@ -173,10 +172,10 @@ contains
       if (.not. self%is_used) self%is_used = self%part > 0 .or. self%kind /= is_integer .or. any(self%bytes(:, k) /= 0_int8)
    end subroutine put_bytes
 
-   !> Refuses values of another number than a row has, or more along the axis of which each row uses its own extent.
+   !> Rejects values whose number differs from that of a row, or is larger along an axis with individual lengths.
    subroutine check_extents(self, extents, error)
       type(row_buffer_t), intent(in) :: self
-      integer, intent(in) :: extents(:)                               !! as many axes as a row has, where it has a part
+      integer, intent(in) :: extents(:)                               !! as many axes as a row, if it has a part
       type(error_t), allocatable, intent(out) :: error
       integer :: whole(size(extents))
 
@@ -190,11 +189,11 @@ contains
       end if
    end subroutine check_extents
 
-   !> Writes the first `n` rows to rows `first` and following of the dataset, unless these are blank and those, too.
+   !> Writes the first `n` rows to the dataset, beginning at row `first`, unless both are blank.
    subroutine row_buffer_flush(self, first, n, is_filled, dataset, error)
       class(row_buffer_t), intent(inout) :: self
       integer, intent(in) :: first, n
-      logical, intent(in) :: is_filled                                !! the rows may hold other than what a new file does
+      logical, intent(in) :: is_filled                                !! the rows of the file may differ from those of a new file
       type(h5_dataset_t), intent(in) :: dataset
       type(error_t), allocatable, intent(out) :: error
       integer :: k
@@ -211,7 +210,7 @@ contains
       end do
    end subroutine row_buffer_flush
 
-   !> What is used of row `k`.
+   !> The used bytes of row `k`.
    pure function used_bytes(self, k) result(bytes)
       class(row_buffer_t), intent(in) :: self
       integer, intent(in) :: k

@@ -1,4 +1,4 @@
-!> Callbacks of the models of a run: files for models, and time integration.
+!> Callbacks of the models of a run: sources of models, and time integration.
 module hb_run_callbacks
    use hb_fe_model_file, only: fe_model_file_t
    use hb_model, only: callbacks_t
@@ -9,10 +9,10 @@ module hb_run_callbacks
 
 contains
 
-   !> Makes the callbacks of a run.
+   !> Creates the callbacks of a run.
    function run_callbacks(n_points, is_followed) result(callbacks)
-      integer, intent(in), optional :: n_points                       !! of the run; default: so many that nothing is left of it
-      logical, intent(in), optional :: is_followed                    !! the motion is the first one of a curve; default: it is not
+      integer, intent(in), optional :: n_points                       !! of the run; default: so many that no shared budget remains
+      logical, intent(in), optional :: is_followed                    !! the motion is the first one of a curve; default: false
       type(callbacks_t) :: callbacks
 
       allocate (callbacks%fe_models, source=fe_model_file_t())

@@ -15,30 +15,30 @@ module hb_run_summary
    public :: answers_text, count_kept, count_point, found_frequency, has_answer, number_answered, number_solved, run_summary_t
    public :: stability_text, sum_up
 
-   !> What a run came to, over all ranks.
+   !> The outcome of a run, over all ranks.
    type :: run_summary_t
       integer :: n_points = 0
       integer :: counts(0:ubound(outcome_names, 1)) = 0               !! points of each status
-      integer :: n_by_fallback = 0                                    !! points where the direct attempt failed, but others did not
+      integer :: n_by_fallback = 0                                    !! points solved by a fallback
       integer :: n_certified = 0                                      !! points with a certificate
       integer :: n_near_commensurate = 0
       integer :: first_near_commensurate = huge(1)                    !! point, from 1
-      integer :: n_stable = 0, n_unstable = 0                         !! points whose motions are
-      integer :: n_too_costly = 0                                     !! points whose stability was left out for the work it takes
+      integer :: n_stable = 0, n_unstable = 0                         !! points with such motions
+      integer :: n_too_costly = 0                                     !! points without stability because of its cost
       integer :: n_jumps = 0                                          !! between neighbours, hb_branches
-      integer :: first_jump = 0                                       !! point from 1 to which the first of them leads
+      integer :: first_jump = 0                                       !! the point after the first of them, from 1
       real(wp) :: truncation = 0.0_wp                                 !! largest estimate of a certified point
       real(wp) :: aliasing = 0.0_wp
-      real(wp) :: by_levels = 0.0_wp                                  !! as the difference of levels shows it, where that is more
+      real(wp) :: by_levels = 0.0_wp                                  !! from the difference of levels, if larger
       real(wp) :: lowest(max_tones) = huge(1.0_wp)                    !! frequency of each tone over solved points [rad/s]
-      real(wp) :: highest(max_tones) = 0.0_wp                         !! below the lowest where there is no such point
+      real(wp) :: highest(max_tones) = 0.0_wp                         !! below the lowest if there is no such point
       real(wp) :: seconds = 0.0_wp
       real(wp), allocatable :: times(:, :)                            !! of all ranks, on rank 0, for hb_timing
-      integer :: n_left = 0                                           !! points that the run should have solved and has not
-      integer :: interruption = interruption%none                     !! why
-      character(:), allocatable :: made_by                            !! version that made the file, where it is another
+      integer :: n_left = 0                                           !! points that the run has not solved
+      integer :: interruption = interruption%none                     !! the reason
+      character(:), allocatable :: made_by                            !! version that wrote the file, if different
       integer :: n_damaged = 0                                        !! points of the file whose results were damaged
-      logical :: has_other_libraries = .false.                        !! than the run that made the file
+      logical :: has_other_libraries = .false.                        !! different from those of the run that created the file
    end type run_summary_t
 
 contains
@@ -47,7 +47,7 @@ contains
    subroutine count_kept(summary, record, points)
       type(run_summary_t), intent(inout) :: summary
       type(record_t), intent(in) :: record
-      integer, intent(in) :: points(:)                                !! those that are
+      integer, intent(in) :: points(:)                                !! these points
       logical :: is_kept(record%n_points)
       integer :: i, status
 
@@ -99,10 +99,10 @@ contains
       if (is_solved(result%status) .and. allocated(result%frequency)) call count_frequency(summary, result%frequency)
    end subroutine count_point
 
-   !> Widens the ranges of the frequencies by those of a point.
+   !> Extends the ranges of the frequencies by those of a point.
    subroutine count_frequency(summary, frequency)
       type(run_summary_t), intent(inout) :: summary
-      real(wp), intent(in) :: frequency(:)                            !! [rad/s], (n_tones); NaN where there is none
+      real(wp), intent(in) :: frequency(:)                            !! [rad/s], (n_tones); NaN: none
 
       associate (lowest => summary%lowest(:size(frequency)), highest => summary%highest(:size(frequency)))
          where (.not. ieee_is_nan(frequency))
@@ -112,7 +112,7 @@ contains
       end associate
    end subroutine count_frequency
 
-   !> Says at which frequency, or between which, an unknown tone was found.
+   !> Text with the frequency, or range of frequencies, of an unknown tone.
    function found_frequency(summary, tone) result(text)
       type(run_summary_t), intent(in) :: summary
       integer, intent(in) :: tone
@@ -127,15 +127,15 @@ contains
       if (lowest /= highest) text = "tone "//to_text(tone)//" from "//trim(lowest)//" to "//trim(highest)//" rad/s"
    end function found_frequency
 
-   !> Whether a point has its motion, as exit status 0 wants of all of them: from the balance, within its thresholds, or from time
-   !> integration where no balance was found.
+   !> Whether a point has an acceptable motion, as exit status 0 requires of all points: from the balance, within its
+   !> thresholds, or from time integration if no balance was found.
    elemental logical function has_answer(status)
       integer, intent(in) :: status
 
       has_answer = any(status == [outcome%converged, outcome%time_domain, outcome%several])
    end function has_answer
 
-   !> Points that have their motion.
+   !> Number of points with an acceptable motion.
    pure integer function number_answered(summary)
       type(run_summary_t), intent(in) :: summary
       integer :: status
@@ -143,7 +143,7 @@ contains
       number_answered = sum(summary%counts, mask=has_answer([(status, status=0, ubound(summary%counts, 1))]))
    end function number_answered
 
-   !> How many points converged, and how many have their motion from time integration.
+   !> Text with the number of points that converged, and of those found by time integration.
    pure function answers_text(summary) result(text)
       type(run_summary_t), intent(in) :: summary
       character(:), allocatable :: text
@@ -156,7 +156,7 @@ contains
       if (n > 0) text = text//", "//to_text(n)//" found by time integration"
    end function answers_text
 
-   !> Points that have a motion, good enough or not.
+   !> Number of points with a motion, within its thresholds or not.
    pure integer function number_solved(summary)
       type(run_summary_t), intent(in) :: summary
       integer :: status
@@ -164,7 +164,7 @@ contains
       number_solved = sum(summary%counts, mask=is_solved([(status, status=0, ubound(summary%counts, 1))]))
    end function number_solved
 
-   !> Counts motions that are stable, unstable and neither for sure.
+   !> Counts motions that are stable, unstable and of unknown stability.
    pure function stability_text(n_stable, n_unstable, n_solved) result(text)
       integer, intent(in) :: n_stable, n_unstable, n_solved
       character(:), allocatable :: text
@@ -173,7 +173,7 @@ contains
       if (n_stable + n_unstable < n_solved) text = text//", "//to_text(n_solved - n_stable - n_unstable)//" not known"
    end function stability_text
 
-   !> Turns what each rank counted into what all ranks did.
+   !> Adds up the counts of all ranks.
    subroutine sum_up(summary, comm)
       type(run_summary_t), intent(inout) :: summary
       type(comm_t), intent(in) :: comm

@@ -1,17 +1,16 @@
-!> Which points a rank solves next: pure arithmetic on numbers drawn from shared counters, the same for a run over ranks
+!> The points that a rank solves next: arithmetic on numbers drawn from shared counters, the same for a run over ranks
 !> and for its simulation.
-!>
-!> Points that must be solved one after the other by one rank form a *unit*: a chain along the fastest swept parameter
-!> (hb_neighbour), or a single point. What a unit holds depends on the input alone. A counter says which unit is the next
-!> one; a rank draws a *block* of units from it by one atomic operation that adds the length of the block. The rank decides
-!> on that length: so that a block takes a given time, by what its last block took, and no more than a small part of a fair
-!> share of what it last saw to remain. Slow points are thus drawn one by one, and a rank that comes upon slow points after
-!> fast ones has only a few of them. Source: C. D. Polychronopoulos, D. J. Kuck, Guided self-scheduling, IEEE Transactions
-!> on Computers C-36 (1987), with the rest as last seen and the limit in time added.
-!>
-!> One counter serves a few hundred ranks. More ranks have several, each with its own share of the units. A rank draws
-!> from the counter of its group; when that is empty it continues to the others, each once, since a counter that is empty
-!> stays so.
+!> Points that one rank must solve in order form a *unit*: a chain along the fastest swept parameter (hb_neighbour),
+!> or a single point. The points of a unit depend on the input alone. A counter contains the number of the next unit;
+!> a rank draws a *block* of units from it by one atomic operation that adds the length of the block. The rank chooses
+!> this length so that the block takes a given time, estimated from its last block, and is at most a small part of a
+!> fair share of the units that remained at the last draw. Slow points are thus drawn one by one, and a rank that
+!> meets slow points after fast ones has only a few of them. Source: C. D. Polychronopoulos, D. J. Kuck, Guided
+!> self-scheduling, IEEE Transactions on Computers C-36 (1987), with the remainder at the last draw and the limit in
+!> time added.
+!> One counter serves a few hundred ranks. For more ranks there are several counters, each with its own share of the
+!> units. A rank draws from the counter of its group; when that is exhausted it continues with the others, each once,
+!> since an exhausted counter remains so.
 module hb_schedule
    use hb_kinds, only: int64, wp
    implicit none
@@ -22,13 +21,13 @@ module hb_schedule
    integer, parameter :: largest_block = 32                           ! points; more would save no time and risk more
    integer, parameter :: divisor = 8                                  ! a block is at most this part of a fair share of the rest
 
-   !> Where a rank stands among the counters, and how fast it is.
+   !> The present counter of a rank, and its speed.
    type :: cursor_t
       integer :: counter = 1                                          !! to draw the next number from
-      logical :: is_done = .false.                                    !! all counters were found empty
+      logical :: is_done = .false.                                    !! all counters are exhausted
       integer, private :: n_empty = 0
-      integer, private :: seen = -1                                   ! units that the counter had given out, if known
-      real(wp), private :: seconds = -1.0_wp                          ! [s] of a unit of the last block, if known
+      integer, private :: seen = -1                                   ! units that the counter had issued, if known
+      real(wp), private :: seconds = -1.0_wp                          ! [s] per unit of the last block, if known
    contains
       procedure :: note => cursor_note
    end type cursor_t
@@ -39,8 +38,8 @@ module hb_schedule
       integer :: n_counters = 1
       integer, private :: n_ranks = 1, group_size = 1, stride = 1, largest = 1
       integer, private :: line = 1, chain = 1, units_per_line = 1, n_all_units = 0
-      integer, allocatable, private :: kept(:)                        ! units, where not all are to be solved
-      real(wp) :: block_seconds = 0.0_wp                              !! [s] that a block should take
+      integer, allocatable, private :: kept(:)                        ! units, if only some are to be solved
+      real(wp) :: block_seconds = 0.0_wp                              !! [s] intended duration of a block
    contains
       procedure :: all_points => schedule_all_points
       procedure :: ask => schedule_ask
@@ -54,14 +53,14 @@ module hb_schedule
 
 contains
 
-   !> Schedule of `n_points` points, of which each run of `line` is a line of the grid along its fastest parameter, cut into
-   !> chains of `chain` points; the last of a line may be shorter.
+   !> Creates the schedule of `n_points` points. Each `line` consecutive points are a line of the grid along its
+   !> fastest parameter, divided into chains of `chain` points; the last chain of a line may be shorter.
    pure subroutine new_schedule(self, n_points, line, chain, n_ranks, block_seconds, group_size)
       type(schedule_t), intent(out) :: self
       integer, intent(in) :: n_points                                 !! a multiple of line
-      integer, intent(in) :: line, chain                              !! 1 or greater
+      integer, intent(in) :: line, chain                              !! at least 1
       integer, intent(in) :: n_ranks
-      real(wp), intent(in) :: block_seconds                           !! [s] that a block should take
+      real(wp), intent(in) :: block_seconds                           !! [s] intended duration of a block
       integer, intent(in), optional :: group_size                     !! ranks that share a counter, default ranks_per_counter
 
       self%n_points = n_points
@@ -77,7 +76,7 @@ contains
       self%group_size = min(self%group_size, n_ranks)
       self%n_counters = (n_ranks + self%group_size - 1)/self%group_size
       self%largest = max(1, largest_block/self%chain)
-      self%stride = max(1, nint(0.618*self%n_counters))               ! visits far groups early
+      self%stride = max(1, nint(0.618*self%n_counters))               ! visits distant groups early
       do while (common_divisor(self%stride, self%n_counters) > 1)
          self%stride = self%stride + 1
       end do
@@ -96,7 +95,8 @@ contains
       end do
    end function common_divisor
 
-   !> Unit that holds a point, both from 1, among all units. A point may only be solved again together with its whole unit.
+   !> Unit that contains a point, both from 1, among all units. A point can only be solved again together with its
+   !> whole unit.
    pure integer function schedule_unit_of(self, point)
       class(schedule_t), intent(in) :: self
       integer, intent(in) :: point
@@ -104,8 +104,8 @@ contains
       schedule_unit_of = ((point - 1)/self%line)*self%units_per_line + modulo(point - 1, self%line)/self%chain + 1
    end function schedule_unit_of
 
-   !> Leaves only the units that hold one of the points: a chain of which one point is missing is solved again from its
-   !> beginning, for its points start from each other.
+   !> Restricts the schedule to the units that contain one of the points: a chain with a missing point is solved again
+   !> from its beginning, because its points start from each other.
    pure subroutine schedule_keep(self, points)
       class(schedule_t), intent(inout) :: self
       integer, intent(in) :: points(:)                                !! from 1
@@ -140,7 +140,7 @@ contains
       last = start_of_line + min(place + self%chain, self%line)
    end subroutine schedule_points_of
 
-   !> All points to solve, in the order of the sweep: after `keep` these are more than the points given where chains are
+   !> All points to solve, in the order of the sweep: after `keep` there are more than the given points if chains are
    !> solved again from their beginning.
    pure function schedule_all_points(self) result(points)
       class(schedule_t), intent(in) :: self
@@ -155,7 +155,7 @@ contains
       end do
    end function schedule_all_points
 
-   !> Rank, from 0, that holds a counter, from 1: the first of its group.
+   !> Rank, from 0, that owns a counter, from 1: the first of its group.
    pure integer function schedule_owner_of(self, counter)
       class(schedule_t), intent(in) :: self
       integer, intent(in) :: counter
@@ -163,7 +163,7 @@ contains
       schedule_owner_of = (counter - 1)*self%group_size
    end function schedule_owner_of
 
-   !> Where a rank, from 0, begins.
+   !> The initial cursor of a rank, counted from 0.
    pure type(cursor_t) function schedule_cursor_of(self, rank)
       class(schedule_t), intent(in) :: self
       integer, intent(in) :: rank
@@ -171,7 +171,7 @@ contains
       schedule_cursor_of%counter = rank/self%group_size + 1
    end function schedule_cursor_of
 
-   !> How many units the rank should draw from `cursor%counter`: one where it knows nothing yet.
+   !> Number of units that the rank should draw from `cursor%counter`: one if it has no estimate yet.
    pure integer function schedule_ask(self, cursor) result(n)
       class(schedule_t), intent(in) :: self
       type(cursor_t), intent(in) :: cursor
@@ -185,13 +185,13 @@ contains
       n = max(1, n)
    end function schedule_ask
 
-   !> Turns the number drawn from `cursor%counter` with `n` into a block of units, and sends the rank on to the next counter
-   !> where there is none left: then first > last.
+   !> Converts the number drawn from `cursor%counter` with `n` into a block of units; if none is left, first > last
+   !> and the cursor moves to the next counter.
    pure subroutine schedule_take(self, cursor, number, n, first, last)
       class(schedule_t), intent(in) :: self
       type(cursor_t), intent(inout) :: cursor
-      integer, intent(in) :: number                                   !! sum of all that was drawn before
-      integer, intent(in) :: n                                        !! what `ask` said
+      integer, intent(in) :: number                                   !! sum of all previous draws
+      integer, intent(in) :: n                                        !! result of `ask`
       integer, intent(out) :: first, last                             !! units, from 1
       integer :: end_of_share, start
 
@@ -208,7 +208,7 @@ contains
       cursor%counter = modulo(cursor%counter - 1 + self%stride, self%n_counters) + 1
    end subroutine schedule_take
 
-   !> Notes how long the last block took.
+   !> Records the duration of the last block.
    pure subroutine cursor_note(self, n_units, seconds)
       class(cursor_t), intent(inout) :: self
       integer, intent(in) :: n_units                                  !! of the block, above 0
@@ -217,7 +217,7 @@ contains
       self%seconds = seconds/n_units
    end subroutine cursor_note
 
-   !> Number of units in the shares before that of a counter; shares follow the number of ranks.
+   !> Number of units in the shares of the preceding counters; shares are proportional to the numbers of ranks.
    pure integer function share_start(self, counter)
       class(schedule_t), intent(in) :: self
       integer, intent(in) :: counter

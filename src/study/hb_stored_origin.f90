@@ -1,4 +1,4 @@
-!> A point of a result file where other motions leave a curve, as the origin of a curve of these.
+!> A point of a result file at which other motions leave a curve, as the origin of their curve.
 module hb_stored_origin
    use hb_curve_origin, only: curve_origin_t, new_curve_origin
    use hb_curve_plan, only: curve_plan_t
@@ -18,7 +18,7 @@ module hb_stored_origin
 
 contains
 
-   !> The request of a plan to the follower, with the origin that this names in a file.
+   !> Creates the request of a plan, with its origin in a file.
    subroutine request_curve(plan, model, document, request, error)
       type(curve_plan_t), intent(in) :: plan
       type(model_t), intent(in) :: model                              !! at the start
@@ -33,8 +33,8 @@ contains
       if (allocated(error)) error%message = plan%place//": origin: "//error%message
    end subroutine request_curve
 
-   !> Reads the point; fails where it is damaged, is neither a period doubling nor a place where a tone joins, or does not fit the
-   !> model.
+   !> Reads the point; fails if it is damaged, is neither a period doubling nor a torus bifurcation, or does not fit
+   !> the model.
    subroutine read_curve_origin(self, path, point, model, error)
       type(curve_origin_t), intent(out) :: self
       character(*), intent(in) :: path                                !! of the file

@@ -1,5 +1,5 @@
-!> Columns of a result file of any origin, read back: each has to have the dimensions that the table of
-!> columns gives it, as long as the scales of the file say.
+!> Columns of a result file of any origin: each must have the dimensions of the table of columns, with the lengths of
+!> the scales of the file.
 module hb_stored_rows
    use hb_error, only: error_t
    use hb_hdf5, only: h5_dataset_t, h5_file_t
@@ -26,7 +26,7 @@ module hb_stored_rows
 
 contains
 
-   !> Plans all columns that any file may have, with the dimensions of this one.
+   !> Lists all columns that a file may have, with the dimensions of this one.
    subroutine stored_file_list(self, error)
       class(stored_file_t), intent(inout) :: self
       type(error_t), allocatable, intent(inout) :: error
@@ -55,7 +55,7 @@ contains
       end do
    end subroutine stored_file_list
 
-   !> Reads the values of a column, or those of a point alone, in the order of the file; does nothing after an error.
+   !> Reads the values of a column, or those of one point, in the order of the file; no effect after an error.
    subroutine stored_file_fetch_integers(self, name, values, error, point)
       class(stored_file_t), intent(in) :: self
       character(*), intent(in) :: name
@@ -95,7 +95,7 @@ contains
       if (.not. allocated(error)) tuples = reshape(values, [self%plan%length_of("tone"), n])
    end subroutine stored_file_get_tuples
 
-   !> Reads where on a curve a point is; of what is none of its points only that.
+   !> Reads the position of a point on its curve; if it is on no curve, only this information.
    subroutine stored_file_get_place(self, point, place, error, parameter)
       class(stored_file_t), intent(in) :: self
       integer, intent(in) :: point                                    !! from 1

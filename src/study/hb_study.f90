@@ -1,5 +1,5 @@
-!> An input that was read and is ready to run: its document, the plan of its sweep, the model of its first point, the
-!> harmonics of all points, and the layout of its result file.
+!> An input that is ready to run: its document, the plan of its sweep, the model of its first point, the harmonics of
+!> all points, and the layout of its result file.
 module hb_study
    use hb_coordinates, only: coordinates_t
    use hb_curve_request, only: curve_request_t
@@ -28,14 +28,14 @@ module hb_study
    private
    public :: describe_layout, new_study, read_input, row_of_study, study_t
 
-   !> An input that was read without a problem, ready to run.
+   !> An input without errors, ready to run.
    type :: study_t
       type(document_t) :: document                                    !! the input after overrides
       type(sweep_plan_t) :: plan
       type(model_t) :: model                                          !! of the first point
       integer, allocatable :: tuples(:, :)                            !! union of the sets of all points, (n_tones, any)
       character(:), allocatable :: input_text                         !! the input as given
-      character(:), allocatable :: input_overrides                    !! path=value, a line each
+      character(:), allocatable :: input_overrides                    !! path=value, one per line
       character(:), allocatable :: input_complete                     !! the input after defaults
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes for this process
       type(callbacks_t) :: callbacks                                   !! for the models of its points
@@ -47,12 +47,12 @@ module hb_study
 
 contains
 
-   !> Reads the text of an input file with its overrides; fails with all problems that the first point and the sweep show.
+   !> Reads the text of an input file with its overrides; fails with all problems of the first point and of the sweep.
    subroutine new_study(self, file_name, text, overrides, error, available_memory)
       type(study_t), intent(out), target :: self
       character(*), intent(in) :: file_name                           !! for messages
       character(*), intent(in) :: text
-      type(string_t), intent(in) :: overrides(:)                      !! path=value, as --set gives them
+      type(string_t), intent(in) :: overrides(:)                      !! path=value, as in --set
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available_memory              !! bytes for this process, the same on all ranks
       type(document_t), target :: first
@@ -115,7 +115,7 @@ contains
       call annotate(error, "point "//to_text(point)//" ("//self%plan%describe(point)//")")
    end subroutine study_read_point
 
-   !> Number of chains that points form; 0 where each starts alone.
+   !> Number of chains of points; 0 if each point starts alone.
    pure integer function study_n_chains(self) result(n)
       class(study_t), intent(in) :: self
 
@@ -125,17 +125,17 @@ contains
       end associate
    end function study_n_chains
 
-   !> Whether points start from their neighbours by default: where many of them follow each other along physical
-   !> parameters that change by and by. What the input alone says decides, not who runs it.
+   !> Whether points start from their neighbours by default: if there are many consecutive ones along physical
+   !> parameters that change gradually. This depends on the input alone, not on the machine or the number of ranks.
    pure logical function is_chained(self)
       type(study_t), intent(in) :: self
-      integer, parameter :: least_points = 8                          ! a few values far from each other are no curve
+      integer, parameter :: least_points = 8                          ! a few distant values are not a curve
 
       is_chained = self%model%chain%is_auto .and. size(self%model%laws) > 0 .and. self%plan%n_fastest() >= least_points &
          .and. self%plan%is_way()
    end function is_chained
 
-   !> Takes the text of an input file apart and applies its overrides.
+   !> Parses the text of an input file and applies its overrides.
    subroutine read_input(document, file_name, text, overrides, error)
       type(document_t), intent(out) :: document
       character(*), intent(in) :: file_name                           !! for messages
@@ -162,7 +162,7 @@ contains
       end do
    end subroutine apply_overrides
 
-   !> Refuses an override that no point would see, since a sweep gives the same key other values.
+   !> Rejects an override without effect, because a sweep gives the same key other values.
    subroutine refuse_hidden(plan, document, overrides, error)
       type(sweep_plan_t), intent(in) :: plan
       type(document_t), intent(inout) :: document
@@ -204,14 +204,14 @@ contains
       call annotate(error, "--set")
    end subroutine apply_override
 
-   !> Whether improved motions are stored: the first point decides for all.
+   !> Whether improved motions are stored; determined by the first point.
    pure logical function has_improved(self)
       type(study_t), intent(in) :: self
 
       has_improved = self%model%certificate%is_on .and. self%model%certificate%improvement_steps > 0
    end function has_improved
 
-   !> Describes the results of the result file before the first point is solved.
+   !> Describes the contents of the result file before the first point is solved.
    subroutine describe_layout(self, n_ranks, layout, n_places)
       type(study_t), intent(in) :: self
       integer, intent(in) :: n_ranks
@@ -237,7 +237,7 @@ contains
       end associate
    end subroutine describe_layout
 
-   !> As `describe_layout`, without the values that swept parameters have at each point.
+   !> As `describe_layout`, without the values of swept parameters.
    subroutine describe_rows(self, n_ranks, layout, n_places)
       type(study_t), intent(in) :: self
       integer, intent(in) :: n_ranks
@@ -292,8 +292,8 @@ contains
       end associate
    end subroutine describe_rows
 
-   !> Files that the first point is made from beside the input, and what marks them, a line each: libraries of the user laws,
-   !> the model, its kept reduction.
+   !> Files besides the input on which the first point depends, with their checksums, one per line: libraries of user
+   !> laws, the model, its stored reduction.
    function study_libraries(self) result(text)
       class(study_t), intent(in) :: self
       character(:), allocatable :: mark, text
@@ -311,7 +311,7 @@ contains
       text = text//self%model%structure%origin
    end function study_libraries
 
-   !> What one point takes in the result file, and to how many datasets it is written.
+   !> Size of one point in the result file, and the number of datasets to which it is written.
    subroutine row_of_study(self, n_bytes, n_datasets, n_places)
       type(study_t), intent(in) :: self
       real(wp), intent(out) :: n_bytes
@@ -325,7 +325,7 @@ contains
       call measure_row(plan, size(layout%parameters), n_bytes, n_datasets)
    end subroutine row_of_study
 
-   !> Labels of the laws; where two laws have the same, the number of the law is added.
+   !> Labels of the laws; if two laws have the same label, the number of the law is added.
    function unique_labels(model) result(labels)
       type(model_t), intent(in) :: model
       character(64) :: labels(size(model%laws))

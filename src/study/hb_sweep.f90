@@ -1,9 +1,8 @@
 !> Runs all points of an input over the ranks of a communicator and writes the result file.
-!>
-!> Points, or chains of points that start from each other's solutions, do not depend on each other; each rank draws the next ones
-!> as hb_schedule says. The result of a point does not depend on the rank that solves it or when, so the file holds the same
-!> numbers for any number of ranks (with FFTW's planning by estimate, which is the default; measured plans may differ in the last
-!> digit).
+!> Points, or chains of points that start from each other's solutions, are independent of each other; each rank draws
+!> the next ones from hb_schedule. The result of a point does not depend on the rank that solves it or on the time, so
+!> the file contains the same numbers for any number of ranks (with FFTW's planning by estimate, which is the default;
+!> measured plans may differ in the last digit).
 module hb_sweep
    use hb_branch_marks, only: mark_branches
    use hb_cancellation, only: verdict
@@ -40,8 +39,9 @@ module hb_sweep
    private
    public :: run_options_t, run_study
 
-   ! The file is made whole before the first point: of one degree of freedom and two harmonics a point takes 872 bytes of it, 50
-   ! million 44 GB, and 15 bytes of memory while that is done, 0.8 GB (measured with 100,000 and a million points).
+   ! The whole file is created before the first point: with one degree of freedom and two harmonics a point takes 872
+   ! bytes of it, 50 million 44 GB, and 15 bytes of memory during this step, 0.8 GB (measured with 100,000 and a
+   ! million points).
    integer, parameter :: most_points = 50000000
 
    !> How to run a study.
@@ -49,20 +49,20 @@ module hb_sweep
       character(:), allocatable :: path                               !! of the result file
       logical :: overwrite = .false.                                  !! an existing file may be replaced
       logical :: resumes = .false.                                    !! an existing file is continued
-      logical :: retries = .false.                                    !! ... and its points that did not converge are solved again
-      integer :: level = log_level%normal                             !! how much to tell, hb_progress
+      logical :: retries = .false.                                    !! and its points that did not converge are solved again
+      integer :: level = log_level%normal                             !! log level, hb_progress
       real(wp) :: time_limit = huge(1.0_wp)                           !! [s] of wall time
-      integer :: status_of_exit = 1                                   !! exit status where exit() ends the process within a point
+      integer :: status_of_exit = 1                                   !! exit status if exit() ends the process within a point
    end type run_options_t
 
-   !> Shows how far a point is.
+   !> An interruption that also shows the progress within a point.
    type, extends(interruption_t) :: watched_t
       type(progress_t), pointer :: progress => null()
    contains
       procedure :: note_level => watched_note_level
    end type watched_t
 
-   !> What a rank works with while it solves points.
+   !> The objects of a rank that solves points.
    type :: run_t
       type(point_source_t) :: source
       type(results_t) :: results
@@ -71,15 +71,15 @@ module hb_sweep
       type(progress_t) :: progress
       type(watched_t) :: ending
       type(rank_times_t) :: times
-      logical :: is_checked = .false.                                 !! whether chains stay on their branches
-      type(resumed_file_t) :: before                                  !! of a run before, whose crashed points are passed by
-      integer :: n_unused = 0                                         !! rows that curves turned out not to need
+      logical :: is_checked = .false.                                 !! whether chains are checked for changes of the branch
+      type(resumed_file_t) :: before                                  !! of a previous run, whose crashed points are skipped
+      integer :: n_unused = 0                                         !! rows that curves did not need
    end type run_t
 
 contains
 
-   !> Solves all points, or those that a run before has left, and writes them; collective. An error is failure with the
-   !> result file; what is wrong with a single point stands in the file.
+   !> Solves all points, or those that a previous run has not solved, and writes them; collective. An error is a
+   !> failure of the result file; errors of single points are recorded in the file.
    subroutine run_study(self, options, comm, summary, error)
       type(study_t), intent(in) :: self
       type(run_options_t), intent(in) :: options
@@ -118,7 +118,7 @@ contains
             call mark_branches(run%results, self%plan, length_of_units(self), comm, summary%n_jumps, summary%first_jump, error)
       end if
       if (allocated(error)) then
-         call run%results%abandon()                                   ! closing is collective, and fails where writing has
+         call run%results%abandon()                                   ! closing is collective, and fails if writing has failed
       else
          call run%results%close(error)
       end if
@@ -132,7 +132,7 @@ contains
       summary%seconds = wall_clock() - started
    end subroutine run_study
 
-   !> What a run begins with: where points come from, which of them are to be solved, and the result file.
+   !> Prepares a run: the source of points, the points to solve, and the result file.
    subroutine prepare(self, options, comm, run, summary, error)
       type(study_t), intent(in) :: self
       type(run_options_t), intent(in) :: options
@@ -167,7 +167,7 @@ contains
       end if
    end subroutine prepare
 
-   !> Counts all points of the file: a curve that was continued has points of both runs.
+   !> Counts all points of the file: a continued curve has points of both runs.
    subroutine recount(path, summary, error)
       character(*), intent(in) :: path
       type(run_summary_t), intent(inout) :: summary
@@ -179,7 +179,7 @@ contains
       if (.not. allocated(error)) call count_kept(summary, record, none)
    end subroutine recount
 
-   !> Points that are solved one after the other: a curve, a chain, or a point.
+   !> Number of points that are solved in order: a curve, a chain, or a point.
    pure integer function length_of_units(self) result(length)
       type(study_t), intent(in) :: self
 
@@ -191,7 +191,7 @@ contains
       end if
    end function length_of_units
 
-   !> Fails where results that were written are not in the file.
+   !> Fails if results that were written are missing in the file.
    subroutine check_written(path, n_left, error)
       character(*), intent(in) :: path
       integer, intent(in) :: n_left                                   !! points that may be without a result
@@ -207,7 +207,7 @@ contains
       end if
    end subroutine check_written
 
-   !> Gives all ranks the same wisdom: rank 0 reads the file or plans once and writes it, then the others read it.
+   !> Gives all ranks the same wisdom: rank 0 reads the file, or plans once and writes it; then the others read it.
    subroutine prepare_wisdom(self, comm, error)
       type(study_t), intent(in) :: self
       type(comm_t), intent(in) :: comm
@@ -240,7 +240,7 @@ contains
       call share_error(comm, error)
    end subroutine prepare_wisdom
 
-   !> Draws blocks of units until there are none left, or the run has to end. Rank 0 prints the progress of all.
+   !> Draws blocks of units until there are none left, or the run must end. Rank 0 prints the progress of all ranks.
    subroutine run_points(self, run, level, comm, summary, error)
       type(study_t), intent(in) :: self
       type(run_t), intent(inout), target :: run
@@ -294,8 +294,8 @@ contains
       call run%counter%destroy()
    end subroutine run_points
 
-   !> Solves the points of one unit in their order, each from its neighbours where the input requests it, and writes them;
-   !> leaves the unit where the run has to end.
+   !> Solves the points of one unit in order, each from its neighbours if the input requests it, and writes them;
+   !> returns early if the run must end.
    subroutine run_unit(self, run, unit, group, summary, error)
       type(study_t), intent(in) :: self
       type(run_t), intent(inout), target :: run
@@ -329,8 +329,8 @@ contains
       end do
    end subroutine run_unit
 
-   !> Follows a curve, from its start or from where a run before has left it, and writes its points; leaves it where the run has to
-   !> end. Room that it does not need is marked as such.
+   !> Follows a curve, from its start or from the end of a previous run, and writes its points; returns early if the
+   !> run must end. Unused rows are marked as such.
    subroutine run_curve(self, run, first, last, group, summary, error)
       type(study_t), intent(in) :: self
       type(run_t), intent(inout), target :: run
@@ -358,7 +358,7 @@ contains
       do while (point <= last .and. .not. curve%is_done)
          if (run%ending%is_due()) exit
          if (any(run%before%crashed == point)) then
-            curve%is_done = .true.                                    ! the rest of the curve cannot be known
+            curve%is_done = .true.                                    ! the rest of the curve is unknown
             call pass_by(run, point, neighbour, summary)
          else
             call begin_point(point)
@@ -425,7 +425,7 @@ contains
       if (is_report_due) call report(run%counter, group, run%progress, run%times)
    end subroutine keep_point
 
-   !> Counts a point that has ended a run before and is left as it stands in the file; the next has no neighbour.
+   !> Counts a point that has crashed in a previous run and remains unchanged in the file; the next has no neighbour.
    subroutine pass_by(run, point, neighbour, summary)
       type(run_t), intent(inout) :: run
       integer, intent(in) :: point
@@ -440,7 +440,7 @@ contains
       call neighbour%forget()
    end subroutine pass_by
 
-   !> Adds the points of this rank to the tallies, and shows those of all ranks where it is time for that.
+   !> Adds the points of this rank to the tallies, and shows those of all ranks if a line is due.
    subroutine report(counter, group, progress, times)
       type(work_counter_t), intent(in) :: counter
       integer, intent(in) :: group

@@ -1,7 +1,7 @@
-!> The union of the harmonic sets of all points of a sweep, so that its file can be laid out before any is solved.
-!>
-!> Every combination of swept values of `&harmonics` is read, but of boxes and diamonds that lie within one another only the
-!> largest are made: a sweep over N orders takes a time in proportion to N.
+!> The union of the harmonic sets of all points of a sweep, so that its file can be created before any point is
+!> solved.
+!> Every combination of swept values of `&harmonics` is read, but of nested boxes and diamonds only the largest are
+!> created: the time for a sweep over N orders is proportional to N.
 module hb_sweep_harmonics
    use hb_certificate, only: choose_wider_set, wider_orders
    use hb_document, only: document_t
@@ -19,7 +19,7 @@ module hb_sweep_harmonics
 
 contains
 
-   !> Collects the tuples of all points: those of the first point come first, those that others add follow.
+   !> Collects the tuples of all points: first those of the first point, then those that others add.
    subroutine tuples_of_sweep(tuples, first, plan, input, has_improved, error)
       integer, allocatable, intent(out) :: tuples(:, :)               !! (n_tones, any), each once
       type(harmonics_t), intent(in) :: first                          !! set of the first point
@@ -35,7 +35,7 @@ contains
       if (.not. allocated(error)) tuples = union%list()
    end subroutine tuples_of_sweep
 
-   !> Adds what the sets of the other points have.
+   !> Adds the tuples of the sets of the other points.
    subroutine add_points(union, plan, input, n_tones, has_improved, error)
       type(tuple_union_t), intent(inout) :: union
       type(sweep_plan_t), intent(in) :: plan
@@ -45,7 +45,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(document_t), target :: document
       type(truncation_t) :: truncation, wider
-      type(truncation_t), allocatable :: largest(:), widest(:)        ! of which none contains another
+      type(truncation_t), allocatable :: largest(:), widest(:)        ! none contains another
       logical, allocatable :: axes(:)
       integer :: i, point
 
@@ -84,8 +84,8 @@ contains
       end do
    end subroutine add_points
 
-   !> Keeps a truncation unless one that is there contains it, and drops those that it contains. What could not be made is
-   !> an error at once.
+   !> Adds a truncation unless an existing one contains it, and removes those that it contains. A truncation that
+   !> cannot be created is an error.
    subroutine add_largest(largest, truncation, error)
       type(truncation_t), allocatable, intent(inout) :: largest(:)
       type(truncation_t), intent(in) :: truncation
@@ -103,7 +103,7 @@ contains
       largest = [largest(kept), truncation]
    end subroutine add_largest
 
-   !> Makes a set and adds its tuples.
+   !> Creates a set and adds its tuples.
    subroutine add_set(union, truncation, has_improved, error)
       type(tuple_union_t), intent(inout) :: union
       type(truncation_t), intent(in) :: truncation
@@ -118,7 +118,7 @@ contains
       call annotate(error, truncation%place)
    end subroutine add_set
 
-   !> Adds the tuples that an improved motion has beyond those of its set.
+   !> Adds the tuples of an improved motion that are not in its set.
    subroutine add_wider(union, set, error)
       type(tuple_union_t), intent(inout) :: union
       type(harmonics_t), intent(in) :: set
@@ -129,7 +129,7 @@ contains
       if (.not. allocated(error)) call union%add(wider%tuples)
    end subroutine add_wider
 
-   !> Where a message belongs.
+   !> The location that a message names.
    function place_of(point) result(place)
       integer, intent(in) :: point
       character(:), allocatable :: place

@@ -1,8 +1,7 @@
-!> The points of a sweep: which parameters of the input take which values.
-!>
-!> Each `&sweep` group varies one parameter. Groups with the same `axis` number go side by side (zipped); different axes
-!> form a grid, the last axis running fastest. Without any group there is one point, the input as it is. With a group `&curve`
-!> there is a curve in place of each point: its room for points is one more axis, the fastest.
+!> The points of a sweep: the varied parameters of the input and their values.
+!> Each `&sweep` group varies one parameter. Groups with the same `axis` number vary together (zipped); different axes
+!> form a grid, the last axis running fastest. Without any group there is one point, the input itself. With a group
+!> `&curve` each point is replaced by a curve: its points are one more axis, the fastest.
 module hb_sweep_plan
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_curve_plan, only: curve_plan_t, read_curve_plan
@@ -18,9 +17,9 @@ module hb_sweep_plan
 
    integer(int64), parameter :: most_points = 2000000000_int64
 
-   !> Values between two ends, which are made when they are needed: 100 million of them would take 800 MB.
+   !> Values between two ends, computed when needed: 100 million of them would occupy 800 MB.
    type :: range_t
-      integer :: n = 0                                                ! number of values; 0: they are given one by one
+      integer :: n = 0                                                ! number of values; 0: they are given individually
       real(wp) :: first = 0.0_wp, last = 0.0_wp
       logical :: is_log = .false.
    end type range_t
@@ -30,12 +29,12 @@ module hb_sweep_plan
       character(:), allocatable :: path                               !! in the input, such as law(1)%gap
       character(:), allocatable :: group                              !! its name in lower case
       character(:), allocatable :: place                              !! of its group &sweep, for messages
-      type(parameter_t) :: parameter                                  !! what the path names in the document of the plan
-      character(:), allocatable :: units                              !! empty where the reader of the input declares none
+      type(parameter_t) :: parameter                                  !! the number of the path in the document of the plan
+      character(:), allocatable :: units                              !! empty if the reader of the input declares none
       integer :: axis = 0                                             !! index among the axes of the plan
       logical :: is_text = .false.
-      logical :: is_real = .false.                                    !! as its reader takes it
-      logical :: varies = .false.                                     !! numbers that are not the same everywhere
+      logical :: is_real = .false.                                    !! according to its reader
+      logical :: varies = .false.                                     !! numbers that are not all equal
       type(range_t), private :: range
       real(wp), allocatable, private :: values(:)                     ! numbers, unless is_text or a range
       type(string_t), allocatable :: texts(:)
@@ -49,7 +48,7 @@ module hb_sweep_plan
       integer :: n_points = 1
       type(swept_t), allocatable :: parameters(:)
       type(curve_plan_t), allocatable :: curve
-      real(wp), allocatable :: curve_values(:)                        !! at the points of curves; none before they are known
+      real(wp), allocatable :: curve_values(:)                        !! at the points of curves; none until known
       real(wp), allocatable :: over_values(:)                         !! likewise of `over`
       integer, allocatable, private :: length(:)                      ! of each axis
    contains
@@ -71,7 +70,7 @@ module hb_sweep_plan
 
 contains
 
-   !> Reads all `&sweep` groups and looks their paths up in the document: its copies take the values.
+   !> Reads all `&sweep` groups and resolves their paths in the document; its copies receive the values.
    subroutine read_sweep_plan(self, document, error)
       type(sweep_plan_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
@@ -122,7 +121,7 @@ contains
       call resolve_parameters(self, document, error)
    end subroutine read_sweep_plan
 
-   !> Finds the keys that the parameters change; none is the one along which the curve runs.
+   !> Resolves the keys that the parameters vary; the one along which the curve runs is not among them.
    subroutine resolve_parameters(self, document, error)
       type(sweep_plan_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
@@ -147,7 +146,7 @@ contains
       end do
    end subroutine resolve_parameters
 
-   !> Fails where a value that is swept, or that moves along a curve, follows another one.
+   !> Fails if a value that is swept, or that moves along a curve, is tied to another one.
    subroutine sweep_plan_refuse_tied(self, document, error)
       class(sweep_plan_t), intent(in) :: self
       type(document_t), intent(in) :: document                        !! that was read
@@ -166,7 +165,7 @@ contains
       if (allocated(error)) error%message = self%curve%place//": "//error%message
    end subroutine sweep_plan_refuse_tied
 
-   !> Refuses a path that an earlier parameter has: the later value would hide the other, at as many points as both have values.
+   !> Rejects a path that an earlier parameter has: the later value would replace the earlier one.
    subroutine refuse_twice(parameters, group)
       type(swept_t), intent(in) :: parameters(:)                      !! the last is that of the group
       type(properties_t), intent(inout) :: group
@@ -182,7 +181,7 @@ contains
       end do
    end subroutine refuse_twice
 
-   !> Refuses to sweep what moves along a curve, or the curve itself.
+   !> Rejects a sweep of the value that moves along the curve, or of the curve itself.
    subroutine refuse_curve(curve, swept, error)
       type(curve_plan_t), intent(in) :: curve
       type(swept_t), intent(in) :: swept
@@ -195,7 +194,7 @@ contains
       end if
    end subroutine refuse_curve
 
-   !> Reads the numbers of the axes. A group that gives none gets the lowest number that is free, an axis of its own.
+   !> Reads the numbers of the axes. A group without a number gets the lowest unused number, an axis of its own.
    subroutine read_axes(document, axis_of)
       type(document_t), intent(inout), target :: document
       integer, allocatable, intent(out) :: axis_of(:)
@@ -281,7 +280,7 @@ contains
       end associate
    end function swept_value
 
-   !> Whether a parameter is a range whose values are apart by much more than rounding.
+   !> Whether a parameter is a range whose spacing is much larger than rounding errors.
    pure logical function is_clear_range(self)
       type(swept_t), intent(in) :: self
       real(wp), parameter :: roundings = 16.0_wp
@@ -294,7 +293,7 @@ contains
       end associate
    end function is_clear_range
 
-   !> Whether a parameter has numbers that are not the same everywhere.
+   !> Whether a parameter has numbers that are not all equal.
    pure logical function has_several_values(self)
       type(swept_t), intent(in) :: self
       integer :: i
@@ -307,7 +306,7 @@ contains
       has_several_values = .false.
    end function has_several_values
 
-   !> A text with a unit behind it, where there is one to tell.
+   !> A text with a unit after it, if there is one.
    pure function with_unit(text, units)
       character(*), intent(in) :: text, units
       character(:), allocatable :: with_unit
@@ -316,7 +315,7 @@ contains
       if (len(units) > 0 .and. units /= "1") with_unit = text//" "//units
    end function with_unit
 
-   !> Path, number of values, first and last of them with the unit, for people.
+   !> Path, number of values, first and last of them with the unit, for messages.
    function swept_describe(self) result(text)
       class(swept_t), intent(in) :: self
       character(:), allocatable :: text
@@ -337,7 +336,7 @@ contains
       if (.not. self%is_text) text = with_unit(text, self%units)
    end function swept_describe
 
-   !> Which value of parameter `i` the point takes.
+   !> Index of the value of parameter `i` at a point.
    pure integer function sweep_plan_index_on(self, i, point)
       class(sweep_plan_t), intent(in) :: self
       integer, intent(in) :: i                                        !! parameter
@@ -351,7 +350,7 @@ contains
       sweep_plan_index_on = 1 + modulo(quotient, self%length(self%parameters(i)%axis))
    end function sweep_plan_index_on
 
-   !> Number of points along the axis that runs fastest: consecutive points of the sweep.
+   !> Number of points along the fastest axis: consecutive points of the sweep.
    pure integer function sweep_plan_n_fastest(self)
       class(sweep_plan_t), intent(in) :: self
 
@@ -359,8 +358,8 @@ contains
       if (size(self%length) > 0) sweep_plan_n_fastest = self%length(size(self%length))
    end function sweep_plan_n_fastest
 
-   !> Where a point stands on the axis that runs fastest: the value of its first parameter that is a number and not the
-   !> same everywhere, else the place of the point.
+   !> Coordinate of a point on the fastest axis: the value of its first parameter with numbers that are not all equal,
+   !> otherwise the index of the point.
    pure real(wp) function sweep_plan_fastest_value(self, point)
       class(sweep_plan_t), intent(in) :: self
       integer, intent(in) :: point                                    !! 1 to n_points
@@ -376,8 +375,8 @@ contains
       sweep_plan_fastest_value = real(modulo(point - 1, self%n_fastest()), wp)
    end function sweep_plan_fastest_value
 
-   !> Whether neighbours along the axis that runs fastest are neighbours: its parameters are numbers, and each goes up or
-   !> down, one of them from point to point.
+   !> Whether neighbours along the fastest axis have neighbouring values: its parameters are numbers, each is
+   !> monotonic, and one of them changes from point to point.
    pure logical function sweep_plan_is_ordered(self)
       class(sweep_plan_t), intent(in) :: self
       integer :: direction, i, k
@@ -394,7 +393,7 @@ contains
                return
             end if
             if (is_first .and. swept%varies) sweep_plan_is_ordered = .true.
-            if (is_clear_range(swept)) then                           ! without looking at 100 million values
+            if (is_clear_range(swept)) then                           ! without evaluating 100 million values
                is_first = .false.
                cycle
             end if
@@ -412,8 +411,8 @@ contains
       end do
    end function sweep_plan_is_ordered
 
-   !> Whether motions may follow each other along the axis that runs fastest: all its parameters are real numbers of the physical
-   !> model that change by and by.
+   !> Whether points along the fastest axis can start from each other: all its parameters are real numbers of the
+   !> physical model that change gradually.
    pure logical function sweep_plan_is_way(self)
       class(sweep_plan_t), intent(in) :: self
       integer :: i
@@ -447,7 +446,7 @@ contains
       n = product(self%length, mask=axes)
    end function sweep_plan_n_combinations
 
-   !> First point that has a combination of the values along some axes; ascends with the number of the combination.
+   !> First point with a combination of the values along some axes; increases with the number of the combination.
    pure integer function sweep_plan_point_of_combination(self, axes, combination) result(point)
       class(sweep_plan_t), intent(in) :: self
       logical, intent(in) :: axes(:)                                  !! (number of axes)
@@ -466,7 +465,7 @@ contains
       end do
    end function sweep_plan_point_of_combination
 
-   !> Sets the values of a point in the document in which the paths were looked up, or in a copy of it.
+   !> Sets the values of a point in the document in which the paths were resolved, or in a copy of it.
    pure subroutine sweep_plan_apply(self, point, document)
       class(sweep_plan_t), intent(in) :: self
       integer, intent(in) :: point                                    !! 1 to n_points
@@ -496,7 +495,7 @@ contains
    pure subroutine sweep_plan_apply_between(self, first, last, share, document)
       class(sweep_plan_t), intent(in) :: self
       integer, intent(in) :: first, last                              !! points
-      real(wp), intent(in) :: share                                   !! of the way from the first to the last, 0 to 1
+      real(wp), intent(in) :: share                                   !! fraction of the distance from the first to the last, 0 to 1
       type(document_t), intent(inout) :: document
       integer :: i
 
@@ -519,7 +518,7 @@ contains
       end associate
    end function value_between
 
-   !> Notes units and kinds of the parameters, which a document knows from which a model has been read.
+   !> Stores units and kinds of the parameters, which are known after a model has been read from the document.
    pure subroutine sweep_plan_note_units(self, document)
       class(sweep_plan_t), intent(inout) :: self
       type(document_t), intent(in) :: document
@@ -555,7 +554,7 @@ contains
    function sweep_plan_describe_between(self, first, last, share) result(text)
       class(sweep_plan_t), intent(in) :: self
       integer, intent(in) :: first, last                              !! points
-      real(wp), intent(in) :: share                                   !! of the way from the first to the last, 0 to 1
+      real(wp), intent(in) :: share                                   !! fraction of the distance from the first to the last, 0 to 1
       character(:), allocatable :: text
       character(16) :: value
       integer :: i
@@ -582,7 +581,8 @@ contains
       end if
    end function swept_length
 
-   !> A value as it would stand in the input; whole numbers without a decimal point, so that they suit integers as well.
+   !> A value in the form of the input; whole numbers without a decimal point, so that they are valid for integers,
+   !> too.
    function value_text(self, i) result(text)
       type(swept_t), intent(in) :: self
       integer, intent(in) :: i
@@ -598,10 +598,11 @@ contains
       end if
    end function value_text
 
-   !> A value with as many digits as tell it from its neighbours: off by less than a hundredth of the distance to the next.
+   !> A value with enough digits to distinguish it from its neighbours: the error is below a hundredth of the
+   !> distance.
    real(wp) function distinguished(value, before, after) result(rounded)
       real(wp), intent(in) :: value
-      real(wp), intent(in) :: before, after                           !! at an end the same, and the value itself where it is alone
+      real(wp), intent(in) :: before, after                           !! at an end equal, and the value itself if it is the only one
       character(40) :: buffer, form
       integer :: n_digits
 

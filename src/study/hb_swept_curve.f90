@@ -1,5 +1,5 @@
-!> One curve of a run: its first model read and its start solved, or where a run before has left it found in the file; then its
-!> points in the form of the file, one after the other.
+!> One curve of a run: its first model is read and its start solved, or the state at the end of a previous run is
+!> restored from the file; then its points are returned one by one, in the form of the file.
 module hb_swept_curve
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_cancellation, only: cancellation_t, verdict, work_is_over
@@ -25,9 +25,9 @@ module hb_swept_curve
    private
    public :: new_swept_curve, swept_curve_t
 
-   !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`.
+   !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`.
    type :: swept_curve_t
-      integer, allocatable :: stored(:) !! statuses of the points of the file behind which it continues
+      integer, allocatable :: stored(:) !! statuses of the points in the file after which it continues
       logical :: is_done = .false.                                    !! there is no further point
       class(motion_curve_t), allocatable, private :: curve
       type(curve_plan_t), private :: plan
@@ -44,14 +44,14 @@ module hb_swept_curve
 
 contains
 
-   !> Reads the model at the start of the curve whose first point is given. An `error` is one of the file; what is wrong with the
-   !> curve becomes the status of its first point.
+   !> Reads the model at the start of the curve with a given first point. An `error` is one of the file; an error of
+   !> the curve becomes the status of its first point.
    subroutine new_swept_curve(self, source, results, first, is_resumed, failure, error)
       type(swept_curve_t), intent(inout), target :: self
       type(point_source_t), intent(in) :: source
       type(results_t), intent(inout) :: results
       integer, intent(in) :: first                                    !! point, from 1
-      logical, intent(in) :: is_resumed                               !! the file may hold points of the curve
+      logical, intent(in) :: is_resumed                               !! the file may contain points of the curve
       type(error_t), allocatable, intent(out) :: failure              !! of the curve
       type(error_t), allocatable, intent(out) :: error
       type(curve_position_t), allocatable :: places(:)
@@ -86,7 +86,7 @@ contains
       self%last_branch = places(last)%branch
    end subroutine new_swept_curve
 
-   !> The last of the stored points from which a curve can continue, with nothing missing before it; 0 where there is none.
+   !> The last of the stored points from which a curve can continue, without gaps before it; 0: none.
    pure integer function last_step(status, kind) result(last)
       integer, intent(in) :: status(:), kind(:)                       !! of all points of the curve
       integer :: i
@@ -99,7 +99,7 @@ contains
       if (all(status /= outcome%pending) .and. all(is_solved(status) .or. status == outcome%unused)) last = 0   ! rows are damaged
    end function last_step
 
-   !> The next point; `interrupted` where the run ends first.
+   !> Returns the next point; `interrupted` if the run ends first.
    subroutine swept_curve_next(self, layout, rank, result)
       class(swept_curve_t), intent(inout), target :: self
       type(results_layout_t), intent(in) :: layout
@@ -111,7 +111,7 @@ contains
 
       started = wall_clock()
       limit = self%model%solver%time_limit
-      if (allocated(self%request%over)) limit = huge(1.0_wp)          ! begins with a whole curve, each point with the limit
+      if (allocated(self%request%over)) limit = huge(1.0_wp)          ! first a whole curve, limited by point
       call cancellation%enter(limit)
       if (self%has_begun) then
          call self%curve%next(result, error)
@@ -120,7 +120,7 @@ contains
       end if
       self%has_begun = .true.
       call cancellation%leave()
-      if (cancellation%verdict == verdict%interrupted) then           ! also what looks like an error or an end may come of that
+      if (cancellation%verdict == verdict%interrupted) then ! the cause of an apparent error or end may be the interruption
          result%status = outcome%interrupted
          self%is_done = .false.
          return
@@ -141,8 +141,9 @@ contains
       result%solve_seconds = wall_clock() - started
    end subroutine swept_curve_next
 
-   !> Begins the curve. Where no balance is found at the end of the range at which it should, it begins at the other one: contacts
-   !> that are closed at one end are often open at the other. Time integration, which takes longer, comes last.
+   !> Begins the curve. If no balance is found at the given end of the range, it begins at the other one: contacts
+   !> that are closed at one end are often open at the other. Time integration, which takes longer, is the last
+   !> attempt.
    subroutine begin(self, result, error)
       class(swept_curve_t), intent(inout), target :: self
       type(motion_result_t), intent(out) :: result
@@ -174,14 +175,14 @@ contains
 
    contains
 
-      !> Whether there is nothing else to try; a solution that is off by more than can be estimated is none.
+      !> Whether no other attempt remains; a solution with an error too large to be estimated is not accepted.
       logical function has_ended()
          has_ended = allocated(error) .or. work_is_over()
          if (.not. has_ended) has_ended = is_solved(result%status) .and. estimate_of(result) < reliable
       end function has_ended
    end subroutine begin
 
-   !> Takes the start of the curve, which has not begun, to a value.
+   !> Moves the start of the curve, before it has begun, to a value.
    subroutine go_to(self, start, error)
       class(swept_curve_t), intent(inout), target :: self
       real(wp), intent(in) :: start

@@ -1,5 +1,5 @@
-!> One point of a sweep: its values set in the input, its model read and solved, its result brought into the form of the
-!> file that it shares with the others.
+!> One point of a sweep: its values are set in the input, its model is read and solved, and its result is converted to
+!> the form of the file, which is the same for all points.
 module hb_swept_point
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_accurate_motion, only: solve_to_tolerance
@@ -27,12 +27,12 @@ module hb_swept_point
 
 contains
 
-   !> Solves one point; whatever goes wrong becomes its status and message.
+   !> Solves one point; any error becomes its status and message.
    subroutine run_point(source, point, neighbour, check, times, result)
       type(point_source_t), intent(inout), target :: source           !! of this rank
       integer, intent(in) :: point                                    !! from 1
-      type(neighbour_t), intent(inout) :: neighbour                   !! solutions of the points before it in its chain
-      type(chain_check_t), intent(inout), optional :: check           !! of that chain
+      type(neighbour_t), intent(inout) :: neighbour                   !! solutions of the preceding points of its chain
+      type(chain_check_t), intent(inout), optional :: check           !! of this chain
       type(rank_times_t), intent(inout) :: times
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable :: error
@@ -86,7 +86,7 @@ contains
       times%solving = times%solving + wall_clock() - read
    end subroutine run_point
 
-   !> A file holds one list of degrees of freedom: refuses a point whose structure or laws have others.
+   !> Rejects a point whose structure or laws have other degrees of freedom: a file has one list of them.
    subroutine check_layout(model, layout, error)
       type(model_t), intent(in) :: model
       type(results_layout_t), intent(in) :: layout
@@ -107,7 +107,7 @@ contains
                                    "list the common ones in &output dofs, or run it by itself")
    end subroutine check_layout
 
-   !> Puts all coefficients of a point onto the harmonics of the file.
+   !> Maps all coefficients of a point to the harmonics of the file.
    subroutine spread_result(harmonics, layout, result)
       type(harmonics_t), intent(in) :: harmonics                      !! of the point
       type(results_layout_t), intent(in) :: layout
@@ -129,7 +129,7 @@ contains
       result%gradient%coefficients = reshape(flat, [n(1), size(flat, 2), n(3:)])
    end subroutine spread_result
 
-   !> Puts coefficients of a point's own set onto the harmonics of the file; those that the point lacks become NaN.
+   !> Maps coefficients of a point's own set to the harmonics of the file; missing ones become NaN.
    subroutine spread_harmonics(harmonics, tuples, coefficients)
       type(harmonics_t), intent(in) :: harmonics
       integer, intent(in) :: tuples(:, :)

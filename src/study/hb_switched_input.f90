@@ -1,9 +1,8 @@
-!> The input of motions that leave a curve: of the doubled period at a flip, or with a tone of their own where a torus begins, also
-!> where a contact that begins takes the stability away.
-!>
-!> It is the complete input of the curve at the point, with other tones, harmonics and tuples, and the point as its origin: an
-!> input as any other, whose run has a result file of its own. At a graze multipliers jump, and the motion there does not
-!> determine the other motions: these are found by time integration, a little beyond.
+!> The input of motions that leave a curve: with the doubled period at a flip, or with an additional tone at a torus
+!> bifurcation or at a graze with a loss of stability.
+!> It is the complete input of the curve at the point, with other tones, harmonics and tuples, and with the point as
+!> its origin: an ordinary input, whose run has its own result file. At a graze multipliers jump, and the motion there
+!> does not determine the other motions: these are found by time integration, slightly beyond the graze.
 module hb_switched_input
    use hb_curve_plan, only: keys_of_responses
    use hb_curve_request, only: curve_kind
@@ -25,11 +24,12 @@ module hb_switched_input
    private
    public :: switched_input
 
-   integer, parameter :: torus_orders(2) = [12, 7]                    ! highest of the tone that is there and of the one that joins
+   integer, parameter :: torus_orders(2) = [12, 7]                    ! highest orders of the given tone and of the additional one
 
 contains
 
-   !> Gives text and overrides of the input. Fails where the curve has a set or a law for which that is not known.
+   !> Returns text and overrides of the input. Fails if the other motions are not defined for the set or for a law of
+   !> the curve.
    subroutine switched_input(study, plan, path, from, text, overrides, error)
       type(study_t), intent(in) :: study                              !! of the curve
       type(sweep_plan_t), intent(in) :: plan                          !! with the values along it
@@ -43,7 +43,7 @@ contains
       type(model_t) :: model
       character(:), allocatable :: key
       integer :: i, k
-      logical :: is_torus                                             ! else the period doubles
+      logical :: is_torus                                             ! otherwise the period doubles
 
       is_torus = from%kind /= curve_kind%flip
       document = study%document
@@ -59,7 +59,7 @@ contains
       else if (.not. is_torus .and. any([(model%laws(i)%law%n_phases > 0, i=1, size(model%laws))])) then
          call fail(error, "a law turns with a tone")
       end if
-      if (.not. (allocated(error) .or. model%accuracy%grows_set)) &   ! else the origin has it
+      if (.not. (allocated(error) .or. model%accuracy%grows_set)) &   ! otherwise the origin has it
          call add_set(document, model%tones%n_tones, plan%curve%torus_order, is_torus, overrides, error)
       if (allocated(error)) return
       if (is_torus) then
@@ -91,7 +91,7 @@ contains
       call add(overrides, "curve%switch", ".false.")
    end subroutine switched_input
 
-   !> The set of the other motions.
+   !> Sets the harmonics of the other motions.
    subroutine add_set(document, n_tones, torus_order, is_torus, overrides, error)
       type(document_t), intent(inout), target :: document
       integer, intent(in) :: n_tones, torus_order(:)
@@ -117,7 +117,7 @@ contains
       call add(overrides, "harmonics%odd_only", ".false.")
    end subroutine add_set
 
-   !> Samples of the grid and the tuples of loads and starts, which count another tone or half of it.
+   !> Sets the samples of the grid and the tuples of loads and starts, for an additional tone or half the tone.
    subroutine add_samples_and_tuples(document, is_torus, overrides)
       type(document_t), intent(inout), target :: document
       logical, intent(in) :: is_torus
@@ -152,7 +152,7 @@ contains
       overrides = [overrides, string_t(where//"="//what)]
    end subroutine add
 
-   !> A value on the side of contact, inside of the range of the curve.
+   !> A value on the side of contact, inside the range of the curve.
    pure real(wp) function a_little_beyond(plan, from) result(value)
       type(sweep_plan_t), intent(in) :: plan
       type(leaving_t), intent(in) :: from
@@ -164,7 +164,7 @@ contains
       end associate
    end function a_little_beyond
 
-   !> A tuple among the harmonics of the other motions.
+   !> A tuple in the set of the other motions.
    pure function taken_over(tuple, is_torus) result(other)
       integer, intent(in) :: tuple(:)
       logical, intent(in) :: is_torus
@@ -190,7 +190,7 @@ contains
       end do
    end function responses_text
 
-   !> The name of a response with its tuple among those harmonics.
+   !> The name of a response with its tuple in the set of the other motions.
    function response_text(name, is_torus) result(text)
       character(*), intent(in) :: name
       logical, intent(in) :: is_torus
@@ -206,7 +206,7 @@ contains
       if (status == 0) text = name(:bracket)//list_of(taken_over(tuple, is_torus))//")"
    end function response_text
 
-   !> A complete input without its groups `&sweep`: a line for each key, groups end with a line of their own.
+   !> A complete input without its groups `&sweep`: one line for each key, groups end with a separate line.
    pure function without_sweeps(complete) result(text)
       character(*), intent(in) :: complete
       character(:), allocatable :: text

@@ -1,4 +1,4 @@
-!> Where the time of each rank went: the columns of the result file, and a table to print.
+!> The time of each rank by activity: columns of the result file, and a table to print.
 module hb_timing
    use hb_kinds, only: wp
    use hb_text, only: to_text
@@ -8,15 +8,15 @@ module hb_timing
 
    integer, parameter :: n_times = 8                                  ! numbers in a row of a table
 
-   !> What one rank did between the first draw and the end of the run. The seconds of the parts add up to `total` but for
-   !> what the parts do not cover.
+   !> The activities of one rank between the first draw and the end of the run. The seconds of the parts add up to
+   !> `total`, except for the time outside the parts.
    type :: rank_times_t
       integer :: n_points = 0
       integer :: n_draws = 0                                          !! numbers drawn from counters
-      real(wp) :: reading = 0.0_wp                                    !! [s] making a model of the input
+      real(wp) :: reading = 0.0_wp                                    !! [s] creating models from the input
       real(wp) :: solving = 0.0_wp                                    !! [s]
       real(wp) :: writing = 0.0_wp                                    !! [s]
-      real(wp) :: drawing = 0.0_wp                                    !! [s] at counters and tallies
+      real(wp) :: drawing = 0.0_wp                                    !! [s] waiting for counters and tallies
       real(wp) :: idle = 0.0_wp                                       !! [s] waiting for the other ranks at the end
       real(wp) :: total = 0.0_wp                                      !! [s]
    contains
@@ -26,7 +26,7 @@ module hb_timing
 
 contains
 
-   !> Seconds per point that are neither solved nor waited; 0 without points.
+   !> Seconds per point that are neither solving nor waiting; 0 without points.
    pure real(wp) function rank_times_overhead_per_point(self)
       class(rank_times_t), intent(in) :: self
 
@@ -50,7 +50,8 @@ contains
       times_of_row = rank_times_t(nint(row(1)), nint(row(2)), row(3), row(4), row(5), row(6), row(7), row(8))
    end function times_of_row
 
-   !> Table of all ranks, a line each, and their sum; of many ranks only those with the least and the most idle time.
+   !> Table of all ranks, one line each, and their sum; of many ranks only those with the least and the most idle
+   !> time.
    function timing_lines(table) result(lines)
       real(wp), intent(in) :: table(:, :)                             !! (n_times, n_ranks), of hb_mpi%gather_rows
       character(112), allocatable :: lines(:)

@@ -1,4 +1,4 @@
-!> Time integration from the points of a result file (hb_verification), written beside them.
+!> Time integration from the points of a result file (hb_verification), written to the same file.
 module hb_verify
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_curve_table, only: note_curve_values
@@ -21,23 +21,24 @@ module hb_verify
    private
    public :: verdict_t, verify_points
 
-   !> What is read of a result file beside its record.
+   !> The data read from a result file in addition to its record.
    type, extends(record_t) :: stored_t
       type(study_t) :: study
       real(wp), allocatable :: frequency_estimates(:, :)              !! [rad/s], as frequency
       real(wp), allocatable :: coefficients(:, :, :, :)               !! (2, n_harmonics, n_dofs, n_points)
-      integer, allocatable :: own_tuples(:, :, :)                 !! (n_tones, n_harmonics, n_points), where points have their own
-      integer, allocatable :: n_harmonics(:)                          !! of them (n_points)
-      real(wp), allocatable :: estimates(:)                           !! of truncation and aliasing together, (n_points)
+      integer, allocatable :: own_tuples(:, :, :)                 !! (n_tones, n_harmonics, n_points), if points have their own
+      integer, allocatable :: n_harmonics(:)                          !! their numbers (n_points)
+      real(wp), allocatable :: estimates(:)                           !! sum of the estimates of truncation and aliasing, (n_points)
    end type stored_t
 
 contains
 
-   !> Integrates from points of a result file and writes what comes out beside them. Ranks share the points.
+   !> Integrates from points of a result file and writes the verdicts to it. The points are distributed over the
+   !> ranks.
    subroutine verify_points(path, points, n_periods, comm, verdicts, error)
       character(*), intent(in) :: path
-      integer, intent(in) :: points(:)                                !! from 0; empty: all. Those not solved are skipped
-      integer, intent(in) :: n_periods                                !! of the slowest tone, at most; 0: by the decay
+      integer, intent(in) :: points(:)                                !! from 0; empty: all. Unsolved points are skipped
+      integer, intent(in) :: n_periods                                !! of the slowest tone, at most; 0: from the decay
       type(comm_t), intent(in) :: comm
       type(verdict_t), allocatable, intent(out) :: verdicts(:)        !! (n_points), of the points of this rank
       type(error_t), allocatable, intent(out) :: error
@@ -107,7 +108,7 @@ contains
       if (allocated(error)) return
       call read_motions(of_file, stored, error)
       call of_file%file%close(error)
-      folder = stored%input_folder                                    ! files that the input names are those of the run
+      folder = stored%input_folder                                    ! files that the input names are relative to its folder
       if (len(folder) == 0) folder = stored%input_name(:index(stored%input_name, "/", back=.true.))
       if (.not. allocated(error)) call new_study(stored%study, &
          folder//path(index(path, "/", back=.true.) + 1:)//": input_complete", stored%input_complete, [string_t ::], error)
