@@ -64,7 +64,7 @@ contains
       if (.not. all_right) return
       call write_cost(study)
       if (doubts%n_commensurate + doubts%n_without_load > 0) then
-         call say("the input can be solved, but is hardly what is meant: see above")
+         call say("the input can be solved, but see the warnings above")
       else
          call say("the input is valid")
       end if
@@ -98,7 +98,7 @@ contains
       if (doubts%n_commensurate > 0) call say("warning: "// &
          share_text(study, doubts%n_commensurate, ", the first at ")//doubts%first_commensurate)
       if (doubts%n_without_load > 0) call say("warning: "// &
-         share_text(study, doubts%n_without_load, ": ")//"no load acts and no tone is unknown: nothing moves but what laws push")
+         share_text(study, doubts%n_without_load, ": ")//"no load acts and no tone is unknown: only laws can cause a motion")
    end subroutine write_doubts
 
    !> Number of points of a sweep, with a text after it; empty for a single point.

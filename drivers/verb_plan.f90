@@ -86,7 +86,7 @@ contains
 
       call parse_real(text, value, is_right)
       if (is_right) is_right = value > 0.0_wp .and. value <= huge(value)
-      if (.not. is_right) call fail(error, name//": '"//text//"' is no number greater than 0")
+      if (.not. is_right) call fail(error, name//": '"//text//"' is not a number greater than 0")
    end subroutine read_positive
 
    !> Writes the wall time for each number of ranks. Ranks draw tasks until there are none left (hb_schedule), so the

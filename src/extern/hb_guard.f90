@@ -73,7 +73,7 @@ contains
       integer(int64) :: size_of_file
       real(wp) :: n_bytes
 
-      words = "HDF5 died of this file; it is damaged"
+      words = "HDF5 crashed on this file; it is damaged"
       if (present(text)) words = text
       inquire (file=path, size=size_of_file)
       n_bytes = real(max(size_of_file, 0_int64), wp)

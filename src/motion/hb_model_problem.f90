@@ -131,7 +131,7 @@ contains
       has_slopes = self%group == "tones" .or. any(self%model%tones%is_unknown)
       associate (model => self%model)
          if (size(model%laws) == 0) then
-            call fail(error, "a curve needs at least one &law; without any, a &sweep shows all there is")
+            call fail(error, "a curve needs at least one &law; without laws use a &sweep")
             return
          end if
          coordinates = coordinates_of(model)

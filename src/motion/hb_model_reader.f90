@@ -219,7 +219,7 @@ contains
       if (self%certificate%improvement_steps <= 0) return
       if (self%accuracy%is_on) call group%problem("improvement_steps", &
          "needs a given set: give &harmonics order and leave out &accuracy, or leave it out")
-      if (any(self%tones%is_unknown)) call group%problem("improvement_steps", "only tones that are given allow it; leave it out")
+      if (any(self%tones%is_unknown)) call group%problem("improvement_steps", "requires given tones; leave it out")
    end subroutine check_improvement
 
    !> Reads those groups anew that have changed; `is_read` is false, and the model of no use, where something is wrong with them,
@@ -359,18 +359,18 @@ contains
       if (allocated(error)) then
          problem = error%message
       else if (.not. any(document%groups%holders(parameter%i_group)%group%name == moving_groups)) then
-         problem = "is no number of &structure, &bearing, &dynamic_stiffness, &tones, &load or &law"
+         problem = "is not a number of &structure, &bearing, &dynamic_stiffness, &tones, &load or &law"
       else if (document%n_tones_of(parameter) > 1) then
-         problem = "says not which tone; give one, such as '"//path//"(1)'"
+         problem = "does not specify the tone; give one, such as '"//path//"(1)'"
       else if (.not. is_given) then
          problem = "has no number in this input: give it one"
       else if (.not. document%is_real(parameter)) then
-         problem = "is no real number; only such have derivatives"
+         problem = "is not a real number; only real numbers have derivatives"
       else if (document%groups%holders(parameter%i_group)%group%name == "tones") then
          if (parameter%element(1) > size(is_unknown)) then
-            problem = "is no tone: the highest number is "//to_text(size(is_unknown))
+            problem = "is not a tone: the highest number is "//to_text(size(is_unknown))
          else if (is_unknown(max(1, parameter%element(1)))) then
-            problem = "is found, not given"
+            problem = "is unknown, not given"
          end if
       end if
       if (len(problem) > 0) then
@@ -411,7 +411,7 @@ contains
             if (.not. is_unknown(min(size(is_unknown), max(1, to%element(1))))) cycle
          end associate
          group => document%group("tie", i)
-         call group%problem("to", "is the frequency of a tone that is found, not given")
+         call group%problem("to", "is the frequency of a tone that is unknown, not given")
       end do
    end subroutine refuse_unknown_tones
 end module hb_model_reader

@@ -72,8 +72,8 @@ contains
       type(properties_t), intent(inout) :: group
       integer :: i, m
 
-      if (size(self%laws) == 0) call group%problem_as_is(group%place()//": unknown tones need a law, without one nothing "// &
-                                                         "fixes an amplitude")
+      if (size(self%laws) == 0) call group%problem_as_is(group%place()//": unknown tones need a law; without one nothing "// &
+                                                         "determines the amplitude")
       do m = 1, self%tones%n_tones
          associate (tuple => [(merge(1, 0, i == m), i=1, self%tones%n_tones)])
             if (self%tones%is_unknown(m) .and. self%harmonics%index_of(tuple) == 0) &
@@ -128,7 +128,7 @@ contains
          mode%is_peak = measure == 1
          if (allocated(dof)) call find_law_dof(self, group, "dof", dof, mode%dof)
       end associate
-      if (self%start_from_integration) call group%problem_as_is(group%place()//": a normal mode attracts nothing, so that "// &
+      if (self%start_from_integration) call group%problem_as_is(group%place()//": a normal mode is not an attractor, so that "// &
          "&solver first_guess = 'integration' does not find it")
       if (count(self%tones%is_unknown) /= 1) then
          call group%problem_as_is(group%place()//": a normal mode needs one unknown tone: give 'unknown' in &tones")

@@ -42,7 +42,7 @@ contains
       if (index(name, ")") == len_trim(name) .and. count_of(",", name) == size(tuple) - 1) &
          read (name(bracket + 1:len_trim(name) - 1), *, iostat=status) tuple
       if (status /= 0) then
-         call fail(error, "'"//name//"' is no response; give a degree of freedom, or one with "//to_text(size(tuple))// &
+         call fail(error, "'"//name//"' is not a response; give a degree of freedom, or one with "//to_text(size(tuple))// &
             " integers in brackets, such as 'x1 ("//repeat("1,", size(tuple) - 1)//"1)'")
          return
       end if

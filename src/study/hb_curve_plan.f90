@@ -75,7 +75,7 @@ contains
       end do
       call group%get("amplitudes", self%amplitudes)
       if ((size(self%amplitudes) > 0) .neqv. (size(self%responses_of(3)%names) > 0)) &
-         call group%problem("amplitudes", "go with 'amplitude_of', whose responses shall have them")
+         call group%problem("amplitudes", "require 'amplitude_of' with their responses")
       call group%get("tie", tie)
       self%moving%is_tied = tie == "ratio"
       call group%get("switch", self%switches)
@@ -170,7 +170,7 @@ contains
             if (.not. any(moving_groups == document%groups%holders(self%over%moving%parameter%i_group)%group%name)) then
                call fail(error, "a curve follows a number of &structure, &tones, &load or &law")
             else if (document%n_tones_of(self%over%moving%parameter) > 1) then
-               call fail(error, "say which tone moves, such as '"//trim(lower(self%over_path))//"(1)'")
+               call fail(error, "specify the tone that moves, such as '"//trim(lower(self%over_path))//"(1)'")
             end if
          end if
          if (allocated(error)) then
@@ -252,20 +252,20 @@ contains
          is_mode = name == "normal_mode"
       end associate
       if (.not. document%is_real(self%moving%parameter)) then
-         error_text = "is no real number; only such can move by and by"
+         error_text = "is not a real number; only real numbers can vary continuously"
       else if (model%normal_mode%has_energy .and. .not. is_mode) then
          error_text = "a curve keeps the amplitude of a &normal_mode, not its energy"
       else if (is_mode .and. document%drives(self%moving%parameter)) then
          error_text = "no &tie may follow what a curve moves in &normal_mode"
       else if (is_mode .and. min(self%from*self%start, self%to*self%start) <= 0.0_wp) then
-         error_text = "an amplitude or energy is not 0, and keeps its sign on a curve"
+         error_text = "an amplitude or energy must not be 0 and must not change its sign on a curve"
       else if (size(model%laws) == 0) then
-         error_text = "a curve needs at least one &law; without any, a &sweep shows all there is"
+         error_text = "a curve needs at least one &law; without laws use a &sweep"
       else if (has_restitution(model)) then
          error_text = "motions that strike a wall with a restitution are no balances to follow; a &sweep finds them one by one"
       end if
       if (is_tones .and. len(error_text) == 0) then
-         if (model%tones%is_unknown(max(1, self%moving%parameter%element(1)))) error_text = "this frequency is found, not given"
+         if (model%tones%is_unknown(max(1, self%moving%parameter%element(1)))) error_text = "this frequency is unknown, not given"
          if (any(model%tones%is_unknown) .and. self%moving%is_tied) error_text = "tie = 'ratio' needs tones that are all given"
       end if
       if (len(error_text) > 0) then
@@ -287,7 +287,7 @@ contains
          else if (any(self%over%kind == [curve_kind%flip, curve_kind%torus]) .and. .not. model%may_integrate) then
             error_text = "flips and tori are located by multipliers, which are not known with a &dynamic_stiffness"
          else if (.not. document%is_real(self%over%moving%parameter)) then
-            error_text = "is no real number; only such can move by and by"
+            error_text = "is not a real number; only real numbers can vary continuously"
          end if
          if (len(error_text) > 0) call fail(error, self%place//": over '"//shown(self%over_path)//"': "//error_text)
       end if

@@ -58,7 +58,7 @@ contains
          call group%get("parameter", path)
          if (index(path, "%speed") > 0) return
       end do
-      text = name//"%speed stays as it is while tones%"//trim(moving%key)//" moves; if they belong together: "// &
+      text = name//"%speed is constant while tones%"//trim(moving%key)//" moves; if they belong together: "// &
          "&tie parameter = '"//name//"%speed', to = 'tones%"//trim(moving%key)//"' /"
 
    contains
@@ -88,7 +88,7 @@ contains
                    to_text(structure%up_to)//" rad/s (nhbm-model reduce --up-to)"
          else if (allocated(structure%sparse) .and. allocated(structure%model_file) .and. .not. structure%up_to > 0.0_wp) then
             text = "the model has "//to_text(structure%n_dofs)//" degrees of freedom, which are condensed at each frequency "// &
-                   "anew; a small model of it, made once, is much faster:"//new_line("a")// &
+                   "anew; a reduced model of it, created once, is much faster:"//new_line("a")// &
                    "   nhbm-model reduce "//structure%model_file//" --keep "//named_dofs(document)//" --up-to "// &
                    to_text(real(ceiling(1.01_wp*highest), wp))//" -o small.h5"
          end if

@@ -111,7 +111,7 @@ contains
       if (rank_of(comm) == 0) call hold_file(self%path, self%place, error)
       call share_error(comm, error)
       if (allocated(error)) return
-      if (self%is_resumed) call raise_guard("'"//self%path//"': HDF5 died of this file; it is damaged")
+      if (self%is_resumed) call raise_guard("'"//self%path//"': HDF5 crashed on this file; it is damaged")
       call open_file_parallel(self%file, self%path, comm, error)
       call share_error(comm, error)
       if (allocated(error)) then

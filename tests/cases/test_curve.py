@@ -384,7 +384,7 @@ def test_progress_counts_points_and_not_the_room_for_them(tmp_path):
     ("keys", "says"),
     [
         ("from = 0.0, to = 5.0", "must be above 0"),
-        ("from = 1.0, to = 0.0", "is not 0, and keeps its sign"),
+        ("from = 1.0, to = 0.0", "must not be 0 and must not change its sign"),
         ("from = 1.0, to = 5.0 /\n&tie parameter = 'law(1)%stiffness', to = 'normal_mode%energy'", "no &tie may follow"),
     ],
 )
@@ -433,11 +433,11 @@ def test_curves_over_the_energy_go_on_bit_by_bit(tmp_path):
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, others = 1.0, 1.6", "1.6 does not"),
         ("parameter = 'tones%frequenzy', from = 0.5, to = 1.5", "frequenzy"),
         ("parameter = 'harmonics%order', from = 1, to = 5", "a curve follows a number of &structure"),
-        ("parameter = 'structure%n_masses', from = 1, to = 5", "is no real number"),
+        ("parameter = 'structure%n_masses', from = 1, to = 5", "is not a real number"),
         ("parameter = 'tones%frequency(2)', from = 0.5, to = 1.5", "the highest number of a tone is 1"),
         ("parameter = 'load(1)%cos', from = 0.5, to = 1.5, tie = 'ratio'", "is for the frequency of a tone"),
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, peak_of = 'x2'", "unknown degree of freedom 'x2'"),
-        ("parameter = 'tones%frequency', from = 0.5, to = 1.5, peak_of = 'x1 (1,0)'", "is no response"),
+        ("parameter = 'tones%frequency', from = 0.5, to = 1.5, peak_of = 'x1 (1,0)'", "is not a response"),
         ("parameter = 'tones%frequency', from = 0.5, to = 1.5, peak_of = 'x1 (9)'", "does not have this tuple"),
         (f"{RIDGE}, over = 'tones%frequency', over_from = 0.5, over_to = 1.5, switch = .true.", "switch: is for the motion"),
         (f"{RIDGE}, over = 'load(1)%cos', over_from = 0.5, over_to = 1.5", "moves along 'parameter' already"),
