@@ -1,8 +1,8 @@
 !> Continuation of one unknown tone to a limit cycle: the curve of motions with artificial damping, by arc length.
-!>
-!> The curve begins at a mode with a small amplitude. Where the artificial damping changes its sign, the motion
-!> needs none: a limit cycle. One beyond which the motion is damped is preferred: it attracts motion nearby.
-!> The curve may turn back in amplitude, as where two flexible bodies touch. Source: docs/why/theory.md, section 6.5.
+!> The curve begins at a mode with a small amplitude. Where the artificial damping changes its sign, the motion needs
+!> none: a limit cycle. One beyond which the motion is damped is preferred, because it attracts nearby motions. The
+!> curve may have folds in amplitude, for instance where two flexible bodies touch. Source: docs/why/theory.md,
+!> section 6.5.
 module hb_amplitude_curve
    use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_kinds, only: wp
@@ -18,15 +18,15 @@ module hb_amplitude_curve
    type(curve_config_t), parameter :: steps = curve_config_t( &       ! arc length in units of the amplitude reached
       first_step=0.3_wp, longest_step=2.0_wp, shortest_step=1.0e-6_wp, kink_step=1.0e-3_wp, reduction=0.4_wp, little=0.0_wp)
    integer, parameter :: most_steps = 600
-   real(wp), parameter :: largest_damping = 100.0_wp                  ! xi/omega: damped for good
+   real(wp), parameter :: largest_damping = 100.0_wp                  ! xi/omega: permanently damped
 
 contains
 
-   !> Looks for a limit cycle, from the base motion until the curve is far from it, well damped, or back there. What is known
-   !> without one stands in the search: how far it came, and a message if the curve was lost.
+   !> Searches for a limit cycle, from the base motion until the curve is far from it, strongly damped, or back there.
+   !> Without success the search contains the largest amplitude, and a message if the curve was lost.
    subroutine follow_curve(self, point, is_found)
       type(search_t), intent(inout) :: self
-      type(path_point_t), intent(out) :: point                         !! the motion found, else the last point
+      type(path_point_t), intent(out) :: point                         !! the motion found, otherwise the last point
       logical, intent(out) :: is_found
       type(curve_t) :: curve
       type(path_point_t) :: crossing, last, motion
@@ -83,12 +83,12 @@ contains
       call report_end(self, point, damping(1), i <= most_steps .and. curve%status == outcome%pending)
    end subroutine follow_curve
 
-   !> Says where a curve without a motion has ended.
+   !> Describes where a curve without a motion has ended.
    subroutine report_end(self, point, damping, is_whole)
       type(search_t), intent(inout) :: self
       type(path_point_t), intent(in) :: point                          !! the last one
       real(wp), intent(in) :: damping                                  !! there
-      logical, intent(in) :: is_whole                                  !! it was followed as far as it is of interest
+      logical, intent(in) :: is_whole                                  !! it was followed to its end
 
       if (is_whole) then
          if (.not. self%is_driven) return
@@ -106,12 +106,12 @@ contains
                      to_text(point%xi(1)/point%omega(1))
    end subroutine report_end
 
-   !> Goes one step along the curve. Steps on which the frequency changes so much that they hardly end on the same piece of the
-   !> curve, or to the same motion counted as a higher harmonic, are taken back and shortened.
+   !> Takes one step along the curve. Steps with a large change of the frequency, which may lead to another piece of
+   !> the curve, or to the same motion counted as a higher harmonic, are rejected and shortened.
    subroutine step_along(self, curve, point)
       type(search_t), intent(in) :: self
       type(curve_t), intent(inout) :: curve
-      type(path_point_t), intent(inout) :: point                       !! where the step begins; where it ends
+      type(path_point_t), intent(inout) :: point                       !! start of the step, on return its end
       real(wp), parameter :: largest_ratio = 1.5_wp
       type(path_point_t) :: next
       integer :: h
@@ -130,7 +130,7 @@ contains
       point = next
    end subroutine step_along
 
-   !> The curve from its first point on, at first towards more of the same shape.
+   !> Creates the curve from its first point on, initially towards a larger amplitude of the same shape.
    subroutine begin_curve(self, point, curve)
       type(search_t), intent(inout) :: self
       type(path_point_t), intent(in) :: point
@@ -147,7 +147,7 @@ contains
                      self%path_config())
    end subroutine begin_curve
 
-   !> Brings scales, units and the phase condition to a point reached.
+   !> Updates scales, units and the phase condition to the present point.
    subroutine renew(self, curve, point)
       type(search_t), intent(inout) :: self
       type(curve_t), intent(inout) :: curve
@@ -158,7 +158,7 @@ contains
       curve%units = units_of(point)
    end subroutine renew
 
-   !> The phase condition, and room for the plane across the curve.
+   !> The phase condition, and memory for the plane normal to the curve.
    function phase_forms(self, point) result(forms)
       type(search_t), intent(in) :: self
       type(path_point_t), intent(in) :: point
@@ -169,7 +169,8 @@ contains
                                             reshape(self%balance%x_scale, shape(point%u)))
    end function phase_forms
 
-   !> Units of the arc length: the amplitude for coefficients, the frequency for itself and for the damping unless that is more.
+   !> Units of the arc length: the amplitude for coefficients, the frequency for itself and for the damping unless
+   !> that is larger.
    pure function units_of(point) result(units)
       type(path_point_t), intent(in) :: point
       real(wp) :: units(size(point%u) + 2)
@@ -179,7 +180,7 @@ contains
       units(size(point%u) + 2) = max(point%omega(1), abs(point%xi(1)))
    end function units_of
 
-   !> The motion that a vector of unknowns stands for.
+   !> The motion of a vector of unknowns.
    pure function point_of(self, x) result(point)
       type(search_t), intent(in) :: self
       real(wp), intent(in) :: x(:)
@@ -196,12 +197,12 @@ contains
       end associate
    end function point_of
 
-   !> Finds the limit cycle on the step on which the damping changed its sign, and tries it without artificial damping, the
-   !> sooner the better.
+   !> Finds the limit cycle on the step on which the damping changed its sign, and tries it without artificial damping
+   !> as early as possible.
    subroutine land(self, curve, from, is_found)
       type(search_t), intent(inout) :: self
       type(curve_t), intent(inout) :: curve
-      type(path_point_t), intent(inout) :: from                        !! where the step begins; the motion found
+      type(path_point_t), intent(inout) :: from                        !! start of the step, on return the motion found
       logical, intent(out) :: is_found
       type(path_point_t) :: middle, trial
       real(wp) :: high, low, x(size(curve%x))

@@ -58,7 +58,7 @@ contains
       end associate
    end procedure balance_set_parameters
 
-   !> Exact; zero, with the reason in `failure`, where there is none.
+   !> Exact; zero, with the reason in `failure`, if there is none.
    module procedure balance_parameter_derivative
       type(error_t), allocatable :: error
       real(wp), dimension(self%harmonics%n_coefficients, self%n_dofs) :: u, column
@@ -81,8 +81,8 @@ contains
       end if
    end procedure balance_parameter_derivative
 
-   !> Made with a trace of damping of the tones whose frequencies are unknown: at a solution the tangent is singular along the shift
-   !> of an unknown phase.
+   !> Adds a small damping of the tones with unknown frequencies, because at a solution the tangent is singular along
+   !> the shift of an unknown phase.
    module procedure balance_update_regular_preconditioner
       type(error_t), allocatable :: error, error_of_return
       real(wp) :: omega(size(self%omega)), xi(size(self%xi)), xi_damped(size(self%xi))
@@ -102,10 +102,9 @@ contains
       if (allocated(error)) call move_alloc(error, self%failure)
    end procedure balance_update_regular_preconditioner
 
-   !> Changes base frequencies and artificial damping; scales, first Jacobian and what laws were reported by the structure stay, and
-   !> so does a preconditioner until its next update. Products need `linearise` anew.
-   !>
-   !> Fails where the stiffness was made without slopes or its interior is singular at the new frequencies.
+   !> Changes base frequencies and artificial damping. Scales, first Jacobian and the structural data of laws are
+   !> unchanged, and so is a preconditioner until its next update. Products need a new `linearise`.
+   !> Fails if the stiffness was created without slopes or its interior is singular at the new frequencies.
    module procedure balance_move
       logical :: is_same(2)
 
@@ -118,7 +117,7 @@ contains
       self%frequencies = self%harmonics%frequencies(omega)
       if (.not. is_same(1)) call self%law_set%move(self%law_set%transform%torus, omega)
       call self%stiffness%move(self%frequencies, self%drives(), error)
-      if (allocated(error)) self%omega = -1.0_wp                      ! what is kept fits no frequencies
+      if (allocated(error)) self%omega = -1.0_wp                      ! the present data belong to no frequencies
    end procedure balance_move
 
    !> The drive of each harmonic, sum over the tones of xi_m j_m omega_m [rad**2/s**2]: the artificial forces
@@ -150,7 +149,7 @@ contains
       derivative = derivative - reaction
    end procedure balance_damping_derivative
 
-   !> What both derivatives begin with: refuses what cannot be answered, evaluates the laws with derivatives.
+   !> Common part of both derivatives: checks the arguments, evaluates the laws with derivatives.
    subroutine prepare_slopes(self, u, m, derivative, error)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(:, :)
@@ -173,9 +172,9 @@ contains
 
    !> Derivative of the residual by base frequency m at fixed coefficients, exact for the discrete equations:
    !> dR/domega_m = j_m (dS/dw u - dP/dw) + the projection of df/dv dv/domega_m + df/ds ds/domega_m + df/domega_m.
-   !>
-   !> What laws were reported by the structure (`prepare`) stays. Fails where the stiffness was made without slopes, for a tone
-   !> that does not exist, where the states of a law with memory do not repeat, and out of memory. docs/why/theory.md, section 5.6.
+   !> The structural data of laws (`prepare`) are constant. Fails if the stiffness was created without slopes, for a
+   !> tone that does not exist, if the derivative of a law with memory does not become periodic, and out of memory.
+   !> docs/why/theory.md, section 5.6.
    module procedure balance_frequency_derivative
       real(wp) :: turns(self%harmonics%n_harmonics)                   ! j_m, the derivative of j.omega
       real(wp) :: reaction(self%harmonics%n_coefficients, self%n_dofs)

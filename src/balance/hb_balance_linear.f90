@@ -4,9 +4,9 @@ submodule (hb_balance) hb_balance_linear
 
 contains
 
-   !> Reports law i what it feels at its first coordinate: the stiffness 1/|w.S^-1 w| in the first harmonic in which the
-   !> structure is not free to move (the static one, unless the set has no zero tuple or the structure no support), and the
-   !> impedance, this stiffness over |j.omega| in the fastest harmonic.
+   !> Passes structural data at the first coordinate of law i to the law: the stiffness 1/|w.S^-1 w| in the first
+   !> harmonic in which the structure cannot move freely (the static one, unless the set has no zero tuple or the
+   !> structure no support), and the impedance, this stiffness over |j.omega| in the fastest harmonic.
    module procedure prepare_law
       integer :: fastest
       real(wp) :: compliance, mobility
@@ -29,8 +29,8 @@ contains
       end associate
    end procedure balance_compliance_of_law
 
-   !> Scales of unknowns and equations, one each per degree of freedom: linear motion and loads; where these vanish, gaps and
-   !> the forces at rest.
+   !> Scales of unknowns and equations, one each per degree of freedom: linear motion and loads; if these vanish, gaps
+   !> and the forces at rest.
    module procedure choose_scales
       real(wp) :: motion(self%n_dofs), load(self%n_dofs)
       real(wp) :: u(self%harmonics%n_coefficients, self%n_dofs), r(self%n_unknowns)
@@ -45,11 +45,11 @@ contains
                loads(h) = max(abs(self%stiffness%load(i, h)), abs(s*self%harmonics%amplitude(u(:, i), h)))
             end associate
          end do
-         associate (shift => exponent(maxval(loads)))                 ! the squares may be out of range where the norm is not
+         associate (shift => exponent(maxval(loads)))                 ! the squares may be out of range although the norm is not
             load(i) = scale(sqrt(sum(scale(loads, -shift)**2)), shift)
          end associate
       end do
-      if (maxval(load) <= 0.0_wp) then                                ! no loads: what the laws do at rest
+      if (maxval(load) <= 0.0_wp) then                                ! no loads: forces of the laws at rest
          call self%residual([(0.0_wp, i=1, size(u))], r)
          load = norm2(reshape(r, shape(u)), dim=1)
       end if
@@ -66,8 +66,9 @@ contains
       call self%set_scales(motion, load)
    end procedure choose_scales
 
-   !> The motion of the structure with its laws as they answer at rest, sliders stuck to it, in place of `u`, the motion without any
-   !> law: where sliders slip in this one, near a resonance by far, but none does in that. Else `u` stays.
+   !> Replaces `u`, the motion without laws, by the motion of the structure with the slopes of its laws at rest,
+   !> sliders stuck, if sliders slip in the former, typically far near a resonance, but none does in the latter.
+   !> Otherwise `u` is unchanged.
    module procedure balance_stuck_solution
       real(wp), dimension(self%harmonics%n_coefficients, self%n_dofs) :: at_rest, stuck
       real(wp) :: r(self%n_unknowns)
@@ -98,14 +99,15 @@ contains
       level = rounding_level_of(self, x)
    end procedure balance_rounding_level
 
-   !> A few units in the last place of the largest terms of each equation: |F_ext| + |S| |u|, and what an error of one unit
-   !> in the motion does to the forces of stiff laws. Where frequencies move, the condensation rounds anew at each of them: units in
-   !> the last place of the stiffness before the interior is eliminated.
+   !> A few units in the last place of the largest terms of each equation: |F_ext| + |S| |u|, and the effect of an
+   !> error of one unit in the motion on the forces of stiff laws. If frequencies change, the condensation has
+   !> different rounding errors at each of them: units in the last place of the stiffness before the interior is
+   !> eliminated.
    real(wp) function rounding_level_of(self, u)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
-      real(wp), parameter :: units = 8.0_wp, condensed_units = 64.0_wp ! elimination lets errors grow a little
-      real(wp), parameter :: largest_level = 1.0e-6_wp                 ! above, a point counts as lost, not as rounded
+      real(wp), parameter :: units = 8.0_wp, condensed_units = 64.0_wp ! elimination amplifies errors slightly
+      real(wp), parameter :: largest_level = 1.0e-6_wp                 ! above, a point counts as failed, not as rounded
       type(error_t), allocatable :: error
       real(wp) :: terms, total
       integer :: h, i, k
@@ -125,7 +127,7 @@ contains
       end associate
       call balance_sample(self, u)
       call self%law_set%differentiate(error)
-      if (.not. allocated(error)) then                                ! without memory the first part must do
+      if (.not. allocated(error)) then                                ! without memory the first part must suffice
          associate (jacobian => self%law_set%jacobian)
             do i = 1, jacobian%n_pairs
                associate (slope => jacobian%df_dq%values(:, i), q => self%law_set%samples%q%values(:, jacobian%column(i)))

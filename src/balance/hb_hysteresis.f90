@@ -1,5 +1,5 @@
-!> The memory of one law on the samples of one torus: its forces from states that repeat, and how these forces respond to the
-!> motion, coefficient by coefficient or along a direction, and to a base frequency.
+!> The memory of one law at the samples of one torus: its forces from periodic states, and the response of these
+!> forces to the motion, coefficient by coefficient or along a direction, and to a base frequency.
 !>
 !> Source: docs/why/theory.md, sections 5.5 and 5.6.
 module hb_hysteresis
@@ -20,13 +20,13 @@ module hb_hysteresis
    public :: hysteresis_t, new_hysteresis
 
    type :: hysteresis_t
-      class(hysteretic_law_t), pointer :: law => null()               !! of `new_hysteresis`, which outlives this
+      class(hysteretic_law_t), pointer :: law => null()               !! of `new_hysteresis`, which must outlive this
       type(slider_states_t) :: sliders                                !! over the torus
       real(wp), allocatable :: response(:, :, :, :)                   !! (width, 2, n_coordinates, n_samples) to a block of
                                                                       !! columns
-      type(line_tangent_t), allocatable, private :: line           ! under one tone, from the first `prepare_line` on
-      type(memory_tangent_t), allocatable, private :: tangent         ! from the first use on
-      type(slider_derivative_t), allocatable, private :: derivative ! from the first use on
+      type(line_tangent_t), allocatable, private :: line           ! under one tone, after the first `prepare_line`
+      type(memory_tangent_t), allocatable, private :: tangent         ! after the first use
+      type(slider_derivative_t), allocatable, private :: derivative ! after the first use
       real(wp), allocatable, private :: f_along(:, :)                 ! (n_samples, n_coordinates)
    contains
       procedure :: forget_tones => hysteresis_forget_tones
@@ -44,7 +44,7 @@ module hb_hysteresis
 
 contains
 
-   !> Makes room for the states of a law.
+   !> Allocates memory for the states of a law.
    subroutine new_hysteresis(self, law, characteristic)
       type(hysteresis_t), intent(out) :: self
       class(hysteretic_law_t), pointer, intent(in) :: law
@@ -54,7 +54,7 @@ contains
       call new_slider_states(self%sliders, characteristic, size(law%shape, 2), law%n_states)
    end subroutine new_hysteresis
 
-   !> Drops what was made for the base frequencies, when these change.
+   !> Discards the data for the base frequencies when these change.
    pure subroutine hysteresis_forget_tones(self)
       class(hysteresis_t), intent(inout) :: self
 
@@ -62,7 +62,7 @@ contains
       if (allocated(self%line)) deallocate (self%line)
    end subroutine hysteresis_forget_tones
 
-   !> Finds the forces: the states that repeat on the path of the law, then the force sample by sample.
+   !> Computes the forces: the periodic states on the path of the law, then the force sample by sample.
    subroutine hysteresis_evaluate(self, characteristic, samples, f)
       class(hysteresis_t), intent(inout) :: self
       type(characteristic_t), intent(in) :: characteristic
@@ -133,9 +133,8 @@ contains
       end associate
    end subroutine gather_part
 
-   !> Adds the derivative of the forces along a direction to its `f`, from the derivatives of what steps know of the motion.
-   !>
-   !> Fails where the derivative of the states does not repeat from round to round.
+   !> Adds the derivative of the forces along a direction to its `f`, from the derivatives of the paths of the steps.
+   !> Fails if the derivative of the states does not become periodic.
    subroutine hysteresis_add_slope(self, characteristic, weight_slope, along, error)
       class(hysteresis_t), intent(inout) :: self
       type(characteristic_t), intent(in) :: characteristic
@@ -183,7 +182,7 @@ contains
       call self%tangent%prepare(self%sliders, self%law, characteristic)
    end subroutine hysteresis_prepare_response
 
-   !> Prepares `line`, if the law is of the kind that it treats, after `evaluate`.
+   !> Prepares `line`, if it applies to the law, after `evaluate`.
    subroutine hysteresis_prepare_line(self, characteristic, harmonics, frequencies, is_available)
       class(hysteresis_t), intent(inout) :: self
       type(characteristic_t), intent(in) :: characteristic
@@ -201,8 +200,8 @@ contains
       is_available = self%line%is_available
    end subroutine hysteresis_prepare_line
 
-   !> How force a of the law responds to its coordinate c, after `prepare_line`: the product with the motion at the same sample,
-   !> and for each run of sticking the samples and the motion, see hb_line_tangent.
+   !> Response of force a of the law to its coordinate c, after `prepare_line`: the product with the motion at the
+   !> same sample, and for each interval of sticking the samples and the motion, see hb_line_tangent.
    subroutine hysteresis_find_line(self, characteristic, a, c, product, stuck, pushed)
       class(hysteresis_t), intent(inout) :: self
       type(characteristic_t), intent(in) :: characteristic
@@ -218,14 +217,14 @@ contains
       end associate
    end subroutine hysteresis_find_line
 
-   !> Number of blocks of at most hb_hysteresis_tangent%width harmonics in which the response comes.
+   !> Number of blocks of at most hb_hysteresis_tangent%width harmonics of the response.
    pure integer function hysteresis_n_blocks(self)
       class(hysteresis_t), intent(in) :: self
 
       hysteresis_n_blocks = self%tangent%n_blocks
    end function hysteresis_n_blocks
 
-   !> Finds `response`, to cos and sin of a block of harmonics of one coordinate.
+   !> Computes `response` to cos and sin of a block of harmonics of one coordinate.
    subroutine hysteresis_find_block_response(self, characteristic, coordinate, block)
       class(hysteresis_t), intent(inout) :: self
       type(characteristic_t), intent(in) :: characteristic
@@ -234,7 +233,7 @@ contains
       call self%tangent%respond(self%sliders, characteristic, block, coordinate, self%response)
    end subroutine hysteresis_find_block_response
 
-   !> What is wrong with the states after `evaluate`; empty when they repeat.
+   !> Error of the states after `evaluate`; empty if they are periodic.
    pure function hysteresis_failure(self) result(text)
       class(hysteresis_t), intent(in) :: self
       character(merge(0, 140 + len(self%law%label), self%sliders%repeats)) :: text
@@ -263,7 +262,7 @@ contains
       end associate
    end subroutine hysteresis_add_spring_forces
 
-   !> Adds the mean over the torus of the derivative of the force by the motion, after `evaluate`.
+   !> Adds the mean over the torus of the derivative of the force with respect to the motion, after `evaluate`.
    subroutine hysteresis_add_mean_slope(self, characteristic, df_dq)
       class(hysteresis_t), intent(inout) :: self
       type(characteristic_t), intent(in) :: characteristic

@@ -1,9 +1,9 @@
-!> How the force of one hysteretic law responds to each coefficient of its motion: the exact derivative of the discrete
+!> Response of the force of one hysteretic law to each coefficient of its motion: the exact derivative of the discrete
 !> time integration over the torus.
-!>
-!> Columns belong to the motions exp(i j.tau) of a coordinate; real and imaginary part are those of cos and sin. They take
-!> the steps of the states, from rest and through all rounds, with every step replaced by its derivative, then
-!> further rounds until they repeat as well. A block of columns goes at once. Source: docs/why/theory.md, section 5.5.
+!> Columns belong to the motions exp(i j.tau) of a coordinate; real and imaginary part are those of cos and sin. They
+!> follow the steps of the states, from rest and through all rounds, with every step replaced by its derivative, then
+!> further rounds until they are periodic as well. A block of columns is processed at once. Source:
+!> docs/why/theory.md, section 5.5.
 module hb_hysteresis_tangent
    use hb_characteristic, only: characteristic_t
    use hb_harmonics, only: harmonics_t
@@ -17,16 +17,16 @@ module hb_hysteresis_tangent
 
    integer, parameter :: width = 16                                   !! harmonics of a block
 
-   !> Complex numbers of a block stand as (width, 2): real parts, imaginary parts.
+   !> Complex numbers of a block are stored as (width, 2): real parts, imaginary parts.
    type :: memory_tangent_t
       integer :: n_blocks = 0
-      logical :: repeats = .true.                                     !! false: a column did not within `most_rounds`
+      logical :: repeats = .true. !! false: a column did not become periodic within `most_rounds`
       integer, allocatable, private :: n_harmonics(:)                 ! (n_blocks) in each block
       real(wp), allocatable, private :: factor(:, :, :, :)            ! (width, 2, n_path_parts, n_blocks) path of exp(i j.tau)
-      real(wp), allocatable, private :: lead(:, :, :, :)              ! (width, 2, n_steps, n_blocks) exp of the tone that leads
+      real(wp), allocatable, private :: lead(:, :, :, :)              ! (width, 2, n_steps, n_blocks) exp of the leading tone
       real(wp), allocatable, private :: across(:, :, :, :)            ! (width, 2, n_slice, n_blocks) exp of the others
       real(wp), allocatable, private :: first_slice(:, :, :, :, :, :) ! (width, 2, n_states, n_slice, n_blocks, n_coordinates)
-      real(wp), allocatable, private :: closing(:, :)                 ! (1 - M)**-1, (n_states, n_states), where that is known
+      real(wp), allocatable, private :: closing(:, :)                 ! (1 - M)**-1, (n_states, n_states), if known
       real(wp), allocatable, private :: now(:, :, :, :), before(:, :, :, :)   ! (width, 2, n_states, n_slice)
       real(wp), allocatable, private :: df_dz(:, :, :, :), df_ds(:, :, :, :)  ! (n_slice, n_coordinates, any, n_steps)
    contains
@@ -36,7 +36,7 @@ module hb_hysteresis_tangent
 
 contains
 
-   !> Makes room, and tables of exp(i j.tau), for a law of that many coordinates and states.
+   !> Allocates memory, and tables of exp(i j.tau), for a law.
    subroutine new_memory_tangent(self, characteristic, harmonics, torus, frequencies, n_coordinates, n_states)
       type(memory_tangent_t), intent(out) :: self
       type(characteristic_t), intent(in) :: characteristic
@@ -94,7 +94,7 @@ contains
       wave = [cos(angle), sin(angle)]
    end function wave
 
-   !> Cosine and sine of the phase of tuple j at sample p of a slice: of all tones but the one that leads.
+   !> Cosine and sine of the phase of tuple j at sample p of a slice: of all tones except the leading one.
    pure function wave_across(torus, tone, j, p)
       type(torus_t), intent(in) :: torus
       integer, intent(in) :: tone, j(:), p
@@ -107,8 +107,8 @@ contains
       wave_across = [below(1)*above(1) - below(2)*above(2), below(1)*above(2) + below(2)*above(1)]
    end function wave_across
 
-   !> Takes the states, and where it takes that all columns, through the rounds that the states needed; the columns not through
-   !> the last one. The memory must have its path.
+   !> Integrates the states, and all columns if necessary, through the rounds that the states needed; the columns not
+   !> through the last one. The memory must have its path.
    subroutine memory_tangent_prepare(self, memory, law, characteristic)
       class(memory_tangent_t), intent(inout) :: self
       type(slider_states_t), intent(inout) :: memory
@@ -137,7 +137,7 @@ contains
       end do
    end subroutine memory_tangent_prepare
 
-   !> Takes states and columns from rest through all rounds.
+   !> Integrates states and columns from rest through all rounds.
    subroutine take_rounds(self, memory, law, characteristic)
       class(memory_tangent_t), intent(inout) :: self
       type(slider_states_t), intent(inout) :: memory
@@ -183,8 +183,8 @@ contains
       end do
    end subroutine load_columns
 
-   !> Answer of all forces of the law, at the samples of the torus, to the columns of one block and one coordinate, in the
-   !> steps of the last round of the states, taken until the columns repeat.
+   !> Response of all forces of the law, at the samples of the torus, to the columns of one block and one coordinate,
+   !> with the steps of the last round of the states, repeated until the columns are periodic.
    subroutine memory_tangent_respond(self, memory, characteristic, block, coordinate, df)
       class(memory_tangent_t), intent(inout) :: self
       type(slider_states_t), intent(in) :: memory
@@ -205,7 +205,7 @@ contains
       self%repeats = .false.
    end subroutine memory_tangent_respond
 
-   !> Moves the columns `before` of the first slice to those that repeat.
+   !> Moves the columns `before` of the first slice to the periodic ones.
    subroutine close_round(self, memory, characteristic, block, coordinate)
       class(memory_tangent_t), intent(inout) :: self
       type(slider_states_t), intent(in) :: memory
@@ -226,7 +226,7 @@ contains
       end associate
    end subroutine close_round
 
-   !> Takes the columns `before` of the first slice once round; with `df` keeps the forces on the way.
+   !> Integrates the columns `before` of the first slice through one round; with `df` stores the forces.
    subroutine go_round(self, memory, characteristic, block, coordinate, df)
       class(memory_tangent_t), intent(inout) :: self
       type(slider_states_t), intent(in) :: memory
@@ -281,7 +281,7 @@ contains
       end do
    end subroutine step
 
-   !> One state at the start of a step: the sum of weights times that state of the neighbours, of which there are 1 or a
+   !> One state at the start of a step: the sum of weights times that state of the neighbours, whose number is 1 or a
    !> multiple of 4.
    pure subroutine blend(n_states, state, neighbour, weight, before, blended)
       integer, intent(in) :: n_states, state

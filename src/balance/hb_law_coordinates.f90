@@ -1,9 +1,8 @@
-!> The coordinates of the unknowns of a model: those on which its laws act, not all degrees of freedom that these involve.
-!>
-!> Three stops on a beam by its modes are three coordinates. Laws that share degrees of freedom form a part; in each part
-!> the coordinates of rigid laws come first and as they are, so that each has its reaction, then degrees of freedom that are
-!> requested, then the coordinates of other laws as far as they are independent, where that is fewer than degrees of freedom.
-!> Source: docs/why/theory.md, section 4.
+!> The coordinates of the unknowns of a model: those of its laws, instead of all degrees of freedom involved.
+!> Three stops on a modal beam are three coordinates. Laws that share degrees of freedom form a part; in each part the
+!> coordinates of rigid laws come first and unchanged, so that each has its own reaction, then requested degrees of
+!> freedom, then the coordinates of other laws as far as they are independent, if their number is smaller than that of
+!> the degrees of freedom. Source: docs/why/theory.md, section 4.
 module hb_law_coordinates
    use hb_condensation, only: condensed_half_bandwidth
    use hb_coordinates, only: coordinates_t, dofs_as_coordinates, new_coordinates, softness
@@ -15,12 +14,12 @@ module hb_law_coordinates
    private
    public :: law_dofs_of, laws_at, new_law_coordinates
 
-   real(wp), parameter :: nearly_dependent = 0.1_wp                   ! below, that part alone is the coordinate
+   real(wp), parameter :: nearly_dependent = 0.1_wp                   ! below, only the independent part is the coordinate
 
    !> Columns found so far.
    type :: span_t
       integer :: n = 0
-      integer :: n_before = 0                                         ! of parts that are complete: orthogonal to all that follows
+      integer :: n_before = 0                                         ! of complete parts: orthogonal to all that follows
       real(wp), allocatable :: weight(:)                              ! of each degree of freedom in products
       real(wp), allocatable :: shape(:, :), orthonormal(:, :)         ! (n_dofs, n_dofs), the latter of weight*shape
    contains
@@ -29,7 +28,7 @@ module hb_law_coordinates
 
 contains
 
-   !> Degrees of freedom of the structure on which any law acts, ascending and once each.
+   !> Degrees of freedom of the structure on which any law acts, ascending, each once.
    pure function law_dofs_of(laws) result(dofs)
       type(law_box_t), intent(in) :: laws(:)
       integer, allocatable :: dofs(:)
@@ -47,7 +46,7 @@ contains
       dofs = pack([(i, i=1, last)], is_used)
    end function law_dofs_of
 
-   !> The laws as they act on coordinates: their degrees of freedom are numbers of these.
+   !> The laws on coordinates: their degrees of freedom are indices of these.
    function laws_at(coordinates, laws) result(placed)
       type(coordinates_t), intent(in) :: coordinates
       type(law_box_t), intent(in) :: laws(:)                          !! on degrees of freedom of the structure
@@ -65,7 +64,7 @@ contains
       type(coordinates_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       type(law_box_t), intent(in) :: laws(:)
-      integer, intent(in) :: wanted(:)                                !! degrees of freedom of laws that are to be coordinates
+      integer, intent(in) :: wanted(:)                                !! degrees of freedom of laws requested as coordinates
       type(span_t) :: span
       integer, allocatable :: dofs(:)
       integer :: i
@@ -126,7 +125,7 @@ contains
       end do
    end subroutine find_span
 
-   !> Whether a coordinate is the degree of freedom at this place.
+   !> Whether a coordinate is the degree of freedom at this position.
    pure logical function is_column(span, at)
       type(span_t), intent(in) :: span
       integer, intent(in) :: at
@@ -135,7 +134,7 @@ contains
       is_column = any([(span%shape(at, k) == 1.0_wp .and. count(span%shape(:, k) /= 0.0_wp) == 1, k=1, span%n)])
    end function is_column
 
-   !> Numbers of the parts that degrees of freedom belong to: those of one law to one part.
+   !> Numbers of the parts of degrees of freedom; those of one law are in the same part.
    pure function parts_of(laws, dofs) result(part_of)
       type(law_box_t), intent(in) :: laws(:)
       integer, intent(in) :: dofs(:)
@@ -152,7 +151,8 @@ contains
       end do
    end function parts_of
 
-   !> Adds a column where it is independent of those before: as it is, or what is left of it beside them where that is little.
+   !> Adds a column if it is independent of the previous ones: unchanged, or only its independent component if that is
+   !> small.
    pure subroutine span_add(self, column, is_literal)
       class(span_t), intent(inout) :: self
       real(wp), intent(in) :: column(:)
@@ -178,7 +178,7 @@ contains
       self%shape(:, self%n) = merge(column, orthogonal/(share*self%weight), is_literal)
    end subroutine span_add
 
-   !> Weights of a linear form over all degrees of freedom of laws.
+   !> Weights of a linear functional over all degrees of freedom of laws.
    pure function spread_over(dofs, own, weights) result(wide)
       integer, intent(in) :: dofs(:), own(:)
       real(wp), intent(in) :: weights(:)                              !! (size(own))
@@ -191,7 +191,8 @@ contains
       end do
    end function spread_over
 
-   !> Whether the blocks of fewer coordinates are less work than those of all degrees of freedom, which may be a narrow band.
+   !> Whether the blocks of fewer coordinates cost less than those of all degrees of freedom, which may be a narrow
+   !> band.
    logical function is_worth_it(self, structure)
       type(coordinates_t), intent(in) :: self
       type(structure_t), intent(in) :: structure
@@ -204,7 +205,7 @@ contains
 
    contains
 
-      !> Of a harmonic: transforms and laws for each coordinate, factors of a block.
+      !> Per harmonic: transforms and laws for each coordinate, factors of a block.
       pure real(wp) function work(n, half_bandwidth)
          integer, intent(in) :: n, half_bandwidth
          real(wp), parameter :: of_transforms = 1.0e3_wp

@@ -1,8 +1,7 @@
-!> Kinks of the laws of a model between the samples of one torus: what sampling misses of their forces, added to the samples.
-!>
-!> A law provides the positions of its kinks; their correction depends on the samples alone, see hb_kinks. Laws that share
-!> a degree of freedom with a multiplier law are left as they are: what that supplies cancels their kinks while it holds.
-!> Source: docs/why/theory.md, section 5.7.
+!> Kinks of the laws of a model between the samples of one torus: corrections of the sampling errors of their forces.
+!> A law provides the positions of its kinks; their correction depends on the samples alone, see hb_kinks. Laws that
+!> share a degree of freedom with a multiplier law are not corrected: while the multiplier is active, it compensates
+!> their kinks. Source: docs/why/theory.md, section 5.7.
 module hb_law_kinks
    use hb_fftw, only: real_block_t
    use hb_kinds, only: wp
@@ -15,7 +14,8 @@ module hb_law_kinks
    private
    public :: law_kinks_t, new_law_kinks
 
-   !> One coordinate with kinks: z = sum of motion weights times degrees of freedom; on these act force weights times the force.
+   !> One coordinate with kinks: z = sum of motion weights times degrees of freedom; the force acts on these with the
+   !> force weights.
    type :: kinked_line_t
       integer, allocatable :: columns(:)                              !! degrees of freedom among those of all laws
       real(wp), allocatable :: motion(:), force(:)                    !! (columns)
@@ -24,7 +24,7 @@ module hb_law_kinks
    end type kinked_line_t
 
    type :: law_kinks_t
-      type(kinked_line_t), allocatable :: lines(:)                    !! none where kinks stay as they are sampled
+      type(kinked_line_t), allocatable :: lines(:)                    !! none if kinks are not corrected
       type(kink_grid_t) :: grid
       real(wp), allocatable, private :: z(:), f(:)                    ! (n_samples)
    contains
@@ -67,7 +67,7 @@ contains
 
    contains
 
-      !> Combinations of coordinates of law i with kinks that samples have to mind.
+      !> Combinations of coordinates of law i with kinks that need a correction.
       pure integer function n_lines(i)
          integer, intent(in) :: i
          integer :: k, m
@@ -83,7 +83,7 @@ contains
       end function n_lines
    end subroutine new_law_kinks
 
-   !> Adds what sampling misses to the forces; with derivatives their dependence on the motion is kept.
+   !> Adds the corrections to the forces; with derivatives also stores their dependence on the motion.
    subroutine law_kinks_correct(self, samples, with_derivatives)
       class(law_kinks_t), intent(inout) :: self
       type(law_samples_t), intent(inout) :: samples
@@ -128,7 +128,7 @@ contains
       law_kinks_are_met = any([(self%lines(i)%slopes%n > 0, i=1, size(self%lines))])
    end function law_kinks_are_met
 
-   !> How the force of line i at all samples responds to the coordinate at neighbour number `part` of them.
+   !> Response of the force of line i at all samples to the coordinate at neighbour number `part` of them.
    subroutine law_kinks_fill_part(self, i, part, samples, is_any)
       class(law_kinks_t), intent(in) :: self
       integer, intent(in) :: i
@@ -147,7 +147,7 @@ contains
       end associate
    end subroutine law_kinks_fill_part
 
-   !> Adds how forces respond to the motion at the same sample to the derivatives of the pairs.
+   !> Adds the response of forces to the motion at the same sample to the derivatives of the pairs.
    subroutine law_kinks_add_own_slopes(self, pair_at, df_dq)
       class(law_kinks_t), intent(in) :: self
       integer, intent(in) :: pair_at(:, :)                            !! (n_dofs, n_dofs)
@@ -171,8 +171,8 @@ contains
       end do
    end subroutine law_kinks_add_own_slopes
 
-   !> Adds the derivative of the forces along a direction by the motion at the neighbours of each sample to its `f`; see
-   !> `add_own_slopes` for the rest.
+   !> Adds the derivative of the forces along a direction, for the motion at the neighbours of each sample, to its
+   !> `f`; `add_own_slopes` adds the rest.
    subroutine law_kinks_add_along(self, along)
       class(law_kinks_t), intent(in) :: self
       type(law_samples_t), intent(inout) :: along

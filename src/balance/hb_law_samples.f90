@@ -1,6 +1,6 @@
-!> Samples of the coordinates and forces of all laws of a model on one torus: of a motion, or the derivatives of these along one
-!> direction, of the motion or by a base frequency while all coefficients stay. Source: docs/why/theory.md, sections 5.3, 5.6 and
-!> 6.6.
+!> Samples of the coordinates and forces of all laws of a model on one torus: of a motion, or their derivatives along
+!> one direction, of the motion or with respect to a base frequency at constant coefficients. Source:
+!> docs/why/theory.md, sections 5.3, 5.6 and 6.6.
 module hb_law_samples
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t
@@ -8,7 +8,8 @@ module hb_law_samples
    private
    public :: law_samples_t, new_law_samples
 
-   !> Each (n_samples, n_dofs); what no law needs is not there. Owner of outside resources: call `destroy`.
+   !> Each (n_samples, n_dofs); arrays that no law needs are not allocated. Owner of external resources: call
+   !> `destroy`.
    type :: law_samples_t
       type(real_block_t) :: q                                         !! motion [m]
       type(real_block_t) :: v                                         !! rate [m/s]
@@ -22,7 +23,7 @@ module hb_law_samples
 
 contains
 
-   !> Makes room for what the laws need.
+   !> Allocates the arrays that the laws need.
    subroutine new_law_samples(self, n_samples, n_dofs, needs_velocity, needs_reaction, has_memory, error)
       type(law_samples_t), intent(inout) :: self
       integer, intent(in) :: n_samples, n_dofs

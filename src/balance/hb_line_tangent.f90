@@ -1,11 +1,10 @@
-!> How the force of a law with memory responds to the coefficients of its motion under one tone, without a time integration for each
-!> of them.
-!>
-!> Under one tone the samples form a single line in time. A slider that is pushed moves with the bound that pushes it; one
-!> that sticks stays where it was pushed last. So the derivative of the force is a product with the motion at the same
-!> sample, g, plus for each time that a slider sticks a term of rank one: the samples during which it sticks, times the
-!> motion where it was pushed last. Sums over consecutive samples are those of Dirichlet's kernel. Source: docs/why/theory.md,
-!> section 5.5.
+!> Response of the force of a law with memory to the coefficients of its motion under one tone, without an integration
+!> along time for each of them.
+!> Under one tone the samples form a single line in time. A slider that slips moves with the bound that moves it; one
+!> that sticks remains where it was moved last. The derivative of the force is therefore a product with the motion at
+!> the same sample, g, plus a term of rank one for each interval of sticking: the samples of the interval times the
+!> motion where the slider was moved last. Sums over consecutive samples are Dirichlet kernels. Source:
+!> docs/why/theory.md, section 5.5.
 module hb_line_tangent
    use hb_characteristic, only: characteristic_t
    use hb_harmonics, only: harmonics_t
@@ -16,15 +15,15 @@ module hb_line_tangent
    private
    public :: line_tangent_t, new_line_tangent
 
-   integer, parameter :: most_runs = 64                               ! of sticking, beyond which each is integrated
+   integer, parameter :: most_runs = 64 ! intervals of sticking, beyond which each column is integrated
 
    !> Complex numbers of all harmonics: sums of exp(i j.tau).
    type :: line_tangent_t
-      logical :: is_available = .false.                               !! after `prepare`: the law is of the kind described
+      logical :: is_available = .false.                               !! after `prepare`: the method applies to the law
       real(wp), allocatable :: g(:)                                   !! after `find`, (n_steps) [N/m]
       integer :: n_runs = 0
-      complex(wp), allocatable :: stuck(:, :)                         !! sum over the samples of a run, (n_harmonics, most_runs)
-      complex(wp), allocatable :: pushed(:, :)                        !! motion where it was pushed before, as `stuck`
+      complex(wp), allocatable :: stuck(:, :) !! sum over the samples of an interval, (n_harmonics, most_runs)
+      complex(wp), allocatable :: pushed(:, :)                        !! motion where the slider was moved last, as `stuck`
       integer, allocatable, private :: order(:)                       ! (n_harmonics) entry of the tuple
       integer, private :: n_steps = 0
       integer, private :: n_period = 0                                ! steps of a whole period, twice those of half a torus
@@ -38,7 +37,7 @@ module hb_line_tangent
 
 contains
 
-   !> Makes tables for one tone.
+   !> Creates the tables for one tone.
    subroutine new_line_tangent(self, characteristic, harmonics, frequencies)
       type(line_tangent_t), intent(out) :: self
       type(characteristic_t), intent(in) :: characteristic
@@ -66,8 +65,8 @@ contains
       end do
    end subroutine new_line_tangent
 
-   !> Goes once more round with derivatives, from states that repeat, and looks whether each state is held or pushed in each
-   !> step, pushed at least once, and felt by the force alike in all.
+   !> Integrates one more round with derivatives, from periodic states, and checks whether each state is held or moved
+   !> in each step, moved at least once, and enters the force with a constant slope.
    subroutine line_tangent_prepare(self, memory, law, characteristic)
       class(line_tangent_t), intent(inout) :: self
       type(slider_states_t), intent(inout) :: memory
@@ -109,7 +108,7 @@ contains
       self%is_available = .true.
    end subroutine line_tangent_prepare
 
-   !> Whether what pushes state k in a step is more than the bound at its end.
+   !> Whether the state k is moved within a step by more than the bound at its end.
    pure function is_turned(memory, k)
       type(slider_states_t), intent(in) :: memory
       integer, intent(in) :: k
@@ -123,7 +122,7 @@ contains
       end do
    end function is_turned
 
-   !> The product g and the runs of sticking by which force `a` responds to coordinate `c`, after `prepare`.
+   !> The product g and the intervals of sticking for the response of force `a` to coordinate `c`, after `prepare`.
    subroutine line_tangent_find(self, memory, a, c)
       class(line_tangent_t), intent(inout) :: self
       type(slider_states_t), intent(in) :: memory
@@ -138,7 +137,7 @@ contains
             if (slope == 0.0_wp) cycle
             turned = is_turned(memory, k)
             last_push = 1
-            do while (memory%ds_ds_old(1, k, k, last_push) /= 0.0_wp)  ! one that is there, see prepare
+            do while (memory%ds_ds_old(1, k, k, last_push) /= 0.0_wp)  ! one exists, see prepare
                last_push = last_push + 1
             end do
             first = last_push
@@ -160,7 +159,8 @@ contains
       end do
    end subroutine line_tangent_find
 
-   !> Adds a run of `n` samples from `from` (perhaps below 1) during which state k stays where step `push` left it.
+   !> Adds an interval of `n` samples from `from` (perhaps below 1) during which state k remains where step `push`
+   !> left it.
    subroutine add_run(self, memory, slope, k, c, push, from, n)
       type(line_tangent_t), intent(inout) :: self
       type(slider_states_t), intent(in) :: memory
@@ -170,7 +170,7 @@ contains
       integer :: h, part, pushed_at
 
       pushed_at = push
-      if (from < push) pushed_at = push - self%n_steps                ! before the samples of the run, in the round before
+      if (from < push) pushed_at = push - self%n_steps                ! before the samples of the interval, in the previous round
       self%n_runs = self%n_runs + 1
       do h = 1, size(self%order)
          associate (j => self%order(h))

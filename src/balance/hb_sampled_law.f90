@@ -1,7 +1,6 @@
 !> One law with its samples on one torus: gathers its coordinates, evaluates it, scatters its force.
-!>
-!> A law whose coordinate is a degree of freedom reads the samples of this one where they stand, and writes its force there if
-!> no other law acts on it: each pass over the samples costs as much as an easy law.
+!> A law whose coordinate is a degree of freedom reads the samples of this one in place, and writes its force there if
+!> no other law acts on it: each pass over the samples costs as much as a simple law.
 !>
 !> Source: docs/why/theory.md, sections 5.3 and 5.4.
 module hb_sampled_law
@@ -18,9 +17,9 @@ module hb_sampled_law
    private
    public :: new_sampled_law, sampled_law_t
 
-   !> Owner of outside resources: call `destroy`.
+   !> Owner of external resources: call `destroy`.
    type :: sampled_law_t
-      class(law_t), pointer :: law => null()                          !! of `new_sampled_law`, which outlives this
+      class(law_t), pointer :: law => null()                          !! of `new_sampled_law`, which must outlive this
       integer, allocatable :: columns(:)                              !! coordinates on which it acts, as law%dofs
       logical :: reads_in_place = .false.                             !! z and v are samples of its degree of freedom
       logical :: writes_in_place = .false.                            !! f as well, and p
@@ -28,9 +27,9 @@ module hb_sampled_law
       real(wp), pointer, contiguous :: v(:, :) => null()              !! their rates [m/s], as z or no columns
       real(wp), pointer, contiguous :: p(:, :) => null()              !! reaction [N], as z or no columns
       real(wp), pointer, contiguous :: f(:, :) => null()              !! forces [N], as z
-      real(wp), allocatable :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :) !! last axis: what is differentiated by
+      real(wp), allocatable :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :) !! last axis: the variable of differentiation
       type(hysteresis_t), allocatable :: hysteresis                   !! of a law with memory
-      type(real_block_t), private :: own_z, own_v, own_p, own_f       ! where these do not stand in place
+      type(real_block_t), private :: own_z, own_v, own_p, own_f       ! if these are not in place
    contains
       procedure :: make_derivatives => sampled_law_make_derivatives
       procedure :: gather => sampled_law_gather
@@ -43,13 +42,13 @@ module hb_sampled_law
 
 contains
 
-   !> Makes room for the samples of a law. Derivatives get theirs by `make_derivatives`.
+   !> Allocates memory for the samples of a law, but not for derivatives, see `make_derivatives`.
    subroutine new_sampled_law(self, law, is_alone, samples, characteristic, error)
       type(sampled_law_t), intent(inout) :: self
       class(law_t), pointer, intent(in) :: law
       logical, intent(in) :: is_alone                                 !! no other law acts on any of them
       type(law_samples_t), intent(in) :: samples
-      type(characteristic_t), intent(in) :: characteristic            !! any for a law without memory
+      type(characteristic_t), intent(in) :: characteristic            !! arbitrary for a law without memory
       type(error_t), allocatable, intent(out) :: error
       integer :: c
 
@@ -73,7 +72,7 @@ contains
 
    contains
 
-      !> Where samples stand: those of the only degree of freedom, or those of the law alone.
+      !> Location of the samples: those of the only degree of freedom, or separate ones of the law.
       subroutine place(values, own, all_dofs, is_in_place, n_columns)
          real(wp), pointer, contiguous, intent(inout) :: values(:, :)
          type(real_block_t), intent(inout) :: own
@@ -91,7 +90,7 @@ contains
       end subroutine place
    end subroutine new_sampled_law
 
-   !> Makes room for the derivatives of a law without memory.
+   !> Allocates the derivatives of a law without memory.
    subroutine sampled_law_make_derivatives(self)
       class(sampled_law_t), intent(inout) :: self
 
@@ -102,7 +101,7 @@ contains
       end associate
    end subroutine sampled_law_make_derivatives
 
-   !> Finds coordinates, their rates and the reaction from samples of the degrees of freedom of all laws.
+   !> Computes coordinates, their rates and the reaction from samples of the degrees of freedom of all laws.
    subroutine sampled_law_gather(self, samples)
       class(sampled_law_t), intent(inout) :: self
       type(law_samples_t), intent(in) :: samples
@@ -138,26 +137,26 @@ contains
       end associate
    end subroutine sampled_law_gather
 
-   !> Evaluates the force of a law without memory on what was gathered.
+   !> Evaluates the force of a law without memory at the gathered coordinates.
    subroutine sampled_law_evaluate(self)
       class(sampled_law_t), intent(inout) :: self
 
       call self%law%evaluate(self%z, self%v, self%p, self%f)
    end subroutine sampled_law_evaluate
 
-   !> Evaluates the force of a law without memory, and its derivatives, on what was gathered.
+   !> Evaluates the force of a law without memory, and its derivatives, at the gathered coordinates.
    subroutine sampled_law_differentiate(self)
       class(sampled_law_t), intent(inout) :: self
 
       call self%law%evaluate(self%z, self%v, self%p, self%f, self%df_dz, self%df_dv, self%df_dp)
    end subroutine sampled_law_differentiate
 
-   !> Remembers what the law says when its forces or derivatives are not finite, for the message of the point.
+   !> Stores the explanation of the law if its forces or derivatives are not finite, for the message of the point.
    subroutine sampled_law_listen(self, with_derivatives, error_text, is_given_up)
       class(sampled_law_t), intent(in) :: self
       logical, intent(in) :: with_derivatives
-      character(:), allocatable, intent(inout) :: error_text          !! the first one stays, unless this law cannot continue
-      logical, intent(inout) :: is_given_up                           !! true where the law cannot continue
+      character(:), allocatable, intent(inout) :: error_text          !! the first one is kept, unless this law cannot continue
+      logical, intent(inout) :: is_given_up                           !! true if the law cannot continue
       character(:), allocatable :: text
       logical :: is_fatal, is_finite
       integer :: k
@@ -176,7 +175,7 @@ contains
       is_given_up = is_fatal
    end subroutine sampled_law_listen
 
-   !> Whether all values are finite; counting them, with no way out at the first that is not, runs several at once.
+   !> Whether all values are finite; counting them without an early exit is vectorised.
    pure logical function are_finite(values)
       real(wp), intent(in) :: values(:, :)
 

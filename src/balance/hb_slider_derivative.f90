@@ -1,9 +1,8 @@
-!> How the states of one hysteretic law respond to one direction, of the motion or by a base frequency: the exact derivative of
-!> the discrete time integration over the torus.
-!>
-!> A direction of the motion changes the paths of the steps; a frequency changes these, and the weights by which states are
-!> interpolated at their starts. The derivative takes the steps of the states, from rest and through all rounds, then
-!> further rounds until it repeats as well. Source: docs/why/theory.md, sections 5.6 and 6.6.
+!> Response of the states of one hysteretic law to one direction, of the motion or with respect to a base frequency:
+!> the exact derivative of the discrete time integration over the torus.
+!> A direction of the motion changes the paths of the steps; a frequency changes these, and the weights of the
+!> interpolation of states at their starts. The derivative follows the steps of the states, from rest and through all
+!> rounds, then further rounds until it is periodic as well. Source: docs/why/theory.md, sections 5.6 and 6.6.
 module hb_slider_derivative
    use hb_characteristic, only: characteristic_t
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
@@ -30,7 +29,7 @@ module hb_slider_derivative
 
 contains
 
-   !> Makes room for the derivatives of the states of a law.
+   !> Allocates memory for the derivatives of the states of a law.
    subroutine new_slider_derivative(self, sliders)
       type(slider_derivative_t), intent(out) :: self
       type(slider_states_t), intent(in) :: sliders
@@ -41,7 +40,7 @@ contains
       self%path = 0.0_wp
    end subroutine new_slider_derivative
 
-   !> Finds the derivatives of the states from those of the paths; these must have their own path and `rounds`.
+   !> Computes the derivatives of the states from those of the paths; the states must have their path and `rounds`.
    subroutine slider_derivative_integration(self, sliders, law, characteristic, weight_slope)
       class(slider_derivative_t), intent(inout) :: self
       type(slider_states_t), intent(inout) :: sliders
@@ -81,7 +80,7 @@ contains
 
    contains
 
-      !> In the steps of the last round of the states.
+      !> With the steps of the last round of the states.
       subroutine repeat_rounds()
          self%repeats = .false.
          do round = 1, most_rounds
@@ -94,7 +93,7 @@ contains
       end subroutine repeat_rounds
    end subroutine slider_derivative_integration
 
-   !> Finds how the places to which sliders are clamped change along the direction.
+   !> Computes the derivatives of the clamp positions of sliders along the direction.
    subroutine find_clamps(self, sliders)
       class(slider_derivative_t), intent(inout) :: self
       type(slider_states_t), intent(in) :: sliders
@@ -115,7 +114,7 @@ contains
       end do
    end subroutine find_clamps
 
-   !> The first slice after loading from rest straight to its motion.
+   !> The first slice after loading from rest along a straight path.
    subroutine slider_derivative_load_from_rest(self, sliders)
       class(slider_derivative_t), intent(inout) :: self
       type(slider_states_t), intent(in) :: sliders
@@ -133,7 +132,7 @@ contains
       end do
    end subroutine slider_derivative_load_from_rest
 
-   !> Goes once round in the steps that the states took last.
+   !> Integrates one round with the last steps of the states.
    subroutine slider_derivative_go_round(self, sliders, characteristic, weight_slope)
       class(slider_derivative_t), intent(inout) :: self
       type(slider_states_t), intent(in) :: sliders
@@ -176,8 +175,8 @@ contains
 
    contains
 
-      !> What other weights make of the states before. Their slopes sum to zero: taken relative to one neighbour, states that
-      !> are all the same leave no rounding behind.
+      !> Effect of changed weights on the previous states. Their slopes sum to zero: taken relative to one neighbour,
+      !> equal states cause no rounding errors.
       subroutine add_shift(before)
          real(wp), intent(in) :: before(:, :)
          integer :: k, p

@@ -1,16 +1,12 @@
-!> The states of one hysteretic law over the torus, at all samples, found by integration along time until they repeat.
-!>
-!> The first slice starts from rest, loaded straight to where the motion is there. Where all sliders slip, the start is
-!> forgotten and the states that repeat are the only ones. A slider that never slips keeps its position, and any
-!> position would do: the rule is to start from rest, `full_stick` reports it. Source: docs/why/theory.md,
-!> section 5.5.
-!>
-!> A slider between bounds ends each step at its start, but no lower than where one from far below ends, nor higher than one
-!> from far above (a play operator is a clamp, and so are clamps one after the other). Over many lines these two places are found
-!> once for all rounds, `low` and `high`.
-!>
-!> A slider in a plane that slips little comes back to its place over many rounds, each a little nearer. On one line what a round
-!> makes of a change of its start, M, is known: where many rounds have not done, Newton's method goes to the place where they end.
+!> The states of one hysteretic law over the torus, at all samples, by integration along time until they are periodic.
+!> The first slice starts from rest, loaded along a straight path to the motion there. If all sliders slip, the start
+!> is forgotten and the periodic states are unique. A slider that never slips keeps its position, which is arbitrary:
+!> the rule is to start from rest, and `full_stick` reports it. Source: docs/why/theory.md, section 5.5.
+!> A slider between bounds ends each step at its start, but not below the end position of one from far below, nor
+!> above that of one from far above (a play operator is a clamp, and so is a sequence of clamps). For many lines these
+!> two positions are computed once for all rounds, `low` and `high`.
+!> A slider in a plane that slips little converges slowly from round to round. On one line the derivative M of a round
+!> is known: after many rounds without convergence Newton's method moves the state to the limit.
 module hb_slider_states
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_cancellation, only: work_is_over
@@ -25,19 +21,19 @@ module hb_slider_states
 
    integer, parameter :: most_rounds = 1000
    integer, parameter :: many_rounds = 40, between_jumps = 4
-   integer, parameter :: long_round = 10000                           ! states, from which a round takes a millisecond
+   integer, parameter :: long_round = 10000                           ! states from which on a round takes a millisecond
    real(wp), parameter :: largest_inverse = 1.0e6_wp                  ! of 1 - M; beyond, sliders hardly slip
    real(wp), parameter :: repeat_tolerance = 64*epsilon(1.0_wp)       ! of the largest coordinate or state
 
-   !> Samples stand slice by slice: (n_slice, ..., n_steps).
+   !> Samples are stored slice by slice: (n_slice, ..., n_steps).
    type :: slider_states_t
       real(wp), allocatable :: path(:, :, :, :)                       !! [m], (n_slice, n_coordinates, n_path_parts, n_steps)
       real(wp), allocatable :: states(:, :, :)                        !! (n_slice, n_states, n_steps)
       real(wp), allocatable :: force(:, :)                            !! of one slice [N], (n_slice, n_coordinates)
-      integer :: rounds = 0                                           !! until the states repeated
+      integer :: rounds = 0                                           !! until the states were periodic
       logical :: repeats = .true.                                     !! false: not within `most_rounds`
       logical :: full_stick = .false.                                 !! no state moved in the last round
-      logical :: has_jumped = .false.                                 !! towards where rounds end: those from rest do not lead there
+      logical :: has_jumped = .false.                                 !! a Newton step was made: rounds from rest do not lead there
       real(wp), allocatable :: ds_ds_old(:, :, :, :)                  !! (n_slice, n_states, n_states, n_steps)
       real(wp), allocatable :: ds_dpath(:, :, :, :, :)                !! (n_slice, n_states, n_coordinates, n_path_parts, n_steps)
       real(wp), allocatable :: before(:, :)                           !! first slice before the last round, (n_slice, n_states)
@@ -61,7 +57,7 @@ module hb_slider_states
 
 contains
 
-   !> Makes room for the states of a law.
+   !> Allocates memory for the states of a law.
    subroutine new_slider_states(self, characteristic, n_coordinates, n_states)
       type(slider_states_t), intent(out) :: self
       type(characteristic_t), intent(in) :: characteristic
@@ -73,7 +69,7 @@ contains
       end associate
    end subroutine new_slider_states
 
-   !> Makes room for derivatives, at their first use.
+   !> Allocates derivatives at their first use.
    subroutine slider_states_differentiable(self)
       class(slider_states_t), intent(inout) :: self
 
@@ -84,7 +80,7 @@ contains
       end associate
    end subroutine slider_states_differentiable
 
-   !> Finds the states that repeat on the path. A motion that is not finite ends the rounds; it is not assessed here.
+   !> Computes the periodic states on the path. A motion that is not finite ends the rounds.
    subroutine slider_states_integration(self, law, characteristic)
       class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law
@@ -116,7 +112,7 @@ contains
       self%full_stick = largest_move <= rounding
    end subroutine slider_states_integration
 
-   !> States of the first slice after loading from rest straight to its motion; their derivatives if requested.
+   !> States of the first slice after loading from rest along a straight path; their derivatives if requested.
    subroutine slider_states_load_from_rest(self, law, with_derivatives)
       class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law
@@ -133,13 +129,13 @@ contains
       end if
    end subroutine slider_states_load_from_rest
 
-   !> Goes once round from the states of the first slice back to it.
+   !> Integrates one round from the states of the first slice back to it.
    subroutine slider_states_go_round(self, law, characteristic, with_derivatives, change, largest_move)
       class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law
       type(characteristic_t), intent(in) :: characteristic
       logical, intent(in) :: with_derivatives                         !! of every step
-      real(wp), intent(out) :: change                                 !! of the first slice since the round before
+      real(wp), intent(out) :: change                                 !! of the first slice since the previous round
       real(wp), intent(out) :: largest_move                           !! of any state within a step
       integer :: i, last, n
 
@@ -168,7 +164,7 @@ contains
       change = maxval(abs(self%states(:, :, 1) - self%before))
    end subroutine slider_states_go_round
 
-   !> Goes once round one line, and from there to where further rounds would end if they all answered as this one.
+   !> Integrates one round on one line, and makes a Newton step to the limit of further rounds.
    subroutine jump(self, law, characteristic, change, largest_move)
       class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law
@@ -181,11 +177,11 @@ contains
       call self%find_closing(characteristic, closing)
       if (.not. allocated(closing) .or. .not. change > 0.0_wp) return
       self%states(1, :, 1) = self%before(1, :) + matmul(closing, self%states(1, :, 1) - self%before(1, :))
-      change = huge(1.0_wp)                                           ! the next round tells
+      change = huge(1.0_wp)                                           ! determined by the next round
       self%has_jumped = .true.
    end subroutine jump
 
-   !> (1 - M)**-1 of the last round of one line, with derivatives; not allocated where that is next to singular.
+   !> (1 - M)**-1 of the last round of one line, with derivatives; not allocated if that is nearly singular.
    subroutine slider_states_find_closing(self, characteristic, closing)
       class(slider_states_t), intent(in) :: self
       type(characteristic_t), intent(in) :: characteristic
@@ -210,7 +206,7 @@ contains
       if (maxval(abs(inverse)) < largest_inverse) closing = inverse
    end subroutine slider_states_find_closing
 
-   !> Finds `low` and `high` of all steps.
+   !> Computes `low` and `high` of all steps.
    subroutine find_clamps(self, law)
       class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law
@@ -229,7 +225,7 @@ contains
       end do
    end subroutine find_clamps
 
-   !> Finds how `low` and `high` depend on the path, once after each `integration`.
+   !> Computes the derivatives of `low` and `high` with respect to the path, once after each `integration`.
    subroutine slider_states_find_clamp_slopes(self, law)
       class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law
@@ -280,8 +276,8 @@ contains
       change = maxval(abs(self%states(:, :, 1) - self%before))
    end subroutine slider_states_go_clamped_round
 
-   !> Mean over all samples of how the force follows the motion within a step: the spring where sliders stick, nothing where
-   !> they slip. After `integration`.
+   !> Mean over all samples of the slope of the force within a step: the spring while sliders stick, zero while they
+   !> slip. After `integration`.
    subroutine slider_states_mean_slope(self, law, characteristic, slope)
       class(slider_states_t), intent(inout) :: self
       class(hysteretic_law_t), intent(in) :: law

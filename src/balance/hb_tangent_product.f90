@@ -1,8 +1,7 @@
-!> Products of the tangent with a motion: the derivative of the forces of the laws along it, by way of the samples.
-!>
-!> Where laws have sampled slopes alone, a smaller grid gives them exactly: what a product of a slope g with a motion puts into
-!> the kept harmonics, |j_m| <= N_m, depends on the spectrum of g up to 2 N_m. With that part of it, 4 N_m + 1 samples per tone
-!> keep all of this apart; forces of contact are sampled on more. Source: docs/why/theory.md, section 6.6.
+!> Products of the tangent with a motion: the derivative of the forces of the laws along it, computed at the samples.
+!> If laws have only sampled slopes, a smaller grid is exact: the contribution of a product of a slope g with a motion
+!> to the retained harmonics, |j_m| <= N_m, depends on the spectrum of g up to 2 N_m. With that part of it, 4 N_m + 1
+!> samples per tone avoid aliasing; contact forces are sampled on more. Source: docs/why/theory.md, section 6.6.
 module hb_tangent_product
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t
@@ -18,7 +17,7 @@ module hb_tangent_product
    private
    public :: tangent_product_t
 
-   !> Owner of outside resources: call `destroy`.
+   !> Owner of external resources: call `destroy`.
    type :: thin_grid_t
       type(transform_t), private :: transform                         ! of motions
       type(transform_t), private :: wide, narrow                      ! of slopes, on the grid of the laws and on this one
@@ -33,10 +32,10 @@ module hb_tangent_product
       procedure :: destroy => thin_grid_destroy
    end type thin_grid_t
 
-   !> Owner of outside resources: call `destroy`.
+   !> Owner of external resources: call `destroy`.
    type :: tangent_product_t
-      logical, private :: is_ready = .false.                          ! from the first use on
-      type(thin_grid_t), allocatable, private :: thin                 ! where it is thinner than the grid of the laws
+      logical, private :: is_ready = .false.                          ! after the first use
+      type(thin_grid_t), allocatable, private :: thin                 ! if it is coarser than the grid of the laws
       logical, private :: uses_thin = .false.                         ! for the motion of the last `prepare`
    contains
       procedure :: prepare => tangent_product_prepare
@@ -55,7 +54,7 @@ contains
 
       if (.not. self%is_ready) call new_thin_grid(self%thin, laws%transform%harmonics, laws%transform%torus, laws, effort)
       self%is_ready = .true.
-      self%uses_thin = allocated(self%thin) .and. .not. laws%kinks%are_met()   ! what neighbours do needs all samples
+      self%uses_thin = allocated(self%thin) .and. .not. laws%kinks%are_met()   ! the response to neighbours needs all samples
       if (self%uses_thin) then
          call self%thin%update(laws)
       else
@@ -63,7 +62,8 @@ contains
       end if
    end subroutine tangent_product_prepare
 
-   !> Finds the coefficients of the derivative of the forces along a motion u. Fails where that of a memory does not repeat.
+   !> Computes the coefficients of the derivative of the forces along a motion u. Fails if that of a memory does not
+   !> become periodic.
    subroutine tangent_product_apply(self, laws, u, reaction, frequencies, force, error)
       class(tangent_product_t), intent(inout) :: self
       type(projected_laws_t), intent(inout) :: laws
@@ -85,7 +85,7 @@ contains
       call laws%transform%to_coefficients(laws%along%f%values, force)
    end subroutine tangent_product_apply
 
-   !> Frees what products need; safe to call twice.
+   !> Frees the memory of products; safe to call twice.
    subroutine tangent_product_destroy(self)
       class(tangent_product_t), intent(inout) :: self
 
@@ -95,8 +95,8 @@ contains
       deallocate (self%thin)
    end subroutine tangent_product_destroy
 
-   !> Prepares products for the laws, where a thinner grid than theirs will do and there is room for what it needs; not allocated
-   !> else, as products on the grid of the laws are as exact.
+   !> Prepares products for the laws, if a coarser grid suffices and there is memory for it; otherwise not allocated,
+   !> as products on the grid of the laws are as exact.
    subroutine new_thin_grid(self, harmonics, torus, laws, effort)
       type(thin_grid_t), allocatable, intent(out) :: self
       type(harmonics_t), intent(in) :: harmonics
@@ -104,7 +104,7 @@ contains
       type(projected_laws_t), intent(in) :: laws
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable :: error
-      integer, parameter :: least_samples = 2048                      ! of one tone; for fewer a thin grid costs more than it saves
+      integer, parameter :: least_samples = 2048 ! of one tone; with fewer a coarse grid costs more than it saves
       type(harmonics_t) :: band
       type(torus_t) :: thin
       integer :: m
@@ -117,7 +117,7 @@ contains
       if (torus%is_half .and. thin%can_be_halved()) thin = thin%half()
       if (thin%n_total >= torus%n_total) return
       allocate (self)
-      call new_band(band, harmonics, torus, error)                    ! fails where it has more tuples than a set may have
+      call new_band(band, harmonics, torus, error)                    ! fails if it exceeds the largest set
       if (.not. allocated(error)) call new_transform(self%transform, harmonics, thin, laws%n_dofs, effort, error)
       if (.not. allocated(error)) call new_transform(self%wide, band, torus, 1, effort, error, direction%to_spectrum)
       if (.not. allocated(error)) call new_transform(self%narrow, band, thin, 1, effort, error, direction%to_samples)
@@ -136,7 +136,7 @@ contains
       end if
    end subroutine new_thin_grid
 
-   !> The harmonics of slopes that a product needs: up to twice those of the motion; of odd forces they are even.
+   !> The harmonics of slopes needed in a product: up to twice those of the motion; even for odd forces.
    subroutine new_band(band, harmonics, torus, error)
       type(harmonics_t), intent(out) :: band
       type(harmonics_t), intent(in) :: harmonics
@@ -153,7 +153,7 @@ contains
       end if
    end subroutine new_band
 
-   !> Takes over the slopes of the laws, after `differentiate`.
+   !> Copies the slopes of the laws, after `differentiate`.
    subroutine thin_grid_update(self, laws)
       class(thin_grid_t), intent(inout) :: self
       type(projected_laws_t), intent(in) :: laws
@@ -168,7 +168,7 @@ contains
       end associate
    end subroutine thin_grid_update
 
-   !> Brings column i of sampled slopes to the thin grid.
+   !> Transforms column i of sampled slopes to the coarse grid.
    subroutine thin_grid_bring(self, from, to, i)
       class(thin_grid_t), intent(inout) :: self
       type(real_block_t), intent(in) :: from
@@ -180,7 +180,7 @@ contains
       to%values(:, i) = self%column%values(:, 1)
    end subroutine thin_grid_bring
 
-   !> Coefficients of the forces that respond to a motion u with the reaction s.
+   !> Coefficients of the forces in response to a motion u with the reaction s.
    subroutine thin_grid_apply(self, frequencies, u, s, force)
       class(thin_grid_t), intent(inout) :: self
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)

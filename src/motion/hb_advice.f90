@@ -1,7 +1,6 @@
-!> The message of a point that was not solved: what to try, and how far each attempt came.
-!>
-!> What to try follows from how the attempts ended and from what makes a model hard: contact much stiffer than the structure,
-!> sliders that hardly slide, tones that are nearly commensurate.
+!> The message of a point that was not solved: possible remedies, and the least residual of each attempt.
+!> The remedies follow from the outcomes of the attempts and from properties that make a model difficult: contact much
+!> stiffer than the structure, sliders that hardly slide, nearly commensurate tones.
 module hb_advice
    use hb_balance, only: balance_t
    use hb_certificate, only: near_commensurate
@@ -16,25 +15,25 @@ module hb_advice
    private
    public :: advice_on, circumstances_t, find_circumstances, rounded
 
-   real(wp), parameter :: stiff = 100.0_wp                            ! contact relative to the structure, from where it is hard
-   real(wp), parameter :: hardly_sliding = 1.5_wp                     ! motion relative to what a slider sticks over
-   real(wp), parameter :: far = 1.0e3_wp                              ! motion relative to a law's length: its contact is closed
+   real(wp), parameter :: stiff = 100.0_wp ! contact relative to the structure: lower limit of a difficult model
+   real(wp), parameter :: hardly_sliding = 1.5_wp                     ! motion relative to the sticking displacement of a slider
+   real(wp), parameter :: far = 1.0e3_wp ! motion relative to a law's length at which its contact is closed
 
-   !> What makes a model hard, as far as it is known.
+   !> Properties that make a model difficult, as far as known.
    type :: circumstances_t
-      character(:), allocatable :: contact                            !! label of the law that is stiffest
-      real(wp) :: stiffness_ratio = 0.0_wp                            !! its stiffness over that of the structure at its coordinate
+      character(:), allocatable :: contact                            !! label of the stiffest law
+      real(wp) :: stiffness_ratio = 0.0_wp !! its stiffness relative to that of the structure at its coordinate
       character(:), allocatable :: slider                             !! label of the law that slides least
-      real(wp) :: slip_ratio = huge(1.0_wp)                           !! its motion over what it sticks over
+      real(wp) :: slip_ratio = huge(1.0_wp)                           !! its motion relative to its sticking displacement
       integer, allocatable :: combination(:)                          !! of tones, nearly zero; not allocated: none
       real(wp) :: combination_frequency = 0.0_wp                      !! [rad/s]
-      logical :: is_neighbour_used = .false.                          !! first guesses come from neighbours already
+      logical :: is_neighbour_used = .false.                          !! first guesses already come from neighbours
       logical :: is_integration_used = .false.                        !! or from time integration
    end type circumstances_t
 
 contains
 
-   !> Looks at a model and at the last point reached, on its balance.
+   !> Examines a model and the last iterate, on its balance.
    subroutine find_circumstances(model, balance, u, found)
       type(model_t), intent(in) :: model
       type(balance_t), intent(inout) :: balance
@@ -71,11 +70,11 @@ contains
       found%combination_frequency = frequency
    end subroutine find_circumstances
 
-   !> Largest slope of a law that is not smooth, far on either side of each of its coordinates; 0 of others, which have none of
-   !> their own or are not to be asked far from where they will be.
+   !> Largest slope of a nonsmooth law, far on either side of each of its coordinates; 0 for other laws, which have no
+   !> length of their own or must not be evaluated far from their motion.
    real(wp) function stiffness_of(law, length) result(stiffness)
       class(law_t), intent(in) :: law
-      real(wp), intent(in) :: length                                  !! of the law [m], 0 where it has none
+      real(wp), intent(in) :: length                                  !! of the law [m], 0: none
       real(wp), allocatable, dimension(:, :) :: f, p, v, z
       real(wp), allocatable, dimension(:, :, :) :: df_dp, df_dv, df_dz
       integer :: i, n
@@ -94,7 +93,7 @@ contains
       stiffness = maxval(abs(df_dz))
    end function stiffness_of
 
-   !> The message: advice first, then the least residual of each way.
+   !> The message: advice first, then the least residual of each method.
    pure function advice_on(report, circumstances) result(advice)
       type(report_t), intent(in) :: report
       type(circumstances_t), intent(in) :: circumstances
@@ -135,7 +134,7 @@ contains
       end subroutine add
    end function advice_on
 
-   !> First guesses that were not in use.
+   !> First guesses that were not used.
    pure function guesses(circumstances) result(text)
       type(circumstances_t), intent(in) :: circumstances
       character(60) :: text
@@ -152,7 +151,7 @@ contains
       if (allocated(report%attempts)) size_of_attempts = size(report%attempts)
    end function size_of_attempts
 
-   !> Whether more iterations would have helped the direct attempt.
+   !> Whether the direct attempt would have converged with more iterations.
    pure logical function was_falling(report)
       type(report_t), intent(in) :: report
 
@@ -161,7 +160,7 @@ contains
       was_falling = report%attempts(1)%status == outcome%out_of_budget .and. report%attempts(1)%was_falling
    end function was_falling
 
-   !> Whether a homotopy, or the last of all ways, was ended by its budget.
+   !> Whether a homotopy, or the last method, was ended by its budget.
    pure logical function is_out_of_work(report)
       type(report_t), intent(in) :: report
       integer :: i
@@ -174,7 +173,8 @@ contains
       end do
    end function is_out_of_work
 
-   !> Adds the least residual of each way, such as `; least residuals: direct 1.2E-3 stalled, other_guess 3.0E-4 out_of_budget`.
+   !> Adds the least residual of each method, such as `; least residuals: direct 1.2E-3 stalled, other_guess 3.0E-4
+   !> out_of_budget`.
    pure subroutine add_attempts(report, text)
       type(report_t), intent(in) :: report
       character(:), allocatable, intent(inout) :: text
@@ -189,7 +189,7 @@ contains
       end do
    end subroutine add_attempts
 
-   !> Gives a number with two digits: 7800, 0.12, 4.9E-05.
+   !> Formats a number with two digits: 7800, 0.12, 4.9E-05.
    pure function rounded(value) result(text)
       real(wp), intent(in) :: value
       character(rounded_length(value)) :: text

@@ -1,7 +1,6 @@
-!> A model with unknown tones: where the search for its motion starts, and the search.
-!>
-!> A motion known from elsewhere, a neighbouring point or a time integration, comes in as `model%start` with its frequencies as the
-!> first guesses `model%tones%omega`; it is tried before any mode.
+!> A model with unknown tones: the start of the search for its motion, and the search.
+!> A known motion, from a neighbouring point or a time integration, is given as `model%start` with its frequencies as
+!> the first guesses `model%tones%omega`; it is tried before any mode.
 module hb_autonomous
    use hb_balance, only: balance_t, new_balance
    use hb_base_motion, only: base_motion_t, find_base_motion
@@ -32,13 +31,13 @@ module hb_autonomous
       type(base_motion_t) :: base
       real(wp), allocatable :: omega(:)                               !! [rad/s], (n_tones), first guesses where unknown
       integer, allocatable :: tones(:)                                !! unknown ones
-      integer, allocatable :: modes(:)                                !! of the base motion, one for each, or fewer
-      logical :: has_motion = .false.                                 !! the user gives a motion of an unknown tone to start from
+      integer, allocatable :: modes(:)                                !! of the base motion, one for each unknown tone, or fewer
+      logical :: has_motion = .false.                                 !! the user specifies a motion of an unknown tone as the start
    end type autonomous_start_t
 
 contains
 
-   !> Finds the motion without the unknown tones, its modes, and the frequencies from which to start.
+   !> Finds the motion without the unknown tones, its modes, and the frequencies of the start.
    subroutine find_start(self, model, basis, coordinates, error)
       type(autonomous_start_t), intent(out) :: self
       type(model_t), intent(in) :: model
@@ -53,14 +52,14 @@ contains
          self%has_motion = any([(any(basis%harmonics%tuples(self%tones, h) /= 0) .and. &
                                  .not. model%start%is_zero_at(basis%places(h)), h=1, basis%harmonics%n_harmonics)])
          self%omega = tones%omega
-         where (self%omega <= 0.0_wp) self%omega = 1.0_wp             ! any: the base motion does not know these tones
+         where (self%omega <= 0.0_wp) self%omega = 1.0_wp             ! arbitrary: the base motion does not contain these tones
          call new_base_balance(balance, model, basis, coordinates, self%omega, error)
          if (.not. allocated(error)) call find_base_motion(self%base, model%structure, balance, basis%harmonics, model%solver, &
                                                            error)
          call balance%destroy()
          if (allocated(error)) then
             if (.not. (allocated(self%base%u) .and. self%has_motion)) return
-            deallocate (error)                                         ! without modes the start must do
+            deallocate (error)                                         ! without modes only the start remains
             allocate (self%modes(0))
          else
             call choose_modes(self, model)
@@ -77,13 +76,13 @@ contains
       end associate
    end subroutine find_start
 
-   !> The balance over the tuples without unknown tones, with the mean in any case. Fails where the interior is singular.
+   !> The balance over the tuples without unknown tones, always with the mean. Fails if the interior is singular.
    subroutine new_base_balance(balance, model, basis, coordinates, omega, error)
       type(balance_t), intent(inout) :: balance
       type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates                  !! of its laws
-      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), > 0, any of unknown tones
+      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), > 0, arbitrary for unknown tones
       type(error_t), allocatable, intent(out) :: error
       type(dynamic_stiffness_t) :: stiffness
       type(harmonics_t) :: set
@@ -111,7 +110,7 @@ contains
                                                   model%planning, error)
    end subroutine new_base_balance
 
-   !> The energy of motions of a balance above that of the motion without the unknown tone.
+   !> Prepares the energy of motions of a balance relative to the motion without the unknown tone.
    subroutine find_energy(energy, model, balance, error)
       type(energy_t), intent(out) :: energy
       type(model_t), intent(in) :: model
@@ -121,12 +120,12 @@ contains
 
       call find_start(start, model, whole_basis(model%harmonics, model%torus), coordinates_of(model), error)
       if (.not. allocated(start%base%u)) return
-      if (allocated(error)) deallocate (error)                        ! modes are not needed
+      if (allocated(error)) deallocate (error)                        ! modes are not required
       call new_energy(energy, model%structure, constant_load(model), balance, start%base%u)
    end subroutine find_energy
 
-   !> Modes from which the unknown tones start: nearest to the first guess of a frequency; without one, that of a normal mode
-   !> by its number, else those that grow most, by frequency.
+   !> Chooses the modes from which the unknown tones start: those nearest to the first guess of a frequency; without
+   !> one, that of a normal mode by its number; otherwise those with the largest growth rate, ordered by frequency.
    subroutine choose_modes(self, model)
       type(autonomous_start_t), intent(inout) :: self
       type(model_t), intent(in) :: model
@@ -165,13 +164,13 @@ contains
       self%modes = pack(mode, mode > 0)
    end subroutine choose_modes
 
-   !> Looks for the motion on a balance with slopes at the frequencies of the start. Afterwards u is what the status of the
-   !> report in `search` says, and the balance stands at its frequencies.
+   !> Searches for the motion on a balance with slopes, at the frequencies of the start. Afterwards u has the status
+   !> of the report in `search`, and the balance has the frequencies of u.
    subroutine find_motion(model, start, balance, u, search)
       type(model_t), intent(in) :: model
       type(autonomous_start_t), intent(in) :: start
       type(balance_t), intent(inout), target :: balance
-      real(wp), intent(inout) :: u(:, :)                              !! [m], (n_coefficients, n_dofs): the start given
+      real(wp), intent(inout) :: u(:, :)                              !! [m], (n_coefficients, n_dofs): on entry the start
       type(search_t), intent(out) :: search
       type(energy_t) :: energy
       real(wp) :: length
@@ -211,8 +210,9 @@ contains
       end if
    end subroutine find_motion
 
-   !> One unknown tone: from the mode chosen, then from others, nearest to the first guess or most driven first. A motion
-   !> that others leave is the answer only if there is no other.
+   !> Searches for the motion of one unknown tone: from the chosen mode, then from others, those nearest to the first
+   !> guess or most strongly driven first. A motion that decays or grows from a mode into another is accepted only if
+   !> there is no other.
    subroutine search_all_modes(start, guess, balance, search, u, is_found)
       type(autonomous_start_t), intent(in) :: start
       real(wp), intent(in) :: guess                                   !! of its frequency [rad/s]; 0: none
@@ -275,7 +275,8 @@ contains
          to_text(reached)//" or more"
    end subroutine search_all_modes
 
-   !> Which mode to begin with: nearest to the first guess, or most driven; none that the laws do not feel.
+   !> Order of the modes: nearest to the first guess, or most strongly driven; modes on which the laws have no effect
+   !> are excluded.
    function merit_of_modes(start, guess) result(merit)
       type(autonomous_start_t), intent(in) :: start
       real(wp), intent(in) :: guess                                   !! [rad/s]; 0: none
@@ -286,7 +287,7 @@ contains
       where (.not. start%base%is_at_laws) merit = -huge(1.0_wp)
    end function merit_of_modes
 
-   !> Constant forces on all degrees of freedom [N], the loads in the zero tuple.
+   !> Constant forces on all degrees of freedom [N]: the loads in the zero tuple.
    pure function constant_load(model) result(load)
       type(model_t), intent(in) :: model
       real(wp) :: load(model%structure%n_dofs)

@@ -1,4 +1,5 @@
-!> Folds, peaks and minima of a curve that are smaller than the estimated errors of the motions around them: they are not reported.
+!> Folds, peaks and minima of a curve that are smaller than the estimated errors of the motions around them are not
+!> reported.
 module hb_doubtful_extremes
    use hb_curve, only: curve_t
    use hb_curve_events, only: square_at
@@ -14,25 +15,23 @@ module hb_doubtful_extremes
    private
    public :: drop_doubtful
 
-   real(wp), parameter :: finer = 0.25_wp                             ! such a step, relative to that of the curve
+   real(wp), parameter :: finer = 0.25_wp                             ! a smaller step, relative to that of the curve
 
-   !> An extreme of a function along the curve.
+   !> An extremum of a function along the curve.
    type :: extreme_t
       real(wp) :: sense = 1.0_wp                                      ! -1: a minimum
-      integer :: response = 0                                         ! of the request, whose square it is; 0: the value that moves
+      integer :: response = 0 ! of the request; the function is its square; 0: the moving value
       real(wp) :: value = 0.0_wp                                      ! of the function
-      real(wp) :: error = 0.0_wp                                      ! of the value, estimated: the largest nearby, since errors
-                                                                      ! of kinks change their sign from sample to sample
+      real(wp) :: error = 0.0_wp                                      ! estimated, of the value: the largest nearby, since
    end type extreme_t
 
 contains
 
-   !> Drops the folds, peaks and minima of the step that are smaller than the estimated error of the motion there.
-   !>
-   !> A truncated motion depends on where its samples lie relative to the kinks of laws, so that its curve is slightly wavy and
-   !> turns back where the exact one does not. A maximum belongs to the motion where the curve falls on either side by more than
-   !> both ends of the fall may be off, before it has risen as far: the curve turns as a whole. Of several on such a top the first
-   !> is reported. A minimum is the maximum of the negative function.
+   !> Removes the folds, peaks and minima of the step that are smaller than the estimated error of the motion there.
+   !> A truncated motion depends on the positions of its samples relative to the kinks of laws, so its curve is
+   !> slightly wavy and has extrema that the exact one does not have. A maximum is accepted if the curve falls on
+   !> either side by more than the estimated errors of both ends of the fall, before it has risen by as much. Of
+   !> several maxima on the same peak the first is reported. A minimum is the maximum of the negative function.
    subroutine drop_doubtful(self, error)
       class(followed_motion_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
@@ -59,7 +58,7 @@ contains
       if (.not. all(is_kept)) self%waiting = pack(self%waiting, is_kept)
    end subroutine drop_doubtful
 
-   !> The function at a point of the curve: the value that moves, or the square of a response.
+   !> The function at a point of the curve: the moving value, or the square of a response.
    real(wp) function function_at(self, response, x) result(value)
       class(followed_motion_t), intent(inout), target :: self
       integer, intent(in) :: response
@@ -69,7 +68,7 @@ contains
       if (response > 0) value = square_at(self%problem, self%request%responses(response), x)
    end function function_at
 
-   !> Takes the error of the function at a point near the extreme into account.
+   !> Includes the error of the function at a point near the extremum.
    subroutine raise_error(self, extreme, x, error)
       class(followed_motion_t), intent(inout), target :: self
       type(extreme_t), intent(inout) :: extreme
@@ -96,12 +95,12 @@ contains
       end associate
    end subroutine raise_error
 
-   !> Whether the function falls on one side of the extreme by more than its values may be off, before it rises as far and, behind,
-   !> before another extreme that was reported.
+   !> Whether the function falls on one side of the extremum by more than the error of its values, before it rises by
+   !> as much and, backward, before another extremum that was reported.
    subroutine find_fall(self, extreme, side, is_clear, error)
       class(followed_motion_t), intent(inout), target :: self
       type(extreme_t), intent(inout) :: extreme
-      integer, intent(in) :: side                                     ! 1: ahead, -1: behind
+      integer, intent(in) :: side                                     ! 1: forward, -1: backward
       logical, intent(out) :: is_clear
       type(error_t), allocatable, intent(out) :: error
       type(curve_t) :: curve

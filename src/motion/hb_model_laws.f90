@@ -1,4 +1,4 @@
-!> The laws of a model: all groups `&law`, or those that take other numbers, and which laws exclude each other.
+!> The laws of a model: all groups `&law`, or those with changed numbers, and laws that exclude each other.
 module hb_model_laws
    use hb_document, only: document_t
    use hb_error, only: error_t
@@ -14,7 +14,7 @@ module hb_model_laws
 
 contains
 
-   !> Reads all `&law`, one law for each place of a group; `error` is a kind that is not known.
+   !> Reads all `&law`, one law for each location of a group; `error` is an unknown kind.
    subroutine read_laws(self, document, error)
       type(model_t), intent(inout) :: self                            !! with its structure and its tones
       type(document_t), intent(inout), target :: document
@@ -48,8 +48,8 @@ contains
       end do
    end subroutine read_laws
 
-   !> Reads the laws anew in whose groups values have changed, if they differ from before in numbers alone; else `are_read` is
-   !> false, and the model of no use.
+   !> Reads again the laws of the groups whose values have changed, if only numbers differ; otherwise `are_read` is
+   !> false, and the model is unusable.
    subroutine update_laws(self, document, are_read)
       type(model_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
@@ -78,7 +78,7 @@ contains
       are_read = .true.
    end subroutine update_laws
 
-   !> Number of laws that one as it was read stands for.
+   !> Number of laws for which one group stands.
    pure integer function n_places(box)
       type(law_box_t), intent(in) :: box
 
@@ -86,9 +86,9 @@ contains
       if (allocated(box%law%places)) n_places = size(box%law%places, 2)
    end function n_places
 
-   !> Makes of a law that was read one for each of its places, each labelled by the first degree of freedom there.
+   !> Creates one law for each location of a group, labelled by its first degree of freedom there.
    subroutine put_laws(box, structure, laws)
-      type(law_box_t), intent(inout) :: box                           !! empty afterwards, if there is one place
+      type(law_box_t), intent(inout) :: box                           !! empty afterwards, if there is one location
       type(structure_t), intent(in) :: structure
       type(law_box_t), intent(inout) :: laws(:)                       !! (n_places), empty
       integer :: i
@@ -105,7 +105,7 @@ contains
       end do
    end subroutine put_laws
 
-   !> Whether two laws differ by numbers alone.
+   !> Whether two laws differ in numbers alone.
    logical function is_alike(law, other)
       class(law_t), intent(in) :: law, other
 
@@ -117,8 +117,7 @@ contains
                  law%n_phases == other%n_phases .and. law%n_states == other%n_states
    end function is_alike
 
-   !> Refuses laws where one of them and one before are rigid and share a degree of freedom: each would take the whole
-   !> reaction.
+   !> Rejects rigid laws that share a degree of freedom with a previous one: each would take the whole reaction.
    subroutine check_rigid_laws(before, laws, group)
       type(law_box_t), intent(in) :: before(:)
       type(law_box_t), intent(in) :: laws(:)                               !! of one group, which share none
@@ -141,6 +140,6 @@ contains
    logical function is_placed_and_rigid(box)
       type(law_box_t), intent(in) :: box
 
-      is_placed_and_rigid = box%law%is_multiplier .and. allocated(box%law%dofs)   ! without a place: a problem by now
+      is_placed_and_rigid = box%law%is_multiplier .and. allocated(box%law%dofs)   ! without a location: already reported
    end function is_placed_and_rigid
 end module hb_model_laws

@@ -1,4 +1,4 @@
-!> Amplitudes of a model by harmonic: loads (`&load`) and what is added to the first guess (`&start`).
+!> Amplitudes of a model by harmonic: loads (`&load`) and terms added to the first guess (`&start`).
 module hb_model_loads
    use hb_amplitudes, only: amplitudes_t, new_amplitudes
    use hb_document, only: document_t
@@ -37,8 +37,8 @@ contains
       end do
    end subroutine read_starts
 
-   !> Reads `&load`: an amplitude, and the power of |j.omega| that multiplies it. The base that moves by r a(t), seen from which the
-   !> structure moves, loads it with -M r a''.
+   !> Reads `&load`: an amplitude, and the power of |j.omega| that multiplies it. In the frame of a base that moves by
+   !> r a(t), the load is -M r a''.
    subroutine read_load(self, group)
       type(model_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
@@ -113,7 +113,7 @@ contains
       if (allocated(error)) call group%problem("tuple", error%message)
    end subroutine read_amplitude
 
-   !> Tuples of all loads and first guesses, (n_tones, any); those of a wrong size are reported when these are read.
+   !> Tuples of all loads and first guesses, (n_tones, any); tuples of a wrong size are reported when they are read.
    function loaded_tuples(document, n_tones) result(tuples)
       type(document_t), intent(inout), target :: document
       integer, intent(in) :: n_tones

@@ -1,4 +1,4 @@
-!> How a model is solved, assessed and stored: the groups `&solver`, `&sampling`, `&certificate` and `&output`.
+!> Solution, assessment and output of a model: the groups `&solver`, `&sampling`, `&certificate` and `&output`.
 module hb_model_settings
    use hb_document, only: document_t
    use hb_error, only: error_t
@@ -17,7 +17,7 @@ module hb_model_settings
    private
    public :: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
 
-   real(wp), parameter :: much_patience = 6.0_wp                      ! usual points that stability may take
+   real(wp), parameter :: much_patience = 6.0_wp                      ! work of stability, relative to a usual point
 
 contains
 
@@ -59,7 +59,8 @@ contains
       end associate
    end subroutine read_solver
 
-   !> Reads `&accuracy`: the tolerance, what it is for, what may be spent on it. Without a set in `&harmonics` it is on in any case.
+   !> Reads `&accuracy`: the tolerance, the quantities to which it applies, and the limits of the search. Without a
+   !> set in `&harmonics` it is always on.
    subroutine read_accuracy(self, document, structure, n_tones, is_followed)
       type(accuracy_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
@@ -127,7 +128,7 @@ contains
       call new_torus(self%torus, samples, self%harmonics, error)
       if (allocated(error)) call group%problem("samples", error%message)
       kinks = "plain"
-      if (self%accuracy%is_on .or. self%callbacks%is_followed) kinks = "corrected"   ! samples must not make folds
+      if (self%accuracy%is_on .or. self%callbacks%is_followed) kinks = "corrected"   ! samples must not create folds
       call group%get("kinks", kinks)
       self%torus%corrects_kinks = kinks == "corrected"
 
@@ -136,7 +137,7 @@ contains
       call group%get("wisdom", self%wisdom)
    end subroutine read_sampling
 
-   !> Reads `&certificate`: whether it is made, and its thresholds.
+   !> Reads `&certificate`: whether it is computed, and its thresholds.
    subroutine read_certificate(self, group)
       type(certificate_config_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
@@ -150,11 +151,11 @@ contains
       call group%get("commensurability", self%commensurability)
    end subroutine read_certificate
 
-   !> Reads `&stability`: whether and how multipliers are found.
+   !> Reads `&stability`: whether and how multipliers are computed.
    subroutine read_stability(self, group, is_patient)
       type(stability_config_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
-      logical, intent(in) :: is_patient                               !! a motion with one tone is followed, or found to a tolerance
+      logical, intent(in) :: is_patient !! a motion with one tone is followed, or computed to a tolerance
 
       if (is_patient) self%patience = much_patience
       call group%choose("method", self%method)
@@ -188,7 +189,7 @@ contains
             allocate (output%dofs(0))
             do i = 1, size(names)
                call self%structure%find_dofs(names(i)%value, dofs, error)
-               if (allocated(error)) then                            ! one of them: each looks for the closest name
+               if (allocated(error)) then                            ! only one error: each of them searches for the closest name
                   call group%problem("dofs", error%message)
                   exit
                end if

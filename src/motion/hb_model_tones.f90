@@ -1,5 +1,6 @@
-!> The base frequencies of a model: the group `&tones`; and what unknown ones need besides: phase conditions (`&phase`), amplitude
-!> or energy (`&normal_mode`), laws, and the fundamentals of these tones.
+!> The base frequencies of a model: the group `&tones`; and the input for unknown ones: phase conditions (`&phase`),
+!> amplitude or energy (`&normal_mode`). Checks that there are laws and that the fundamentals of these tones are in
+!> the set.
 module hb_model_tones
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t
@@ -17,7 +18,7 @@ module hb_model_tones
 
 contains
 
-   !> Reads `&tones`: `frequency` [rad/s] or `hertz`, which of them are `unknown`, and by what they are divided (`subharmonic`).
+   !> Reads `&tones`: `frequency` [rad/s] or `hertz`, the `unknown` ones, and their divisors (`subharmonic`).
    subroutine read_tones(self, document, error)
       type(tones_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
@@ -66,7 +67,7 @@ contains
       if (allocated(error)) call annotate(error, group%place())
    end subroutine read_tones
 
-   !> Refuses a model without laws, and a set of harmonics that lacks the fundamental of an unknown tone.
+   !> Rejects a model without laws, and a set of harmonics that lacks the fundamental of an unknown tone.
    subroutine check_fundamentals(self, group)
       type(model_t), intent(in) :: self
       type(properties_t), intent(inout) :: group
@@ -101,7 +102,7 @@ contains
       end do
    end subroutine read_phase
 
-   !> Reads `&normal_mode`: which amplitude or energy the motion has, and the linear mode from which it starts.
+   !> Reads `&normal_mode`: the amplitude or energy of the motion, and the linear mode from which it starts.
    subroutine read_normal_mode(self, group)
       type(model_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
@@ -139,7 +140,7 @@ contains
       end if
    end subroutine read_normal_mode
 
-   !> Refuses keys of a mode by amplitude where the energy is given.
+   !> Rejects keys of a mode with given amplitude if the energy is given.
    subroutine refuse_beside_energy(group)
       type(properties_t), intent(inout) :: group
       character(9), parameter :: keys(3) = [character(9) :: "amplitude", "dof", "measure"]
@@ -150,8 +151,8 @@ contains
       end do
    end subroutine refuse_beside_energy
 
-   !> Refuses what leaves a free motion without a mechanical energy: laws without a potential, loads that vary, a stiffness
-   !> that is not symmetric.
+   !> Rejects models in which a free motion has no mechanical energy: laws without a potential, time-dependent loads,
+   !> an unsymmetric stiffness.
    subroutine check_energy(self, group)
       type(model_t), intent(in) :: self
       type(properties_t), intent(inout) :: group
@@ -160,7 +161,7 @@ contains
       integer :: h, i
 
       do i = 1, size(self%laws)
-         if (.not. allocated(self%laws(i)%law)) cycle                  ! a problem by now
+         if (.not. allocated(self%laws(i)%law)) cycle                  ! already reported
          if (.not. self%laws(i)%law%has_potential) call group%problem("energy", "law '"//self%laws(i)%law%label// &
             "' has no potential, so that there is no energy to prescribe; give 'amplitude' and 'dof'")
       end do
@@ -194,7 +195,7 @@ contains
       if (allocated(error)) then
          call group%problem(key, error%message)
       else if (.not. all([(allocated(self%laws(i)%law%dofs), i=1, size(self%laws))])) then
-         return                                                       ! a problem by now
+         return                                                       ! already reported
       else if (all(law_dofs_of(self%laws) /= dof)) then
          call group%problem(key, "no law acts on '"//name//"', so that its motion is not among the unknowns")
       end if

@@ -1,10 +1,9 @@
-!> The table of the columns of a motion: name, unit, shape, meaning, when it exists, and the component with its value.
-!>
-!> Nothing else declares a column. Types that extend `columns_t` go through the table with a motion: result files list
-!> their datasets that way, and put rows into them (hb_result_columns), other programs ask for a column by its name (hb_session).
-!> A new column is a line here and one in docs/user/schema.md, which tests/cases/test_schema.py compares.
-!>
-!> Shapes are names of dimensions behind that of the point, in the order that h5py shows: slowest first.
+!> The table of the columns of a motion: name, unit, shape, meaning, condition, and the component with its value.
+!> This is the only declaration of columns. Types that extend `columns_t` go through the table with a motion: result
+!> files list their datasets and write rows in this way (hb_result_columns), other programs request a column by its
+!> name (hb_session). A new column needs a line here and one in docs/user/schema.md, which tests/cases/test_schema.py
+!> compares.
+!> Shapes are names of dimensions after that of the point, in the order of h5py: slowest first.
 module hb_motion_columns
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_curve_request, only: curve_kind_names
@@ -20,21 +19,21 @@ module hb_motion_columns
    ! Units that depend on the degrees of freedom along an axis of a row: theirs, and those of the forces on them and of their rates.
    character(*), parameter :: of_dof = "of the degree of freedom", of_force = "of its force", of_rate = "of its rate"
 
-   !> Who goes through the table: gets each column that is there with its values, if these are known.
+   !> A visitor of the table: its procedures receive each existing column with its values, if they are known.
    type, abstract :: columns_t
       logical :: has_accuracy = .false.                 !! a tolerance is requested
-      logical :: has_own_tuples = .false.               !! each motion may have tuples of its own
+      logical :: has_own_tuples = .false.               !! each motion may have its own tuples
       logical :: has_improved = .false.                 !! improved coefficients are requested
       logical :: has_curve = .false.                    !! motions are on a curve
       logical :: has_surfaces = .false.                 !! samples of motions and forces are requested
-      logical :: has_outputs = .false.                  !! the tolerance is for some
-      logical :: has_gradient = .false.                 !! derivatives by values of the input are requested
+      logical :: has_outputs = .false.                  !! the tolerance applies to named outputs
+      logical :: has_gradient = .false.                 !! derivatives with respect to values of the input are requested
       logical :: has_one_tone = .false.
       integer :: n_multipliers = 0, n_curve_unknowns = 0   !! lengths of these axes
       character(:), allocatable :: curve_path           !! of the value along the curve, in the input; its column and its unit
       character(:), allocatable :: curve_column, curve_units
-      logical :: is_there = .true.                      !! the columns that follow are there
-      logical :: is_known = .true.                      !! their values are known of the motion
+      logical :: is_there = .true.                      !! the following columns exist
+      logical :: is_known = .true.                      !! their values are known for the motion
    contains
       procedure(column_of_integers), deferred :: integer
       procedure(column_of_reals), deferred :: real
@@ -68,7 +67,7 @@ module hb_motion_columns
 
 contains
 
-   !> Hands over all columns of a motion, in the order of the file.
+   !> Visits all columns of a motion, in the order of the file.
    subroutine columns_go_through(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
@@ -115,7 +114,7 @@ contains
          "xi of a normal mode: the forces -xi M dx/dt that maintain its amplitude", m%artificial_damping)
    end subroutine outcome_columns
 
-   !> With `&accuracy`; the last column where it names outputs.
+   !> Columns with `&accuracy`; the last one only for named outputs.
    subroutine accuracy_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
@@ -133,7 +132,8 @@ contains
          "estimated error of each output from the difference of levels, where larger; else 0", m%output_level_estimate)
    end subroutine accuracy_columns
 
-   !> `tuples` where each point chooses its own, improved coefficients with `&certificate improvement_steps`.
+   !> Columns of the motion; `tuples` if each point chooses its own, improved coefficients with `&certificate
+   !> improvement_steps`.
    subroutine motion_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
@@ -198,7 +198,7 @@ contains
       t%is_known = .true.
    end subroutine certificate_columns
 
-   !> Exponents and multipliers where stability is requested, multipliers of one tone alone.
+   !> Exponents and multipliers if stability is requested; multipliers only for one tone.
    subroutine stability_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
@@ -229,7 +229,7 @@ contains
       t%is_known = .true.
    end subroutine stability_columns
 
-   !> With `&gradient`.
+   !> Columns with `&gradient`.
    subroutine gradient_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
@@ -251,7 +251,7 @@ contains
       t%is_there = .true.
    end subroutine gradient_columns
 
-   !> With `&curve`.
+   !> Columns with `&curve`.
    subroutine curve_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
@@ -287,7 +287,7 @@ contains
       call t%real(t%curve_column, t%curve_units, "", "value of "//t%curve_path//" along the curve", place%parameter)
    end subroutine curve_columns
 
-   !> With `&output samples`.
+   !> Columns with `&output samples`.
    subroutine surface_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
@@ -299,7 +299,7 @@ contains
       call t%real("force_samples", of_force, "law_dof tau", "hypertime surface of the force", m%force_samples)
    end subroutine surface_columns
 
-   !> The first `n` values, and NaN where there are fewer.
+   !> The first `n` values, filled with NaN.
    pure function padded(values, n)
       real(wp), intent(in) :: values(:)
       integer, intent(in) :: n

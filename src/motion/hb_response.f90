@@ -1,4 +1,4 @@
-!> A response: the motion of one degree of freedom, all that oscillates there or one harmonic of it.
+!> A response: the oscillation of one degree of freedom, or one harmonic of it.
 module hb_response
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
@@ -11,9 +11,9 @@ module hb_response
    public :: new_response, response_t
 
    type :: response_t
-      character(:), allocatable :: name                               !! as the input has it
+      character(:), allocatable :: name                               !! as in the input
       integer :: dof = 0                                              !! of the structure
-      integer :: column = 0                                           !! number of the coordinate that is dof; 0: none is
+      integer :: column = 0                                           !! number of the coordinate that equals dof; 0: none
       integer, allocatable :: tuple(:)                                !! of a harmonic; none: root mean square of all but the mean
    contains
       procedure :: of => response_of
@@ -23,8 +23,8 @@ module hb_response
 
 contains
 
-   !> Response of a name: `v3` for all that oscillates there, `v3 (1,0)` for one harmonic. Fails where the structure has no such
-   !> degree of freedom.
+   !> Creates the response of a name: `v3` for the whole oscillation, `v3 (1,0)` for one harmonic. Fails if the
+   !> structure has no such degree of freedom.
    subroutine new_response(self, name, structure, n_tones, error)
       type(response_t), intent(out) :: self
       character(*), intent(in) :: name
@@ -57,7 +57,7 @@ contains
       n = count([(text(i:i) == letter, i=1, len(text))])
    end function count_of
 
-   !> Whether a set has its harmonic.
+   !> Whether a set contains its harmonic.
    pure logical function response_is_in(self, harmonics) result(is_in)
       class(response_t), intent(in) :: self
       type(harmonics_t), intent(in) :: harmonics
@@ -82,8 +82,8 @@ contains
       end if
    end function response_of
 
-   !> Distance of two motions of its degree of freedom in what counts for it, relative to the second, phases included: 1 where the
-   !> first has nothing of it, 0 where neither has. What is nothing but rounding of the motion there is no unit.
+   !> Distance of two motions of its degree of freedom in its harmonics, relative to the second, including phases: 1
+   !> if the first has none of them, 0 if neither has. Amplitudes at the level of rounding are not used as a unit.
    pure real(wp) function response_distance(self, set, amplitudes, set_of_second, second) result(distance)
       class(response_t), intent(in) :: self
       type(harmonics_t), intent(in) :: set, set_of_second

@@ -1,4 +1,4 @@
-!> The harmonics that an input requests (`&harmonics`), before the set is made: sweeps compare thousands of these.
+!> The harmonics that an input requests (`&harmonics`), before the set is created: sweeps compare thousands of these.
 module hb_truncation
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t
@@ -14,7 +14,7 @@ module hb_truncation
    type :: truncation_t
       character(7) :: set = "box"                                     !! box, diamond or list
       logical :: odd_only = .false.
-      integer :: symmetry = symmetry%auto                             !! which motions are sought in the set, one of `symmetry_t`
+      integer :: symmetry = symmetry%auto                             !! of the motions in the set, one of `symmetry_t`
       integer, allocatable :: order(:)                                !! (n_tones), of a diamond the same for all; not of a list
       integer, allocatable :: tuples(:, :)                            !! (n_tones, any) of a list, signs as given
       character(:), allocatable :: place                              !! of the group, for messages
@@ -77,7 +77,7 @@ contains
       end if
    end subroutine read_truncation
 
-   !> Reads `&harmonics` and makes its set.
+   !> Reads `&harmonics` and creates its set.
    subroutine read_harmonics(self, document, n_tones, error, chosen_symmetry)
       type(harmonics_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
@@ -91,8 +91,8 @@ contains
       if (.not. allocated(error)) call truncation%make(self, error)
    end subroutine read_harmonics
 
-   !> Makes the set from which one grows: a small box with the tuples of all loads and first guesses. Of `&harmonics` reads what
-   !> says nothing of the set.
+   !> Creates the set from which the search for one begins: a small box with the tuples of all loads and first
+   !> guesses. Reads the keys of `&harmonics` that do not specify the set.
    subroutine read_lowest_set(self, document, loaded, error, chosen_symmetry)
       type(harmonics_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
@@ -108,7 +108,7 @@ contains
       call new_lowest_set(self, size(loaded, 1), loaded, error)
    end subroutine read_lowest_set
 
-   !> Makes the set; fails where it is empty or too large, or has a tuple twice.
+   !> Creates the set; fails if it is empty or too large, or contains a tuple twice.
    subroutine truncation_make(self, harmonics, error)
       class(truncation_t), intent(in) :: self
       type(harmonics_t), intent(out) :: harmonics
@@ -122,7 +122,7 @@ contains
       if (allocated(error)) call annotate(error, self%place)
    end subroutine truncation_make
 
-   !> Largest |j_m| of each tone, (n_tones), as the set would have them; all 0 where it would be empty.
+   !> Largest |j_m| of each tone, (n_tones), of the set; all 0 if it would be empty.
    pure function truncation_highest(self) result(highest)
       class(truncation_t), intent(in) :: self
       integer, allocatable :: highest(:)
@@ -136,20 +136,21 @@ contains
       if (.not. self%odd_only) return
       if (self%set == "diamond") then
          highest = highest - merge(1, 0, modulo(highest, 2) == 0 .and. highest > 0)
-      else if (count(self%order > 0) == 1) then                       ! another tone with an order would make up an odd sum
+      else if (count(self%order > 0) == 1) then                       ! another tone with an order would make the sum odd
          m = maxloc(self%order, dim=1)
          highest(m) = highest(m) - merge(1, 0, modulo(highest(m), 2) == 0)
       end if
    end function truncation_highest
 
-   !> Whether a box or a diamond is empty, or lies in a box that is too large, which `make` says in words.
+   !> Whether a box or a diamond is empty, or part of a box that is too large; `make` reports this.
    pure logical function truncation_cannot_be_made(self)
       class(truncation_t), intent(in) :: self
 
       truncation_cannot_be_made = exceeds_largest_box(self%order) .or. (self%odd_only .and. all(self%order == 0))
    end function truncation_cannot_be_made
 
-   !> Whether all tuples of another truncation are certain to be in this one: the same kind with orders not larger.
+   !> Whether all tuples of another truncation are certain to be in this one: the same kind with orders that are not
+   !> larger.
    pure logical function truncation_contains(self, other)
       class(truncation_t), intent(in) :: self
       type(truncation_t), intent(in) :: other
