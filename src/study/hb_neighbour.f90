@@ -41,11 +41,13 @@ contains
    pure subroutine neighbour_keep(self, parameter, level)
       class(neighbour_t), intent(inout) :: self
       real(wp), intent(in) :: parameter                               !! its value at the point, in the unit of the input
-      type(level_t), intent(in) :: level                              !! set and unknowns of the point
+      type(level_t), intent(in) :: level                              !! set, grid and unknowns of the point
+      logical :: is_same
 
-      if (self%n_kept > 0) then
-         if (.not. same_set(level%set, self%last%set) .or. size(level%unknowns) /= size(self%last%unknowns)) self%n_kept = 0
-      end if
+      is_same = .false.
+      if (allocated(self%last%unknowns)) &
+         is_same = size(level%unknowns) == size(self%last%unknowns) .and. same_set(level%set, self%last%set)
+      if (.not. is_same) self%n_kept = 0
       if (self%n_kept == 2) then
          if (has_jumped(self, parameter, level%unknowns)) self%n_kept = 0
       end if
@@ -53,7 +55,9 @@ contains
          self%before = self%last%unknowns
          self%before_value = self%last_value
       end if
-      self%last = level
+      if (.not. is_same) self%last%set = level%set
+      self%last%unknowns = level%unknowns
+      if (allocated(level%n_samples)) self%last%n_samples = level%n_samples
       self%last_value = parameter
       self%n_kept = min(2, self%n_kept + 1)
    end subroutine neighbour_keep
