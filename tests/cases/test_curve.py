@@ -740,7 +740,7 @@ def test_stability_that_was_not_looked_for_is_told(tmp_path):
 &curve parameter = 'tones%frequency', from = 30.0, to = 31.0 /
 """
     (tmp_path / "beam.nml").write_text(model)
-    hint = "&stability method = 'integration' computes it"
+    hint = "&stability method = 'integration' requests it"
     assert hint in run("solve", "beam.nml", cwd=tmp_path).stdout
     told = run("solve", "beam.nml", "--overwrite", "--set", "stability%method='integration'", cwd=tmp_path).stdout
     assert hint not in told and " stable" in told

@@ -380,7 +380,7 @@ def test_signal_to_one_rank_ends_all_ranks(tmp_path):
     wait_for(process, lambda: result.exists() and (read(result, "status") == CONVERGED).any())
     os.kill(ranks_of(process)[-1], signal.SIGTERM)
     status, text = finish(process)
-    assert status == INCOMPLETE and "ended by" in text
+    assert status == INCOMPLETE and "stopped by" in text
     assert 0 < (read(result, "status") == PENDING).sum() < N_SWEPT
 
 

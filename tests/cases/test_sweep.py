@@ -314,7 +314,7 @@ def test_jumps_are_told_and_stored(length, ranks, tmp_path):
     assert place and float(place[2]) == pytest.approx(frequency[first], abs=0.5 * abs(frequency[1] - frequency[0])), done.stdout
     told = run("info", tmp_path / "case.h5", cwd=tmp_path).stdout
     assert f"jumps      to another branch at point {first} ({place[1]})" in told
-    assert ("branch ends near" in told) == (length == 200), "known where a chain follows the branch alone"
+    assert ("which ends near" in told) == (length == 200), "known where a chain follows the branch alone"
 
 
 def test_fall_behind_a_peak_between_coarse_points(tmp_path):
@@ -632,4 +632,4 @@ def test_points_without_a_verdict_are_counted(tmp_path):
     """25 periods of 40 masses, which take six seconds, exceed what a run spends by default."""
     printed = solve_masses_under_two_tones(tmp_path, 40, 2)
     assert "0 stable, 0 unstable, 2 not known" in printed
-    assert "the stability of 2 points would take longer than the run may: &stability method = 'integration'" in printed
+    assert "the stability of 2 points was not computed, because it is costly; &stability method = 'integration'" in printed
