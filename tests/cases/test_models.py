@@ -265,7 +265,8 @@ def make_model(name, folder):
     (commands / "nhbm-model").write_text(f'#!/bin/sh\nexec "{sys.executable}" -m nhbm.command "$@"\n')
     (commands / "nhbm-model").chmod(0o755)
     source = Path(sys.modules["nhbm"].__file__).resolve().parents[1]
-    environment = {**os.environ, "PATH": f"{commands}:{os.environ['PATH']}", "PYTHONPATH": str(source)}
+    path = f"{commands}:{os.environ['PATH']}"
+    environment = {**os.environ, "PATH": path, "PYTHONPATH": str(source), "PYTHON": sys.executable}
     done = subprocess.run([INPUTS / f"{name}.sh", folder], env=environment, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
 
