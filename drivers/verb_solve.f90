@@ -264,7 +264,7 @@ contains
          reason = "stopped by the time limit"
       case (interruption%signal)
          reason = "stopped by a signal"
-         if (signal_caught()) reason = "ended by "//signal_name()
+         if (signal_caught()) reason = "stopped by "//signal_name()
       case default
          reason = "ended early"
       end select

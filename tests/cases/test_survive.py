@@ -305,7 +305,7 @@ def test_signal_ends_a_run_within_the_point_in_flight(number, tmp_path):
     status, text = finish(process)
     n_left = int((read(result, "status") == PENDING).sum())
     assert status == INCOMPLETE and 0 < n_left < N_SWEPT
-    assert f"ended by {number.name}: {n_left} points are left; nhbm resume case.h5" in text
+    assert f"stopped by {number.name}: {n_left} points are left; nhbm resume case.h5" in text
     in_flight = np.isfinite(read(result, "coefficients")).any(axis=(1, 2, 3)) & (read(result, "status") == PENDING)
     assert not in_flight.any(), "the point in flight is left as if it had never been begun"
 
@@ -369,7 +369,7 @@ def test_signal_that_mpirun_passes_on_ends_all_ranks(tmp_path):
     wait_for(process, lambda: result.exists() and (read(result, "status") == CONVERGED).any())
     process.send_signal(signal.SIGUSR1)
     status, text = finish(process)
-    assert status == INCOMPLETE and "ended by SIGUSR1" in text and "resume case.h5" in text
+    assert status == INCOMPLETE and "stopped by SIGUSR1" in text and "resume case.h5" in text
     assert 0 < (read(result, "status") == PENDING).sum() < N_SWEPT
 
 
@@ -579,7 +579,7 @@ def test_curve_that_a_signal_ends_within_a_point_goes_on(tmp_path):
             "solve", write(tmp_path, DUFFING), "--resume", "--quiet", cwd=tmp_path, call="clock", at=at, number=signal.SIGTERM
         )
         status = read(result, "status")
-        assert done.status == INCOMPLETE and "ended by SIGTERM" in done.stderr, (done.status, done.stderr)
+        assert done.status == INCOMPLETE and "stopped by SIGTERM" in done.stderr, (done.status, done.stderr)
         assert (status == CONVERGED).any() and (status[status != CONVERGED] == PENDING).all()
     assert run("resume", result, cwd=tmp_path).status == ALL_CONVERGED
     assert_same(result, tmp_path / "whole.h5")
