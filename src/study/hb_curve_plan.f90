@@ -17,6 +17,7 @@ module hb_curve_plan
    public :: curve_plan_t, keys_of_responses, read_curve_plan
 
    !> Keys that name responses, each with the kind of located point.
+   character(*), parameter :: movable = "&structure, &tones, &load, &law, &bearing or &dynamic_stiffness" !! `moving_groups`
    character(*), parameter :: keys_of_responses(4) = [character(12) :: "peak_of", "minimum_of", "amplitude_of", "resonance_of"]
    integer, parameter :: kinds_of_responses(4) = [curve_kind%peak, curve_kind%minimum, curve_kind%amplitude, curve_kind%resonance]
 
@@ -168,7 +169,7 @@ contains
          call document%resolve(self%over_path, self%over%moving%parameter, error)
          if (.not. allocated(error)) then
             if (.not. any(moving_groups == document%groups%holders(self%over%moving%parameter%i_group)%group%name)) then
-               call fail(error, "a curve follows a number of &structure, &tones, &load or &law")
+               call fail(error, "a curve follows a number of "//movable)
             else if (document%n_tones_of(self%over%moving%parameter) > 1) then
                call fail(error, "specify the tone that moves, such as '"//trim(lower(self%over_path))//"(1)'")
             end if
@@ -181,7 +182,7 @@ contains
       associate (name => document%groups%holders(self%moving%parameter%i_group)%group%name)
          if (.not. any([character(len(moving_groups)) :: moving_groups, "normal_mode"] == name)) &
             call fail(error, self%place//": parameter '"//shown(self%path)// &
-                      "': a curve follows a number of &structure, &tones, &load, &law or &normal_mode; give others to &sweep")
+                      "': a curve follows a number of "//movable//", or of &normal_mode; give others to &sweep")
          if (name /= "tones" .and. self%moving%is_tied) &
             call fail(error, self%place//": tie: 'ratio' is for the frequency of a tone")
       end associate

@@ -37,8 +37,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (system%laws%has_rigid()) then
-         call fail(error, "runge_kutta_4 cannot hold rigid walls or rigid friction; of the methods of &integration cvode and "// &
-                   "central_differences can")
+         call fail(error, "runge_kutta_4 does not support rigid walls or rigid friction; of the methods of &integration "// &
+                   "cvode and central_differences do")
          return
       end if
       call system%divide_by_mass(error)
