@@ -6,7 +6,6 @@ module hb_floquet
    use hb_exponents, only: exponents_t, find_exponents, propagation_t, work_of_exponents
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: two_pi, wp
-   use hb_koopman_hill, only: hill_t, new_hill
    use hb_lapack, only: dgeev
    use hb_law, only: law_box_t
    use hb_linear_propagation, only: linear_propagation_t, new_linear_propagation
@@ -49,7 +48,6 @@ contains
       type(excitation_t), intent(in) :: excitation
       real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
       type(variation_t), target :: variation
-      type(hill_t), allocatable :: hill
       type(error_t), allocatable :: error
       type(stability_config_t) :: how
       real(wp) :: limit, work
@@ -80,13 +78,6 @@ contains
       stability%is_too_costly = work > limit
       if (stability%is_too_costly) return
       stability%method = stability_method%integration
-      if (config%method == stability_method%hill .and. variation%is_smooth()) then
-         allocate (hill)
-         call new_hill(hill, variation, work_on_demand, error)
-         if (allocated(error)) return
-         if (hill%is_too_large) deallocate (hill)
-      end if
-      if (allocated(hill)) stability%method = stability_method%hill
       is_orbit_sought = .false.
       if (has_piecewise_orbit(variation) .and. .not. any(motion%tones%is_unknown)) &
          is_orbit_sought = work + work_of_piecewise_orbit(variation) <= min(limit, most_work_of_orbit)
@@ -95,9 +86,9 @@ contains
          return
       end if
       if (motion%tones%n_tones == 1) then
-         call assess_period(stability, config, variation, motion%amplitudes, motion%tones%is_unknown(1), hill)
+         call assess_period(stability, config, variation, motion%amplitudes, motion%tones%is_unknown(1))
       else
-         call assess_torus(stability, how, variation, motion%amplitudes, motion%tones%is_unknown, min(limit, work_on_demand), hill)
+         call assess_torus(stability, how, variation, motion%amplitudes, motion%tones%is_unknown, min(limit, work_on_demand))
       end if
    end subroutine floquet_find
 
@@ -134,18 +125,16 @@ contains
    end function shifts_of
 
    !> Exponents of a motion of several tones.
-   subroutine assess_torus(self, config, variation, amplitudes, is_unknown, work_limit, hill)
+   subroutine assess_torus(self, config, variation, amplitudes, is_unknown, work_limit)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(variation_t), intent(inout), target :: variation
       complex(wp), intent(in) :: amplitudes(:, :)
       logical, intent(in) :: is_unknown(:)
       real(wp), intent(in) :: work_limit
-      type(hill_t), allocatable, intent(inout) :: hill
       type(linear_propagation_t) :: propagation
 
       call new_linear_propagation(propagation, variation, shifts_of(variation, amplitudes, is_unknown), config%tolerance)
-      call move_alloc(hill, propagation%hill)
       call assess_exponents(self, propagation, work_limit, config)
    end subroutine assess_torus
 
@@ -198,24 +187,17 @@ contains
    end subroutine assess_orbit
 
    !> Multipliers of a periodic motion.
-   subroutine assess_period(self, config, variation, amplitudes, is_free, hill)
+   subroutine assess_period(self, config, variation, amplitudes, is_free)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(variation_t), intent(inout) :: variation
       complex(wp), intent(in) :: amplitudes(:, :)
       logical, intent(in) :: is_free                                  !! the tone is unknown
-      type(hill_t), allocatable, intent(inout) :: hill
       type(monodromy_t) :: monodromy
       complex(wp), allocatable :: shifts(:, :, :)
       real(wp), allocatable :: shift(:)
 
-      associate (period => two_pi/variation%motion%omega(1))
-         if (allocated(hill)) then
-            call hill%transfer(0.0_wp, period, config%tolerance, monodromy%matrix, monodromy%estimate)
-         else
-            call find_monodromy(monodromy, variation, 0.0_wp, config%tolerance, work_on_demand)
-         end if
-      end associate
+      call find_monodromy(monodromy, variation, 0.0_wp, config%tolerance, work_on_demand)
       if (monodromy%estimate >= huge(1.0_wp)) return                  ! cancelled
       self%estimate = monodromy%estimate
       if (.not. all(ieee_is_finite(monodromy%matrix))) return

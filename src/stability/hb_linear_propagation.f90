@@ -7,7 +7,6 @@ module hb_linear_propagation
    use hb_cancellation, only: work_is_over
    use hb_exponents, only: orthogonalise, propagation_t
    use hb_kinds, only: two_pi, wp
-   use hb_koopman_hill, only: hill_t
    use hb_monodromy, only: find_transfer, monodromy_t, n_looks_of, work_of_transfer
    use hb_variation, only: piece_t, variation_t
    use hb_variation_pieces, only: cut_time
@@ -24,7 +23,6 @@ module hb_linear_propagation
       complex(wp), allocatable :: shifts(:, :, :)                     !! by phases, as series in the tones, cos - i sin,
                                                                       !! (size, n_harmonics, n_shifts)
       real(wp) :: tolerance = 0.0_wp                                  !! of a period, relative
-      type(hill_t), allocatable :: hill                               !! propagates them by Hill's problem, if present
       real(wp), private :: time = 0.0_wp                              ! [s]
       integer, private :: n_parts = 1                                 ! of a period
       real(wp), private :: refine = 0.0_wp                            ! logarithm of the growth of the first disturbance since
@@ -84,13 +82,9 @@ contains
       is_done = .true.
       length = self%length/self%n_parts
       do i = 1, self%n_parts
-         if (allocated(self%hill)) then
-            call self%hill%transfer(self%time, length, self%tolerance, part%matrix, part%estimate)
-         else
-            call find_transfer(part, self%variation, self%time, self%time + length, self%tolerance, &
-                               min(most_of_usual*self%work, max(self%work, self%work_left)))
-            self%work_left = self%work_left - part%work
-         end if
+         call find_transfer(part, self%variation, self%time, self%time + length, self%tolerance, &
+                            min(most_of_usual*self%work, max(self%work, self%work_left)))
+         self%work_left = self%work_left - part%work
          before = norm2(x(:, 1))
          x = matmul(part%matrix, x)
          self%time = self%time + length

@@ -21,11 +21,10 @@ module hb_stability
    type :: stability_method_t
       integer :: off = 0
       integer :: auto = 1
-      integer :: hill = 2
-      integer :: integration = 3
+      integer :: integration = 2
    end type stability_method_t
    type(stability_method_t), parameter :: stability_method = stability_method_t()
-   character(11), parameter :: stability_method_names(0:3) = [character(11) :: "off", "auto", "hill", "integration"]
+   character(11), parameter :: stability_method_names(0:2) = [character(11) :: "off", "auto", "integration"]
 
    type :: verdict_t
       integer :: unstable = -1

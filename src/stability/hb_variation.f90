@@ -60,7 +60,6 @@ module hb_variation
       procedure :: is_smooth => variation_is_smooth
       procedure :: is_piecewise_linear => variation_is_piecewise_linear
       procedure :: n_switches => variation_n_switches
-      procedure :: matrices => variation_matrices
       procedure :: work_of_node => variation_work_of_node
       procedure :: work_of_step => variation_work_of_step
    end type variation_t
@@ -175,26 +174,6 @@ contains
       where (abs(self%constant) < tiny(1.0_wp)/epsilon(1.0_wp)) self%constant = 0.0_wp
       self%norm = maxval(sum(abs(self%constant), dim=1))
    end subroutine divide_by_mass
-
-   !> A at several phases of a motion whose laws are smooth.
-   subroutine variation_matrices(self, phases, a)
-      class(variation_t), intent(inout) :: self
-      real(wp), intent(in) :: phases(:, :)                            !! [rad], (n_tones, any)
-      real(wp), intent(out) :: a(:, :, :)                             !! (size, size, any)
-      type(piece_t) :: piece
-      integer :: i
-
-      associate (n => self%n_coordinates, n_phases => size(phases, 2))
-         allocate (piece%by_place(n, n, 0:n_phases - 1), piece%by_rate(n, n, 0:n_phases - 1))
-         allocate (piece%by_state(n, self%n_states, 0:n_phases - 1), piece%slip(self%n_states), piece%held(self%n_states))
-         piece%slip = 0
-         piece%held = 0.0_wp
-         call self%find_slopes(piece, phases, piece%by_place, piece%by_rate, piece%by_state)
-         do i = 1, n_phases
-            call self%matrix_at(piece, i - 1, a(:, :, i))
-         end do
-      end associate
-   end subroutine variation_matrices
 
    !> Whether no law has a memory or kinks.
    pure logical function variation_is_smooth(self) result(is_smooth)

@@ -83,15 +83,6 @@ def estimate_and_measurement(source, tmp_path):
     return int(estimate.group(1)) * MIB, int(done.stdout) * 1024
 
 
-def test_hill_gives_way_where_its_matrix_would_take_minutes(tmp_path):
-    """13,068 rows for six masses under two tones: more than 4 GB beside the estimate and no end; integrated, 40 MB and a second."""
-    source = tmp_path / "hill.nml"
-    source.write_text(MODELS["exponents by hill"])
-    estimated, measured = estimate_and_measurement(source, tmp_path)
-    assert measured < estimated + 60 * MIB
-    assert [rows.tolist() for rows in read(tmp_path / "result.h5", "is_stable", "stability_method")] == [[-1], [3]]
-
-
 def test_limit_refuses_with_what_would_fit(tmp_path):
     source = tmp_path / "large.nml"
     source.write_text(LARGE)

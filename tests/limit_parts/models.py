@@ -51,8 +51,6 @@ MODELS = {
     "&law type='polynomial', dof='x1', damping=0.0,0.0,1e-4 /\n",
     "exponents": oscillator(n_masses=12) + TWO_TONES + "&harmonics order=5 /\n&stability method='integration' /\n"
     "&law type='cubic_spring', dof='x1', stiffness=0.5 /\n",
-    "exponents by hill": oscillator(n_masses=6) + TWO_TONES + "&harmonics order=5 /\n&stability method='hill' /\n"
-    "&law type='cubic_spring', dof='x1', stiffness=0.5 /\n",
     "exponents of walls": oscillator(0.1, 2) + TWO_TONES + "&harmonics order=5 /\n&stability method='integration' /\n"
     "&law type='jenkins_2d', dof='x1', second_dofs='x2', stiffness=1.0, limit=0.2 /\n",
     "sliders": oscillator(n_masses=3) + TWO_TONES + "&harmonics order=15 /\n"
