@@ -50,7 +50,6 @@ module hb_balance
       logical, private :: has_samples = .false.                       ! of it, at today's frequencies and loads
       logical, private :: has_slopes = .false.                        ! and forces and slopes of the laws at these samples
       type(block_factors_t), private :: mean_factors                  ! of the tangent of each harmonic by itself
-      logical, allocatable, private :: has_mean_factors(:)            ! (n_harmonics)
       logical, private :: has_moved = .false.                         ! to other frequencies than it was made for
       integer :: effort = 0                                           !! one of hb_fftw%planning
       integer, private :: n_rounds = 1                                ! of sliders, which `tangent_work` counts
@@ -519,15 +518,8 @@ contains
       class(balance_t), intent(in) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
       complex(wp), intent(out) :: c(:, :)                             !! a - i b [m], (all dofs, n_harmonics)
-      complex(wp) :: at_laws(self%n_dofs, self%harmonics%n_harmonics)
-      integer :: h, i
 
-      do h = 1, self%harmonics%n_harmonics
-         do i = 1, self%n_dofs
-            at_laws(i, h) = self%harmonics%amplitude(u(:, i), h)
-         end do
-      end do
-      call self%stiffness%recover(at_laws, c)
+      call self%stiffness%recover(self%harmonics%amplitudes(u), c)
    end subroutine balance_all_dofs
 
    !> Motion of the degrees of freedom that the coordinates touch, in their order.
@@ -536,7 +528,6 @@ contains
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
       real(wp) :: motion(self%harmonics%n_coefficients, size(self%stiffness%coordinates%dofs))
       complex(wp), allocatable :: c(:, :)
-      integer :: h, i
 
       associate (coordinates => self%stiffness%coordinates)
          if (coordinates%are_dofs) then
@@ -545,11 +536,7 @@ contains
          end if
          allocate (c(self%stiffness%n_dofs, self%harmonics%n_harmonics))
          call self%all_dofs(u, c)
-         do h = 1, size(c, 2)
-            do i = 1, size(motion, 2)
-               call self%harmonics%set_amplitude(motion(:, i), h, c(coordinates%dofs(i), h))
-            end do
-         end do
+         motion = self%harmonics%coefficients(c(coordinates%dofs, :))
       end associate
    end function balance_at_law_dofs
 

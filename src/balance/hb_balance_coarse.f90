@@ -19,7 +19,7 @@ contains
    module procedure balance_coarse_guess
       type(balance_t) :: coarse
       type(solver_config_t) :: loose
-      integer, allocatable :: kept(:)
+      integer, allocatable :: kept(:), places(:)
       real(wp), allocatable :: linear_solution(:, :), y(:)
       type(error_t), allocatable :: error
 
@@ -28,14 +28,15 @@ contains
       if (size(kept) == 0) return
       call make_coarse(self, kept, coarse, error)
       if (.not. allocated(error)) then
-         allocate (y(coarse%n_unknowns), linear_solution(coarse%harmonics%n_coefficients, coarse%n_dofs))
-         call copy_kept(self, coarse, kept, x, y, to_coarse=.true.)
+         allocate (linear_solution(coarse%harmonics%n_coefficients, coarse%n_dofs))
+         places = [self%harmonics%places_of(coarse%harmonics, self%n_dofs)]
+         y = x(places)
          call coarse%linear_solution(linear_solution)
          loose = config
          loose%tolerance = max(coarse_tolerance, config%tolerance)
          call solve(coarse, loose, reshape(linear_solution, [size(y)]), y, report)
          is_found = report%status == outcome%converged
-         if (is_found) call copy_kept(self, coarse, kept, x, y, to_coarse=.false.)
+         if (is_found) x(places) = y
       end if
       call coarse%destroy()
    end procedure balance_coarse_guess
@@ -92,32 +93,4 @@ contains
       stiffness = self%stiffness%restricted_to(kept)
       call new_balance(coarse, set, torus, self%omega, stiffness, self%law_set%laws, self%effort, error)
    end subroutine make_coarse
-
-   !> Copies the coefficients of the kept harmonics from the fine set to the coarse one, or back; others stay.
-   subroutine copy_kept(self, coarse, kept, fine_x, coarse_x, to_coarse)
-      type(balance_t), intent(in) :: self, coarse
-      integer, intent(in) :: kept(:)
-      real(wp), intent(inout) :: fine_x(self%harmonics%n_coefficients, self%n_dofs)
-      real(wp), intent(inout) :: coarse_x(coarse%harmonics%n_coefficients, self%n_dofs)
-      logical, intent(in) :: to_coarse
-      integer :: h
-
-      do h = 1, size(kept)
-         call copy(self%harmonics%cos_at(kept(h)), coarse%harmonics%cos_at(h))
-         call copy(self%harmonics%sin_at(kept(h)), coarse%harmonics%sin_at(h))
-      end do
-
-   contains
-
-      subroutine copy(at_fine, at_coarse)
-         integer, intent(in) :: at_fine, at_coarse
-
-         if (at_fine == 0) return                                     ! the zero tuple has no sine
-         if (to_coarse) then
-            coarse_x(at_coarse, :) = fine_x(at_fine, :)
-         else
-            fine_x(at_fine, :) = coarse_x(at_coarse, :)
-         end if
-      end subroutine copy
-   end subroutine copy_kept
 end submodule hb_balance_coarse

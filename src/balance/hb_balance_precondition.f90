@@ -34,30 +34,16 @@ contains
       if (allocated(error)) return
       call self%law_set%mean_slopes(df_dq, df_dv, df_ds)
       call new_block_factors(self%mean_factors, self%preconditioner%pattern, self%harmonics%n_harmonics)
-      self%has_mean_factors = [(.true., h=1, self%harmonics%n_harmonics)]
       do h = 1, self%harmonics%n_harmonics
          call self%preconditioner%harmonic_tangent(self%stiffness, h, self%frequencies(h), df_dq, df_dv, df_ds, block)
          call self%mean_factors%factorise(h, block, is_singular)
-         self%has_mean_factors(h) = .not. is_singular
       end do
    end procedure balance_factorise_mean_tangent
 
    !> Solves with these factors; harmonics without any stay zero.
    module procedure balance_solve_mean_tangent
-      complex(wp) :: c(self%n_dofs)
-      integer :: h, i
 
-      step = 0.0_wp
-      do h = 1, self%harmonics%n_harmonics
-         if (.not. self%has_mean_factors(h)) cycle
-         do i = 1, self%n_dofs
-            c(i) = self%harmonics%amplitude(r(:, i), h)
-         end do
-         call self%mean_factors%solve(h, c)
-         do i = 1, self%n_dofs
-            call self%harmonics%set_amplitude(step(:, i), h, c(i))
-         end do
-      end do
+      call self%mean_factors%solve_harmonics(self%harmonics, r, step)
    end procedure balance_solve_mean_tangent
 
    !> Means over the torus of the derivatives of all forces by motion and rate, at a motion. Reactions are left out.

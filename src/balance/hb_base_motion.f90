@@ -5,6 +5,7 @@
 !> Source: docs/why/theory.md, section 6.5.
 module hb_base_motion
    use hb_balance, only: balance_t
+   use hb_basis, only: transfer_coefficients
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
@@ -40,24 +41,15 @@ contains
       type(solver_config_t), intent(in) :: config
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: u(balance%harmonics%n_coefficients, balance%n_dofs), x(size(u)), linear(size(u))
-      integer :: h, k
 
       call balance%linear_solution(u)
       linear = reshape(u, [size(u)])
       x = linear
       call solve(balance, config, linear, x, self%report)
       if (self%report%status == outcome%converged) u = reshape(x, shape(u))
-      allocate (self%u(harmonics%n_coefficients, balance%n_dofs), source=0.0_wp)
-      associate (set => balance%harmonics)
-         do h = 1, set%n_harmonics
-            k = harmonics%index_of(set%tuples(:, h))
-            if (k == 0) cycle
-            self%u(harmonics%cos_at(k), :) = u(set%cos_at(h), :)
-            if (set%sin_at(h) == 0) cycle
-            self%u(harmonics%sin_at(k), :) = u(set%sin_at(h), :)
-            self%is_forced = self%is_forced .or. any(abs(u([set%cos_at(h), set%sin_at(h)], :)) > 0.0_wp)
-         end do
-      end associate
+      allocate (self%u(harmonics%n_coefficients, balance%n_dofs))
+      call transfer_coefficients(balance%harmonics, harmonics, u, self%u)
+      self%is_forced = any(abs(u(2:, :)) > 0.0_wp)                    ! the zero tuple is the first one
       call find_modes()
 
    contains

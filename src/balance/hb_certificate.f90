@@ -104,7 +104,7 @@ contains
       if (allocated(error)) return
       allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
       call near_commensurate(tones, self%combination, self%combination_frequency)
-      call choose_wider(balance, amplitudes(balance%harmonics, u), self%combination, &
+      call choose_wider(balance, balance%harmonics%norms(u), self%combination, &
                         has_multipliers(balance) .or. has_unknown_tones(bordered), set, grid, error)
       if (allocated(error)) return
       call make_wide_balance(self, structure, loads, balance, set, grid, wide, error)
@@ -423,7 +423,7 @@ contains
       self%first_order = big - outside
       call clear_kept(balance%harmonics, wide%harmonics, outside)
       self%around = wide%harmonics
-      self%neglected = amplitudes(wide%harmonics, outside)/size_of_motion
+      self%neglected = wide%harmonics%norms(outside)/size_of_motion
       do i = 1, size(which)
          if (which(i) <= size(balance%omega)) self%frequency_error(which(i)) = abs(first(size(big) + i))
       end do
@@ -452,18 +452,6 @@ contains
          has_unknown_tones = .true.
       end select
    end function has_unknown_tones
-
-   !> Norm of the coefficients of each harmonic over all coordinates.
-   pure function amplitudes(set, u) result(sizes)
-      type(harmonics_t), intent(in) :: set
-      real(wp), intent(in) :: u(:, :)                                 !! (n_coefficients, any)
-      real(wp) :: sizes(set%n_harmonics)
-      integer :: h
-
-      do h = 1, set%n_harmonics
-         sizes(h) = norm2(u(set%cos_at(h):max(set%cos_at(h), set%sin_at(h)), :))
-      end do
-   end function amplitudes
 
    !> Whether a law that is not smooth is rigid, or so much stiffer than the structure in the fastest kept harmonic that it acts
    !> as if it were: such an impact is shorter than what the set can follow. Where loads set its time the steps see it for longer

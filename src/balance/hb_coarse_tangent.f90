@@ -23,6 +23,7 @@ module hb_coarse_tangent
       logical, private :: is_banded = .false.
       real(wp), allocatable, private :: matrix(:, :), rhs(:)
       integer, allocatable, private :: pivots(:)
+      integer, allocatable, private :: places(:)                      ! of its coefficients among those of the full set
    contains
       procedure :: clear => coarse_tangent_clear
       procedure :: add => coarse_tangent_add
@@ -42,6 +43,7 @@ contains
 
       self%kept = kept
       call new_harmonics(self%set, full%tuples(:, kept), error)       ! cannot fail: part of a set that exists
+      self%places = [full%places_of(self%set, 1)]
       self%n = self%set%n_coefficients*n_dofs
       self%half_bandwidth = (half_bandwidth + 1)*self%set%n_coefficients - 1
       self%is_banded = is_better_as_band(self%n, self%half_bandwidth)
@@ -121,20 +123,13 @@ contains
    end subroutine coarse_tangent_factorise
 
    !> Writes the solution for the kept harmonics of r into step.
-   subroutine coarse_tangent_solve(self, full, r, step)
+   subroutine coarse_tangent_solve(self, r, step)
       class(coarse_tangent_t), intent(inout) :: self
-      type(harmonics_t), intent(in) :: full
-      real(wp), intent(in) :: r(:, :)                                 !! (n_coefficients of `full`, n_dofs)
+      real(wp), intent(in) :: r(:, :)                                 !! (n_coefficients of the full set, n_dofs)
       real(wp), intent(inout) :: step(:, :)                           !! as r; other harmonics stay
-      integer :: h, i, info, start
+      integer :: i, info
 
-      do i = 1, size(r, 2)
-         start = (i - 1)*self%set%n_coefficients
-         do h = 1, self%set%n_harmonics
-            self%rhs(start + self%set%cos_at(h)) = r(full%cos_at(self%kept(h)), i)
-            if (self%set%sin_at(h) > 0) self%rhs(start + self%set%sin_at(h)) = r(full%sin_at(self%kept(h)), i)
-         end do
-      end do
+      self%rhs = [r(self%places, :)]
       if (self%is_banded) then
          call dgbtrs("N", self%n, self%half_bandwidth, self%half_bandwidth, 1, self%matrix, size(self%matrix, 1), self%pivots, &
             self%rhs, self%n, &
@@ -143,11 +138,7 @@ contains
          call dgetrs("N", self%n, 1, self%matrix, self%n, self%pivots, self%rhs, self%n, info)
       end if
       do i = 1, size(r, 2)
-         start = (i - 1)*self%set%n_coefficients
-         do h = 1, self%set%n_harmonics
-            step(full%cos_at(self%kept(h)), i) = self%rhs(start + self%set%cos_at(h))
-            if (self%set%sin_at(h) > 0) step(full%sin_at(self%kept(h)), i) = self%rhs(start + self%set%sin_at(h))
-         end do
+         step(self%places, i) = self%rhs((i - 1)*size(self%places) + 1:i*size(self%places))
       end do
    end subroutine coarse_tangent_solve
 end module hb_coarse_tangent

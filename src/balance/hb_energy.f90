@@ -98,22 +98,16 @@ contains
       subroutine find_derivatives()
          complex(wp) :: at_laws(balance%n_dofs, size(c, 2)), change(size(c, 1), size(c, 2))
          real(wp), dimension(size(c, 2)) :: by_drive, by_frequency
-         real(wp) :: of_harmonics(size(u, 1), size(u, 2))
-         integer :: i
 
          by_u = u
          associate (set => balance%harmonics)
             call balance%project(balance%law_set%samples%f%values, by_u) ! of a function of mean f, f_c and f_s: f, f_c/2, f_s/2
             call balance%stiffness%hand_to_laws(gradient, at_laws)
-            do i = 1, balance%n_dofs
-               do h = 1, set%n_harmonics
-                  call set%set_amplitude(of_harmonics(:, i), h, at_laws(i, h))
-                  if (set%sin_at(h) == 0) cycle
-                  by_u([set%cos_at(h), set%sin_at(h)], i) = 0.5_wp*by_u([set%cos_at(h), set%sin_at(h)], i)
-               end do
+            do h = 1, set%n_harmonics
+               if (set%sin_at(h) > 0) by_u([set%cos_at(h), set%sin_at(h)], :) = 0.5_wp*by_u([set%cos_at(h), set%sin_at(h)], :)
             end do
-            by_u = by_u + of_harmonics
-            at_laws = reshape([((set%amplitude(u(:, i), h), i=1, balance%n_dofs), h=1, set%n_harmonics)], shape(at_laws))
+            by_u = by_u + set%coefficients(at_laws)
+            at_laws = set%amplitudes(u)
             call balance%stiffness%recover_slope(at_laws, .false., change)
             by_frequency = real(sum(conjg(gradient)*change, dim=1)) + &
                            0.5_wp*balance%frequencies*real(sum(conjg(c)*inertia, dim=1))   ! none of the mean, where w = 0

@@ -31,7 +31,7 @@ contains
 
       impact_energy = 0.0_wp
       if (.not. any([(is_wall(balance%law_set%laws(i)%law), i=1, size(balance%law_set%laws))])) return
-      rate = rate_of(balance, u)
+      rate = balance%harmonics%times(cmplx(0.0_wp, balance%frequencies, wp), u)
       call balance%sample(rate)
       do i = 1, size(balance%law_set%laws)
          associate (set => balance%law_set, law => balance%law_set%laws(i)%law, coordinates => balance%stiffness%coordinates)
@@ -57,35 +57,13 @@ contains
       is_wall = law%is_multiplier .and. .not. law%needs_velocity .and. size(law%shape, 2) == 1
    end function is_wall
 
-   !> Coefficients of the rate: w (b cos - a sin).
-   pure function rate_of(balance, u) result(rate)
-      type(balance_t), intent(in) :: balance
-      real(wp), intent(in) :: u(:, :)
-      real(wp) :: rate(size(u, 1), size(u, 2))
-      integer :: h
-
-      rate = 0.0_wp
-      associate (set => balance%harmonics)
-         do h = 1, set%n_harmonics
-            if (set%sin_at(h) == 0) cycle
-            rate(set%cos_at(h), :) = balance%frequencies(h)*u(set%sin_at(h), :)
-            rate(set%sin_at(h), :) = -balance%frequencies(h)*u(set%cos_at(h), :)
-         end do
-      end associate
-   end function rate_of
-
    !> Mean over the torus of the square of a function.
    pure real(wp) function mean_square(balance, coefficients)
       type(balance_t), intent(in) :: balance
       real(wp), intent(in) :: coefficients(:)                         !! (n_coefficients)
-      integer :: h
 
       mean_square = 0.5_wp*sum(coefficients**2)
-      associate (set => balance%harmonics)
-         do h = 1, set%n_harmonics
-            if (set%sin_at(h) == 0) mean_square = mean_square + 0.5_wp*coefficients(set%cos_at(h))**2
-         end do
-      end associate
+      if (balance%harmonics%has_zero) mean_square = mean_square + 0.5_wp*coefficients(1)**2
    end function mean_square
 
    !> Mass and static stiffness of the structure against a coordinate w: 1/(w^T M**-1 w), as the inertia far above all

@@ -12,7 +12,7 @@ module hb_limit_cycle_search
    use hb_kinds, only: wp
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
-   use hb_phase, only: amplitude_form, coefficient_form, new_phase_problem, phase_problem_t, shift_form, turn
+   use hb_phase, only: amplitude_form, coefficient_form, new_phase_problem, phase_problem_t, shift_form
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_thresholds, only: faint, rounding
@@ -298,11 +298,13 @@ contains
       subroutine make_sine_form(m, form)
          integer, intent(in) :: m
          real(wp), intent(out) :: form(:)
+         real(wp) :: angle
          integer :: h
 
          associate (set => self%balance%harmonics, dof => self%phase_dofs(m))
             h = fundamental(set, self%tones(m))
-            call turn(set, self%tones(m), atan2(u(set%sin_at(h), dof), u(set%cos_at(h), dof)), u)
+            angle = atan2(u(set%sin_at(h), dof), u(set%cos_at(h), dof))
+            u = set%times(exp(cmplx(0.0_wp, set%tuples(self%tones(m), :)*angle, wp)), u)
             form = coefficient_form(set, size(u, 2), set%sin_at(h), dof)
          end associate
       end subroutine make_sine_form

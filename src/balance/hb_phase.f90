@@ -13,7 +13,7 @@ module hb_phase
    implicit none
    private
    public :: amplitude_form, coefficient_form, energy_row_t, new_phase_problem, peak_form, peak_rate_form, phase_problem_t, &
-      shift_form, turn
+      shift_form
 
    type, extends(bordered_problem_t) :: phase_problem_t
       integer, allocatable :: tones(:)                                !! the unknown ones
@@ -139,16 +139,8 @@ contains
       real(wp), intent(in) :: scale(:, :)                             !! of the coefficients [m], as reference
       real(wp) :: form(size(reference))
       real(wp) :: shift(size(reference, 1), size(reference, 2)), total
-      integer :: h
 
-      shift = 0.0_wp
-      do h = 1, harmonics%n_harmonics
-         associate (a => harmonics%cos_at(h), b => harmonics%sin_at(h), j => harmonics%tuples(tone, h))
-            if (b == 0) cycle
-            shift(a, :) = j*reference(b, :)/scale(a, :)
-            shift(b, :) = -j*reference(a, :)/scale(b, :)
-         end associate
-      end do
+      shift = harmonics%times(cmplx(0.0_wp, harmonics%tuples(tone, :), wp), reference)/scale
       total = sum(shift**2)
       form = reshape(shift/scale, [size(reference)])
       if (total > 0.0_wp) form = form/total
@@ -207,23 +199,4 @@ contains
          if (harmonics%sin_at(h) > 0) form((dof - 1)*harmonics%n_coefficients + harmonics%sin_at(h)) = harmonics%tuples(tone, h)
       end do
    end function peak_rate_form
-
-   !> Shifts one phase of a motion: x(tau_m) becomes x(tau_m + angle).
-   pure subroutine turn(harmonics, tone, angle, u)
-      type(harmonics_t), intent(in) :: harmonics
-      integer, intent(in) :: tone
-      real(wp), intent(in) :: angle                                   !! [rad]
-      real(wp), intent(inout) :: u(:, :)                              !! (n_coefficients, n_dofs)
-      real(wp) :: before(size(u, 2))
-      integer :: h
-
-      do h = 1, harmonics%n_harmonics
-         if (harmonics%sin_at(h) == 0) cycle
-         associate (a => u(harmonics%cos_at(h), :), b => u(harmonics%sin_at(h), :), phi => harmonics%tuples(tone, h)*angle)
-            before = a
-            a = before*cos(phi) + b*sin(phi)
-            b = b*cos(phi) - before*sin(phi)
-         end associate
-      end do
-   end subroutine turn
 end module hb_phase

@@ -303,6 +303,6 @@ contains
 
       call self%alone%solve_harmonics(set, r, step)
       if (.not. allocated(self%coupled)) return
-      if (self%coupled%is_usable) call self%coupled%solve(set, r, step)
+      if (self%coupled%is_usable) call self%coupled%solve(r, step)
    end subroutine preconditioner_apply
 end module hb_preconditioner

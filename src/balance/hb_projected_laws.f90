@@ -70,21 +70,13 @@ contains
       real(wp), intent(in), contiguous :: reaction(:, :)              !! [N], as u
       real(wp), intent(in), contiguous :: frequencies(:)              !! j.omega [rad/s], (n_harmonics)
       real(wp) :: angle(size(frequencies))
-      integer :: h, i
 
       call self%transform%to_samples(u, samples%q%values)
       if (self%needs_velocity) call self%transform%to_rate_samples(u, frequencies, samples%v%values)
       if (self%needs_reaction) call self%transform%to_samples(reaction, samples%s%values)
       if (.not. self%has_memory) return
       angle = frequencies*self%characteristic%step
-      associate (set => self%transform%harmonics)
-         do i = 1, self%n_dofs
-            do h = 1, set%n_harmonics
-               call set%set_amplitude(self%u_before(:, i), h, &
-                                      set%amplitude(u(:, i), h)*cmplx(cos(angle(h)), -sin(angle(h)), wp))
-            end do
-         end do
-      end associate
+      self%u_before = self%transform%harmonics%times(cmplx(cos(angle), -sin(angle), wp), u)
       call self%transform%to_samples(self%u_before, samples%q_before%values)
       call self%transform%to_rate_samples(u, angle, samples%step_rate%values)
       call self%transform%to_rate_samples(self%u_before, angle, samples%step_rate_before%values)
@@ -102,7 +94,6 @@ contains
       real(wp), allocatable, intent(inout) :: weight_slope(:)         !! of `characteristic`
       real(wp), dimension(self%transform%harmonics%n_harmonics) :: angle, angle_slope, frequencies, turns
       real(wp) :: rate_slope(size(u, 1), size(u, 2)), step_slope
-      integer :: h, i
 
       associate (set => self%transform%harmonics)
          frequencies = set%frequencies(omega)
@@ -112,12 +103,7 @@ contains
          angle = frequencies*self%characteristic%step
          angle_slope = turns*self%characteristic%step
          if (m == self%characteristic%tone) angle_slope = (frequencies - turns*omega(m))*step_slope   ! this tone cancels
-         do i = 1, self%n_dofs
-            do h = 1, set%n_harmonics
-               call set%set_amplitude(rate_slope(:, i), h, &
-                                      cmplx(angle(h), 1.0_wp, wp)*angle_slope(h)*set%amplitude(self%u_before(:, i), h))
-            end do
-         end do
+         rate_slope = set%times(cmplx(angle, 1.0_wp, wp)*angle_slope, self%u_before)
       end associate
       call self%transform%to_rate_samples(self%u_before, -angle_slope, self%along%q_before%values)
       call self%transform%to_rate_samples(u, angle_slope, self%along%step_rate%values)

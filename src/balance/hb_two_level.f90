@@ -147,13 +147,8 @@ contains
    subroutine clear_kept(kept, set, coefficients)
       type(harmonics_t), intent(in) :: kept, set
       real(wp), intent(inout) :: coefficients(:, :)
-      integer :: h, k
 
-      do h = 1, kept%n_harmonics
-         k = set%index_of(kept%tuples(:, h))
-         coefficients(set%cos_at(k), :) = 0.0_wp
-         if (set%sin_at(k) > 0) coefficients(set%sin_at(k), :) = 0.0_wp
-      end do
+      coefficients([set%places_of(kept, 1)], :) = 0.0_wp
    end subroutine clear_kept
 
 end module hb_two_level

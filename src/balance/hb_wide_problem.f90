@@ -51,26 +51,14 @@ contains
       class(problem_t), intent(inout), target :: narrow               !! on it
       type(tangent_solver_t), intent(inout), target :: tangent        !! of `narrow`, not singular
       real(wp), allocatable :: forms(:, :), border(:, :)
-      integer :: h, i, n, n_kept
+      integer :: i, n, n_kept
 
       self%wide => wide
       self%narrow => narrow
       self%solver => tangent
       n = wide%n_unknowns
       n_kept = balance%n_unknowns
-      allocate (self%places(n_kept))
-      associate (from => balance%harmonics, to => wide%harmonics)
-         do h = 1, from%n_harmonics
-            i = to%index_of(from%tuples(:, h))
-            self%places(from%cos_at(h)) = to%cos_at(i)
-            if (from%sin_at(h) > 0) self%places(from%sin_at(h)) = to%sin_at(i)
-         end do
-         do i = 2, balance%n_dofs
-            associate (n_from => from%n_coefficients)
-               self%places((i - 1)*n_from + 1:i*n_from) = self%places(:n_from) + (i - 1)*to%n_coefficients
-            end associate
-         end do
-      end associate
+      self%places = [wide%harmonics%places_of(balance%harmonics, balance%n_dofs)]
       allocate (forms(n, 0))
       call new_bordered_problem(self%bordered_problem_t, wide, [integer ::], forms, [real(wp) ::])
       select type (narrow)

@@ -31,6 +31,11 @@ module hb_harmonics
       procedure :: frequencies => harmonics_frequencies
       procedure :: amplitude => harmonics_amplitude
       procedure :: set_amplitude => harmonics_set_amplitude
+      procedure :: amplitudes => harmonics_amplitudes
+      procedure :: coefficients => harmonics_coefficients
+      procedure :: times => harmonics_times
+      procedure :: norms => harmonics_norms
+      procedure :: places_of => harmonics_places_of
       procedure :: bytes => harmonics_bytes
    end type harmonics_t
 
@@ -264,6 +269,79 @@ contains
       u(self%cos_at(h)) = real(c)
       if (self%sin_at(h) > 0) u(self%sin_at(h)) = -aimag(c)
    end subroutine harmonics_set_amplitude
+
+   !> Complex amplitudes a - i b of all harmonics, (any, n_harmonics).
+   pure function harmonics_amplitudes(self, u) result(c)
+      class(harmonics_t), intent(in) :: self
+      real(wp), intent(in) :: u(:, :)                                 !! (n_coefficients, any)
+      complex(wp) :: c(size(u, 2), self%n_harmonics)
+      integer :: h, i
+
+      do h = 1, self%n_harmonics
+         do i = 1, size(u, 2)
+            c(i, h) = self%amplitude(u(:, i), h)
+         end do
+      end do
+   end function harmonics_amplitudes
+
+   !> Coefficients of complex amplitudes, (n_coefficients, any).
+   pure function harmonics_coefficients(self, c) result(u)
+      class(harmonics_t), intent(in) :: self
+      complex(wp), intent(in) :: c(:, :)                              !! (any, n_harmonics)
+      real(wp) :: u(self%n_coefficients, size(c, 1))
+      integer :: h, i
+
+      do i = 1, size(c, 1)
+         do h = 1, self%n_harmonics
+            call self%set_amplitude(u(:, i), h, c(i, h))
+         end do
+      end do
+   end function harmonics_coefficients
+
+   !> Motion whose complex amplitudes are multiplied by a factor in each harmonic: i w for the rate, exp(i phi) for a turn of phases.
+   pure function harmonics_times(self, factors, u) result(product)
+      class(harmonics_t), intent(in) :: self
+      complex(wp), intent(in) :: factors(:)                           !! (n_harmonics)
+      real(wp), intent(in) :: u(:, :)                                 !! (n_coefficients, any)
+      real(wp) :: product(size(u, 1), size(u, 2))
+      integer :: h, i
+
+      do i = 1, size(u, 2)
+         do h = 1, self%n_harmonics
+            call self%set_amplitude(product(:, i), h, factors(h)*self%amplitude(u(:, i), h))
+         end do
+      end do
+   end function harmonics_times
+
+   !> Norm of the coefficients of each harmonic, (n_harmonics).
+   pure function harmonics_norms(self, u) result(norms)
+      class(harmonics_t), intent(in) :: self
+      real(wp), intent(in) :: u(:, :)                                 !! (n_coefficients, any)
+      real(wp) :: norms(self%n_harmonics)
+      integer :: h
+
+      do h = 1, self%n_harmonics
+         norms(h) = norm2(u(self%cos_at(h):max(self%cos_at(h), self%sin_at(h)), :))
+      end do
+   end function harmonics_norms
+
+   !> Where the coefficients of a part of this set stand among its own, of some degrees of freedom one after the other.
+   pure function harmonics_places_of(self, part, n_dofs) result(places)
+      class(harmonics_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: part                           !! all of whose tuples this set has
+      integer, intent(in) :: n_dofs
+      integer :: places(part%n_coefficients, n_dofs)
+      integer :: h, i, k
+
+      do h = 1, part%n_harmonics
+         k = self%index_of(part%tuples(:, h))
+         places(part%cos_at(h), 1) = self%cos_at(k)
+         if (part%sin_at(h) > 0) places(part%sin_at(h), 1) = self%sin_at(k)
+      end do
+      do i = 2, n_dofs
+         places(:, i) = places(:, 1) + (i - 1)*self%n_coefficients
+      end do
+   end function harmonics_places_of
 
    !> Angular frequencies j.omega [rad/s] of all harmonics, (n_harmonics); may be negative.
    pure function harmonics_frequencies(self, omega) result(frequencies)

@@ -19,7 +19,7 @@ module hb_accurate_motion
    use hb_model, only: accuracy_t, model_t
    use hb_motion, only: solve_motion
    use hb_motion_description, only: allow_for_growth, compare_with_refined
-   use hb_motion_result, only: motion_result_t
+   use hb_motion_result, only: effort_t, motion_result_t
    use hb_outcome, only: is_answer => is_solved, outcome
    use hb_primary_method, only: primary_method
    use hb_refinement, only: refinable_t, refine
@@ -45,16 +45,12 @@ module hb_accurate_motion
    real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by the one of the level before
 
    !> Solves the levels of a point, and counts what that has taken.
-   type :: level_solver_t
+   type, extends(effort_t) :: level_solver_t
       type(model_t), pointer :: model => null()
       type(model_t) :: here                                           ! the same on the set of a level
-      integer :: iterations = 0, evaluations = 0, n_levels = 0, fallback = 0
-      real(wp) :: work = 0.0_wp, work_beside = 0.0_wp                 ! as in a result
-      real(wp) :: setup_seconds = 0.0_wp, solver_seconds = 0.0_wp, certificate_seconds = 0.0_wp
    contains
       procedure :: prepare => level_solver_prepare
       procedure :: take => level_solver_take
-      procedure :: report => level_solver_report
    end type level_solver_t
 
    !> A motion whose set and grid are refined: the level solved last, the one it was compared with, the best one.
@@ -463,37 +459,14 @@ contains
          solver%fallback_work = min(model%solver%fallback_work, max(0.0_wp, model%accuracy%max_work - self%work))
          if (self%n_levels > 0) solver%fallback_work = share_of_fallback*solver%fallback_work
          call solve_motion(self%here, result, error, first_guess, found)
-         self%n_levels = self%n_levels + 1
-         self%iterations = self%iterations + result%iterations
-         self%evaluations = self%evaluations + result%evaluations
-         self%work = self%work + result%work
-         self%work_beside = self%work_beside + result%work_beside
+         result%n_levels = 1
+         call self%add(result%effort_t)
          solver%preconditioner_level = result%preconditioner_level
-         self%fallback = max(self%fallback, result%fallback)
-         self%setup_seconds = self%setup_seconds + result%setup_seconds
-         self%solver_seconds = self%solver_seconds + result%solver_seconds
-         self%certificate_seconds = self%certificate_seconds + result%certificate_seconds
          if (allocated(error)) return
          call with_caution(model, result)
       end associate
       if (is_answer(result%status) .and. allocated(found)) call move_alloc(found, level%unknowns)
    end subroutine level_solver_take
-
-   !> Puts what all levels have taken into a result.
-   pure subroutine level_solver_report(self, result)
-      class(level_solver_t), intent(in) :: self
-      type(motion_result_t), intent(inout) :: result
-
-      result%n_levels = self%n_levels
-      result%iterations = self%iterations
-      result%evaluations = self%evaluations
-      result%work = self%work
-      result%work_beside = self%work_beside
-      result%fallback = self%fallback
-      result%setup_seconds = self%setup_seconds
-      result%solver_seconds = self%solver_seconds
-      result%certificate_seconds = self%certificate_seconds
-   end subroutine level_solver_report
 
    !> Settles status and estimates of the last level, and adds what the levels went without.
    subroutine finish(self)
@@ -513,7 +486,7 @@ contains
          if (allocated(result%output_estimate)) then
             where (result%output_level_estimate <= result%output_estimate) result%output_level_estimate = 0.0_wp
          end if
-         call self%solver%report(result)
+         result%effort_t = self%solver%effort_t
       end associate
    end subroutine finish
 

@@ -5,6 +5,7 @@
 !> multipliers tell but for a multiple of the tone that is there: the one is taken that makes its fundamental the largest.
 !> Source: docs/why/theory.md, section 6.7.
 module hb_curve_origin
+   use hb_basis, only: transfer_coefficients
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t, new_harmonics
    use hb_kinds, only: two_pi, wp
@@ -40,10 +41,9 @@ contains
       integer, intent(in) :: tuples(:, :)                             !! on the other curve, (its tones, its harmonics)
       type(model_t), intent(in) :: model                              !! with the wider set
       type(error_t), allocatable, intent(out) :: error
-      type(harmonics_t) :: other
-      real(wp), allocatable :: old(:, :)
+      type(harmonics_t) :: other, same                                ! its tuples there, and among those of the model
       real(wp) :: first                                               ! base frequency of the motion that is left [rad/s]
-      integer :: h, k, n, n_coordinates, n_further
+      integer :: n, n_coordinates, n_further
 
       call new_harmonics(other, tuples, error)
       if (allocated(error)) return
@@ -59,20 +59,11 @@ contains
       end if
       call choose_level(self%level, other, is_torus, model, error, place%n_samples)
       if (allocated(error)) return
-      old = reshape(place%unknowns(:n - n_further), [other%n_coefficients, n_coordinates])
-      associate (set => self%level%set)
-         allocate (self%u(set%n_coefficients, n_coordinates), source=0.0_wp)
-         do h = 1, other%n_harmonics
-            if (is_torus) then
-               k = set%index_of([other%tuples(:, h), 0])
-            else
-               k = set%index_of(2*other%tuples(:, h))
-            end if
-            if (k == 0) cycle
-            self%u(set%cos_at(k), :) = old(other%cos_at(h), :)
-            if (other%sin_at(h) > 0) self%u(set%sin_at(k), :) = old(other%sin_at(h), :)
-         end do
-      end associate
+      call new_harmonics(same, tuples_here(other%tuples, is_torus), error)
+      if (allocated(error)) return
+      allocate (self%u(self%level%set%n_coefficients, n_coordinates))
+      call transfer_coefficients(same, self%level%set, &
+                                 reshape(place%unknowns(:n - n_further), [other%n_coefficients, n_coordinates]), self%u)
       associate (found => place%unknowns(n - n_further + 1:n - 1), value => place%unknowns(n), angle => place%angle)
          if (is_torus) then
             first = model%tones%omega(1)
@@ -85,6 +76,18 @@ contains
       end associate
    end subroutine new_curve_origin
 
+   !> Tuples of the motion there among those of the other motions: with another tone, or of half the frequency.
+   pure function tuples_here(tuples, is_torus) result(here)
+      integer, intent(in) :: tuples(:, :)                             !! (n_tones there, n_harmonics)
+      logical, intent(in) :: is_torus
+      integer, allocatable :: here(:, :)                              !! (n_tones here, n_harmonics)
+      integer :: h
+
+      here = 2*tuples
+      if (.not. is_torus) return
+      here = reshape([(tuples(:, h), 0, h=1, size(tuples, 2))], [size(tuples, 1) + 1, size(tuples, 2)])
+   end function tuples_here
+
    !> Set and grid of the other motions: those of the model or, where a tolerance rules them, what the motion there has and what
    !> comes to it.
    subroutine choose_level(level, other, is_torus, model, error, n_samples)
@@ -95,15 +98,12 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer, intent(in), optional :: n_samples(:)
       type(harmonics_t) :: wide
-      integer :: entries(other%n_tones + 1, other%n_harmonics)
       logical :: is_new
 
       level = level_of(model)
       if (model%accuracy%grows_set) then
          if (is_torus) then
-            entries = 0
-            entries(:other%n_tones, :) = other%tuples
-            call new_harmonics(wide, entries, error)
+            call new_harmonics(wide, tuples_here(other%tuples, is_torus), error)
          else
             call new_doubled_set(wide, other, error)
          end if

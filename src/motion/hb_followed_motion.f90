@@ -178,8 +178,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: odd
       type(model_t) :: reduced
-      integer :: h, i, m, n
-      integer, allocatable :: rows(:)
+      integer :: i
 
       if (allocated(self%odd_problem)) then
          call self%odd_problem%destroy()
@@ -196,15 +195,8 @@ contains
       allocate (self%odd_problem)
       call new_model_problem(self%odd_problem, reduced, self%document, self%request%moving, self%request%start, &
                              self%request%available_memory, error)
-      associate (set => model%harmonics)
-         allocate (rows(0))
-         do h = 1, set%n_harmonics
-            if (modulo(sum(set%tuples(:, h)), 2) == 0) cycle
-            rows = [rows, set%cos_at(h), pack([set%sin_at(h)], [set%sin_at(h) > 0])]
-         end do
-         n = self%problem%n_unknowns
-         m = size(self%problem%which)
-         self%odd_places = [((i + rows(h), h=1, size(rows)), i=0, n - 1, set%n_coefficients), (n + i, i=1, m)]
+      associate (n => self%problem%n_unknowns, m => size(self%problem%which))
+         self%odd_places = [model%harmonics%places_of(odd, self%problem%n_dofs), (n + i, i=1, m)]
       end associate
    end subroutine make_odd_problem
 

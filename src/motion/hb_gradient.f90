@@ -21,7 +21,7 @@ module hb_gradient
    use hb_model_basis, only: coordinates_of
    use hb_model_problem, only: model_problem_t, moving_value_t, new_model_problem
    use hb_model_reader, only: update_model
-   use hb_motion_result, only: gradient_t, motion_result_t
+   use hb_motion_result, only: as_pairs, gradient_t, motion_result_t
    use hb_outcome, only: is_solved, outcome
    use hb_phase, only: coefficient_form, shift_form
    use hb_problem, only: problem_t
@@ -397,7 +397,6 @@ contains
       integer, intent(in) :: k
       complex(wp), intent(in) :: slope(:, :)                          !! a - i b, (n_dofs, n_harmonics)
 
-      gradient%coefficients(1, :, :, k) = transpose(real(slope(dofs, :)))
-      gradient%coefficients(2, :, :, k) = -transpose(aimag(slope(dofs, :)))
+      gradient%coefficients(:, :, :, k) = as_pairs(slope(dofs, :))
    end subroutine keep_slope
 end module hb_gradient

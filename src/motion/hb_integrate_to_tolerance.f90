@@ -164,15 +164,8 @@ contains
       end if
       integrated%status = settled%status
       if (allocated(integrated%coefficients)) integrated%status = status_within(model, settled, integrated)
-      integrated%work = result%work
-      integrated%iterations = result%iterations
-      integrated%evaluations = result%evaluations
-      integrated%fallback = result%fallback
-      integrated%n_levels = result%n_levels
+      integrated%effort_t = result%effort_t
       integrated%level_difference = apart
-      integrated%setup_seconds = result%setup_seconds
-      integrated%solver_seconds = result%solver_seconds
-      integrated%certificate_seconds = result%certificate_seconds
       if (is_struck) then
          integrated%message = integrated%message//"; with impacts on a wall"
       else

@@ -8,7 +8,7 @@ module hb_integrated_result
    use hb_mean_energy, only: new_mean_energy
    use hb_model, only: model_t
    use hb_motion_description, only: ask_for_stability
-   use hb_motion_result, only: motion_result_t
+   use hb_motion_result, only: as_pairs, motion_result_t
    use hb_outcome, only: outcome
    use hb_stability, only: harmonic_motion_t, stability_method, stability_t, verdict
    use hb_time_domain, only: steady_motion_t
@@ -32,19 +32,8 @@ contains
       type(coordinates_t), intent(in) :: coordinates
       type(steady_motion_t), intent(in) :: settled
       real(wp), allocatable :: guess(:)
-      complex(wp) :: z(coordinates%n, model%harmonics%n_harmonics)
-      real(wp) :: u(model%harmonics%n_coefficients, coordinates%n)
-      integer :: h
 
-      z = coordinates%amplitudes_of(settled%amplitudes)
-      u = 0.0_wp
-      associate (set => model%harmonics)
-         do h = 1, set%n_harmonics
-            u(set%cos_at(h), :) = real(z(:, h), wp)
-            if (set%sin_at(h) > 0) u(set%sin_at(h), :) = -aimag(z(:, h))
-         end do
-      end associate
-      guess = [u, model%tones%omega]
+      guess = [model%harmonics%coefficients(coordinates%amplitudes_of(settled%amplitudes)), model%tones%omega]
    end function guess_from
 
    !> Puts a motion that was integrated into a result. The forces of the laws are what its inertia, damping, stiffness and loads
@@ -66,9 +55,9 @@ contains
       result%frequency = model%tones%omega
       result%n_harmonics = model%harmonics%n_harmonics
       result%is_odd = .false.
-      result%coefficients = pairs_of(c(model%output%dofs, :))
-      result%force_coefficients = pairs_of(forces(coordinates%dofs, :))
-      result%corrected_coefficients = pairs_of(c(coordinates%dofs, :))
+      result%coefficients = as_pairs(c(model%output%dofs, :))
+      result%force_coefficients = as_pairs(forces(coordinates%dofs, :))
+      result%corrected_coefficients = as_pairs(c(coordinates%dofs, :))
       call find_stability(model, settled, result%stability)
       associate (found => result%certificate, nan => ieee_value(1.0_wp, ieee_quiet_nan))
          call near_commensurate(model%tones, found%combination, found%combination_frequency)
@@ -120,13 +109,4 @@ contains
          forces = matmul(s%stiffness - w**2*s%mass, c) + cmplx(0.0_wp, w, wp)*s%damping_times(c)
       end associate
    end function forces_of
-
-   !> Amplitudes cos - i sin as (cos and sin, harmonic, any).
-   pure function pairs_of(c) result(pairs)
-      complex(wp), intent(in) :: c(:, :)                              !! (any, n_harmonics)
-      real(wp) :: pairs(2, size(c, 2), size(c, 1))
-
-      pairs(1, :, :) = real(transpose(c), wp)
-      pairs(2, :, :) = -aimag(transpose(c))
-   end function pairs_of
 end module hb_integrated_result

@@ -130,7 +130,7 @@ contains
          if (allocated(error)) return
          if (set%n_harmonics <= model%accuracy%max_harmonics .and. has_all_of(set, top%set)) return
       end if
-      carried = amplitudes_of(top)
+      carried = top%set%norms(coefficients_of(top))
       carried = carried/max(norm2(carried), tiny(1.0_wp))
       is_needed = [(is_needed_at(model, top%set%tuples(:, h)), h=1, top%set%n_harmonics)]
       if (allocated(result%certificate%neglected)) then
@@ -179,7 +179,7 @@ contains
       integer, allocatable :: kept(:)
       integer :: h
 
-      amplitudes = amplitudes_of(level)
+      amplitudes = level%set%norms(coefficients_of(level))
       amplitudes = amplitudes/max(norm2(amplitudes), tiny(1.0_wp))
       do h = 1, level%set%n_harmonics
          if (is_needed_at(model, level%set%tuples(:, h))) amplitudes(h) = huge(1.0_wp)
@@ -295,21 +295,6 @@ contains
       here%start = model%start%in_set(model%harmonics, set)
    end subroutine put_on_set
 
-   !> Norm of the coefficients of each tuple over all coordinates.
-   pure function amplitudes_of(level) result(amplitudes)
-      type(level_t), intent(in) :: level
-      real(wp) :: amplitudes(level%set%n_harmonics)
-      real(wp), allocatable :: u(:, :)
-      integer :: h
-
-      u = coefficients_of(level)
-      associate (set => level%set)
-         do h = 1, set%n_harmonics
-            amplitudes(h) = norm2(u(set%cos_at(h):max(set%cos_at(h), set%sin_at(h)), :))
-         end do
-      end associate
-   end function amplitudes_of
-
    !> Coefficients (n_coefficients, coordinates) of the motion of a level.
    pure function coefficients_of(level) result(u)
       type(level_t), intent(in) :: level
@@ -355,7 +340,7 @@ contains
       moved%unknowns = on_other_set(lower, upper%set)
       u = coefficients_of(upper)
       if (has_free_phases) then
-         distance = norm2(amplitudes_of(moved) - amplitudes_of(upper))
+         distance = norm2(moved%set%norms(coefficients_of(moved)) - upper%set%norms(coefficients_of(upper)))
       else
          distance = norm2(coefficients_of(moved) - u)
       end if

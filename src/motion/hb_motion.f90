@@ -212,17 +212,13 @@ contains
       solution = guess
       call solve_model(near, whole_basis(model%harmonics, model%torus), found, error, solution)
       if (allocated(error)) return
-      found%iterations = found%iterations + result%iterations
-      found%evaluations = found%evaluations + result%evaluations
-      found%work = found%work + result%work
+      call found%add(result%effort_t)
       if (found%status == outcome%converged) then
          result = found
          result%fallback = fallback%integration
          call move_alloc(solution, unknowns)
       else
-         result%iterations = found%iterations
-         result%evaluations = found%evaluations
-         result%work = found%work
+         result%effort_t = found%effort_t
       end if
    end subroutine balance_from
 
@@ -558,19 +554,9 @@ contains
       type(basis_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates
       real(wp), intent(inout) :: u(:, :)
-      complex(wp), allocatable :: z(:, :)
       type(amplitudes_t) :: start
-      integer :: k
 
       start = model%start%at(basis%places)
-      associate (set => basis%harmonics)
-         z = coordinates%amplitudes_of(start%values)
-         do k = 1, size(start%harmonics)
-            associate (cosine => set%cos_at(start%harmonics(k)), sine => set%sin_at(start%harmonics(k)))
-               u(cosine, :) = u(cosine, :) + real(z(:, k))
-               if (sine > 0) u(sine, :) = u(sine, :) - aimag(z(:, k))
-            end associate
-         end do
-      end associate
+      if (.not. start%is_zero()) u = u + basis%harmonics%coefficients(coordinates%amplitudes_of(start%whole()))
    end subroutine add_start
 end module hb_motion

@@ -15,7 +15,7 @@ module hb_motion_description
    use hb_limit_cycle_search, only: search_t
    use hb_linear_part, only: linear_part_t
    use hb_model, only: model_t
-   use hb_motion_result, only: motion_result_t
+   use hb_motion_result, only: as_pairs, motion_result_t
    use hb_odd_symmetry, only: asymmetry
    use hb_outcome, only: is_solved, outcome
    use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, &
@@ -172,13 +172,9 @@ contains
       type(basis_t), intent(in) :: basis
       complex(wp), intent(in) :: c(:, :)                              !! a - i b, (n_dofs, n_harmonics)
       type(motion_result_t), intent(inout) :: result
-      integer :: i
 
       allocate (result%coefficients(2, basis%whole%n_harmonics, size(model%output%dofs)), source=0.0_wp)
-      do i = 1, size(model%output%dofs)
-         result%coefficients(1, basis%places, i) = real(c(model%output%dofs(i), :))
-         result%coefficients(2, basis%places, i) = -aimag(c(model%output%dofs(i), :))
-      end do
+      result%coefficients(:, basis%places, :) = as_pairs(c(model%output%dofs, :))
    end subroutine keep_motion
 
    !> Forces of the laws and the motion corrected to walls, on the grid of the solution.
@@ -209,7 +205,7 @@ contains
       result%n_full_stick = count([(balance%law_set%full_stick(i), i=1, size(balance%law_set%laws))])
       call balance%project(balance%law_set%samples%f%values, coefficients)
       result%force_coefficients = &
-         as_pairs(basis%whole, basis%expand(balance%stiffness%coordinates%spread_forces(coefficients)))
+         as_pairs(basis%whole%amplitudes(basis%expand(balance%stiffness%coordinates%spread_forces(coefficients))))
       moved = balance%at_law_dofs(u)
       if (balance%law_set%needs_reaction) then
          call new_real_block(correction, size(balance%law_set%samples%q%values, 1), size(moved, 2), error)
@@ -222,7 +218,7 @@ contains
          end do
          call correction%destroy()
       end if
-      result%corrected_coefficients = as_pairs(basis%whole, basis%expand(moved))
+      result%corrected_coefficients = as_pairs(basis%whole%amplitudes(basis%expand(moved)))
    end subroutine keep_forces
 
    !> The outputs whose accuracy is requested. They are off by what the motion without its first-order errors changes in them.
@@ -300,7 +296,7 @@ contains
       associate (found => result%certificate)
          allocate (improved(wider%n_coefficients, size(found%improved, 2)))
          call transfer_coefficients(found%wider, wider, found%improved, improved)
-         result%improved_coefficients = as_pairs(wider, improved)
+         result%improved_coefficients = as_pairs(wider%amplitudes(improved))
          call move_alloc(improved, found%improved)
          found%wider = wider
       end associate
@@ -352,18 +348,4 @@ contains
       call samples%destroy()
       call shown%destroy()
    end subroutine keep_surfaces
-
-   !> Coefficients as (cos and sin, harmonic, degree of freedom), the sine of the zero tuple being zero.
-   pure function as_pairs(set, coefficients) result(pairs)
-      type(harmonics_t), intent(in) :: set
-      real(wp), intent(in) :: coefficients(:, :)                      !! (n_coefficients, any)
-      real(wp) :: pairs(2, set%n_harmonics, size(coefficients, 2))
-      integer :: h
-
-      pairs = 0.0_wp
-      do h = 1, set%n_harmonics
-         pairs(1, h, :) = coefficients(set%cos_at(h), :)
-         if (set%sin_at(h) > 0) pairs(2, h, :) = coefficients(set%sin_at(h), :)
-      end do
-   end function as_pairs
 end module hb_motion_description

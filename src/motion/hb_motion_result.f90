@@ -7,7 +7,7 @@ module hb_motion_result
    use hb_stability, only: stability_t
    implicit none
    private
-   public :: curve_position_t, gradient_t, motion_result_t
+   public :: as_pairs, curve_position_t, effort_t, gradient_t, motion_result_t
 
    !> Where on a curve a motion is, hb_motion_curve, and what the curve continues from: of steps and the starts of ways all of it.
    type :: curve_position_t
@@ -37,26 +37,32 @@ module hb_motion_result
                                                         !! step, relative to what the step of the value alone does
    end type gradient_t
 
-   !> The result of one model. What is not allocated is not known, and stays NaN in a file.
-   type :: motion_result_t
-      integer :: status = outcome%pending               !! hb_outcome
-      character(:), allocatable :: message              !! why the point failed, or what to know of it; a file cuts it to 400 bytes
+   !> What a motion has taken.
+   type :: effort_t
       integer :: iterations = 0
       integer :: evaluations = 0                        !! of the residual
       real(wp) :: work = 0.0_wp                         !! of the solver and of time integration, see hb_solver_types
-      real(wp) :: integration_work = 0.0_wp             !! of it, of time integration
       real(wp) :: work_beside = 0.0_wp                  !! of set-up, recovery and certificate, likewise
+      integer :: n_levels = 0                           !! sets solved until the tolerance was met, hb_accurate_motion; 0: one given
       integer :: fallback = 0                           !! what the solver needed, hb_solver_types
+      real(wp) :: setup_seconds = 0.0_wp                !! wall time of dynamic stiffness, plans, first guess
+      real(wp) :: solver_seconds = 0.0_wp               !! of the iterations
+      real(wp) :: certificate_seconds = 0.0_wp          !! of the certificate
+   contains
+      procedure :: add => effort_add
+   end type effort_t
+
+   !> The result of one model. What is not allocated is not known, and stays NaN in a file.
+   type, extends(effort_t) :: motion_result_t
+      integer :: status = outcome%pending               !! hb_outcome
+      character(:), allocatable :: message              !! why the point failed, or what to know of it; a file cuts it to 400 bytes
+      real(wp) :: integration_work = 0.0_wp             !! of it, of time integration
       logical :: is_integrated_first = .false.          !! time integration was tried before the balance, hb_primary_method
       integer :: n_motions = 0                          !! in which several starts of time integration end; 0: none were tried
       real(wp) :: residual = 0.0_wp                     !! relative to the scale of the forces
       real(wp) :: solve_seconds = 0.0_wp                !! wall time of the whole point
-      real(wp) :: setup_seconds = 0.0_wp                !! of it, dynamic stiffness, plans, first guess
-      real(wp) :: solver_seconds = 0.0_wp               !! of it, the iterations
-      real(wp) :: certificate_seconds = 0.0_wp          !! of it, the certificate
       integer :: rank = 0                               !! that solved it
       integer :: n_harmonics = 0                        !! in the set of this point
-      integer :: n_levels = 0                           !! sets solved until the tolerance was met, hb_accurate_motion; 0: one given
       real(wp) :: level_difference = 0.0_wp             !! of the last two motions on the way there, relative
       real(wp) :: penetration_share = 0.0_wp                          !! of the penetration that `&certificate` allows
       real(wp) :: level_estimate = 0.0_wp               !! estimated error as this difference shows it, where that is more than the
@@ -87,4 +93,31 @@ module hb_motion_result
       real(wp), allocatable :: corrected_samples(:, :)  !! corrected to walls, as displacement_samples
       real(wp), allocatable :: force_samples(:, :)      !! [N], as displacement_samples
    end type motion_result_t
+
+contains
+
+   !> Adds what another motion on the way has taken; its fallback counts where that is a later one.
+   pure subroutine effort_add(self, other)
+      class(effort_t), intent(inout) :: self
+      type(effort_t), intent(in) :: other
+
+      self%iterations = self%iterations + other%iterations
+      self%evaluations = self%evaluations + other%evaluations
+      self%work = self%work + other%work
+      self%work_beside = self%work_beside + other%work_beside
+      self%n_levels = self%n_levels + other%n_levels
+      self%fallback = max(self%fallback, other%fallback)
+      self%setup_seconds = self%setup_seconds + other%setup_seconds
+      self%solver_seconds = self%solver_seconds + other%solver_seconds
+      self%certificate_seconds = self%certificate_seconds + other%certificate_seconds
+   end subroutine effort_add
+
+   !> Amplitudes a - i b as pairs (cos and sin, n_harmonics, any).
+   pure function as_pairs(c) result(pairs)
+      complex(wp), intent(in) :: c(:, :)                !! (any, n_harmonics)
+      real(wp) :: pairs(2, size(c, 2), size(c, 1))
+
+      pairs(1, :, :) = real(transpose(c), wp)
+      pairs(2, :, :) = 0.0_wp - aimag(transpose(c))     ! no zero has a sign
+   end function as_pairs
 end module hb_motion_result

@@ -186,21 +186,11 @@ contains
       real(wp), intent(in) :: x(:)                                    !! (n_coefficients*n_dofs)
       type(harmonics_t), intent(in) :: harmonics
       real(wp), intent(in) :: phases(:)                               !! [rad], (n_tones)
-      real(wp) :: angle, y(size(x))
-      integer :: d, first, h
+      real(wp) :: y(size(x))
 
-      y = x
-      do h = 1, harmonics%n_harmonics
-         if (harmonics%sin_at(h) == 0) cycle
-         angle = dot_product(phases, real(harmonics%tuples(:, h), wp))
-         do d = 1, size(x)/harmonics%n_coefficients
-            first = (d - 1)*harmonics%n_coefficients
-            associate (c => first + harmonics%cos_at(h), s => first + harmonics%sin_at(h))
-               y(c) = cos(angle)*x(c) + sin(angle)*x(s)
-               y(s) = cos(angle)*x(s) - sin(angle)*x(c)
-            end associate
-         end do
-      end do
+      associate (n => harmonics%n_coefficients, angles => matmul(phases, real(harmonics%tuples, wp)))
+         y = reshape(harmonics%times(exp(cmplx(0.0_wp, angles, wp)), reshape(x, [n, size(x)/n])), [size(x)])
+      end associate
    end function shifted
 
    !> Numbers of the harmonics whose tuples are lowest, the zero tuple apart.

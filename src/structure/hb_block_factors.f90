@@ -68,9 +68,9 @@ contains
       logical, intent(out) :: is_singular
       integer :: info, n_rows
 
-      self%is_there(h) = .true.
       if (self%pattern%n == 1) then
          is_singular = abs(block(1, 1)) <= 0.0_wp
+         self%is_there(h) = .not. is_singular
          self%inverses(h) = (0.0_wp, 0.0_wp)
          if (.not. is_singular) self%inverses(h) = (1.0_wp, 0.0_wp)/block(1, 1)
          return
@@ -92,6 +92,7 @@ contains
             is_singular = info /= 0
          end if
       end associate
+      self%is_there(h) = .not. is_singular
    end subroutine block_factors_factorise
 
    !> Overwrites b with the solution of block h.
@@ -119,7 +120,7 @@ contains
       end associate
    end subroutine block_factors_solve
 
-   !> Solves for the coefficients of all harmonics, with block h for harmonic h.
+   !> Solves for the coefficients of all harmonics, with block h for harmonic h; those without factors are zero.
    subroutine block_factors_solve_harmonics(self, set, r, x)
       class(block_factors_t), intent(in) :: self
       type(harmonics_t), intent(in) :: set
@@ -129,37 +130,21 @@ contains
       integer :: h, i
 
       if (self%pattern%n == 1) then
-         call scale_harmonics(set, self%inverses, r(:, 1), x(:, 1))
+         x = set%times(self%inverses, r)
          return
       end if
       do h = 1, set%n_harmonics
          do i = 1, self%pattern%n
             c(i) = set%amplitude(r(:, i), h)
          end do
-         call self%solve(h, c)
+         if (self%is_there(h)) then
+            call self%solve(h, c)
+         else
+            c = (0.0_wp, 0.0_wp)
+         end if
          do i = 1, self%pattern%n
             call set%set_amplitude(x(:, i), h, c(i))
          end do
       end do
    end subroutine block_factors_solve_harmonics
-
-   !> Multiplies the amplitudes of each harmonic of one degree of freedom by a factor.
-   pure subroutine scale_harmonics(set, factor, r, x)
-      type(harmonics_t), intent(in) :: set
-      complex(wp), intent(in) :: factor(:)                   !! (n_harmonics)
-      real(wp), intent(in) :: r(:)                           !! (n_coefficients)
-      real(wp), intent(out) :: x(:)                          !! as r
-      integer :: h
-
-      do h = 1, set%n_harmonics
-         associate (c => set%cos_at(h), s => set%sin_at(h), a => real(factor(h)), b => aimag(factor(h)))
-            if (s > 0) then                                  ! (a + i b) (r_c - i r_s)
-               x(c) = a*r(c) + b*r(s)
-               x(s) = a*r(s) - b*r(c)
-            else
-               x(c) = a*r(c)
-            end if
-         end associate
-      end do
-   end subroutine scale_harmonics
 end module hb_block_factors

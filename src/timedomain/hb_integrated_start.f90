@@ -150,25 +150,20 @@ contains
       change = abs(second - first)/max(first, second, tiny(1.0_wp))
    end function change_of
 
-   !> Coefficients of the record, those of one degree of freedom after the other.
+   !> Coefficients of the record.
    function coefficients_of(model, record, omega) result(u)
       type(model_t), intent(in) :: model
       type(integration_record_t), intent(in) :: record
       real(wp), intent(in) :: omega(:)
-      real(wp) :: u(model%harmonics%n_coefficients*size(record%every_displacement, 2))
-      complex(wp) :: c(model%harmonics%n_harmonics)
-      real(wp) :: block(model%harmonics%n_coefficients)
-      integer :: h, k
+      real(wp) :: u(model%harmonics%n_coefficients, size(record%every_displacement, 2))
+      complex(wp) :: c(size(u, 2), model%harmonics%n_harmonics)
+      integer :: k
 
       associate (set => model%harmonics, x => record%every_displacement)
          do k = 1, size(x, 2)
-            call coefficients_at(x(:, k), record%start, record%step, set%frequencies(omega), c)
-            do h = 1, set%n_harmonics
-               block(set%cos_at(h)) = real(c(h), wp)
-               if (set%sin_at(h) > 0) block(set%sin_at(h)) = -aimag(c(h))
-            end do
-            u((k - 1)*size(block) + 1:k*size(block)) = block
+            call coefficients_at(x(:, k), record%start, record%step, set%frequencies(omega), c(k, :))
          end do
+         u = set%coefficients(c)
       end associate
    end function coefficients_of
 end module hb_integrated_start
