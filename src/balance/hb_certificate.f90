@@ -30,7 +30,6 @@ module hb_certificate
    use hb_tones, only: new_tones, tones_t
    use hb_torus, only: fast_size, new_torus, samples_for, torus_t
    use hb_tuple_choice, only: new_doubled_set, shifted
-   use hb_two_level, only: clear_kept, improve
    use hb_wide_problem, only: nearer, new_wide_problem, wide_problem_t
    implicit none
    private
@@ -393,9 +392,8 @@ contains
          call compare_with_half(self, balance%harmonics, problem, x, size(u), size_of_motion)
       if (self%wanted%improvement_steps == 0 .or. present(bordered)) return ! the improvement holds the frequencies
       self%wider = wide%harmonics
-      allocate (self%improved, mold=big)
-      call improve(balance, wide, tangent, u, self%wanted%improvement_steps, self%improved)
-      self%improved = wide%at_law_dofs(self%improved)
+      call whole%improve(self%wanted%improvement_steps, big)
+      self%improved = wide%at_law_dofs(big)
 
    contains
 
@@ -421,7 +419,7 @@ contains
 
       outside = reshape(first(:size(big)), shape(big))
       self%first_order = big - outside
-      call clear_kept(balance%harmonics, wide%harmonics, outside)
+      outside([wide%harmonics%places_of(balance%harmonics, 1)], :) = 0.0_wp
       self%around = wide%harmonics
       self%neglected = wide%harmonics%norms(outside)/size_of_motion
       do i = 1, size(which)

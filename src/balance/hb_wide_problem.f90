@@ -8,12 +8,12 @@ module hb_wide_problem
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_balance, only: balance_t
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
+   use hb_cancellation, only: work_is_over
    use hb_gmres, only: gmres_t, new_gmres
    use hb_kinds, only: wp
    use hb_phase, only: peak_form, peak_rate_form, phase_problem_t
    use hb_problem, only: problem_t
    use hb_tangent_solver, only: tangent_solver_t
-   use hb_two_level, only: residual_of
    implicit none
    private
    public :: nearer, new_wide_problem, wide_problem_t
@@ -32,6 +32,7 @@ module hb_wide_problem
       procedure :: apply_tangent => wide_problem_apply_tangent
       procedure :: precondition => wide_problem_precondition
       procedure :: step_in_blocks => wide_problem_step_in_blocks
+      procedure :: improve => wide_problem_improve
    end type wide_problem_t
 
    real(wp), parameter :: accuracy = 1.0e-2_wp                        ! of a step
@@ -138,6 +139,35 @@ contains
       end function moved
    end subroutine wide_problem_find_two_steps
 
+   !> Goes on towards the motion of the wide balance by some of Newton's steps; of all motions on the way the one with the smallest
+   !> step in blocks is taken, the first one among them.
+   subroutine wide_problem_improve(self, n_steps, motion)
+      class(wide_problem_t), intent(inout) :: self
+      integer, intent(in) :: n_steps                                  !! >= 1
+      real(wp), intent(inout) :: motion(:, :)                         !! [m], (n_coefficients, n_dofs)
+      real(wp), dimension(self%n_unknowns) :: nothing, r, step
+      real(wp) :: least, now(size(motion, 1), size(motion, 2))
+      integer :: i
+      logical :: is_found, is_lost
+
+      now = motion
+      nothing = 0.0_wp
+      least = huge(1.0_wp)
+      do i = 0, n_steps
+         if (work_is_over()) return
+         call self%find_residual(now, nothing, r, is_lost)
+         if (is_lost) return
+         call self%step_in_blocks(r, step)
+         if (self%is_lost .or. .not. all(ieee_is_finite(step))) return
+         if (norm2(step) < least) motion = now
+         least = min(least, norm2(step))
+         if (i == n_steps .or. least <= 0.0_wp) return
+         call self%find_step(now, r, 0.0_wp, step, is_found)
+         if (.not. is_found) return
+         now = now - reshape(step(:size(now)), shape(now))
+      end do
+   end subroutine wide_problem_improve
+
    !> Residual at a motion, to which a step `before` has led; `is_lost` where a law is out of its range.
    subroutine wide_problem_find_residual(self, motion, before, r, is_lost)
       class(wide_problem_t), intent(inout) :: self
@@ -145,14 +175,12 @@ contains
       real(wp), intent(in) :: before(:)                               !! (n_unknowns)
       real(wp), intent(out) :: r(:)                                   !! (n_unknowns)
       logical, intent(out) :: is_lost
-      real(wp) :: defect(size(motion, 1), size(motion, 2))
 
-      call residual_of(self%wide, motion, defect)
-      is_lost = .not. all(ieee_is_finite(defect))
-      r = 0.0_wp
+      call self%wide%residual(reshape(motion, [size(motion)]), r(:size(motion)))
+      is_lost = .not. all(ieee_is_finite(r(:size(motion))))
       if (is_lost) return
       associate (n => size(motion), n_all => size(r))
-         r(:n) = [defect]
+         r(n + 1:) = 0.0_wp
          if (n_all > n) r(:n) = r(:n) - matmul(self%border, before(n + 1:))
          select type (narrow => self%narrow)
          type is (phase_problem_t)
