@@ -7,11 +7,10 @@
 module hb_curve_sets
    use hb_amplitudes, only: as_amplitudes
    use hb_cancellation, only: work_is_over
-   use hb_curve, only: curve_t
    use hb_curve_request, only: curve_kind
    use hb_curve_step, only: step
    use hb_error, only: error_t
-   use hb_followed_motion, only: followed_motion_t, known_t, waiting_t
+   use hb_followed_motion, only: followed_motion_t, standing_t, waiting_t
    use hb_harmonics, only: harmonics_t, new_box
    use hb_kinds, only: wp
    use hb_level, only: carry, choose_next, choose_smaller, estimate_of, join, least_goal, level_t, margin
@@ -29,14 +28,6 @@ module hb_curve_sets
    integer, parameter :: most_idle = 2                                ! one after the other that gain nothing
    real(wp), parameter :: goal_ahead = 0.3_wp                         ! of the tolerance: for the points that follow, too
    real(wp), parameter :: ample = 0.01_wp                             ! of the tolerance: a smaller set will do
-
-   !> The curve at one of its points.
-   type :: standing_t
-      type(level_t) :: level
-      type(curve_t) :: curve
-      real(wp) :: largest = 0.0_wp
-      type(known_t) :: known
-   end type standing_t
 
    !> What is refined of a curve. Its set and grid are those of the motion that is followed.
    type, abstract, extends(refinable_t) :: refined_curve_t
@@ -87,7 +78,7 @@ contains
       refined%most_failures = most_stalled + 1
       if (self%estimate <= ample*self%model%accuracy%tolerance) call shrink(self, refined%model, error)
       if (allocated(error)) return
-      first = standing_at(self)
+      first = self%standing_t
       call refine(refined, ending)
       if (ending == refinement_end%idle) then                         ! no set helps: the point is reported as it is
          call stand_at(self, first, refined%error)
@@ -108,7 +99,7 @@ contains
          if (allocated(self%error) .or. .not. is_solved) return
       end if
       self%motion%n_levels = self%n_levels + 1
-      self%here = standing_at(self%motion)
+      self%here = self%motion%standing_t
       call step_here(self)
       associate (status => self%motion%curve%status)
          self%is_stalled = status == outcome%stalled
@@ -332,7 +323,7 @@ contains
       call choose_smaller(model, smaller, is_smaller)
       if (is_without_gaps(self%level)) call fill(smaller, is_filled)  ! so it stays behind a branch point
       if (.not. is_smaller .or. 2*smaller%set%n_harmonics > self%level%set%n_harmonics) return  ! a little less is not worth it
-      here = standing_at(self)
+      here = self%standing_t
       associate (direction => self%curve%direction)
          ahead = direction(size(direction))
       end associate
@@ -366,17 +357,6 @@ contains
          end associate
       end do
    end subroutine describe_all
-
-   !> Where the curve stands, to come back to.
-   function standing_at(self) result(here)
-      class(followed_motion_t), intent(in) :: self
-      type(standing_t) :: here
-
-      here%level = self%level
-      here%curve = self%curve
-      here%largest = self%largest
-      here%known = self%known
-   end function standing_at
 
    !> Goes back there; work stays counted.
    subroutine stand_at(self, here, error)

@@ -31,7 +31,8 @@ module hb_followed_motion
    use hb_thresholds, only: agreement, faint
    implicit none
    private
-   public :: at_end, followed_motion_t, known_t, most_tolerance_factor, n_further, origin_t, reported_extreme_t, waiting_t
+   public :: at_end, followed_motion_t, known_t, most_tolerance_factor, n_further, origin_t, reported_extreme_t
+   public :: standing_t, waiting_t
 
    integer, parameter :: most_corrections = 10
    real(wp), parameter :: at_end = 1.0e-4_wp                          !! of the range: a lost curve so near to a value is at it
@@ -68,23 +69,27 @@ module hb_followed_motion
       type(stability_t) :: stability                                  !! without multipliers where none are searched for
    end type known_t
 
+   !> A curve at one of its points, to which it can go back.
+   type :: standing_t
+      type(level_t) :: level                                          !! set and grid at hand
+      type(curve_t) :: curve
+      type(known_t) :: known                                          !! at its point
+      real(wp) :: largest = faint                                     !! motion so far, in units of typical ones
+   end type standing_t
+
    !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`.
-   type :: followed_motion_t
+   type, extends(standing_t) :: followed_motion_t
       type(curve_request_t) :: request
       type(model_t) :: model                                          !! at the start, as it was read
       type(document_t) :: document
       real(wp), allocatable :: further(:)                             !! unknowns beside those of the balance, at the start
-      type(level_t) :: level                                          !! set and grid at hand
       real(wp) :: estimate = huge(1.0_wp)                             !! of the error at the point of the curve; huge: not known
       integer :: n_levels = 1                                         !! that the last step has taken
       type(model_problem_t) :: problem
       type(energy_t) :: energy                                        !! of its motions, where a normal mode has one
       type(model_problem_t), allocatable :: odd_problem               !! of odd motions alone, where the equations are odd
       integer, allocatable :: odd_places(:)                           !! of its unknowns among those of the problem
-      type(curve_t) :: curve
-      type(known_t) :: known                                          !! at its point
       real(wp), allocatable :: weights(:)                             !! typical motion, (unknowns of the balance)
-      real(wp) :: largest = faint                              !! motion so far, in these
       integer :: way = 1                                              !! 1 and 2 from the start; 2 k + 1 and 2 k + 2 from the k-th
                                                                       !! branch point, along the other curve, or motion apart
       type(origin_t), allocatable :: origins(:)                       !! branch points met on the ways from the start, motions apart
