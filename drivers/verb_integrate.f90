@@ -4,7 +4,6 @@ module verb_integrate
    use console, only: say
    use hb_cancellation, only: cancellation_t
    use hb_clock, only: wall_clock
-   use hb_coexisting_motions, only: report_motions
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t, fail
    use hb_file_location, only: check_place
@@ -20,6 +19,7 @@ module verb_integrate
    use hb_run_callbacks, only: run_callbacks
    use hb_study, only: study_t
    use hb_text, only: to_text
+   use hb_time_integration, only: report_motions
    use result_location, only: place_result
    use verb_solve, only: load_study
    implicit none

@@ -8,7 +8,6 @@ module hb_session
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, c_int, c_int64_t, &
       c_null_funptr, c_null_ptr, c_ptr
    use hb_accurate_motion, only: solve_to_tolerance
-   use hb_cached_linear_part, only: cached_linear_parts_t
    use hb_cancellation, only: cancellation_t, verdict
    use hb_clock, only: wall_clock
    use hb_column_view, only: column_view_t
@@ -21,6 +20,7 @@ module hb_session
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
    use hb_level, only: level_t
+   use hb_linear_part, only: cached_linear_parts_t
    use hb_model, only: callbacks_t, model_t
    use hb_model_reader, only: group_names, read_model, update_model
    use hb_model_tones, only: read_tones

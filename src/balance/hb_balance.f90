@@ -7,27 +7,32 @@
 !> Forces with memory depend on all samples; their columns of the tangent come from the time integration that found them.
 !>
 !> Glossary: u unknowns, S condensed dynamic stiffness, s reaction = F_ext - S u, q motion and v rate on the samples.
+!>
+!> The number of unknowns above which a step of Newton's method by products with the tangent is cheaper than by its factors, for
+!> each kind of laws. Measured: docs/develop/performance.md, section "Factors or products".
 module hb_balance
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_block_factors, only: block_factors_t
-   use hb_cached_linear_part, only: cached_linear_part_t
    use hb_dense_tangent, only: dense_tangent_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
-   use hb_linear_part, only: linear_part_t, new_linear_part
+   use hb_linear_part, only: cached_linear_part_t, linear_part_t, new_linear_part
    use hb_preconditioner, only: preconditioner_t, unit_work
-   use hb_problem, only: deformation, problem_t
+   use hb_problem, only: default_largest_dense, deformation, problem_t
    use hb_projected_laws, only: new_projected_laws, projected_laws_t
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_tangent_choice, only: largest_dense_tangent
    use hb_tangent_product, only: tangent_product_t
    use hb_torus, only: torus_t
    implicit none
    private
-   public :: balance_t, new_balance
+   public :: balance_t, largest_dense_tangent, new_balance
+
+   integer, parameter :: with_smooth_laws = 40                        ! few products each step, few steps
+   integer, parameter :: with_kinks = 120                             ! steps that are not quite exact cost a step or two more
+   integer, parameter :: with_memory = 250                            ! each product integrates along time
 
    integer, parameter :: fewest_to_continue_in_order = 100 ! unknowns from where fewer harmonics pay as the primary method
 
@@ -548,4 +553,20 @@ contains
       if (allocated(self%dense_tangent)) call self%dense_tangent%destroy()
       if (allocated(self%tangent_product)) call self%tangent_product%destroy()
    end subroutine balance_destroy
+
+   !> Unknowns up to which the dense tangent is the cheaper, of the laws of a model: the largest of what each requests. Walls and
+   !> rigid friction, whose steps have to be exact, ask for the most.
+   pure integer function largest_dense_tangent(laws)
+      type(law_box_t), intent(in) :: laws(:)
+      integer :: i
+
+      largest_dense_tangent = with_smooth_laws
+      do i = 1, size(laws)
+         associate (law => laws(i)%law)
+            if (law%degree == 0) largest_dense_tangent = max(largest_dense_tangent, with_kinks)
+            if (law%is_multiplier) largest_dense_tangent = max(largest_dense_tangent, default_largest_dense)
+            if (law%n_states > 0) largest_dense_tangent = max(largest_dense_tangent, with_memory)
+         end associate
+      end do
+   end function largest_dense_tangent
 end module hb_balance

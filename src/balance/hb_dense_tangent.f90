@@ -7,7 +7,7 @@ module hb_dense_tangent
    use hb_fftw, only: new_real_block, real_block_t
    use hb_hysteresis_tangent, only: width
    use hb_kinds, only: wp
-   use hb_law_response, only: find_response, responding_dofs
+   use hb_law_jacobian, only: find_response, responding_dofs
    use hb_linear_part, only: linear_part_t
    use hb_projected_laws, only: projected_laws_t, slope
    implicit none

@@ -1,15 +1,27 @@
 !> Self-excited motion: limit cycles and tori with unknown base frequencies, from the modes of the base motion; never the base
 !> motion itself. Source: docs/why/theory.md, section 6.5.
+!>
+!> Search of a torus for several unknown tones: amplitudes follow the artificial damping, as the motion would grow or decay
+!> in time with the fast oscillation taken out. Where the base motion is stable a scan of amplitudes looks for driving first.
+!> Source: docs/why/theory.md, section 6.5.
 module hb_self_excitation
    use hb_amplitude_curve, only: follow_curve
-   use hb_amplitude_flow, only: follow_flow
+   use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
-   use hb_limit_cycle_search, only: first_amplitude, path_point_t, search_t
+   use hb_limit_cycle_search, only: first_amplitude, last_amplitude, path_point_t, search_t
    use hb_outcome, only: outcome
    use hb_text, only: to_text
+   use hb_thresholds, only: rounding
    implicit none
    private
    public :: search_from_modes
+
+   integer, parameter :: n_amplitudes = 13                            ! of the scan, equal ratios
+   real(wp), parameter :: largest_amplitude = 1.0e8_wp                ! beyond: grows without bound
+   real(wp), parameter :: longest_growth = 1.1_wp                     ! of log(amplitude) in one step
+   real(wp), parameter :: shortest_growth = 1.0e-4_wp
+   integer, parameter :: most_steps = 120
+   real(wp), parameter :: nearly_gone = 0.1_wp                        ! |xi|/omega from which on the motion itself is tried
 
 contains
 
@@ -52,4 +64,143 @@ contains
          self%message = "damped at the amplitudes tried, "//to_text(self%length*first_amplitude)//" to "//to_text(self%reached)
       end if
    end subroutine search_from_modes
+
+   !> Looks for a motion in which all unknown tones live. What is known without one stands in the search: how far it came,
+   !> and a message if it was lost.
+   subroutine follow_flow(self, point, is_found)
+      type(search_t), intent(inout) :: self
+      type(path_point_t), intent(out) :: point                         !! the motion found, else the last point
+      logical, intent(out) :: is_found
+      type(path_point_t) :: last
+      real(wp) :: goal
+      integer :: i
+      logical :: is_solved
+
+      is_found = .false.
+      do i = 1, n_amplitudes
+         if (work_is_over()) exit
+         goal = self%length*first_amplitude*(last_amplitude/first_amplitude)**(real(i - 1, wp)/(n_amplitudes - 1))
+         if (i == 1) then
+            call self%begin(goal, point, is_solved)
+         else
+            call approach(self, last, spread(goal, 1, size(self%tones)), point, is_solved)
+         end if
+         if (.not. is_solved) return
+         last = point
+         self%reached = goal
+         self%is_neutral = self%is_neutral .and. all(abs(self%damping(point)) <= rounding)
+         if (any(self%damping(point) < -rounding)) then
+            call follow(self, point, is_found)
+            return
+         end if
+      end do
+   end subroutine follow_flow
+
+   !> Lets the amplitudes follow the artificial damping until that is nearly gone, then tries the motion without it.
+   subroutine follow(self, now, is_found)
+      type(search_t), intent(inout) :: self
+      type(path_point_t), intent(inout) :: now
+      logical, intent(out) :: is_found
+      type(path_point_t) :: last, trial
+      real(wp), dimension(size(self%tones)) :: growth, sign_before
+      real(wp) :: next_try, smallest
+      integer :: step
+      logical :: has_turned(size(self%tones)), is_solved
+
+      self%report%status = outcome%pending
+      has_turned = .false.
+      smallest = min(minval(now%amplitude), first_amplitude*self%length)
+      growth = longest_growth
+      sign_before = sign(1.0_wp, self%damping(now))
+      next_try = nearly_gone
+      do step = 1, most_steps
+         is_found = .false.
+         if (work_is_over()) exit
+         if (all(has_turned) .and. maxval(abs(self%damping(now))) <= next_try) then
+            trial = now
+            call self%try_motion(trial, is_found)
+            if (is_found) now = trial
+            if (is_found) return
+            next_try = 0.3_wp*maxval(abs(self%damping(now)))
+         end if
+         if (maxval(now%amplitude) > largest_amplitude*self%length) then
+            self%message = "self-excited at all amplitudes tried: the motion grows without bound"
+            self%runs_away = .true.
+            return
+         end if
+         if (any(now%amplitude < 0.3_wp*smallest .and. self%damping(now) > 0.0_wp)) then
+            self%message = "the motion of one unknown tone vanishes in the presence of another"
+            return
+         end if
+         last = now
+         call approach(self, last, last%amplitude*exp(-sign(growth, self%damping(last))), now, is_solved)
+         if (is_solved) then
+            where (sign(1.0_wp, self%damping(now)) == sign_before)
+               growth = min(longest_growth, 1.3_wp*growth)
+            else where
+               growth = 0.3_wp*growth
+               has_turned = .true.
+            end where
+            sign_before = sign(1.0_wp, self%damping(now))
+         else
+            now = last
+            growth = 0.3_wp*growth
+         end if
+         if (maxval(growth) < shortest_growth) exit
+      end do
+      self%report%status = outcome%stalled
+      self%message = "continuation to the motion failed at amplitude "//to_text(maxval(now%amplitude))//" and damping xi/omega "// &
+                     to_text(maxval(abs(self%damping(now))))
+   end subroutine follow
+
+   !> Solves at other amplitudes from the point `last`, by smaller steps where the whole one fails. `now` is the last point
+   !> reached.
+   subroutine approach(self, last, goal, now, is_solved)
+      type(search_t), intent(inout) :: self
+      type(path_point_t), intent(in) :: last
+      real(wp), intent(in) :: goal(:)                                 !! [m], (unknown tones)
+      type(path_point_t), intent(out) :: now
+      logical, intent(out) :: is_solved
+      integer, parameter :: most_solutions = 24
+      type(path_point_t) :: trial
+      real(wp) :: share
+      integer :: i
+
+      now = last
+      share = 1.0_wp
+      do i = 1, most_solutions
+         trial = now
+         trial%amplitude = now%amplitude*(goal/now%amplitude)**share
+         call scale_tones(self, now, trial)
+         call self%solve_with_amplitudes(trial, .false., is_solved)
+         if (is_solved) then
+            now = trial
+            if (share >= 1.0_wp) return
+            share = 1.0_wp
+         else
+            share = 0.4_wp*share
+            if (share < 1.0e-3_wp) return
+         end if
+      end do
+      is_solved = .false.
+   end subroutine approach
+
+   !> Predictor: each harmonic grows with the unknown tone that turns most in it.
+   subroutine scale_tones(self, from, to)
+      type(search_t), intent(in) :: self
+      type(path_point_t), intent(in) :: from
+      type(path_point_t), intent(inout) :: to
+      integer :: h, m
+
+      associate (set => self%balance%harmonics)
+         do h = 1, set%n_harmonics
+            associate (j => set%tuples(self%tones, h))
+               if (all(j == 0)) cycle
+               m = maxloc(abs(j), dim=1)
+               to%u(set%cos_at(h), :) = from%u(set%cos_at(h), :)*to%amplitude(m)/from%amplitude(m)
+               to%u(set%sin_at(h), :) = from%u(set%sin_at(h), :)*to%amplitude(m)/from%amplitude(m)
+            end associate
+         end do
+      end associate
+   end subroutine scale_tones
 end module hb_self_excitation

@@ -21,9 +21,9 @@ module hb_accurate_motion
    use hb_motion_description, only: allow_for_growth, compare_with_refined
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_outcome, only: is_answer => is_solved, outcome
-   use hb_primary_method, only: primary_method
    use hb_refinement, only: refinable_t, refine
    use hb_stability, only: few_periods, stability_method, stability_verdict => verdict
+   use hb_time_domain, only: primary_method
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order, new_lowest_set
    implicit none

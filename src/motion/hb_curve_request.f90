@@ -1,12 +1,38 @@
 !> The request for a curve of motions, and the kinds of its points.
+!>
+!> Where a curve of other motions leaves the one on which it was found: at a period doubling, or where a tone joins.
+!>
+!> The motion there is one of the wider set as well, whose further harmonics are zero; the tangent of the balance by these has a
+!> null vector, the direction of the other motions, which inverse iteration finds. A tone that joins has the frequency that the
+!> multipliers tell but for a multiple of the tone that is there: the one is taken that makes its fundamental the largest.
+!> Source: docs/why/theory.md, section 6.7.
 module hb_curve_request
-   use hb_curve_origin, only: curve_origin_t
-   use hb_kinds, only: wp
-   use hb_model_problem, only: moving_value_t
+   use hb_basis, only: transfer_coefficients
+   use hb_error, only: error_t, fail
+   use hb_harmonics, only: harmonics_t, new_harmonics
+   use hb_kinds, only: two_pi, wp
+   use hb_level, only: degree_of, join, level_of, level_t, needed_samples
+   use hb_model, only: model_t
+   use hb_model_problem, only: model_problem_t, moving_value_t
+   use hb_motion_result, only: curve_position_t
+   use hb_problem, only: problem_t
    use hb_response, only: response_t
+   use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
+   use hb_thresholds, only: rounding
+   use hb_tuple_choice, only: new_doubled_set
    implicit none
    private
-   public :: curve_kind, curve_kind_names, curve_request_t, located_response_t
+   public :: curve_kind, curve_kind_names, curve_origin_t, curve_request_t, find_direction, find_null_vector, &
+      located_response_t, new_curve_origin
+
+   type :: curve_origin_t
+      logical :: is_torus = .false.                                   !! a tone joins, the last one; else the period doubles
+      integer :: multiple = 1                                         !! of entries of tuples: 2 where the period doubles
+      type(level_t) :: level                                          !! the wider set, and its grid
+      real(wp), allocatable :: u(:, :)                                !! motion in the wider set, (n_coefficients, n_coordinates)
+      real(wp), allocatable :: further(:)                             !! frequencies of unknown tones there, and the value
+      real(wp) :: angle = 0.0_wp                                      !! of the pair of multipliers, where a tone joins [rad]
+   end type curve_origin_t
 
    !> What a point of a curve is; numbers as in the result file.
    type :: curve_kind_t
@@ -60,4 +86,180 @@ module hb_curve_request
                                                                       !! of a first motion at `start`
       type(over_t), allocatable :: over                               !! hb_motion_ridge
    end type curve_request_t
+
+contains
+
+   !> Takes the motion of a point on another curve over into the set of a model, or one around it where sets are chosen by a
+   !> tolerance. Fails where it does not fit.
+   subroutine new_curve_origin(self, is_torus, place, tuples, model, error)
+      type(curve_origin_t), intent(out) :: self
+      logical, intent(in) :: is_torus                                 !! else the period doubles
+      type(curve_position_t), intent(in) :: place                     !! on the other curve
+      integer, intent(in) :: tuples(:, :)                             !! on the other curve, (its tones, its harmonics)
+      type(model_t), intent(in) :: model                              !! with the wider set
+      type(error_t), allocatable, intent(out) :: error
+      type(harmonics_t) :: other, same                                ! its tuples there, and among those of the model
+      real(wp) :: first                                               ! base frequency of the motion that is left [rad/s]
+      integer :: n, n_coordinates, n_further
+
+      call new_harmonics(other, tuples, error)
+      if (allocated(error)) return
+      self%is_torus = is_torus
+      self%multiple = merge(1, 2, is_torus)
+      n_further = 1 + count(model%tones%is_unknown) - merge(1, 0, is_torus)
+      n = size(place%unknowns)
+      n_coordinates = (n - n_further)/other%n_coefficients
+      if (n_coordinates < 1 .or. n /= n_coordinates*other%n_coefficients + n_further .or. &
+          model%harmonics%n_tones /= other%n_tones + merge(1, 0, is_torus)) then
+         call fail(error, "its motion does not fit the tones, harmonics and laws of this input")
+         return
+      end if
+      call choose_level(self%level, other, is_torus, model, error, place%n_samples)
+      if (allocated(error)) return
+      call new_harmonics(same, tuples_here(other%tuples, is_torus), error)
+      if (allocated(error)) return
+      allocate (self%u(self%level%set%n_coefficients, n_coordinates))
+      call transfer_coefficients(same, self%level%set, &
+                                 reshape(place%unknowns(:n - n_further), [other%n_coefficients, n_coordinates]), self%u)
+      associate (found => place%unknowns(n - n_further + 1:n - 1), value => place%unknowns(n), angle => place%angle)
+         if (is_torus) then
+            first = model%tones%omega(1)
+            if (model%tones%is_unknown(1)) first = found(1)
+            self%further = [found, angle/two_pi*first, value]
+            self%angle = angle
+         else
+            self%further = [0.5_wp*found, value]
+         end if
+      end associate
+   end subroutine new_curve_origin
+
+   !> Tuples of the motion there among those of the other motions: with another tone, or of half the frequency.
+   pure function tuples_here(tuples, is_torus) result(here)
+      integer, intent(in) :: tuples(:, :)                             !! (n_tones there, n_harmonics)
+      logical, intent(in) :: is_torus
+      integer, allocatable :: here(:, :)                              !! (n_tones here, n_harmonics)
+      integer :: h
+
+      here = 2*tuples
+      if (.not. is_torus) return
+      here = reshape([(tuples(:, h), 0, h=1, size(tuples, 2))], [size(tuples, 1) + 1, size(tuples, 2)])
+   end function tuples_here
+
+   !> Set and grid of the other motions: those of the model or, where a tolerance rules them, what the motion there has and what
+   !> comes to it.
+   subroutine choose_level(level, other, is_torus, model, error, n_samples)
+      type(level_t), intent(out) :: level
+      type(harmonics_t), intent(in) :: other
+      logical, intent(in) :: is_torus
+      type(model_t), intent(in) :: model
+      type(error_t), allocatable, intent(out) :: error
+      integer, intent(in), optional :: n_samples(:)
+      type(harmonics_t) :: wide
+      logical :: is_new
+
+      level = level_of(model)
+      if (model%accuracy%grows_set) then
+         if (is_torus) then
+            call new_harmonics(wide, tuples_here(other%tuples, is_torus), error)
+         else
+            call new_doubled_set(wide, other, error)
+         end if
+         if (allocated(error)) return
+         level%unknowns = [spread(0.0_wp, 1, level%set%n_coefficients), 0.0_wp*model%tones%omega]
+         call join(level, wide, is_new)
+         deallocate (level%unknowns)
+         if (level%set%n_harmonics > model%accuracy%max_harmonics) then
+            call fail(error, "the other motions begin with more tuples than &accuracy max_harmonics allows")
+            return
+         end if
+      end if
+      if (.not. (model%accuracy%is_on .and. model%accuracy%refines_grid)) return
+      level%n_samples = max(level%n_samples, needed_samples(level%set%highest, degree_of(model)))
+      if (.not. present(n_samples)) return
+      associate (old => level%n_samples(:other%n_tones))
+         old = max(old, merge(1, 2, is_torus)*n_samples)
+      end associate
+   end subroutine choose_level
+
+   !> Direction of the other motions at the origin, where the problem stands, and the frequency of a tone that joins, to which it is
+   !> moved. The model from which the origin was made may have had another base frequency.
+   subroutine find_direction(problem, origin, joined, direction, is_found)
+      type(model_problem_t), intent(inout) :: problem
+      type(curve_origin_t), intent(in) :: origin
+      real(wp), intent(out) :: joined                                 !! [rad/s]; 0 without one
+      real(wp), intent(out) :: direction(:)                           !! of length 1 in units of x_scale
+      logical, intent(out) :: is_found
+      integer :: h, i, largest
+      real(wp) :: amplitude, most, u(size(origin%u, 1), size(origin%u, 2))
+      logical :: is_possible
+
+      joined = 0.0_wp
+      if (origin%is_torus) then
+         joined = origin%angle/two_pi*problem%omega(1)
+         call problem%set_parameters([problem%model%harmonics%n_tones], [joined], is_found)
+         if (.not. is_found) return
+      end if
+      call iterate(problem, origin, direction, is_found)
+      if (.not. (origin%is_torus .and. is_found)) return
+      associate (set => problem%model%harmonics)
+         u = reshape(direction/problem%x_scale, shape(u))
+         most = -1.0_wp
+         largest = 0
+         do h = 1, set%n_harmonics
+            if (abs(set%tuples(set%n_tones, h)) /= 1) cycle
+            amplitude = sum([(abs(set%amplitude(u(:, i), h))**2, i=1, size(u, 2))])
+            if (amplitude <= most) cycle
+            most = amplitude
+            largest = h
+         end do
+         if (all(set%tuples(:set%n_tones - 1, largest) == 0)) return
+         joined = abs(dot_product(problem%omega, real(set%tuples(:, largest), wp)))
+         call problem%set_parameters([set%n_tones], [joined], is_possible)
+         is_found = is_possible
+      end associate
+      if (is_found) call iterate(problem, origin, direction, is_found)
+   end subroutine find_direction
+
+   !> The null vector among the harmonics that the origin does not have.
+   subroutine iterate(problem, origin, direction, is_found)
+      type(model_problem_t), intent(inout) :: problem
+      type(curve_origin_t), intent(in) :: origin
+      real(wp), intent(out) :: direction(:)
+      logical, intent(out) :: is_found
+      logical :: is_further(size(origin%u, 1))
+      integer :: h
+
+      associate (set => problem%model%harmonics, u => origin%u)
+         is_further = .false.
+         do h = 1, set%n_harmonics
+            if (origin%is_torus) then
+               if (set%tuples(set%n_tones, h) == 0) cycle
+            else if (all(modulo(set%tuples(:, h), 2) == 0)) then
+               cycle
+            end if
+            is_further([set%cos_at(h), set%sin_at(h)]) = .true.
+         end do
+         call find_null_vector(problem, reshape(u, [size(u)]), problem%x_scale, &
+                               reshape(spread(is_further, 2, size(u, 2)), [size(u)]), spread(0.0_wp, 1, size(u)), direction, &
+                               is_found)
+      end associate
+   end subroutine iterate
+
+   !> A vector that the tangent of a problem takes to nearly zero where it is singular, see `find_null_vector` of its solver.
+   subroutine find_null_vector(problem, x, scale, mask, along, vector, is_found)
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in), contiguous :: x(:)
+      real(wp), intent(in) :: scale(:)                                !! of vectors
+      logical, intent(in) :: mask(:)
+      real(wp), intent(in) :: along(:)                                !! in these scales, of length 1 or 0
+      real(wp), intent(out) :: vector(:)                              !! of length 1 in these scales
+      logical, intent(out) :: is_found
+      type(tangent_solver_t) :: solver
+      logical :: is_singular
+
+      call new_tangent_solver(solver, problem, x, is_singular)
+      if (is_singular) call new_tangent_solver(solver, problem, (1.0_wp + rounding)*x, is_singular)
+      is_found = .not. is_singular
+      if (is_found) call solver%find_null_vector(problem, scale, mask, along, vector, is_found)
+   end subroutine find_null_vector
 end module hb_curve_request

@@ -18,12 +18,11 @@ module hb_followed_motion
    use hb_level, only: carry, estimate_of, level_t, put_on_level, with_caution
    use hb_limit_cycle_search, only: fundamental
    use hb_model, only: model_t
-   use hb_model_basis, only: half_of_odd, is_solved_odd
+   use hb_model_basis, only: half_of_odd, is_solved_odd, most_even
    use hb_model_problem, only: model_problem_t, new_model_problem
    use hb_motion_description, only: describe_motion
    use hb_motion_result, only: motion_result_t
    use hb_newton, only: solve_newton
-   use hb_odd_symmetry, only: most_even
    use hb_outcome, only: outcome
    use hb_phase, only: coefficient_form, energy_row_t, peak_form, peak_rate_form, shift_form
    use hb_solver_types, only: report_t, solver_config_t

@@ -20,12 +20,11 @@ module hb_integrate_to_tolerance
    use hb_motion, only: forget_motion, start_from, status_of_ended
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
-   use hb_primary_method, only: integration_counts_t, integration_is_cheaper, primary_method
    use hb_refinement, only: refinable_t, refine
    use hb_structure, only: most_dense, structure_t
    use hb_text, only: to_text
    use hb_thresholds, only: safety
-   use hb_time_domain, only: steady_motion_t
+   use hb_time_domain, only: integration_counts_t, integration_is_cheaper, primary_method, steady_motion_t
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: largest_places, lowest_order, new_lowest_set
    implicit none

@@ -5,8 +5,9 @@
 !> costliest of three: the tangent of the direct attempt, the fallback, the certificate with its own wider balance. Products
 !> with a tangent bring their preconditioner, which a hard problem makes stronger; the strongest one counts as fallback.
 module hb_memory_estimate
+   use hb_balance, only: largest_dense_tangent
    use hb_basis, only: basis_t, whole_basis
-   use hb_block_pattern, only: block_pattern_t, new_block_pattern
+   use hb_block_factors, only: block_pattern_t, new_block_pattern
    use hb_certificate, only: wider_orders, wider_samples
    use hb_coarse_tangent, only: most_memory
    use hb_condensation, only: condensed_half_bandwidth
@@ -21,7 +22,6 @@ module hb_memory_estimate
    use hb_model_basis, only: coordinates_of, find_basis
    use hb_solver_types, only: largest_affordable, method, solver_config_t
    use hb_structure, only: structure_t
-   use hb_tangent_choice, only: largest_dense_tangent
    use hb_text, only: to_text
    use hb_torus, only: cheap_size, default_samples, torus_t
    implicit none

@@ -9,17 +9,15 @@ module hb_model
    use hb_fe_model, only: fe_model_source_t
    use hb_fftw, only: planning
    use hb_harmonics, only: harmonics_t
-   use hb_integration_config, only: integration_config_t
    use hb_kinds, only: wp
    use hb_law, only: hold_t, law_box_t
    use hb_normal_mode, only: normal_mode_t
    use hb_outcome, only: outcome
-   use hb_primary_method, only: primary_method
    use hb_response, only: response_t
    use hb_solver_types, only: solver_config_t
    use hb_stability, only: stability_config_t, stability_finder_t
    use hb_structure, only: structure_t
-   use hb_time_domain, only: locking_t, steady_motion_t
+   use hb_time_domain, only: integration_config_t, locking_t, primary_method, steady_motion_t
    use hb_tones, only: tones_t
    use hb_torus, only: torus_t
    implicit none

@@ -7,7 +7,6 @@ module hb_model_reader
    use hb_fe_model, only: fe_model_source_t
    use hb_floquet, only: floquet_t
    use hb_frequency_part_input, only: read_frequency_part
-   use hb_integration_config, only: read_integration
    use hb_kinds, only: wp
    use hb_memory_estimate, only: check_memory, sizes_of
    use hb_model, only: callbacks_t, gradient_config_t, model_t, symmetry
@@ -16,13 +15,13 @@ module hb_model_reader
    use hb_model_loads, only: loaded_tuples, read_loads, read_starts
    use hb_model_settings, only: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
    use hb_model_tones, only: check_fundamentals, read_normal_mode, read_phase, read_tones
-   use hb_primary_method, only: primary_method
    use hb_properties, only: properties_t
    use hb_solver_types, only: share_of_solver
    use hb_stability, only: stability_method
    use hb_structure, only: structure_t
    use hb_structure_catalogue, only: read_structure
    use hb_text, only: shown, string_t, to_text
+   use hb_time_domain, only: primary_method, read_integration
    use hb_tones, only: tones_t
    use hb_truncation, only: read_harmonics, read_lowest_set
    implicit none

@@ -6,7 +6,6 @@ module hb_motion
    use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, whole_basis
-   use hb_cached_linear_part, only: cached_linear_parts_t
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_certificate, only: certificate_t, certify_linear
    use hb_clock, only: wall_clock
@@ -17,19 +16,18 @@ module hb_motion
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
    use hb_limit_cycle_search, only: search_t
-   use hb_linear_part, only: linear_part_t, new_linear_part
+   use hb_linear_part, only: cached_linear_parts_t, linear_part_t, new_linear_part
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of, find_basis
    use hb_motion_description, only: describe_motion, keep_motion
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: is_solved, outcome
-   use hb_primary_method, only: primary_method
    use hb_solver, only: solve
    use hb_solver_types, only: fallback, report_t
    use hb_stability, only: stability_method, stability_t
    use hb_structure, only: most_dense
    use hb_thresholds, only: rounding
-   use hb_time_domain, only: locking_t, may_be_locked, steady_motion_t
+   use hb_time_domain, only: locking_t, may_be_locked, primary_method, steady_motion_t
    implicit none
    private
    public :: forget_motion, solve_motion, start_from, status_of_ended

@@ -15,8 +15,8 @@ module hb_motion_description
    use hb_limit_cycle_search, only: search_t
    use hb_linear_part, only: linear_part_t
    use hb_model, only: model_t
+   use hb_model_basis, only: asymmetry
    use hb_motion_result, only: as_pairs, motion_result_t
-   use hb_odd_symmetry, only: asymmetry
    use hb_outcome, only: is_solved, outcome
    use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, &
       stability_method, stability_t, stability_verdict => verdict

@@ -1,11 +1,77 @@
 !> Interface of the time-domain solver: the motion after the transient, and whether tones lock.
+!>
+!> The primary method for a motion, balance or time integration: given, or decided from counts and never from a clock.
+!>
+!> The balance is cheaper nearly everywhere. The exceptions are rigid friction and walls to many
+!> digits: its error falls with less than the second power of the order, that of the series of the motion itself with 2.5,
+!> and with 1.5 where a wall turns it back.
+!> Counts of both, fitted to measurements: docs/user/time_integration.md.
+!>
+!> The group `&integration`: settings of time integration.
 module hb_time_domain
-   use hb_kinds, only: wp
+   use hb_kinds, only: int64, two_pi, wp
    use hb_outcome, only: outcome
+   use hb_properties, only: properties_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: highest_part, locking_t, may_be_locked, steady_motion_t
+   public :: highest_part, integration_config_t, integration_counts_t, integration_is_cheaper, integration_method, &
+      integration_start, locking_t, may_be_locked, primary_method, read_integration, steady_motion_t, step_of, work_of_look
+
+   type :: integration_method_t
+      integer :: cvode = 1
+      integer :: runge_kutta_4 = 2
+      integer :: central_differences = 3
+      integer :: generalized_alpha = 4
+   end type integration_method_t
+   type(integration_method_t), parameter :: integration_method = integration_method_t()
+
+   type :: integration_start_t
+      integer :: rest = 1
+      integer :: given = 2
+   end type integration_start_t
+   type(integration_start_t), parameter :: integration_start = integration_start_t()
+
+   type :: integration_config_t
+      integer :: method = integration_method%cvode
+      real(wp) :: step = 0.0_wp                                       !! [s]; 0: from steps_per_period
+      integer :: steps_per_period = 200                               !! of the fastest tone
+      real(wp) :: duration = 0.0_wp                                   !! [s] of the record, without the transient; 0: not given
+      real(wp) :: transient = 0.0_wp                                  !! [s] before the record
+      integer :: decimation = 1                                       !! steps from one stored sample to the next
+      real(wp) :: tolerance = 1.0e-10_wp                              !! of cvode and of Newton, relative
+      logical :: is_stiff = .false.                                   !! cvode: backward differentiation instead of Adams
+      real(wp) :: restitution = -1.0_wp                               !! of walls that have none of their own; < 0: not given
+      real(wp) :: spectral_radius = 0.8_wp                            !! of generalized_alpha at infinite frequency
+      integer :: start = integration_start%rest
+      character(:), allocatable :: record                             !! file with the record to be continued
+      integer :: starts = 1                                           !! states from which to integrate
+      integer :: n_peaks = 0                                          !! frequencies searched for, per degree of freedom
+      real(wp) :: largest = huge(1.0_wp)                              !! displacement at which to give up [m], no key
+      integer(int64) :: most_looks = huge(1_int64)                    !! at the motion, after which to give up, no key
+      real(wp) :: work_limit = huge(1.0_wp)                           !! of one method on the way to an answer, no key
+      integer :: substeps = 1                                         !! of the method, from one step to the next, no key
+      real(wp) :: aim = 0.0_wp                                        !! error of the motion at which to end, its tuples many
+                                                                      !! candidates; 0: the set is what is requested. No key
+   end type integration_config_t
+
+   type :: primary_method_t
+      integer :: auto = 1
+      integer :: balance = 2
+      integer :: integration = 3
+   end type primary_method_t
+   type(primary_method_t), parameter :: primary_method = primary_method_t()
+
+   !> What is counted, of a model with rigid laws and one tone.
+   type :: integration_counts_t
+      integer :: n_dofs = 1, n_coordinates = 1
+      integer :: max_harmonics = 2000
+      logical :: has_walls = .false.
+      real(wp) :: tolerance = 1.0e-2_wp
+      real(wp) :: omega = 1.0_wp                                      !! of the tone [rad/s]
+      real(wp) :: decay = 0.0_wp                                      !! of the slowest mode [1/s]; 0: none decays
+      real(wp) :: fastest = 0.0_wp                                    !! frequency of the structure [rad/s]
+   end type integration_counts_t
 
    integer, parameter :: highest_part = 6                             !! of a tone that a common base frequency is
    real(wp), parameter :: close = 0.05_wp                             ! |q w_m - p w_l| relative to the larger tone
@@ -70,4 +136,70 @@ contains
       text = "the tones lock in the ratio "//trim(text)//", as time integration shows: use one tone, near "// &
          to_text(self%base)//" rad/s"
    end function locking_message
+
+   !> Whether time integration takes clearly less work to the tolerance than the balance.
+   pure logical function integration_is_cheaper(counts)
+      type(integration_counts_t), intent(in) :: counts
+      real(wp), parameter :: clearly = 10.0_wp
+      real(wp), parameter :: fewest_periods = 150.0_wp                ! of the windows of a time integration
+      real(wp), parameter :: decays = 3.0_wp                          ! of its transient, until two windows agree
+      real(wp), parameter :: samples_of_harmonic = 16.0_wp, steps_of_mode = 30.0_wp, looks_of_step = 2.0_wp
+      real(wp), parameter :: of_pair = 500.0_wp                       ! [ns] of a balance, for each pair of unknowns
+      real(wp) :: n_balance, n_integration, periods, samples, steps, work_of_integration
+
+      integration_is_cheaper = .false.
+      if (counts%decay <= 0.0_wp) return
+      associate (tolerance => counts%tolerance, n_coordinates => real(counts%n_coordinates, wp))
+         n_balance = 5.0_wp*tolerance**(-0.55_wp)
+         n_integration = tolerance**(-merge(0.67_wp, 0.4_wp, counts%has_walls))
+         if (n_integration > counts%max_harmonics) return
+         periods = max(fewest_periods, decays*log(1.0e2_wp/tolerance)*counts%omega/(two_pi*counts%decay))
+         samples = samples_of_harmonic*n_integration
+         steps = max(samples, steps_of_mode*counts%fastest/counts%omega)
+         work_of_integration = periods*(looks_of_step*work_of_look(counts%n_dofs, counts%n_coordinates, .false.)*steps + &
+                                        2.0_wp*samples*n_integration*n_coordinates)
+         integration_is_cheaper = clearly*work_of_integration < of_pair*(n_balance*n_coordinates)**2
+      end associate
+   end function integration_is_cheaper
+
+   !> What one evaluation of the equations of motion takes [ns]; in implicit steps with a dense tangent of the laws.
+   pure real(wp) function work_of_look(n_dofs, n_coordinates, is_implicit) result(work)
+      integer, intent(in) :: n_dofs
+      integer, intent(in) :: n_coordinates                            !! of the laws
+      logical, intent(in) :: is_implicit
+
+      work = 600.0_wp + 6.0_wp*real(n_dofs, wp)**2 + 60.0_wp*n_coordinates
+      if (is_implicit) work = work + 0.2_wp*real(n_coordinates, wp)**3     ! 28 springs on a beam: 7.5 us
+   end function work_of_look
+
+   !> Reads `&integration`.
+   subroutine read_integration(self, group)
+      type(integration_config_t), intent(out) :: self
+      type(properties_t), intent(inout) :: group
+
+      self%record = ""
+      call group%choose("method", self%method)
+      call group%get("step", self%step)
+      call group%get("steps_per_period", self%steps_per_period)
+      call group%get("duration", self%duration)
+      call group%get("transient", self%transient)
+      call group%get("decimation", self%decimation)
+      call group%get("tolerance", self%tolerance)
+      call group%get("is_stiff", self%is_stiff)
+      if (group%given("restitution")) call group%get("restitution", self%restitution)
+      call group%get("spectral_radius", self%spectral_radius)
+      call group%choose("start", self%start)
+      call group%get("continue", self%record)
+      call group%get("starts", self%starts)
+      call group%get("n_peaks", self%n_peaks)
+   end subroutine read_integration
+
+   !> The step [s], also the distance of two samples of the record.
+   pure real(wp) function step_of(self, omega) result(step)
+      type(integration_config_t), intent(in) :: self
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], > 0
+
+      step = self%step
+      if (step <= 0.0_wp) step = two_pi/(maxval(omega)*self%steps_per_period)
+   end function step_of
 end module hb_time_domain

@@ -1,24 +1,50 @@
 !> Computes Floquet multipliers and Lyapunov exponents of motions, and decides on stability. Source:
 !> docs/why/theory.md, section 8.
+!>
+!> Propagation of disturbances along a motion of several tones by its linearised equations.
+!>
+!> The motion can be shifted in the phase of an unknown tone: such disturbances, known at each time, are removed.
+!> Beside a slow tone a disturbance may grow for a part of a period and decay on the rest: periods are divided into
+!> parts to record the largest growth.
 module hb_floquet
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_cancellation, only: work_is_over
    use hb_error, only: error_t
-   use hb_exponents, only: exponents_t, find_exponents, propagation_t, work_of_exponents
+   use hb_exponents, only: exponents_t, find_exponents, orthogonalise, propagation_t, work_of_exponents
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: two_pi, wp
    use hb_lapack, only: dgeev
    use hb_law, only: law_box_t
-   use hb_linear_propagation, only: linear_propagation_t, new_linear_propagation
-   use hb_monodromy, only: find_monodromy, monodromy_t, work_of_monodromy, work_of_transfer
+   use hb_monodromy, only: find_monodromy, find_transfer, monodromy_t, n_looks_of, work_of_monodromy, work_of_transfer
    use hb_piecewise_orbit, only: find_piecewise_orbit, has_piecewise_orbit, piecewise_orbit_t, work_of_piecewise_orbit
    use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, most_multipliers, stability_config_t, &
       stability_finder_t, stability_method, stability_t, verdict
    use hb_structure, only: structure_t
    use hb_thresholds, only: rounding, safety
-   use hb_variation, only: least_work, new_variation, variation_t
+   use hb_variation, only: least_work, new_variation, piece_t, variation_t
+   use hb_variation_pieces, only: cut_time
    implicit none
    private
-   public :: assess_exponents, assess_matrix, deflate, eigenvalues_of, floquet_t, has_to_be_integrated, work_on_demand
+   public :: assess_exponents, assess_matrix, deflate, eigenvalues_of, floquet_t, has_to_be_integrated, linear_propagation_t, &
+      new_linear_propagation, work_on_demand
+
+   real(wp), parameter :: most_of_usual = 100.0_wp                    ! work of a period
+   integer, parameter :: turns_of_part = 4                            ! of the fastest tone
+   integer, parameter :: most_parts = 16                              ! of a period
+
+   type, extends(propagation_t) :: linear_propagation_t
+      type(variation_t), pointer :: variation => null()
+      complex(wp), allocatable :: shifts(:, :, :)                     !! by phases, as series in the tones, cos - i sin,
+                                                                      !! (size, n_harmonics, n_shifts)
+      real(wp) :: tolerance = 0.0_wp                                  !! of a period, relative
+      real(wp), private :: time = 0.0_wp                              ! [s]
+      integer, private :: n_parts = 1                                 ! of a period
+      real(wp), private :: refine = 0.0_wp                            ! logarithm of the growth of the first disturbance since
+                                                                      !! its last minimum
+   contains
+      procedure :: settle => linear_propagation_settle
+      procedure :: carry => linear_propagation_carry
+   end type linear_propagation_t
 
    real(wp), parameter :: safety_of_multipliers = 10.0_wp                            ! on the estimate of the error
    real(wp), parameter :: largest_surge = log(100.0_wp) ! a disturbance of 1 % grows to the size of the motion before it decays
@@ -314,4 +340,81 @@ contains
       matrix = matrix - spread(matmul(matrix, normal), 2, n)*spread(normal, 1, n)
       matrix = matrix(2:, 2:)
    end subroutine deflate
+
+   !> Disturbances of a motion, except those that shift its own phases.
+   subroutine new_linear_propagation(self, variation, shifts, tolerance)
+      type(linear_propagation_t), intent(out) :: self
+      type(variation_t), intent(inout), target :: variation
+      complex(wp), intent(in) :: shifts(:, :, :)
+      real(wp), intent(in) :: tolerance
+
+      self%variation => variation
+      self%shifts = shifts
+      self%tolerance = tolerance
+      self%size = variation%size
+      self%n_begun = 2*variation%n_dofs
+      self%n_followed = self%n_begun - size(shifts, 3)
+      self%length = two_pi/minval(variation%motion%omega)
+      associate (ratio => maxval(variation%motion%omega)/minval(variation%motion%omega))
+         self%n_parts = max(1, int(min(real(most_parts, wp), ratio/turns_of_part)))
+      end associate
+      self%work = self%n_parts*work_of_transfer(variation, self%length/self%n_parts)
+   end subroutine new_linear_propagation
+
+   !> Advances until sliders are periodic.
+   subroutine linear_propagation_settle(self, n_periods, is_done)
+      class(linear_propagation_t), intent(inout) :: self
+      integer, intent(in) :: n_periods
+      logical, intent(out) :: is_done
+      type(piece_t), allocatable :: pieces(:)
+      integer :: i
+
+      is_done = .true.
+      if (self%variation%n_states == 0) return
+      do i = -n_periods, -1
+         is_done = .not. work_is_over()
+         if (.not. is_done) return
+         call cut_time(self%variation, i*self%length, (i + 1)*self%length, n_looks_of(self%variation, self%length), pieces)
+      end do
+   end subroutine linear_propagation_settle
+
+   subroutine linear_propagation_carry(self, x, is_done)
+      class(linear_propagation_t), intent(inout) :: self
+      real(wp), intent(inout), contiguous :: x(:, :)
+      logical, intent(out) :: is_done
+      type(monodromy_t) :: part
+      real(wp) :: before, length
+      integer :: i
+
+      is_done = .true.
+      length = self%length/self%n_parts
+      do i = 1, self%n_parts
+         call find_transfer(part, self%variation, self%time, self%time + length, self%tolerance, &
+                            min(most_of_usual*self%work, max(self%work, self%work_left)))
+         self%work_left = self%work_left - part%work
+         before = norm2(x(:, 1))
+         x = matmul(part%matrix, x)
+         self%time = self%time + length
+         call remove_shifts(self, x)
+         self%refine = max(0.0_wp, self%refine + log(max(norm2(x(:, 1)), tiny(1.0_wp))/max(before, tiny(1.0_wp))))
+         if (self%n_parts > 1) self%surge = max(self%surge, self%refine)
+      end do
+   end subroutine linear_propagation_carry
+
+   !> Removes shifts of the phases of the motion from disturbances.
+   subroutine remove_shifts(self, x)
+      type(linear_propagation_t), intent(in) :: self
+      real(wp), intent(inout) :: x(:, :)
+      real(wp) :: basis(size(x, 1), size(self%shifts, 3)), lost(size(self%shifts, 3)), waves(2, size(self%shifts, 2))
+      integer :: k
+
+      if (size(self%shifts, 3) == 0) return
+      waves(1, :) = cos(self%variation%motion%frequencies*self%time)
+      waves(2, :) = sin(self%variation%motion%frequencies*self%time)
+      do k = 1, size(self%shifts, 3)
+         basis(:, k) = matmul(real(self%shifts(:, :, k)), waves(1, :)) - matmul(aimag(self%shifts(:, :, k)), waves(2, :))
+      end do
+      call orthogonalise(basis, lost)
+      x = x - matmul(basis, matmul(transpose(basis), x))
+   end subroutine remove_shifts
 end module hb_floquet

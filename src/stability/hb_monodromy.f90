@@ -4,17 +4,27 @@
 !> Computed with a number of steps, with twice as many and so on, and extrapolated: the error of a symmetric method is
 !> a series in even powers of the step. Source: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential
 !> Equations I, 2nd edition, Springer 1993, section II.9.
+!>
+!> Integration of disturbances over a piece of time without events.
+!>
+!> Method: commutator-free Magnus integrator of fourth order, exact for any stiffness of the constant part, with the
+!> moments of A in a step by Simpson's rule. Source: S. Blanes and P. C. Moan, Applied Numerical Mathematics 56 (2006)
+!> 1519-1537.
 module hb_monodromy
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_cancellation, only: work_is_over
+   use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: two_pi, wp
+   use hb_matrix_exponential, only: exponential_of, exponential_of_two, product_of
    use hb_thresholds, only: agreement
    use hb_variation, only: piece_t, variation_t
    use hb_variation_pieces, only: cut_time, settle_sliders
-   use hb_variation_steps, only: propagate
    implicit none
    private
    public :: find_monodromy, find_transfer, monodromy_t, n_looks_of, work_of_monodromy, work_of_transfer
+
+   real(wp), parameter :: inside = 1.0e-8_wp                          ! fraction of a piece by which its ends are evaluated inside
+   real(wp), parameter :: near = 0.25_wp, middle = 1.0_wp/3.0_wp, far = -1.0_wp/12.0_wp   ! weights of the nodes of a half step
 
    integer, parameter :: fewest_steps = 8
    integer, parameter :: looks_a_harmonic = 8 ! detection times for events in a period of the highest harmonic
@@ -216,4 +226,162 @@ contains
       kept = [[(i, i=1, 2*variation%n_dofs)], pack([(2*variation%n_dofs + i, i=1, variation%n_states)], variation%has_slipped)]
       self%matrix = self%matrix(kept, kept)
    end subroutine drop_stuck
+
+   !> Propagates changes of the state from the start to the end of a piece in steps of equal length.
+   subroutine propagate(self, piece, n_steps, x)
+      type(variation_t), intent(inout) :: self
+      type(piece_t), intent(inout) :: piece
+      integer, intent(in) :: n_steps
+      real(wp), intent(inout), contiguous :: x(:, :)                  !! (size, any)
+      real(wp), dimension(self%size, self%size) :: at_end, at_middle, at_start, e
+      real(wp) :: h
+      integer :: i
+
+      h = (piece%finish - piece%start)/n_steps
+      if (h > 0.0_wp .and. self%is_piecewise_linear()) then
+         call propagate_constant(self, piece, x)
+      else if (h > 0.0_wp) then
+         call refine(self, piece, n_steps)
+         if (self%size == 2) then
+            call propagate_two(self, piece, h, x)
+         else
+            call self%matrix_at(piece, 0, at_end)
+            do i = 1, n_steps
+               if (work_is_over()) return
+               at_start = at_end
+               call self%matrix_at(piece, 2*i - 1, at_middle)
+               call self%matrix_at(piece, 2*i, at_end)
+               call exponential_of(h*(near*at_start + middle*at_middle + far*at_end), e)
+               x = product_of(e, x)
+               call exponential_of(h*(far*at_start + middle*at_middle + near*at_end), e)
+               x = product_of(e, x)
+            end do
+         end if
+      end if
+      if (self%n_states > 0) call move_sliders(self, piece, x)
+   end subroutine propagate
+
+   !> Propagates over a piece with constant slopes of the laws, those of its middle, with one exponential.
+   subroutine propagate_constant(self, piece, x)
+      type(variation_t), intent(inout) :: self
+      type(piece_t), intent(inout) :: piece
+      real(wp), intent(inout), contiguous :: x(:, :)                  !! (size, any)
+      real(wp), dimension(self%size, self%size) :: a, e
+
+      if (.not. allocated(piece%by_place)) then
+         associate (n => self%n_coordinates)
+            allocate (piece%by_place(n, n, 1), piece%by_rate(n, n, 1), piece%by_state(n, self%n_states, 1))
+         end associate
+         call self%find_slopes(piece, self%motion%phases([0.5_wp*(piece%start + piece%finish)]), piece%by_place, piece%by_rate, &
+                               piece%by_state)
+      end if
+      call self%matrix_at(piece, 1, a)
+      call exponential_of((piece%finish - piece%start)*a, e)
+      x = product_of(e, x)
+   end subroutine propagate_constant
+
+   !> Steps of a single degree of freedom, without forming a matrix.
+   subroutine propagate_two(self, piece, h, x)
+      type(variation_t), intent(in) :: self
+      type(piece_t), intent(in) :: piece
+      real(wp), intent(in) :: h
+      real(wp), intent(inout) :: x(:, :)                              !! (2, any)
+      real(wp) :: damping(0:ubound(piece%by_place, 3)), e(2, 2), stiffness(0:ubound(piece%by_place, 3))
+      integer :: c, d, i
+
+      stiffness = h*self%constant(2, 1)
+      damping = h*self%constant(2, 2)
+      do d = 1, self%n_coordinates
+         do c = 1, self%n_coordinates
+            stiffness = stiffness - (h/self%scale*self%kick(1, c)*self%shape(1, d))*piece%by_place(c, d, :)
+            damping = damping - (h*self%kick(1, c)*self%shape(1, d))*piece%by_rate(c, d, :)
+         end do
+      end do
+      do i = 0, ubound(stiffness, 1) - 2, 2
+         call exponential_of_two(0.0_wp, 0.5_wp*h*self%scale, near*stiffness(i) + middle*stiffness(i + 1) + far*stiffness(i + 2), &
+                                 near*damping(i) + middle*damping(i + 1) + far*damping(i + 2), e)
+         call turn()
+         call exponential_of_two(0.0_wp, 0.5_wp*h*self%scale, far*stiffness(i) + middle*stiffness(i + 1) + near*stiffness(i + 2), &
+                                 far*damping(i) + middle*damping(i + 1) + near*damping(i + 2), e)
+         call turn()
+      end do
+
+   contains
+
+      !> x = e x, for which `matmul` would allocate memory.
+      subroutine turn()
+         integer :: j
+
+         do j = 1, size(x, 2)
+            x(:, j) = [e(1, 1)*x(1, j) + e(1, 2)*x(2, j), e(2, 1)*x(1, j) + e(2, 2)*x(2, j)]
+         end do
+      end subroutine turn
+   end subroutine propagate_two
+
+   !> Computes the slopes at the ends and in the middle of each step, reusing those of half as many steps. At events a
+   !> piece is evaluated from inside.
+   subroutine refine(self, piece, n_steps)
+      type(variation_t), intent(inout) :: self
+      type(piece_t), intent(inout) :: piece
+      integer, intent(in) :: n_steps
+      real(wp), allocatable :: by_place(:, :, :), by_rate(:, :, :), by_state(:, :, :)
+      real(wp) :: times(0:2*n_steps)
+      integer :: i, known
+
+      known = -1
+      if (allocated(piece%by_place)) known = ubound(piece%by_place, 3)
+      if (known == 2*n_steps) return
+      associate (length => piece%finish - piece%start)
+         times = piece%start + length*[(real(i, wp)/(2*n_steps), i=0, 2*n_steps)]
+         if (piece%is_after_event) times(0) = piece%start + inside*length
+         if (piece%is_before_event) times(2*n_steps) = piece%finish - inside*length
+      end associate
+      associate (n => self%n_coordinates)
+         allocate (by_place(n, n, 0:2*n_steps), by_rate(n, n, 0:2*n_steps), by_state(n, self%n_states, 0:2*n_steps))
+      end associate
+      if (known == n_steps) then
+         by_place(:, :, ::2) = piece%by_place
+         by_rate(:, :, ::2) = piece%by_rate
+         by_state(:, :, ::2) = piece%by_state
+         call self%find_slopes(piece, self%motion%phases(times(1::2)), by_place(:, :, 1::2), by_rate(:, :, 1::2), &
+                          by_state(:, :, 1::2))
+      else
+         call self%find_slopes(piece, self%motion%phases(times), by_place, by_rate, by_state)
+      end if
+      call move_alloc(by_place, piece%by_place)
+      call move_alloc(by_rate, piece%by_rate)
+      call move_alloc(by_state, piece%by_state)
+   end subroutine refine
+
+   !> Moves sliders that have slipped at the end of a piece to their bounds.
+   subroutine move_sliders(self, piece, x)
+      type(variation_t), intent(in) :: self
+      type(piece_t), intent(in) :: piece
+      real(wp), intent(inout) :: x(:, :)
+      real(wp) :: v(1, self%n_coordinates), z(1, self%n_coordinates)
+      real(wp), allocatable :: slopes(:, :)
+      integer :: i, k
+
+      if (all(piece%slip == 0)) return
+      call self%motion%at(self%motion%phases([piece%finish]), z, v)
+      do i = 1, size(self%laws)
+         associate (place => self%places(i))
+            if (place%last_state < place%first_state) cycle
+            associate (slip => piece%slip(place%first_state:place%last_state))
+               if (all(slip == 0)) cycle
+               select type (law => self%laws(i)%law)
+               class is (hysteretic_law_t)
+                  allocate (slopes(size(slip), place%last - place%first + 1))
+                  call self%find_bound_slopes(law, place, z(1, place%first:place%last), v(1, place%first:place%last), slip, slopes)
+                  do k = 1, size(slip)
+                     if (slip(k) == 0) cycle
+                     x(2*self%n_dofs + place%first_state + k - 1, :) = &
+                        matmul(matmul(self%shape(:, place%first:place%last), slopes(k, :)), x(:self%n_dofs, :))
+                  end do
+                  deallocate (slopes)
+               end select
+            end associate
+         end associate
+      end do
+   end subroutine move_sliders
 end module hb_monodromy

@@ -4,7 +4,7 @@
 !> and the results of the last harmonic.
 module hb_condensation
    use hb_amplitudes, only: amplitudes_t, new_amplitudes
-   use hb_block_pattern, only: block_pattern_t, new_block_pattern
+   use hb_block_factors, only: block_pattern_t, new_block_pattern
    use hb_block_solver, only: block_solver_t, new_block_solver
    use hb_coordinates, only: coordinates_t
    use hb_kinds, only: wp

@@ -3,11 +3,19 @@
 !> Up to some twenty rows LAPACK's calls take longer than the arithmetic: a beam under two tones has hundreds of
 !> matrices of order seven. Source: Golub and Van Loan, Matrix Computations, 4th ed., section 3.4 (outer products with
 !> partial pivoting).
+!>
+!> LU factors of narrow complex band matrices in the storage and format of LAPACK's `zgbtrf`.
+!>
+!> Chains and beams have one to three diagonals on each side, for which LAPACK, with several calls per row, takes
+!> longer than the arithmetic. Source: Golub and Van Loan, Matrix Computations, 4th ed., section 4.3 (band Gaussian
+!> elimination with partial pivoting).
 module hb_small_lu
    use hb_kinds, only: wp
    implicit none
    private
-   public :: factorise_small, largest_small, solve_small
+   public :: factorise_narrow, factorise_small, largest_small, solve_narrow, solve_small, widest_narrow
+
+   integer, parameter :: widest_narrow = 12 !! diagonals beside the main one up to which these routines are faster
 
    integer, parameter :: largest_small = 16                           !! rows up to which these routines are faster
 
@@ -95,4 +103,89 @@ contains
          end do
       end do
    end subroutine solve_small
+
+   !> Overwrites a with its factors. `is_singular` if a pivot is too small for division; the factors are then invalid.
+   pure subroutine factorise_narrow(a, n_lower, n_upper, pivots, is_singular)
+      complex(wp), intent(inout), contiguous :: a(:, :)               !! (2 n_lower + n_upper + 1, n): element (i, j) in row
+                                                                      !! n_lower + n_upper + 1 + i - j; the first n_lower are zero
+      integer, intent(in) :: n_lower, n_upper
+      integer, intent(out) :: pivots(:)                               !! (n) row with which row i was exchanged
+      logical, intent(out) :: is_singular
+      complex(wp) :: factor, inverse, kept
+      integer :: d, i, j, k, last, n, n_below, p
+      real(wp) :: largest
+
+      n = size(a, 2)
+      d = n_lower + n_upper + 1
+      last = 1
+      is_singular = .true.
+      do k = 1, n
+         n_below = min(n_lower, n - k)
+         p = 0
+         largest = -1.0_wp
+         do i = 0, n_below
+            associate (size_of => abs(real(a(d + i, k))) + abs(aimag(a(d + i, k))))
+               if (size_of <= largest) cycle
+               largest = size_of
+               p = i
+            end associate
+         end do
+         if (.not. largest >= tiny(1.0_wp)) return
+         pivots(k) = k + p
+         last = max(last, min(n, k + n_upper + p))                    ! last column of the rows so far
+         if (p > 0) then
+            do j = k, last
+               kept = a(d + k - j, j)
+               a(d + k - j, j) = a(d + k - j + p, j)
+               a(d + k - j + p, j) = kept
+            end do
+         end if
+         inverse = (1.0_wp, 0.0_wp)/a(d, k)
+         do i = 1, n_below
+            a(d + i, k) = inverse*a(d + i, k)
+         end do
+         do j = k + 1, last
+            factor = a(d + k - j, j)
+            if (.not. abs(real(factor)) + abs(aimag(factor)) > 0.0_wp) cycle
+            do i = 1, n_below
+               a(d + k - j + i, j) = a(d + k - j + i, j) - factor*a(d + i, k)
+            end do
+         end do
+      end do
+      is_singular = .false.
+   end subroutine factorise_narrow
+
+   !> Overwrites b with the solution of A X = B, from the factors of A.
+   pure subroutine solve_narrow(a, n_lower, n_upper, pivots, b)
+      complex(wp), intent(in), contiguous :: a(:, :)                  !! as above
+      integer, intent(in) :: n_lower, n_upper
+      integer, intent(in) :: pivots(:)                                !! (n)
+      complex(wp), intent(inout), contiguous :: b(:, :)               !! (n, any)
+      complex(wp) :: inverse, kept
+      integer :: d, i, j, k, n, half_bandwidth
+
+      n = size(a, 2)
+      d = n_lower + n_upper + 1
+      do k = 1, n
+         do j = 1, size(b, 2)
+            kept = b(pivots(k), j)
+            b(pivots(k), j) = b(k, j)
+            b(k, j) = kept
+            do i = 1, min(n_lower, n - k)
+               b(k + i, j) = b(k + i, j) - kept*a(d + i, k)
+            end do
+         end do
+      end do
+      do k = n, 1, -1
+         inverse = (1.0_wp, 0.0_wp)/a(d, k)
+         half_bandwidth = min(d - 1, k - 1)
+         do j = 1, size(b, 2)
+            kept = inverse*b(k, j)
+            b(k, j) = kept
+            do i = 1, half_bandwidth
+               b(k - i, j) = b(k - i, j) - kept*a(d - i, k)
+            end do
+         end do
+      end do
+   end subroutine solve_narrow
 end module hb_small_lu

@@ -1,14 +1,13 @@
 !> The known builders of structures, one case each. Their names are the types of `&structure` in the table of input
 !> keys.
 module hb_structure_catalogue
-   use hb_beam, only: read_beam
+   use hb_beam, only: read_beam, read_modal_beam
    use hb_chain, only: read_chain
    use hb_error, only: error_t
    use hb_fe_model, only: fe_model_source_t, read_fe_model
    use hb_jeffcott, only: read_jeffcott
    use hb_kinds, only: wp
    use hb_matrices, only: read_matrices
-   use hb_modal_beam, only: read_modal_beam
    use hb_properties, only: properties_t
    use hb_rotor_stator, only: read_rotor_stator
    use hb_structure, only: structure_t

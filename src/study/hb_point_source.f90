@@ -1,8 +1,8 @@
 !> The document, plan and model from which one rank creates its points.
 module hb_point_source
-   use hb_cached_linear_part, only: cached_linear_parts_t
    use hb_document, only: document_t
    use hb_kinds, only: wp
+   use hb_linear_part, only: cached_linear_parts_t
    use hb_model, only: callbacks_t, model_t
    use hb_results, only: results_layout_t
    use hb_sweep_plan, only: sweep_plan_t

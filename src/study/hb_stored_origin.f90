@@ -1,8 +1,7 @@
 !> A point of a result file at which other motions leave a curve, as the origin of their curve.
 module hb_stored_origin
-   use hb_curve_origin, only: curve_origin_t, new_curve_origin
    use hb_curve_plan, only: curve_plan_t
-   use hb_curve_request, only: curve_kind, curve_request_t
+   use hb_curve_request, only: curve_kind, curve_origin_t, curve_request_t, new_curve_origin
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
    use hb_file_location, only: check_source

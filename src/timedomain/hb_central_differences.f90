@@ -10,12 +10,11 @@
 !> Mech. Engrg. 177 (1999) 329-349.
 module hb_central_differences
    use hb_error, only: error_t, fail
-   use hb_integration_system, only: integration_state_t, integration_system_t
-   use hb_integrator, only: integrator_t, law_forces
+   use hb_integration_laws, only: put_before_walls
+   use hb_integration_system, only: integration_state_t, integration_system_t, integrator_t, law_forces
    use hb_kinds, only: int64, wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_law, only: hold_t
-   use hb_rigid_laws, only: put_before_walls
    use hb_text, only: to_text
    implicit none
    private

@@ -8,9 +8,8 @@ module hb_integrated_floquet
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
    use hb_motion_series, only: motion_series_t, new_motion_series
-   use hb_period_map, only: find_period_map, new_period_map, period_map_t, work_of_period_map
+   use hb_period_map, only: find_period_map, new_period_map, new_state_map, period_map_t, state_map_t, work_of_period_map
    use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, stability_method, stability_t
-   use hb_state_map, only: new_state_map, state_map_t
    use hb_structure, only: most_dense, structure_t
    use hb_thresholds, only: same_motion
    implicit none

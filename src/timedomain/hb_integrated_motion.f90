@@ -13,7 +13,6 @@ module hb_integrated_motion
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t, fail
    use hb_hysteretic_law, only: hysteretic_law_t
-   use hb_integration_config, only: integration_config_t, integration_method, step_of
    use hb_integration_starts, only: scattered
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: int64, two_pi, wp
@@ -22,12 +21,11 @@ module hb_integrated_motion
    use hb_model_basis, only: coordinates_of
    use hb_modes, only: modes_t, new_modes, slowest_decay
    use hb_outcome, only: outcome
-   use hb_primary_method, only: work_of_look
    use hb_recurrence, only: repetition, turns_to_repeat
    use hb_structure, only: most_dense, structure_t
    use hb_sundials, only: has_cvode
    use hb_text, only: to_text
-   use hb_time_domain, only: steady_motion_t
+   use hb_time_domain, only: integration_config_t, integration_method, steady_motion_t, step_of, work_of_look
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private

@@ -6,17 +6,57 @@
 !> extrapolated. The change with the next distance is the estimate; it remains large if the map has a kink or a jump,
 !> as at a grazing impact. Source: A. H. Nayfeh and B. Balachandran, Applied Nonlinear Dynamics, Wiley 1995, sections
 !> 6.5 and 7.1.
+!>
+!> The map of the state of a motion, and of neighbouring states, over a time, by time integration.
+!>
+!> States are scaled by the amplitude and the speed of the motion. Methods follow events, so that a difference of two time
+!> integrations includes the effect of impacts and reversals on a disturbance (saltation).
 module hb_period_map
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
-   use hb_integration_system, only: integration_system_t
-   use hb_kinds, only: two_pi, wp
+   use hb_hysteretic_law, only: hysteretic_law_t
+   use hb_integration_laws, only: collect_rigid
+   use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state
+   use hb_kinds, only: int64, two_pi, wp
    use hb_lapack, only: dgeqrf, dgetrf, dgetrs, dorgqr
+   use hb_law, only: hold_t
    use hb_motion_series, only: motion_series_t
-   use hb_state_map, only: new_state_map, state_map_t
+   use hb_structure, only: structure_t
    use hb_thresholds, only: same_motion
+   use hb_time_domain, only: integration_config_t, integration_method, work_of_look
+   use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private
-   public :: find_period_map, new_period_map, period_map_t, work_of_period_map
+   public :: find_period_map, new_period_map, new_state_map, period_map_t, state_map_t, work_of_period_map
+
+   real(wp), parameter :: most_accurate = 1.0e-13_wp                  ! tolerance of time integration with variable steps
+   real(wp), parameter :: least_accurate = 1.0e-11_wp
+   real(wp), parameter :: finer = 1.0e-4_wp ! that of time integration relative to that of what is made of it
+   integer, parameter :: steps_a_radian = 20                          ! of the fastest motion, likewise
+   real(wp), parameter :: usual_looks = 1500.0_wp                     ! at the motion in a period, with variable steps
+   real(wp), parameter :: looks_a_radian = 15.0_wp                  ! of the fastest mode, whose stability limits these steps: 15 on
+                                                                      ! a beam of 8 degrees of freedom
+                                                                      ! (test_hb_integrated_propagation)
+   real(wp), parameter :: smallest_scale = 0.1_wp                     ! of one unknown, relative to the largest of its kind: what
+                                                                      ! is moved apart has to slip, not to creep
+
+   type :: state_map_t
+      type(integration_system_t), pointer :: system => null()
+      type(motion_series_t) :: motion                                 !! of all degrees of freedom
+      type(hold_t), allocatable :: rigid(:)                           !! laws
+      real(wp), allocatable :: scale(:)                               !! of (q, v, states of laws), > 0
+      logical :: has_own_steps = .true.                               !! the method chooses them
+      integer :: fewest_steps = 1000                                  !! else, in a period of the fastest tone
+      integer :: level = 1                                            !! each has twice the steps of the one before
+      type(integration_config_t), private :: config
+   contains
+      procedure :: state_at => state_map_state_at
+      procedure :: rate_at => state_map_rate_at
+      procedure :: carry => state_map_carry
+      procedure :: differences => state_map_differences
+      procedure :: allow => state_map_allow
+      procedure :: work_of => state_map_work_of
+   end type state_map_t
 
    real(wp), parameter :: farthest = 5.0e-3_wp                        ! of two states in a difference quotient, scaled
    real(wp), parameter :: nearer = 0.2_wp                             ! from one distance to the next
@@ -340,4 +380,168 @@ contains
       is_done = info == 0
       if (is_done) call dgetrs("N", n, 1, a, n, pivots, step, n, info)
    end subroutine solve_step
+
+   !> Fails for laws that no method can follow.
+   subroutine new_state_map(self, system, motion, restitution, tolerance, error)
+      type(state_map_t), intent(out) :: self
+      type(integration_system_t), intent(inout), target :: system     !! of all degrees of freedom
+      type(motion_series_t), intent(in) :: motion                     !! of all degrees of freedom
+      real(wp), intent(in) :: restitution                             !! of rigid walls
+      real(wp), intent(in) :: tolerance                               !! of derivatives, relative
+      type(error_t), allocatable, intent(out) :: error
+      real(wp) :: reach(motion%n_coordinates), speed(motion%n_coordinates)
+      integer :: i, k, n
+
+      self%system => system
+      self%motion = motion
+      call collect_rigid(system%laws, restitution, self%rigid, error)
+      if (allocated(error)) return
+      n = system%n_dofs
+      do i = 1, size(system%laws%laws)
+         select type (law => system%laws%laws(i)%law)
+         class is (hysteretic_law_t)
+            self%has_own_steps = self%has_own_steps .and. law%has_bounds
+         end select
+      end do
+      self%config%method = merge(integration_method%cvode, integration_method%runge_kutta_4, self%has_own_steps)
+      self%config%tolerance = min(max(finer*tolerance, most_accurate), least_accurate)
+      self%config%restitution = restitution
+      self%config%decimation = huge(1)
+      reach = sum(abs(motion%amplitudes), dim=2)
+      speed = matmul(abs(motion%amplitudes), abs(motion%frequencies))
+      reach = max(reach, smallest_scale*maxval(reach), tiny(1.0_wp))
+      speed = max(speed, smallest_scale*maxval(speed), tiny(1.0_wp))
+      allocate (self%scale(2*n + system%laws%n_states))
+      self%scale(:2*n) = [reach, speed]
+      do i = 1, size(system%laws%places)
+         associate (place => system%laws%places(i))
+            do k = place%first_state, place%last_state
+               self%scale(2*n + k) = max(maxval(matmul(transpose(abs(system%laws%shape(:, place%first:place%last))), reach)), &
+                                         smallest_scale*maxval(reach))
+            end do
+         end associate
+      end do
+      self%config%largest = 1.0e4_wp*maxval(reach)
+   end subroutine new_state_map
+
+   !> State of the motion, scaled; states of laws are zero and must first become periodic.
+   function state_map_state_at(self, time) result(x)
+      class(state_map_t), intent(in) :: self
+      real(wp), intent(in) :: time                                    !! [s]
+      real(wp) :: x(size(self%scale))
+      real(wp) :: v(1, self%motion%n_coordinates), z(1, self%motion%n_coordinates)
+
+      call self%motion%at(self%motion%phases([time]), z, v)
+      x = 0.0_wp
+      associate (n => 2*self%system%n_dofs)
+         x(:n) = [z(1, :), v(1, :)]/self%scale(:n)
+      end associate
+   end function state_map_state_at
+
+   !> Rate of that state along the motion [1/s].
+   function state_map_rate_at(self, time) result(rate)
+      class(state_map_t), intent(in) :: self
+      real(wp), intent(in) :: time                                    !! [s]
+      real(wp) :: rate(size(self%scale))
+      real(wp) :: a(self%motion%n_coordinates), v(1, self%motion%n_coordinates), z(1, self%motion%n_coordinates)
+
+      call self%motion%at(self%motion%phases([time]), z, v)
+      associate (n => self%system%n_dofs, w => self%motion%frequencies)
+         a = -real(matmul(self%motion%amplitudes, w**2*exp(cmplx(0.0_wp, w*time, wp))), wp)
+         rate = 0.0_wp
+         rate(:n) = v(1, :)/self%scale(:n)
+         rate(n + 1:2*n) = a/self%scale(n + 1:2*n)
+      end associate
+   end function state_map_rate_at
+
+   !> State after a given time.
+   subroutine state_map_carry(self, start, duration, x, after, is_done)
+      class(state_map_t), intent(inout) :: self
+      real(wp), intent(in) :: start, duration                         !! [s]
+      real(wp), intent(in) :: x(:)                                    !! scaled
+      real(wp), intent(out) :: after(:)                               !! likewise
+      logical, intent(out) :: is_done
+      type(integration_record_t) :: record
+      type(integration_state_t) :: state
+      type(error_t), allocatable :: error
+      integer, parameter :: nothing(0) = 0
+
+      associate (system => self%system, n => self%system%n_dofs, y => x*self%scale)
+         call new_integration_state(state, n, system%laws%n_states)
+         state%time = start
+         state%q = y(:n)
+         state%v = y(n + 1:2*n)
+         state%s = y(2*n + 1:)
+         self%config%duration = duration
+         call integrate_from(system, self%config, duration/n_steps_of(self, self%level), nothing, state, record, error)
+      end associate
+      is_done = .not. allocated(error)
+      if (is_done) after = [state%q, state%v, state%s]/self%scale
+      if (is_done) is_done = all(ieee_is_finite(after))
+   end subroutine state_map_carry
+
+   !> Remaining changes after a time for changes in some directions, by central differences, per change.
+   subroutine state_map_differences(self, start, duration, x, distance, directions, changes, is_done)
+      class(state_map_t), intent(inout) :: self
+      real(wp), intent(in) :: start, duration                         !! [s]
+      real(wp), intent(in) :: x(:)                                    !! scaled
+      real(wp), intent(in) :: distance                                !! of the two states from x, along a direction
+      real(wp), intent(in) :: directions(:, :)                        !! (size, any)
+      real(wp), intent(out) :: changes(:, :)                          !! likewise
+      logical, intent(out) :: is_done
+      real(wp), dimension(size(x)) :: above, below
+      integer :: k
+
+      is_done = .true.
+      do k = 1, size(directions, 2)
+         call self%carry(start, duration, x + distance*directions(:, k), above, is_done)
+         if (is_done) call self%carry(start, duration, x - distance*directions(:, k), below, is_done)
+         if (.not. is_done) return
+         changes(:, k) = (above - below)/(2.0_wp*distance)
+      end do
+   end subroutine state_map_differences
+
+   !> Limits the work of the following time integrations.
+   subroutine state_map_allow(self, work)
+      class(state_map_t), intent(inout) :: self
+      real(wp), intent(in) :: work                                    !! in about a nanosecond
+
+      self%config%most_looks = self%system%laws%n_looks + &
+         int(min(work/work_of_look(self%system%n_dofs, self%system%laws%n_coordinates, .false.), 1.0e18_wp), int64)
+   end subroutine state_map_allow
+
+   !> Approximate work of a period of the slowest tone in nanoseconds, from counts alone.
+   pure real(wp) function state_map_work_of(self, level) result(work)
+      class(state_map_t), intent(in) :: self
+      integer, intent(in) :: level
+
+      work = max(usual_looks*maxval(self%motion%omega), looks_a_radian*two_pi*fastest_mode(self%system%structure))/ &
+             minval(self%motion%omega)
+      if (.not. self%has_own_steps) work = 4.0_wp*n_steps_of(self, level)
+      work = work*work_of_look(self%system%n_dofs, self%system%laws%n_coordinates, .false.)
+   end function state_map_work_of
+
+   !> Steps of a time integration at a level in a period of the slowest tone; one if the method chooses its own.
+   pure integer function n_steps_of(self, level) result(n_steps)
+      type(state_map_t), intent(in) :: self
+      integer, intent(in) :: level
+
+      n_steps = 1
+      if (self%has_own_steps) return
+      associate (omega => self%motion%omega, fastest => fastest_mode(self%system%structure))
+         n_steps = max(ceiling(self%fewest_steps*maxval(omega)/minval(omega)), &
+                       ceiling(min(steps_a_radian*fastest*two_pi/minval(omega), 1.0e6_wp)))*2**(level - 1)
+      end associate
+   end function n_steps_of
+
+   !> Approximate largest natural frequency [rad/s], from the diagonals.
+   pure real(wp) function fastest_mode(structure) result(fastest)
+      type(structure_t), intent(in) :: structure
+      integer :: i
+
+      fastest = 0.0_wp
+      do i = 1, structure%n_dofs
+         if (structure%mass(i, i) > 0.0_wp) fastest = max(fastest, sqrt(abs(structure%stiffness(i, i)/structure%mass(i, i))))
+      end do
+   end function fastest_mode
 end module hb_period_map

@@ -10,7 +10,6 @@ module hb_verification
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
    use hb_integrated_motion, only: fastest_of, has_bounds_of, settle
-   use hb_integration_config, only: integration_config_t, integration_method, step_of
    use hb_integration_difference, only: integration_difference_t, motion, new_integration_difference, series_t
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_integration_verdict, only: decide, growth_of, limit_of, n_settled, verdict
@@ -21,7 +20,7 @@ module hb_verification
    use hb_outcome, only: outcome
    use hb_structure, only: max_dofs
    use hb_text, only: to_text
-   use hb_time_domain, only: steady_motion_t
+   use hb_time_domain, only: integration_config_t, integration_method, steady_motion_t, step_of
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private

@@ -35,6 +35,7 @@ SECTIONS_BY_FILE = {
 }
 SECTIONS_BY_PROCEDURE = {
     "read_fe_model": ["structure model"],
+    "read_modal_beam": ["structure modal_beam"],
     "read_amplitude": ["load", "start"],
     "read_ties": ["tie"],
     "read_hardness": ["law blade_contact", "law contact_table"],
