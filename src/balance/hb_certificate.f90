@@ -11,9 +11,9 @@ module hb_certificate
    use hb_basis, only: transfer_coefficients
    use hb_bordered, only: bordered_problem_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
+   use hb_energy, only: impact_energy
    use hb_error, only: error_t
    use hb_harmonics, only: canonical_sign, harmonics_t, new_box, new_of_parity
-   use hb_impact, only: impact_energy
    use hb_kinds, only: wp
    use hb_law, only: defects_t
    use hb_linear_part, only: linear_part_t, new_linear_part
@@ -39,7 +39,6 @@ module hb_certificate
    real(wp), parameter :: linear = 0.1_wp                             ! largest error that one linear step tells
    real(wp), parameter :: unknown = 1.0_wp                            ! an estimate: as large as the motion, perhaps larger
    real(wp), parameter :: accuracy_of_estimates = 1.0e-4_wp           ! solutions with the tangent from products
-   real(wp), parameter :: accuracy_of_improvement = 1.0e-8_wp
    integer, parameter :: most_iterations = 30                         ! of another solution to compare with
    real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set
    real(wp), parameter :: least_density = 1.25_wp                      ! samples of the finer grid, relative to 2 N + 1
@@ -358,8 +357,7 @@ contains
       class is (phase_problem_t)
          self%frequency_error(problem%tones) = balance%omega(problem%tones)
       end select
-      call new_tangent_solver(tangent, problem, x, is_lost, merge(accuracy_of_improvement, accuracy_of_estimates, &
-                                                                  self%wanted%improvement_steps > 0))
+      call new_tangent_solver(tangent, problem, x, is_lost, accuracy_of_estimates)
       if (is_lost) return
       if (present(bordered)) then
          if (allocated(bordered%units_across)) call tangent%leave_out_null_vector(problem, bordered%units_across)

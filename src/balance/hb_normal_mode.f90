@@ -11,20 +11,17 @@ module hb_normal_mode
    use hb_energy, only: energy_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_limit_cycle_search, only: continue_in_order, fundamental, path_point_t, search_t
+   use hb_limit_cycle_search, only: continue_in_order, first_amplitude, fundamental, path_point_t, search_t
    use hb_outcome, only: outcome
    use hb_phase, only: coefficient_form, new_phase_problem, peak_form, peak_rate_form, shift_form
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_text, only: to_text
-   use hb_thresholds, only: faint, rounding
+   use hb_thresholds, only: agreement, faint, rounding
    implicit none
    private
    public :: find_mode_of_energy, find_normal_mode, normal_mode_t
 
-   real(wp), parameter :: first_share = 1.0e-3_wp                     ! of the amplitude, where the way begins
-   real(wp), parameter :: of_rest = 1.0e-6_wp                         ! least energy, of that of the rest, whose rounding is 1e-16
-   real(wp), parameter :: near = 1.0e-3_wp                            ! the goal, as a share of the amplitude, where the way ends
    integer, parameter :: most_steps = 400
 
    type :: normal_mode_t
@@ -43,7 +40,7 @@ module hb_normal_mode
    type :: goal_t
       real(wp) :: value = 0.0_wp                                      ! [m] or [J], beyond the rest
       real(wp) :: rest = 0.0_wp                                       ! amplitude of the base motion [m]
-      real(wp) :: share = first_share                                 ! of the amplitude, where the way begins
+      real(wp) :: share = first_amplitude                                 ! of the amplitude, where the way begins
       integer :: dof = 0                                              ! of the amplitude, among those of the laws
       real(wp), allocatable :: forms(:, :)                            ! phase and amplitude, (coefficients of all dofs, 2)
       logical :: is_peak = .false.                                    ! these are rate and value where the phase is zero
@@ -106,7 +103,7 @@ contains
 
       goal%value = value
       goal%energy = energy
-      goal%share = min(1.0_wp, max(first_share, sqrt(of_rest*abs(energy%at_rest)/value)))
+      goal%share = min(1.0_wp, max(first_amplitude, sqrt(agreement*abs(energy%at_rest)/value)))
       call find(search, goal, has_start, u)
    end subroutine find_mode_of_energy
 
@@ -158,7 +155,7 @@ contains
 
       call start_on_mode(search, goal, u)
       if (search%report%status /= outcome%pending) return
-      event%tolerance = near
+      event%tolerance = faint
       event%goal = goal
       event%balance => search%balance
       reached = 0.0_wp
@@ -274,7 +271,7 @@ contains
          search%message = "the linear mode has nodes where the laws act; choose another mode"
          return
       end if
-      length = first_share*search%length
+      length = first_amplitude*search%length
       form = length*form/form(maxloc(abs(form), dim=1))
       u = search%base%u
       associate (set => search%balance%harmonics)

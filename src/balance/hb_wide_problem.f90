@@ -35,8 +35,7 @@ module hb_wide_problem
       procedure :: improve => wide_problem_improve
    end type wide_problem_t
 
-   real(wp), parameter :: accuracy = 1.0e-2_wp                        ! of a step
-   real(wp), parameter :: small_step = 1.0e-2_wp                      ! of the one before
+   real(wp), parameter :: accuracy = 1.0e-2_wp                        ! of a step, and of the one after it in units of that
    real(wp), parameter :: nearer = 0.5_wp                             !! a second step, relative to the first
    ! products for one step: 16 and 30 made points of stops under two tones dearer and their sets no smaller
    integer, parameter :: of_one_tone = 100, of_several = 8
@@ -126,7 +125,7 @@ contains
       if (.not. is_lost) call self%find_residual(moved(), first, r_there, is_lost)
       if (is_lost) return
       call self%step_in_blocks(r_there, second)
-      call self%find_step(moved(), r_there, small_step*norm2(first(:size(motion))), second, is_found)
+      call self%find_step(moved(), r_there, accuracy*norm2(first(:size(motion))), second, is_found)
       is_lost = .not. is_found
 
    contains

@@ -5,7 +5,6 @@
 !> permanent.
 module hb_curve_events
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use hb_bifurcation, only: bifurcation_value
    use hb_curve, only: curve_t, event_t
    use hb_curve_request, only: curve_kind, located_response_t
    use hb_kinds, only: two_pi, wp
@@ -14,7 +13,7 @@ module hb_curve_events
    use hb_motion_description, only: stability_of
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_response, only: response_t
-   use hb_stability, only: stability_t
+   use hb_stability, only: bifurcation_value, stability_t
    use hb_thresholds, only: most_bisections, rounding
    implicit none
    private
@@ -68,7 +67,7 @@ module hb_curve_events
 
    !> Where a function of the multipliers is zero.
    type, extends(motion_event_t) :: bifurcation_event_t
-      integer :: bifurcation = 0                                      ! hb_bifurcation
+      integer :: bifurcation = 0                                      ! hb_stability
       logical :: is_integrated = .false.                              ! of the motion that repeats when it is integrated
    contains
       procedure :: value => bifurcation_event_value
@@ -127,7 +126,7 @@ contains
       end associate
    end subroutine find_motion
 
-   !> Smallest and largest value of each switch of the laws, (2, any), hb_grazing.
+   !> Smallest and largest value of each switch of the laws, (2, any), `extremes_of_switches`.
    subroutine find_extremes(problem, x, extremes)
       type(model_problem_t), intent(inout), target :: problem
       real(wp), intent(in) :: x(:)

@@ -4,7 +4,6 @@
 !> where they are: in the plane across the curve, then along it to the zero of their function, hb_curve_events. All other points are
 !> held at their value along the curve, hb_gradient. Source: docs/why/theory.md, section 6.8.
 module hb_curve_gradient
-   use hb_bifurcation, only: bifurcation
    use hb_cancellation, only: work_is_over
    use hb_curve, only: event_t
    use hb_curve_events, only: bifurcation_event_t, fold_event_t, response_event_t
@@ -18,6 +17,7 @@ module hb_curve_gradient
    use hb_model_reader, only: update_model
    use hb_motion_result, only: gradient_t, motion_result_t
    use hb_outcome, only: is_solved
+   use hb_stability, only: bifurcation
    implicit none
    private
    public :: find_curve_gradient

@@ -2,16 +2,15 @@
 !> bifurcations, wanted values and ends.
 module hb_curve_step
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
-   use hb_bifurcation, only: bifurcation, bifurcation_value, is_torus
    use hb_curve, only: event_t
    use hb_curve_events, only: bifurcation_event_t, branch_event_t, count_event_t, find_stability, fold_event_t, graze_event_t, &
       n_outside, response_event_t, sharp, square_at, value_event_t
    use hb_curve_request, only: curve_kind
-   use hb_followed_motion, only: at_end, followed_motion_t, known_t, most_tolerance_factor, waiting_t
+   use hb_followed_motion, only: followed_motion_t, known_t, most_tolerance_factor, waiting_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
-   use hb_stability, only: stability_method, stability_t
-   use hb_thresholds, only: agreement, faint, rounding
+   use hb_stability, only: bifurcation, bifurcation_value, is_torus, stability_method, stability_t
+   use hb_thresholds, only: agreement, faint, next_to_none, rounding
    implicit none
    private
    public :: step
@@ -19,14 +18,11 @@ module hb_curve_step
    real(wp), parameter :: largest_turn = 0.6_wp                       ! [rad] on a step, unless it is short
    real(wp), parameter :: longest_chord = 2.0_wp                      ! of a step, unless it is short: 1.05 with the largest turn
    real(wp), parameter :: short = 1.0e-2_wp                           ! of the longest step
-   real(wp), parameter :: shortest_leap = 1.0e-4_wp                   ! of the longest step: the corner at which a curve may leap
-                                                                      ! is as long as the root of the damping
    real(wp), parameter :: largest_phase = 0.5_wp                      ! its cosine; a phase may change by 60 degrees on a step
    real(wp), parameter :: off_the_chord = 0.5_wp                      ! of an amplitude, in the middle of a step
    real(wp), parameter :: off_the_line = 0.25_wp                      ! of a step, likewise: an arc that turns by 0.6 has 0.075
    integer, parameter :: most_middles = 4                             ! points at which one step is examined
    real(wp), parameter :: at_value = 1.0e-13_wp                       ! of the range: a wanted value
-   real(wp), parameter :: at_start = 1.0e-4_wp                        ! of a step: where a branch begins rounding decides on zeros
    real(wp), parameter :: uncertain = 100.0_wp                        ! times the tolerance of multipliers: to the unit circle
    real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start, when the curve is back there
    integer, parameter :: kind_of(3) = [curve_kind%split, curve_kind%flip, curve_kind%torus]   ! of each kind of bifurcation
@@ -117,7 +113,7 @@ contains
       do i = 1, size(ends)
          associate (curve => self%curve)
             gap = ends(i) - curve%x(n)
-            if (abs(gap) > at_end*curve%units(n) .or. .not. gap*curve%direction(n) > 0.0_wp) cycle
+            if (abs(gap) > next_to_none*curve%units(n) .or. .not. gap*curve%direction(n) > 0.0_wp) cycle
             x = curve%x + gap/curve%direction(n)*curve%direction
             x(n) = ends(i)
             call self%land(x, is_there)
@@ -144,7 +140,7 @@ contains
       logical :: is_on_curve
 
       has_leapt = .false.
-      if (self%curve%last_step <= shortest_leap*self%curve%config%longest_step .or. self%is_rough) return
+      if (self%curve%last_step <= next_to_none*self%curve%config%longest_step .or. self%is_rough) return
       if (size(self%problem%which) > 1) return                                ! tones of the motion's own have no given phases
       n_middles = 0
       associate (curve => self%curve, set => self%problem%model%harmonics, n => self%problem%n_unknowns)
@@ -368,7 +364,6 @@ contains
       type(piece_t), intent(in) :: piece
       integer, intent(in) :: n_before                                 !! points that wait, of them found without multipliers
       integer, parameter :: most_changes = 8
-      real(wp), parameter :: behind = 1.0e-9_wp                       ! a change, in steps
       type(count_event_t) :: number
       type(stability_t) :: there
       real(wp) :: begin, place, x(size(self%curve%x))
@@ -394,7 +389,7 @@ contains
             is_new = .not. (kind == bifurcation%branch .and. is_branch_known(self, search))
             if (abs(abs(nearest) - 1.0_wp) <= agreement .and. is_new) call add_bifurcation(self, kind, piece, place, x)
          end associate
-         call look_at(self, min(piece%ends(2), place + behind*self%curve%last_step), sharp, begin, there)
+         call look_at(self, min(piece%ends(2), place + rounding*self%curve%last_step), sharp, begin, there)
          if (.not. allocated(there%multipliers)) return
          number%n = n_outside(there)
       end do
@@ -536,7 +531,7 @@ contains
       allocate (sought, source=event)
       call self%curve%find_zero(sought, [0.0_wp, self%curve%last_step], at_ends, x, place, is_found)
       search%is_lost = search%is_lost .or. .not. is_found
-      if (is_at_origin(self)) is_found = is_found .and. place > at_start*self%curve%last_step
+      if (is_at_origin(self)) is_found = is_found .and. place > next_to_none*self%curve%last_step
       if (is_found) call add(self, event%kind, place, x)
    end subroutine find
 

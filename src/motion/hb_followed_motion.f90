@@ -30,11 +30,10 @@ module hb_followed_motion
    use hb_thresholds, only: agreement, faint
    implicit none
    private
-   public :: at_end, followed_motion_t, known_t, most_tolerance_factor, n_further, origin_t, reported_extreme_t
+   public :: followed_motion_t, known_t, most_tolerance_factor, n_further, origin_t, reported_extreme_t
    public :: standing_t, waiting_t
 
    integer, parameter :: most_corrections = 10
-   real(wp), parameter :: at_end = 1.0e-4_wp                          !! of the range: a lost curve so near to a value is at it
    real(wp), parameter :: most_tolerance_factor = 1.0e4_wp            !! by which a tolerance grows where the residual is rough
 
    !> A motion with the direction of a curve there.

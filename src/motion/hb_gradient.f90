@@ -26,13 +26,12 @@ module hb_gradient
    use hb_phase, only: coefficient_form, shift_form
    use hb_problem, only: problem_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
+   use hb_thresholds, only: difference_step
    use hb_tuple_choice, only: new_doubled_set
    implicit none
    private
    public :: differentiable_t, find_gradient, keep_slope, refine, zero_gradient
 
-   real(wp), parameter :: apart = 1.0e-5_wp                           ! a step, relative to the value: differences of its sides lose
-                                                                      ! half of the digits at most, their errors are of its square
    real(wp), parameter :: accuracy = 1.0e-11_wp                       ! of solutions from products
 
    !> A motion that may be differentiated on any set and grid.
@@ -136,7 +135,7 @@ contains
 
       associate (model => known%model, by => known%model%gradient%by(k), set => known%model%harmonics)
          call document%number_at(by, value, is_found)
-         step = apart*merge(abs(value), 1.0_wp, abs(value) > 0.0_wp)
+         step = difference_step*merge(abs(value), 1.0_wp, abs(value) > 0.0_wp)
          allocate (c(model%structure%n_dofs, set%n_harmonics, 2))
          do side = 1, 2
             there = model
@@ -282,7 +281,7 @@ contains
                if (is_lost .or. abs(value) > 0.0_wp .or. .not. norm2(slope(:n)) > 0.0_wp) exit
                typical = norm2(known%x(:n))/norm2(slope(:n))          ! of a value that is zero: what would move as much
             end do
-            if (.not. is_lost) call take_steps(known, moved, value, apart*typical, slope, by_value, k, gradient)
+            if (.not. is_lost) call take_steps(known, moved, value, difference_step*typical, slope, by_value, k, gradient)
          end do
       end associate
       is_lost = is_lost .or. work_is_over()

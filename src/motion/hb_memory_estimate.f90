@@ -466,7 +466,7 @@ contains
       call find_bands(self, model%structure, laws, coordinates)
    end function sizes_of
 
-   !> How far coordinates are coupled, see hb_block_pattern and hb_balance.
+   !> How far coordinates are coupled, see hb_block_factors and hb_balance.
    subroutine find_bands(self, structure, laws, coordinates)
       type(sizes_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure

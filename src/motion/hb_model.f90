@@ -131,7 +131,7 @@ module hb_model
       real(wp) :: memory_limit = huge(1.0_wp)                         !! bytes that this process may take
       type(integration_config_t) :: integration
       type(gradient_config_t) :: gradient
-      integer :: primary_method = primary_method%auto                 !! to its motion, one of hb_primary_method
+      integer :: primary_method = primary_method%auto                 !! to its motion, one of hb_time_domain
    contains
       procedure :: has_time_domain => model_has_time_domain
       procedure :: lacks_impacts_of => model_lacks_impacts_of

@@ -22,13 +22,13 @@ module hb_model_problem
    use hb_model_loads, only: read_loads
    use hb_model_reader, only: update_model
    use hb_structure, only: structure_t
+   use hb_thresholds, only: difference_step
    implicit none
    private
    public :: model_problem_t, moving_value_t, new_model_problem
 
    character(*), parameter :: mode_group = "normal_mode"
    character(*), parameter :: several = "several"                     ! groups, in which values follow the one that moves
-   real(wp), parameter :: apart = 1.0e-5_wp                           ! values of a central difference, relative to the range
 
    !> A value of the input that moves, and what of the model moves with it.
    type :: moving_value_t
@@ -371,7 +371,7 @@ contains
       is_condensed = any(self%group == [character(17) :: "structure", "bearing", "dynamic_stiffness", several]) .and. &
                      self%model%structure%n_dofs > self%n_dofs .and. .not. self%law_set%needs_reaction
       value = self%value
-      step = self%moving%typical*merge(1.0_wp, apart, self%group == "load" .and. .not. self%law_set%needs_reaction)
+      step = self%moving%typical*merge(1.0_wp, difference_step, self%group == "load" .and. .not. self%law_set%needs_reaction)
       call find_side(1, value + step, is_possible(1))
       call find_side(2, value - step, is_possible(2))
       call move_to(self, value, is_here)

@@ -6,7 +6,6 @@
 !> point has all that a motion has. Source: docs/user/curves.md; docs/why/theory.md, section 6.7.
 module hb_motion_curve
    use hb_accurate_motion, only: solve_to_tolerance
-   use hb_bifurcation, only: angle_of_pair
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
    use hb_curve_events, only: square_at
@@ -17,7 +16,7 @@ module hb_motion_curve
    use hb_document, only: document_t
    use hb_doubtful_extremes, only: drop_doubtful
    use hb_error, only: error_t
-   use hb_followed_motion, only: at_end, followed_motion_t, n_further, origin_t, reported_extreme_t, waiting_t
+   use hb_followed_motion, only: followed_motion_t, n_further, origin_t, reported_extreme_t, waiting_t
    use hb_kinds, only: wp
    use hb_level, only: estimate_of, join, level_of, level_t, reliable
    use hb_model, only: model_t
@@ -26,8 +25,9 @@ module hb_motion_curve
    use hb_motions_apart, only: look_apart
    use hb_outcome, only: outcome
    use hb_solver_types, only: report_t
+   use hb_stability, only: angle_of_pair
    use hb_text, only: to_text
-   use hb_thresholds, only: faint
+   use hb_thresholds, only: faint, next_to_none
    implicit none
    private
    public :: motion_curve_t
@@ -576,7 +576,7 @@ contains
          end if
          text = "continuation failed at the value "//to_text(value)//", arc length "//to_text(self%length)
          if (.not. allocated(self%problem%error_text)) return
-         if (abs(self%problem%refused - value) <= at_end*unit) text = trim(text)//": "//self%problem%error_text  ! else none
+         if (abs(self%problem%refused - value) <= next_to_none*unit) text = trim(text)//": "//self%problem%error_text  ! else none
       end associate
    end function lost_text
 

@@ -57,7 +57,7 @@ module hb_motion_result
       integer :: status = outcome%pending               !! hb_outcome
       character(:), allocatable :: message              !! why the point failed, or what to know of it; a file cuts it to 400 bytes
       real(wp) :: integration_work = 0.0_wp             !! of it, of time integration
-      logical :: is_integrated_first = .false.          !! time integration was tried before the balance, hb_primary_method
+      logical :: is_integrated_first = .false.          !! time integration was tried before the balance, hb_time_domain
       integer :: n_motions = 0                          !! in which several starts of time integration end; 0: none were tried
       real(wp) :: residual = 0.0_wp                     !! relative to the scale of the forces
       real(wp) :: solve_seconds = 0.0_wp                !! wall time of the whole point

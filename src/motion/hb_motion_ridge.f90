@@ -16,11 +16,11 @@ module hb_motion_ridge
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_outcome, only: outcome
    use hb_text, only: to_text
+   use hb_thresholds, only: next_to_none
    implicit none
    private
    public :: motion_ridge_t, new_motion_curve
 
-   real(wp), parameter :: shortest = 1.0e-4_wp                        ! of the longest step
    real(wp), parameter :: largest_change = 0.5_wp                     ! of the motion on a step, relative
    integer, parameter :: easy_steps = 4, most_steps = 12              ! of a curve, up to the point that is sought
 
@@ -201,7 +201,7 @@ contains
             if (allocated(error) .or. is_found) exit
             if (work_is_over()) exit
             self%step = 0.5_wp*min(self%step, abs(value - self%value)/request%moving%typical)
-            if (self%step < shortest*request%longest_step) exit
+            if (self%step < next_to_none*request%longest_step) exit
          end do
          if (is_found) then
             if (n_steps <= easy_steps) self%step = min(request%longest_step, 1.5_wp*self%step)

@@ -10,12 +10,12 @@ module hb_motions_apart
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_cancellation, only: work_is_over
    use hb_curve_sets, only: settle
-   use hb_ending, only: end_at_point
    use hb_error, only: error_t
    use hb_followed_motion, only: followed_motion_t, origin_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: two_pi, wp
    use hb_level, only: carry, join, level_t
+   use hb_line_search, only: end_at_point
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_problem, only: problem_t

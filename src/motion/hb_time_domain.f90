@@ -13,6 +13,7 @@ module hb_time_domain
    use hb_outcome, only: outcome
    use hb_properties, only: properties_t
    use hb_text, only: to_text
+   use hb_thresholds, only: clearly
    implicit none
    private
    public :: highest_part, integration_config_t, integration_counts_t, integration_is_cheaper, integration_method, &
@@ -140,7 +141,6 @@ contains
    !> Whether time integration takes clearly less work to the tolerance than the balance.
    pure logical function integration_is_cheaper(counts)
       type(integration_counts_t), intent(in) :: counts
-      real(wp), parameter :: clearly = 10.0_wp
       real(wp), parameter :: fewest_periods = 150.0_wp                ! of the windows of a time integration
       real(wp), parameter :: decays = 3.0_wp                          ! of its transient, until two windows agree
       real(wp), parameter :: samples_of_harmonic = 16.0_wp, steps_of_mode = 30.0_wp, looks_of_step = 2.0_wp

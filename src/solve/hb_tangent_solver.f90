@@ -1,13 +1,50 @@
 !> Solves with the tangent of a problem at one point: by its factors, or from products if it is large.
+!>
+!> The tangent of a problem, scaled to unit magnitudes and LU factorised by LAPACK.
+!>
+!> Solves with the tangent of a problem from products alone: GMRES, with a preconditioner that is strengthened if
+!> GMRES does not converge. Source: docs/why/theory.md, section 6.6.
 module hb_tangent_solver
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_cancellation, only: work_is_over
+   use hb_gmres, only: gmres_t, new_gmres
    use hb_kinds, only: wp
+   use hb_lapack, only: dgetrf, dgetrs
    use hb_problem, only: default_largest_dense, problem_t
    use hb_solver_types, only: solver_config_t
-   use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
-   use hb_tangent_krylov, only: new_tangent_krylov, tangent_krylov_t
    implicit none
    private
-   public :: new_tangent_solver, tangent_solver_t
+   public :: new_tangent_factor, new_tangent_krylov, new_tangent_solver, tangent_factor_t, tangent_krylov_t, tangent_solver_t
+
+   integer, parameter :: most_patience = 300                          ! products, if a stronger preconditioner costs more
+   real(wp), parameter :: uses = 4.0_wp                               ! uses of a stronger preconditioner that pay for it
+   integer, parameter :: easy = 20                                    ! products up to which it is reused
+
+   type :: tangent_krylov_t
+      integer :: most_products = 0                                    !! of one solution
+      integer :: n_products = 0                                       !! of all solutions so far
+      integer :: n_preconditioners = 0                                !! made so far
+      real(wp) :: residual = 1.0_wp !! remaining residual of the last solution, relative; 1: there is none
+      type(gmres_t), private :: gmres
+      integer :: patience = 100 !! least number of products before the preconditioner is strengthened
+      integer, private :: level = 0                                   ! of the preconditioner
+      logical, private :: is_fresh = .false.                          ! computed for this tangent
+      logical, private :: is_tired = .true.                           ! the last solution took many products
+      logical, private :: is_strongest = .false.
+   contains
+      procedure :: update => tangent_krylov_update
+      procedure :: solve => tangent_krylov_solve
+      procedure, private :: renew => tangent_krylov_renew
+   end type tangent_krylov_t
+
+   type :: tangent_factor_t
+      real(wp), allocatable, private :: jacobian(:, :)
+      integer, allocatable, private :: pivots(:)
+   contains
+      procedure :: update => tangent_factor_update
+      procedure :: solve => tangent_factor_solve
+      procedure :: determinant_sign => tangent_factor_determinant_sign
+   end type tangent_factor_t
 
    real(wp), parameter :: default_accuracy = 1.0e-8_wp
 
@@ -141,4 +178,144 @@ contains
          v = v - dot_product(v, along)*along
       end subroutine across
    end subroutine tangent_solver_find_null_vector
+
+   !> Allocates memory for `n` unknowns.
+   subroutine new_tangent_factor(self, n)
+      type(tangent_factor_t), intent(out) :: self
+      integer, intent(in) :: n
+
+      allocate (self%jacobian(n, n), self%pivots(n))
+   end subroutine new_tangent_factor
+
+   !> Factorises the tangent at x; `is_singular` if it has no inverse or is not finite.
+   subroutine tangent_factor_update(self, problem, x, is_singular)
+      class(tangent_factor_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
+      logical, intent(out) :: is_singular
+      real(wp) :: row_factor(size(x)), size_of_all
+      integer :: i, info, n
+
+      n = problem%n_unknowns
+      call problem%tangent(x, self%jacobian)
+      row_factor = 1.0_wp/problem%r_scale
+      size_of_all = 0.0_wp
+      do i = 1, n
+         self%jacobian(:, i) = self%jacobian(:, i)*(problem%x_scale(i)*row_factor)
+         size_of_all = size_of_all + sum(abs(self%jacobian(:, i)))
+      end do
+      is_singular = .not. ieee_is_finite(size_of_all)
+      if (is_singular) return                                         ! NaN must not reach LAPACK if exceptions stop it
+      call dgetrf(n, n, self%jacobian, n, self%pivots, info)
+      is_singular = info /= 0
+   end subroutine tangent_factor_update
+
+   !> Sign of the determinant of the tangent, 1 or -1, after an `update` that was not singular.
+   pure real(wp) function tangent_factor_determinant_sign(self)
+      class(tangent_factor_t), intent(in) :: self
+      integer :: i
+
+      tangent_factor_determinant_sign = 1.0_wp
+      do i = 1, size(self%pivots)
+         if (self%jacobian(i, i) < 0.0_wp .neqv. self%pivots(i) /= i) &
+            tangent_factor_determinant_sign = -tangent_factor_determinant_sign
+      end do
+   end function tangent_factor_determinant_sign
+
+   !> Overwrites r with the solution s of tangent s = r.
+   subroutine tangent_factor_solve(self, problem, r)
+      class(tangent_factor_t), intent(in) :: self
+      class(problem_t), intent(in) :: problem
+      real(wp), intent(inout), contiguous :: r(:)                     !! (n_unknowns)
+      integer :: info, n
+
+      n = problem%n_unknowns
+      r = r/problem%r_scale
+      call dgetrs("N", n, 1, self%jacobian, n, self%pivots, r, n, info)
+      r = r*problem%x_scale
+   end subroutine tangent_factor_solve
+
+   !> Allocates memory for a problem; GMRES restarts after `n_vectors` products. Starts with the level of
+   !> preconditioner that the last solutions of the problem needed.
+   subroutine new_tangent_krylov(self, problem, n_vectors, most_products)
+      type(tangent_krylov_t), intent(out) :: self
+      class(problem_t), intent(in) :: problem
+      integer, intent(in) :: n_vectors, most_products
+
+      self%most_products = most_products
+      self%level = problem%preconditioner_level
+      self%is_tired = .not. problem%has_preconditioner
+      call new_gmres(self%gmres, problem%n_unknowns, n_vectors)
+   end subroutine new_tangent_krylov
+
+   !> Changes to the tangent at x; `is_ready` is false if there are no products.
+   subroutine tangent_krylov_update(self, problem, x, is_ready)
+      class(tangent_krylov_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in), contiguous :: x(:)                        !! (n_unknowns)
+      logical, intent(out) :: is_ready
+
+      call problem%linearise(x, is_ready)
+      call self%gmres%forget()
+      self%is_fresh = .false.
+      self%residual = 1.0_wp
+   end subroutine tangent_krylov_update
+
+   !> Computes s with |b - J s| <= accuracy |b|, or as near as `most_products` permit: see `residual`.
+   subroutine tangent_krylov_solve(self, problem, b, accuracy, s)
+      class(tangent_krylov_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+      real(wp), intent(in), contiguous :: b(:)                        !! (n_unknowns)
+      real(wp), intent(in) :: accuracy
+      real(wp), intent(out), contiguous :: s(:)                       !! (n_unknowns)
+      integer :: patience, products
+
+      if (.not. self%is_fresh .and. (self%level == 0 .or. self%is_tired)) call self%renew(problem)
+      s = 0.0_wp
+      products = 0
+      do
+         if (self%is_strongest) then
+            call self%gmres%solve(problem, b, accuracy, self%most_products - products, s)
+         else
+            patience = patience_at(self%patience, self%level, problem)
+            call self%gmres%solve(problem, b, accuracy, min(patience, self%most_products - products), s, fewer_than=patience)
+         end if
+         products = products + self%gmres%n_products
+         if (self%gmres%residual <= accuracy .or. products >= self%most_products .or. work_is_over()) exit
+         if (self%is_strongest .and. self%is_fresh) exit
+         if (self%is_fresh) self%level = self%level + 1
+         call self%renew(problem)
+      end do
+      self%residual = self%gmres%residual
+      self%n_products = self%n_products + products
+      self%is_tired = self%gmres%n_products > easy
+      problem%preconditioner_level = self%level
+      problem%has_preconditioner = .not. self%is_tired
+   end subroutine tangent_krylov_solve
+
+   !> Products permitted with a preconditioner before the next stronger one: as many as this one costs, divided by its
+   !> uses. The factors between all harmonics of ten contacts under two tones cost thousands of products, where 60
+   !> lead to the solution.
+   pure integer function patience_at(least, level, problem)
+      integer, intent(in) :: least                                    !! lower limit
+      integer, intent(in) :: level
+      class(problem_t), intent(in) :: problem
+
+      patience_at = least
+      if (problem%residual_work <= 0.0_wp) return
+      patience_at = nint(min(real(most_patience, wp), &
+                             max(real(least, wp), &
+                                 problem%preconditioner_work*8.0_wp**(level + 1)/(uses*problem%residual_work))))
+   end function patience_at
+
+   !> Updates the preconditioner to the present point of the problem.
+   subroutine tangent_krylov_renew(self, problem)
+      class(tangent_krylov_t), intent(inout) :: self
+      class(problem_t), intent(inout) :: problem
+
+      call problem%update_preconditioner(self%level, self%is_strongest)
+      call self%gmres%forget()
+      self%n_preconditioners = self%n_preconditioners + 1
+      self%is_fresh = .true.
+   end subroutine tangent_krylov_renew
 end module hb_tangent_solver

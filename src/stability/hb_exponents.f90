@@ -10,17 +10,16 @@ module hb_exponents
    use hb_birkhoff, only: bump_weights
    use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
-   use hb_thresholds, only: safety
+   use hb_thresholds, only: clearly, safety
    implicit none
    private
    public :: exponents_t, find_exponents, orthogonalise, propagation_t, work_of_exponents
 
    integer, parameter :: n_periods = 100                              ! of an average
    integer, parameter :: usual_most_periods = 800
-   real(wp), parameter :: overrun = 10.0_wp                           ! of the limit by unexpected work: balls of a bearing,
-                                                                      !! whose slopes have kinks, need 3.5 times the expected
-                                                                      !! work
-   real(wp), parameter :: clear_early = 10.0_wp ! distance from zero, relative to the spread, for ending before `n_periods`
+   real(wp), parameter :: overrun = 10.0_wp                           ! of the limit by work that was not foreseen: balls of a
+                                                                      ! bearing, whose slopes have kinks, take 3.5 times what is
+                                                                      ! expected
 
    !> Propagation of disturbances along a motion.
    type, abstract :: propagation_t
@@ -107,7 +106,7 @@ contains
             if (.not. all(ieee_is_finite(growth(:, i)))) return
          end do
          call average(growth(:, forgotten + 1:), propagation%length, found%rate, found%spread)
-         if (abs(found%rate(1)) > merge(clear_early, safety, found%n_periods < n_periods)*found%spread(1)) exit
+         if (abs(found%rate(1)) > merge(clearly, safety, found%n_periods < n_periods)*found%spread(1)) exit
          found%is_cut_short = 2.0_wp*n_all*propagation%work > work_limit
          if (found%is_cut_short .or. 2*found%n_periods > limit) exit
          found%n_periods = 2*found%n_periods

@@ -20,7 +20,7 @@ module hb_floquet
    use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, most_multipliers, stability_config_t, &
       stability_finder_t, stability_method, stability_t, verdict
    use hb_structure, only: structure_t
-   use hb_thresholds, only: rounding, safety
+   use hb_thresholds, only: clearly, rounding, safety
    use hb_variation, only: least_work, new_variation, piece_t, variation_t
    use hb_variation_pieces, only: cut_time
    implicit none
@@ -46,7 +46,6 @@ module hb_floquet
       procedure :: carry => linear_propagation_carry
    end type linear_propagation_t
 
-   real(wp), parameter :: safety_of_multipliers = 10.0_wp                            ! on the estimate of the error
    real(wp), parameter :: largest_surge = log(100.0_wp) ! a disturbance of 1 % grows to the size of the motion before it decays
    real(wp), parameter :: most_work_of_orbit = 1.0e8_wp ! likewise; high modes need more, and the series is used for them
    real(wp), parameter :: work_on_demand = 6.0e10_wp                  !! in about a nanosecond: a minute
@@ -247,7 +246,7 @@ contains
 
       call eigenvalues_of(matrix, multipliers)
       if (size(multipliers) == 0) return
-      margin = max(rounding, safety_of_multipliers*self%estimate)
+      margin = max(rounding, clearly*self%estimate)
       self%n_unstable = count(abs(multipliers) > 1.0_wp + margin)
       if (self%n_unstable > 0) then
          self%verdict = verdict%unstable

@@ -17,7 +17,7 @@ module hb_piecewise_orbit
    use hb_variation_pieces, only: bracket_t
    implicit none
    private
-   public :: find_piecewise_orbit, has_piecewise_orbit, piecewise_orbit_t, work_of_piecewise_orbit
+   public :: find_piecewise_orbit, has_piecewise_orbit, n_looks, piecewise_orbit_t, smallest_scale, work_of_piecewise_orbit
 
    integer, parameter :: steps_a_period = 16 ! of the fastest oscillation: a switch reverses at most once in a step
    integer, parameter :: n_looks = 256                                ! in a period, to find an interval without events
