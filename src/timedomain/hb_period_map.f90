@@ -21,6 +21,7 @@ module hb_period_map
    use hb_lapack, only: dgeqrf, dgetrf, dgetrs, dorgqr
    use hb_law, only: hold_t
    use hb_motion_series, only: motion_series_t
+   use hb_piecewise_orbit, only: n_looks, smallest_scale
    use hb_structure, only: structure_t
    use hb_thresholds, only: same_motion
    use hb_time_domain, only: integration_config_t, integration_method, work_of_look
@@ -37,8 +38,6 @@ module hb_period_map
    real(wp), parameter :: looks_a_radian = 15.0_wp                  ! of the fastest mode, whose stability limits these steps: 15 on
                                                                       ! a beam of 8 degrees of freedom
                                                                       ! (test_hb_integrated_propagation)
-   real(wp), parameter :: smallest_scale = 0.1_wp                     ! of one unknown, relative to the largest of its kind: what
-                                                                      ! is moved apart has to slip, not to creep
 
    type :: state_map_t
       type(integration_system_t), pointer :: system => null()
@@ -64,11 +63,10 @@ module hb_period_map
    real(wp), parameter :: repeats = 1.0e-7_wp                         ! permitted defect of a state after a period, scaled
    real(wp), parameter :: enough = 1.0e-9_wp                          ! defect that needs no further step, likewise
    integer, parameter :: most_shots = 30
-   integer, parameter :: most_matrices = 4                            ! during the iteration
-   real(wp), parameter :: slow = 0.3_wp                               ! reduction of the defect that requires a new matrix
-   real(wp), parameter :: neutral = 1.0e-2_wp ! change of a coordinate that counts as constant: a perturbed one slips slightly
-   integer, parameter :: periods_of_sliders = 3                       ! until they are periodic
-   integer, parameter :: n_looks = 256                                ! to find the phase farthest from events
+   integer, parameter :: most_matrices = 4                            ! on the way
+   real(wp), parameter :: slow = 0.3_wp                               ! fall of what is left that asks for a new matrix
+   real(wp), parameter :: neutral = 1.0e-2_wp                         ! change of what stays as it is: a push apart slips a little
+   integer, parameter :: periods_of_sliders = 3                       ! in which they find their places
    real(wp), parameter :: usual_shots = 6.0_wp
 
    type :: period_map_t
