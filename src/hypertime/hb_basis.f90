@@ -1,9 +1,7 @@
 !> A basis: the coefficients of a motion that are unknowns, and the grid on which its forces are sampled.
 !>
-!> Some of the tuples of a motion are unknowns, such as the odd ones of an odd motion; the coefficients of the others
-!> are zero. Vectors and amplitudes are restricted to the unknowns and expanded from them. Between two solutions a
-!> basis may grow or shrink: `transfer` copies coefficients from the tuples of one to those of the other. Source:
-!> docs/why/theory.md, section 2.
+!> Of the tuples of a motion some are unknowns, such as the odd ones of an odd motion; the coefficients of the others are zero.
+!> Vectors and amplitudes are restricted to the unknowns and expanded from them. Source: docs/why/theory.md, section 2.
 module hb_basis
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_subset
@@ -19,11 +17,8 @@ module hb_basis
       type(torus_t) :: torus                                          !! grid of the forces
       integer, allocatable :: places(:)                               !! positions of `harmonics` in `whole`
    contains
-      procedure :: is_whole => basis_is_whole
       procedure :: restrict => basis_restrict
       procedure :: expand => basis_expand
-      procedure :: transfer => basis_transfer
-      procedure :: bytes => basis_bytes
    end type basis_t
 
 contains
@@ -56,24 +51,13 @@ contains
       self%places = [(h, h=1, whole%n_harmonics)]
    end function whole_basis
 
-   !> Whether all coefficients of the whole set are unknowns.
-   pure logical function basis_is_whole(self)
-      class(basis_t), intent(in) :: self
-
-      basis_is_whole = size(self%places) == self%whole%n_harmonics
-   end function basis_is_whole
-
    !> Unknowns of a motion from all its coefficients.
    pure function basis_restrict(self, coefficients) result(u)
       class(basis_t), intent(in) :: self
       real(wp), intent(in) :: coefficients(:, :)                      !! (whole%n_coefficients, any)
       real(wp) :: u(self%harmonics%n_coefficients, size(coefficients, 2))
 
-      if (self%is_whole()) then
-         u = coefficients
-      else
-         call transfer_coefficients(self%whole, self%harmonics, coefficients, u)
-      end if
+      call transfer_coefficients(self%whole, self%harmonics, coefficients, u)
    end function basis_restrict
 
    !> All coefficients of a motion from its unknowns.
@@ -82,29 +66,8 @@ contains
       real(wp), intent(in) :: u(:, :)                                 !! (harmonics%n_coefficients, any)
       real(wp) :: coefficients(self%whole%n_coefficients, size(u, 2))
 
-      if (self%is_whole()) then
-         coefficients = u
-      else
-         call transfer_coefficients(self%harmonics, self%whole, u, coefficients)
-      end if
+      call transfer_coefficients(self%harmonics, self%whole, u, coefficients)
    end function basis_expand
-
-   !> Unknowns of another basis converted to this one: those that both have; the others are zero.
-   pure function basis_transfer(self, other, u) result(own)
-      class(basis_t), intent(in) :: self
-      type(basis_t), intent(in) :: other
-      real(wp), intent(in) :: u(:, :)                                 !! (other%harmonics%n_coefficients, any)
-      real(wp) :: own(self%harmonics%n_coefficients, size(u, 2))
-
-      call transfer_coefficients(other%harmonics, self%harmonics, u, own)
-   end function basis_transfer
-
-   !> Memory [byte] of the basis and its tables.
-   pure real(wp) function basis_bytes(self) result(bytes)
-      class(basis_t), intent(in) :: self
-
-      bytes = self%whole%bytes() + self%harmonics%bytes() + 4.0_wp*size(self%places)
-   end function basis_bytes
 
    !> Copies coefficients of the tuples in both sets; the others of `to` become zero.
    pure subroutine transfer_coefficients(from_set, to_set, from, to)

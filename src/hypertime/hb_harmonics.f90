@@ -36,7 +36,6 @@ module hb_harmonics
       procedure :: times => harmonics_times
       procedure :: norms => harmonics_norms
       procedure :: places_of => harmonics_places_of
-      procedure :: bytes => harmonics_bytes
    end type harmonics_t
 
 contains
@@ -351,13 +350,6 @@ contains
 
       frequencies = matmul(omega, real(self%tuples, wp))
    end function harmonics_frequencies
-
-   !> Memory that the set takes, with its tables.
-   pure real(wp) function harmonics_bytes(self) result(bytes)
-      class(harmonics_t), intent(in) :: self
-
-      bytes = 4.0_wp*(size(self%tuples) + size(self%cos_at) + size(self%sin_at) + size(self%lookup))
-   end function harmonics_bytes
 
    !> Sign that makes the first non-zero entry positive: 1 or -1; 1 for the zero tuple.
    pure integer function canonical_sign(tuple)

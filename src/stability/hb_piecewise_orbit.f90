@@ -8,7 +8,7 @@
 module hb_piecewise_orbit
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_kinds, only: two_pi, wp
-   use hb_lapack, only: dgetrf, dgetrs, dpotrf, dpotrs
+   use hb_lapack, only: dgetrf, dgetrs, dpotrs
    use hb_matrix_exponential, only: count_exponential, exponential_of
    use hb_stability, only: excitation_t
    use hb_structure, only: structure_t
@@ -208,7 +208,7 @@ contains
       type(excitation_t), intent(in) :: excitation
       real(wp), intent(in) :: start                                   !! [s]
       logical, intent(out) :: is_done
-      real(wp) :: factor(variation%n_dofs, variation%n_dofs)
+      real(wp), allocatable :: factor(:, :)
       real(wp), allocatable :: pushes(:, :)                           ! cosine and sine of each load over the mass
       integer, allocatable :: turning(:)                              ! loads that vary
       integer :: i, info, k, n
@@ -219,8 +219,7 @@ contains
       is_done = allocated(excitation%loads%values) .and. allocated(excitation%frequencies)
       if (.not. is_done) return
       associate (loads => excitation%loads, w => excitation%frequencies)
-         factor = structure%mass
-         call dpotrf("L", n, factor, n, info)
+         call structure%factorise_mass(factor, info)
          allocate (pushes(n, 2*size(loads%harmonics)))
          do k = 1, size(loads%harmonics)
             pushes(:, 2*k - 1) = real(loads%values(:, k))

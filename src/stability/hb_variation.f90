@@ -7,7 +7,7 @@ module hb_variation
    use hb_error, only: error_t, fail
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
-   use hb_lapack, only: dpotrf, dpotrs
+   use hb_lapack, only: dpotrs
    use hb_law, only: law_box_t
    use hb_matrix_exponential, only: count_exponential, per_multiplication
    use hb_motion_series, only: motion_series_t, new_motion_series
@@ -18,7 +18,6 @@ module hb_variation
    public :: least_work, new_variation, piece_t, variation_t
 
    real(wp), parameter :: nearness = 1.0e-6_wp                        ! of arguments for a difference quotient
-   real(wp), parameter :: singular = 1.0e-13_wp                       ! pivot of the mass
 
    !> An interval of time without events inside.
    type :: piece_t
@@ -141,17 +140,12 @@ contains
       type(variation_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: damping(self%n_dofs, self%n_dofs), factor(self%n_dofs, self%n_dofs), stiffness(self%n_dofs, self%n_dofs)
+      real(wp), dimension(self%n_dofs, self%n_dofs) :: damping, stiffness
+      real(wp), allocatable :: factor(:, :)
       integer :: i, info, n
 
       n = self%n_dofs
-      factor = structure%mass
-      call dpotrf("L", n, factor, n, info)
-      if (info == 0) then
-         do i = 1, n
-            if (factor(i, i)**2 <= singular*structure%mass(i, i)) info = i
-         end do
-      end if
+      call structure%factorise_mass(factor, info)
       if (info /= 0) then
          call fail(error, "the mass matrix is singular at "//trim(structure%labels(info)))
          return

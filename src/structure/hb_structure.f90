@@ -47,6 +47,7 @@ module hb_structure
       procedure :: check_matrices => structure_check_matrices
       procedure :: damping_times => structure_damping_times
       procedure :: diagonals => structure_diagonals
+      procedure :: factorise_mass => structure_factorise_mass
       procedure :: dof_index => structure_dof_index
       procedure :: find_dof => structure_find_dof
       procedure :: find_dofs => structure_find_dofs
@@ -214,6 +215,22 @@ contains
          stiffness = [(self%stiffness(i, i), i=1, self%n_dofs)]
       end if
    end subroutine structure_diagonals
+
+   !> Lower Cholesky factor of a dense mass.
+   subroutine structure_factorise_mass(self, factor, singular_at)
+      class(structure_t), intent(in) :: self
+      real(wp), allocatable, intent(out) :: factor(:, :)              !! (n_dofs, n_dofs)
+      integer, intent(out) :: singular_at                             !! degree of freedom at which the mass is singular; 0: none
+      real(wp), parameter :: singular = 1.0e-13_wp                    ! a pivot is what is left of the diagonal
+      integer :: i
+
+      factor = self%mass
+      call dpotrf("L", self%n_dofs, factor, self%n_dofs, singular_at)
+      if (singular_at /= 0) return
+      do i = 1, self%n_dofs
+         if (factor(i, i)**2 <= singular*self%mass(i, i)) singular_at = i
+      end do
+   end subroutine structure_factorise_mass
 
    !> M c.
    pure function structure_mass_times(self, c) result(force)

@@ -8,7 +8,7 @@ module hb_integration_system
    use hb_error, only: error_t, fail
    use hb_integration_laws, only: integration_laws_t, new_integration_laws
    use hb_kinds, only: int64, wp
-   use hb_lapack, only: dpotrf, dpotrs
+   use hb_lapack, only: dpotrs
    use hb_law, only: law_box_t
    use hb_structure, only: structure_t
    implicit none
@@ -129,17 +129,10 @@ contains
       class(integration_system_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: factor(:, :), right(:, :)
-      real(wp), parameter :: singular = 1.0e-13_wp
-      integer :: i, info, n
+      integer :: info, n
 
       n = self%n_dofs
-      factor = self%structure%mass
-      call dpotrf("L", n, factor, n, info)
-      if (info == 0) then
-         do i = 1, n                                                  ! pivots are remainders of the diagonal
-            if (factor(i, i)**2 <= singular*self%structure%mass(i, i)) info = i
-         end do
-      end if
+      call self%structure%factorise_mass(factor, info)
       if (info /= 0) then
          call fail(error, "the mass matrix is singular at "//trim(self%structure%labels(info))// &
                    "; of the methods of &integration only generalized_alpha supports such a structure")
