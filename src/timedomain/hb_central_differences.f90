@@ -12,7 +12,7 @@ module hb_central_differences
    use hb_error, only: error_t, fail
    use hb_integration_laws, only: put_before_walls
    use hb_integration_system, only: integration_state_t, integration_system_t, integrator_t, law_forces
-   use hb_kinds, only: int64, wp
+   use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_law, only: hold_t
    use hb_text, only: to_text
@@ -23,9 +23,6 @@ module hb_central_differences
    integer, parameter :: max_sweeps = 10000
 
    type, extends(integrator_t) :: central_differences_t
-      real(wp) :: step = 0.0_wp                                       !! [s]
-      real(wp) :: origin = 0.0_wp                                     !! [s]
-      integer(int64) :: n_steps = 0_int64
       type(hold_t), allocatable :: rigid(:)
       real(wp), allocatable :: kick(:, :)                             !! M^-1 S of the rigid laws, (n_dofs, n_rigid) [1/kg]
       real(wp), allocatable :: yield(:, :)                            !! S^T M^-1 S of them [1/kg]
@@ -34,8 +31,8 @@ module hb_central_differences
       real(wp), allocatable :: factor(:, :)                           !! of 1 + h/2 M^-1 D
       integer, allocatable :: pivots(:)
    contains
-      procedure :: start => central_differences_start
-      procedure :: advance => central_differences_advance
+      procedure :: begin => central_differences_begin
+      procedure :: take_step => central_differences_take_step
       procedure :: forces => central_differences_forces
    end type central_differences_t
 
@@ -77,60 +74,52 @@ contains
       if (info > 0) call fail(error, "central_differences: 1 + h/2 M^-1 D is singular, take another step")
    end subroutine new_central_differences
 
-   subroutine central_differences_start(self, state, error)
+   subroutine central_differences_begin(self, state, error)
       class(central_differences_t), intent(inout) :: self
       type(integration_state_t), intent(inout) :: state
       type(error_t), allocatable, intent(out) :: error
 
       call put_before_walls(self%rigid, self%system%laws%shape, self%kick, state%q)
-      self%origin = state%time
-      self%n_steps = 0_int64
       call self%system%accelerations%begin(state%time, self%step)
       call self%system%laws%start_step(state%time, state%q, state%v, state%s)
       call self%system%accelerations%here(self%a)
       call self%system%accelerate(state%q, state%v, 0.0_wp, self%a)
       self%half_v = state%v - 0.5_wp*self%step*self%a
-   end subroutine central_differences_start
+   end subroutine central_differences_begin
 
-   subroutine central_differences_advance(self, state, n_steps, error)
+   subroutine central_differences_take_step(self, time, time_after, state, error)
       class(central_differences_t), intent(inout) :: self
+      real(wp), intent(in) :: time, time_after
       type(integration_state_t), intent(inout) :: state
-      integer, intent(in) :: n_steps
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: before(self%system%n_dofs)
-      integer :: i, info, n
+      integer :: info, n
 
       n = self%system%n_dofs
       associate (h => self%step, system => self%system, q => state%q, v => state%v, a => self%a, half_v => self%half_v)
-         do i = 1, n_steps
-            call system%laws%start_step(self%origin + (self%n_steps + i - 1)*h, q, v, state%s)
-            before = half_v
-            half_v = v + 0.5_wp*h*a
-            if (size(self%rigid) > 0) then
-               call push(self, q, before, error)
-               if (allocated(error)) then
-                  error%message = error%message//" at t = "//to_text(self%origin + (self%n_steps + i)*h)//" s"
-                  return
-               end if
-            end if
-            q = q + h*half_v
-            call system%accelerations%go_on()
-            ! (1 + h/2 M^-1 D) a = M^-1 (F - K q - S f - D v(n+1/2)), laws at the velocity that the last acceleration predicts
-            v = half_v + 0.5_wp*h*a
-            call system%accelerations%here(a)
-            call system%stiffness%subtract_product(q, a)
-            call system%damping%subtract_product(half_v, a)
-            call system%laws%gather(q, v)
-            call system%laws%evaluate(h)
-            if (system%laws%n_states > 0) state%s = system%laws%s
-            a = a - matmul(system%shape, system%laws%f)
-            call dgetrs("N", n, 1, self%factor, n, self%pivots, a, n, info)
-            v = half_v + 0.5_wp*h*a
-         end do
+         call system%laws%start_step(time, q, v, state%s)
+         before = half_v
+         half_v = v + 0.5_wp*h*a
+         if (size(self%rigid) > 0) call push(self, q, before, error)
+         if (allocated(error)) then
+            error%message = error%message//" at t = "//to_text(time_after)//" s"
+            return
+         end if
+         q = q + h*half_v
+         call system%accelerations%go_on()
+         ! (1 + h/2 M^-1 D) a = M^-1 (F - K q - S f - D v(n+1/2)), laws at the velocity that the last acceleration predicts
+         v = half_v + 0.5_wp*h*a
+         call system%accelerations%here(a)
+         call system%stiffness%subtract_product(q, a)
+         call system%damping%subtract_product(half_v, a)
+         call system%laws%gather(q, v)
+         call system%laws%evaluate(h)
+         if (system%laws%n_states > 0) state%s = system%laws%s
+         a = a - matmul(system%shape, system%laws%f)
+         call dgetrs("N", n, 1, self%factor, n, self%pivots, a, n, info)
+         v = half_v + 0.5_wp*h*a
       end associate
-      self%n_steps = self%n_steps + n_steps
-      state%time = self%origin + self%n_steps*self%step
-   end subroutine central_differences_advance
+   end subroutine central_differences_take_step
 
    !> Adds the impulses of the rigid laws to the half-step velocity, by projected Gauss-Seidel sweeps over them.
    subroutine push(self, q, v, error)

@@ -7,7 +7,7 @@
 module hb_generalized_alpha
    use hb_error, only: error_t, fail
    use hb_integration_system, only: integration_state_t, integration_system_t, integrator_t
-   use hb_kinds, only: int64, wp
+   use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_text, only: to_text
    implicit none
@@ -17,20 +17,19 @@ module hb_generalized_alpha
    integer, parameter :: max_iterations = 50
 
    type, extends(integrator_t) :: generalized_alpha_t
-      real(wp) :: step = 0.0_wp                                       !! [s]
       real(wp) :: tolerance = 0.0_wp                                  !! of Newton, relative to the motion
       real(wp) :: alpha_m = 0.0_wp, alpha_f = 0.0_wp, beta = 0.0_wp, gamma = 0.0_wp
-      real(wp) :: origin = 0.0_wp                                     !! [s]
-      integer(int64) :: n_steps = 0_int64
       real(wp), allocatable :: a(:)                                   !! accelerations of the last state [m/s**2]
       real(wp), allocatable :: factor(:, :)                           !! of the effective stiffness
       integer, allocatable :: pivots(:)
       real(wp), allocatable :: compliance(:, :)                       !! displacements by unit forces on the coordinates
       real(wp), allocatable :: coupling(:, :)                         !! S^T compliance
       real(wp), allocatable :: mass(:, :), damping(:, :), stiffness(:, :)
+      real(wp), allocatable :: load(:)                                !! at the last state [N]
    contains
-      procedure :: start => generalized_alpha_start
-      procedure :: advance => generalized_alpha_advance
+      procedure :: begin => generalized_alpha_begin
+      procedure :: resume => generalized_alpha_resume
+      procedure :: take_step => generalized_alpha_take_step
    end type generalized_alpha_t
 
 contains
@@ -61,7 +60,7 @@ contains
       self%damping = system%structure%damping
       self%stiffness = system%structure%stiffness
       associate (n => system%n_dofs, h => step, left => 1.0_wp - self%alpha_f)
-         allocate (self%pivots(n), self%a(n))
+         allocate (self%pivots(n), self%a(n), self%load(n))
          self%factor = (1.0_wp - self%alpha_m)/(self%beta*h**2)*self%mass + left*self%gamma/(self%beta*h)*self%damping + &
                        left*self%stiffness
          call dgetrf(n, n, self%factor, n, self%pivots, info)
@@ -78,7 +77,7 @@ contains
 
    !> Sets the initial state; its accelerations are in equilibrium with it, those of massless degrees of freedom are
    !> zero.
-   subroutine generalized_alpha_start(self, state, error)
+   subroutine generalized_alpha_begin(self, state, error)
       class(generalized_alpha_t), intent(inout) :: self
       type(integration_state_t), intent(inout) :: state
       type(error_t), allocatable, intent(out) :: error
@@ -87,8 +86,6 @@ contains
       integer :: pivots(self%system%n_dofs)
 
       n = self%system%n_dofs
-      self%origin = state%time
-      self%n_steps = 0_int64
       call self%system%loads%at(state%time, self%a)
       self%a = self%a - matmul(self%damping, state%v) - matmul(self%stiffness, state%q)
       call self%system%laws%start_step(state%time, state%q, state%v, state%s)
@@ -108,49 +105,52 @@ contains
          return
       end if
       call dgetrs("N", n, 1, mass, n, pivots, self%a, n, info)
-   end subroutine generalized_alpha_start
+   end subroutine generalized_alpha_begin
 
-   subroutine generalized_alpha_advance(self, state, n_steps, error)
+   !> Forces of laws and loads at the state.
+   subroutine generalized_alpha_resume(self, state)
       class(generalized_alpha_t), intent(inout) :: self
+      type(integration_state_t), intent(in) :: state
+
+      call self%system%laws%start_step(state%time, state%q, state%v, state%s)
+      call self%system%laws%gather(state%q, state%v)
+      call self%system%laws%evaluate(0.0_wp)
+      call self%system%loads%at(state%time, self%load)
+   end subroutine generalized_alpha_resume
+
+   subroutine generalized_alpha_take_step(self, time, time_after, state, error)
+      class(generalized_alpha_t), intent(inout) :: self
+      real(wp), intent(in) :: time, time_after
       type(integration_state_t), intent(inout) :: state
-      integer, intent(in) :: n_steps
       type(error_t), allocatable, intent(out) :: error
-      real(wp), dimension(self%system%n_dofs) :: load, load_before, law_before, q_guess, v_guess, right
-      integer :: i, info, n
+      real(wp), dimension(self%system%n_dofs) :: law_before, load, q_guess, v_guess, right
+      integer :: info, n
 
       n = self%system%n_dofs
       associate (h => self%step, beta => self%beta, gamma => self%gamma, am => self%alpha_m, af => self%alpha_f, &
                  laws => self%system%laws, q => state%q, v => state%v, a => self%a)
-         call laws%start_step(state%time, q, v, state%s)
-         call laws%gather(q, v)
-         call laws%evaluate(0.0_wp)
-         call self%system%loads%at(state%time, load_before)
-         do i = 1, n_steps
-            law_before = matmul(laws%shape, laws%f)
-            call laws%start_step(self%origin + (self%n_steps + i - 1)*h, q, v, state%s)
-            ! q_new = q_guess if a_new = a_guess = -(...)/(beta h**2) makes q_new itself the unknown
-            q_guess = q + h*v + (0.5_wp - beta)*h**2*a
-            v_guess = v + (1.0_wp - gamma)*h*a
-            call self%system%loads%at(self%origin + (self%n_steps + i)*h, load)
-            right = (1.0_wp - af)*load + af*(load_before - law_before - matmul(self%stiffness, q) - matmul(self%damping, v)) &
-                    + matmul(self%mass, (1.0_wp - am)/(beta*h**2)*q_guess - am*a) &
-                    + (1.0_wp - af)*matmul(self%damping, gamma/(beta*h)*q_guess - v_guess)
-            call dgetrs("N", n, 1, self%factor, n, self%pivots, right, n, info)
-            call solve_laws(self, right, q_guess, v_guess, error)      ! adds the effect of the laws to the motion
-            if (allocated(error)) then
-               error%message = error%message//" at t = "//to_text(self%origin + (self%n_steps + i)*h)//" s"
-               return
-            end if
-            a = (right - q_guess)/(beta*h**2)
-            q = right
-            v = v_guess + gamma*h*a
-            state%s = laws%s
-            load_before = load
-         end do
+         law_before = matmul(laws%shape, laws%f)
+         call laws%start_step(time, q, v, state%s)
+         ! q_new = q_guess where a_new = a_guess = -(...)/(beta h**2) makes the unknown q_new itself
+         q_guess = q + h*v + (0.5_wp - beta)*h**2*a
+         v_guess = v + (1.0_wp - gamma)*h*a
+         call self%system%loads%at(time_after, load)
+         right = (1.0_wp - af)*load + af*(self%load - law_before - matmul(self%stiffness, q) - matmul(self%damping, v)) &
+                 + matmul(self%mass, (1.0_wp - am)/(beta*h**2)*q_guess - am*a) &
+                 + (1.0_wp - af)*matmul(self%damping, gamma/(beta*h)*q_guess - v_guess)
+         call dgetrs("N", n, 1, self%factor, n, self%pivots, right, n, info)
+         call solve_laws(self, right, q_guess, v_guess, error)         ! adds what the laws do to the motion
+         if (allocated(error)) then
+            error%message = error%message//" at t = "//to_text(time_after)//" s"
+            return
+         end if
+         a = (right - q_guess)/(beta*h**2)
+         q = right
+         v = v_guess + gamma*h*a
+         state%s = laws%s
+         self%load = load
       end associate
-      self%n_steps = self%n_steps + n_steps
-      state%time = self%origin + self%n_steps*self%step
-   end subroutine generalized_alpha_advance
+   end subroutine generalized_alpha_take_step
 
    !> Newton's method for z = z_free - (1 - alpha_f) S^T compliance f(z, z'), z' = rate_guess + gamma/(beta h) (z - z_guess).
    !>

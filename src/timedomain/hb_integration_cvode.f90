@@ -11,7 +11,7 @@ module hb_integration_cvode
    use hb_integration_equations, only: integration_equations_t, new_integration_equations
    use hb_integration_laws, only: put_before_walls
    use hb_integration_system, only: integration_state_t, integration_system_t, integrator_t, law_forces
-   use hb_kinds, only: int64, wp
+   use hb_kinds, only: wp
    use hb_lapack, only: dgetrs
    use hb_law, only: hold_t
    use hb_sundials, only: cvode_t, new_cvode
@@ -29,16 +29,14 @@ module hb_integration_cvode
    type, extends(integrator_t) :: integration_cvode_t
       type(integration_equations_t), pointer :: equations => null()
       type(cvode_t) :: cvode
-      real(wp) :: step = 0.0_wp
-      real(wp) :: origin = 0.0_wp                                     !! [s] initial time
-      real(wp) :: base = 0.0_wp                                       !! [s] origin of the time of CVODE
+      real(wp) :: base = 0.0_wp                                       !! [s] from where the time of CVODE counts
       integer :: n_since_base = 0                                     !! steps
-      integer(int64) :: n_steps = 0_int64
       real(wp) :: time_scale = 0.0_wp                                 !! [s], far below all periods
       real(wp) :: tolerance = 0.0_wp
    contains
-      procedure :: start => integration_cvode_start
-      procedure :: advance => integration_cvode_advance
+      procedure :: begin => integration_cvode_begin
+      procedure :: take_step => integration_cvode_take_step
+      procedure :: read_state => integration_cvode_read_state
       procedure :: forces => integration_cvode_forces
       procedure :: destroy => integration_cvode_destroy
    end type integration_cvode_t
@@ -77,7 +75,7 @@ contains
       call new_cvode(self%cvode, self%equations, 2*system%n_dofs, directions, is_stiff, error)
    end subroutine new_integration_cvode
 
-   subroutine integration_cvode_start(self, state, error)
+   subroutine integration_cvode_begin(self, state, error)
       class(integration_cvode_t), intent(inout) :: self
       type(integration_state_t), intent(inout) :: state
       type(error_t), allocatable, intent(out) :: error
@@ -85,8 +83,6 @@ contains
       integer :: i
 
       associate (equations => self%equations, n => self%system%n_dofs, y => self%cvode%values)
-         self%origin = state%time
-         self%n_steps = 0_int64
          call put_before_walls(equations%rigid, self%system%laws%shape, equations%kick, state%q)
          y(:n) = state%q
          y(n + 1:) = state%v
@@ -109,7 +105,7 @@ contains
          call choose_branches(self, 0.0_wp)                           ! may change velocities, therefore first
          call begin_at(self, state%time, error)
       end associate
-   end subroutine integration_cvode_start
+   end subroutine integration_cvode_begin
 
    !> Sets the origin of time.
    subroutine begin_at(self, time, error)
@@ -123,62 +119,52 @@ contains
       call self%cvode%restart(0.0_wp, error)
    end subroutine begin_at
 
-   subroutine integration_cvode_advance(self, state, n_steps, error)
+   subroutine integration_cvode_take_step(self, time, time_after, state, error)
       class(integration_cvode_t), intent(inout) :: self
+      real(wp), intent(in) :: time, time_after
       type(integration_state_t), intent(inout) :: state
-      integer, intent(in) :: n_steps
       type(error_t), allocatable, intent(out) :: error
-      integer :: found(self%equations%n_events()), i, n_events
+      integer :: found(self%equations%n_events()), n_events
       logical :: is_event
-      real(wp) :: end_time, t                                         ! t is relative to the base
+      real(wp) :: t                                                   ! from the base
 
-      do i = 1, n_steps
-         end_time = self%origin + (self%n_steps + i)*self%step
-         do n_events = 1, max_events
-            call self%cvode%advance(end_time - self%base, t, is_event, found, error)
-            if (.not. allocated(error) .and. n_events > 1 .and. work_is_over()) call fail(error, "cvode was ended before its time")
-            if (allocated(error)) then
-               error%message = error%message//", counted from "//to_text(self%base)//" s"
-               return
-            end if
-            self%equations%scale = max(self%equations%scale, abs(self%cvode%values))
-            if (.not. is_event) exit
-            call change_branches(self, t, found)
-            call self%cvode%restart(t, error)
-            if (allocated(error)) return
-            is_event = end_time - self%base - t > 8.0_wp*epsilon(1.0_wp)*abs(t)
-            if (.not. is_event) exit                                  ! it occurred at the sample
-         end do
-         if (is_event) then
-            call fail(error, "cvode: events without end at t = "//to_text(self%base + t)//" s")
+      do n_events = 1, max_events
+         call self%cvode%advance(time_after - self%base, t, is_event, found, error)
+         if (.not. allocated(error) .and. n_events > 1 .and. work_is_over()) call fail(error, "cvode was ended before its time")
+         if (allocated(error)) then
+            error%message = error%message//", counted from "//to_text(self%base)//" s"
             return
          end if
-         self%n_since_base = self%n_since_base + 1
-         if (self%n_since_base < steps_from_base) cycle
-         call begin_at(self, end_time, error)
+         self%equations%scale = max(self%equations%scale, abs(self%cvode%values))
+         if (.not. is_event) exit
+         call change_branches(self, t, found)
+         call self%cvode%restart(t, error)
          if (allocated(error)) return
+         is_event = time_after - self%base - t > 8.0_wp*epsilon(1.0_wp)*abs(t)
+         if (.not. is_event) exit                                     ! it happened at the sample
       end do
-      self%n_steps = self%n_steps + n_steps
-      associate (n => self%system%n_dofs)
-         state%time = end_time
+      if (is_event) then
+         call fail(error, "cvode: events without end at t = "//to_text(self%base + t)//" s")
+         return
+      end if
+      self%n_since_base = self%n_since_base + 1
+      if (self%n_since_base >= steps_from_base) call begin_at(self, time_after, error)
+   end subroutine integration_cvode_take_step
+
+   !> Displacements, velocities and places of all sliders.
+   subroutine integration_cvode_read_state(self, state)
+      class(integration_cvode_t), intent(inout) :: self
+      type(integration_state_t), intent(inout) :: state
+
+      associate (n => self%system%n_dofs, equations => self%equations)
          state%q = self%cvode%values(:n)
          state%v = self%cvode%values(n + 1:)
-      end associate
-      if (self%system%laws%n_states > 0) call find_places(self, end_time - self%base, state%s)
-   end subroutine integration_cvode_advance
-
-   !> Positions of all sliders in the present state.
-   subroutine find_places(self, t, s)
-      class(integration_cvode_t), intent(inout) :: self
-      real(wp), intent(in) :: t                                       !! [s], from the base
-      real(wp), intent(out) :: s(:)
-
-      associate (equations => self%equations)
-         call equations%gather(t, self%cvode%values)
+         if (self%system%laws%n_states == 0) return
+         call equations%gather(state%time - self%base, self%cvode%values)
          call equations%find_bounds()
-         s = merge(equations%held, merge(equations%lower, equations%upper, equations%slip > 0), equations%slip == 0)
+         state%s = merge(equations%held, merge(equations%lower, equations%upper, equations%slip > 0), equations%slip == 0)
       end associate
-   end subroutine find_places
+   end subroutine integration_cvode_read_state
 
    !> Changes the branches whose events were found.
    subroutine change_branches(self, t, found)

@@ -69,32 +69,40 @@ module hb_integration_system
       procedure :: accelerate => system_accelerate
    end type integration_system_t
 
+   !> Steps of one size from a state on.
    type, abstract :: integrator_t
       type(integration_system_t), pointer :: system => null()
+      real(wp) :: step = 0.0_wp                                       !! [s]
+      real(wp) :: origin = 0.0_wp                                     !! [s] where it started
+      integer(int64) :: n_steps = 0_int64                             !! since then
    contains
+      procedure :: start => integrator_start
+      procedure :: advance => integrator_advance
+      procedure(begin_integration), deferred :: begin
+      procedure :: resume => integrator_resume
+      procedure(take_one_step), deferred :: take_step
+      procedure :: read_state => integrator_read_state
       procedure :: forces => integrator_forces
-      procedure(start_integration), deferred :: start
-      procedure(advance_integration), deferred :: advance
       procedure :: destroy => integrator_destroy
    end type integrator_t
 
    abstract interface
       !> Sets the first state; coordinates behind a rigid wall are moved onto it.
-      subroutine start_integration(self, state, error)
+      subroutine begin_integration(self, state, error)
          import :: error_t, integrator_t, integration_state_t
          class(integrator_t), intent(inout) :: self
          type(integration_state_t), intent(inout) :: state
          type(error_t), allocatable, intent(out) :: error
-      end subroutine start_integration
+      end subroutine begin_integration
 
-      !> Continues from the state of the last call, which `state` must contain.
-      subroutine advance_integration(self, state, n_steps, error)
-         import :: error_t, integrator_t, integration_state_t
+      !> Takes one step between two times; `state` may be brought up to it by `read_state` alone.
+      subroutine take_one_step(self, time, time_after, state, error)
+         import :: error_t, integrator_t, integration_state_t, wp
          class(integrator_t), intent(inout) :: self
+         real(wp), intent(in) :: time, time_after                     !! [s]
          type(integration_state_t), intent(inout) :: state
-         integer, intent(in) :: n_steps
          type(error_t), allocatable, intent(out) :: error
-      end subroutine advance_integration
+      end subroutine take_one_step
    end interface
 
 contains
@@ -317,6 +325,47 @@ contains
 
       allocate (self%q(n_dofs), self%v(n_dofs), self%s(n_states), source=0.0_wp)
    end subroutine new_integration_state
+
+   !> Takes a state as the first one.
+   subroutine integrator_start(self, state, error)
+      class(integrator_t), intent(inout) :: self
+      type(integration_state_t), intent(inout) :: state
+      type(error_t), allocatable, intent(out) :: error
+
+      self%origin = state%time
+      self%n_steps = 0_int64
+      call self%begin(state, error)
+   end subroutine integrator_start
+
+   !> Goes on from the state where the last call ended, which `state` must hold.
+   subroutine integrator_advance(self, state, n_steps, error)
+      class(integrator_t), intent(inout) :: self
+      type(integration_state_t), intent(inout) :: state
+      integer, intent(in) :: n_steps
+      type(error_t), allocatable, intent(out) :: error
+      integer :: i
+
+      call self%resume(state)
+      do i = 1, n_steps
+         call self%take_step(self%origin + self%n_steps*self%step, self%origin + (self%n_steps + 1_int64)*self%step, state, error)
+         if (allocated(error)) return
+         self%n_steps = self%n_steps + 1_int64
+      end do
+      state%time = self%origin + self%n_steps*self%step
+      call self%read_state(state)
+   end subroutine integrator_advance
+
+   !> Finds what a method needs of the state from which it goes on.
+   subroutine integrator_resume(self, state)
+      class(integrator_t), intent(inout) :: self
+      type(integration_state_t), intent(in) :: state
+   end subroutine integrator_resume
+
+   !> Brings a state to the time that it has.
+   subroutine integrator_read_state(self, state)
+      class(integrator_t), intent(inout) :: self
+      type(integration_state_t), intent(inout) :: state
+   end subroutine integrator_read_state
 
    !> Forces of the laws [N] on their coordinates in a state, on the left-hand side; 0 for rigid laws unless a method
    !> provides them.

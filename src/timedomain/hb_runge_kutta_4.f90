@@ -7,7 +7,7 @@
 module hb_runge_kutta_4
    use hb_error, only: error_t, fail
    use hb_integration_system, only: integration_state_t, integration_system_t, integrator_t
-   use hb_kinds, only: int64, wp
+   use hb_kinds, only: wp
    implicit none
    private
    public :: new_runge_kutta_4, runge_kutta_4_t
@@ -15,15 +15,12 @@ module hb_runge_kutta_4
    integer, parameter :: max_parts = 100, max_iterations = 100
 
    type, extends(integrator_t) :: runge_kutta_4_t
-      real(wp) :: step = 0.0_wp                                       !! [s]
-      real(wp) :: origin = 0.0_wp                                     !! [s] where it started
-      integer(int64) :: n_steps = 0_int64                             !! since then
       real(wp), allocatable :: load_start(:), load_middle(:), load_end(:), a1(:), a2(:), a3(:), a4(:), q(:), v2(:), v3(:), v4(:)
       real(wp), allocatable :: q_start(:), v_start(:), s_start(:)
       real(wp), allocatable :: switch(:), switch_end(:)               !! of all laws, at the start and the end of a step
    contains
-      procedure :: start => runge_kutta_4_start
-      procedure :: advance => runge_kutta_4_advance
+      procedure :: begin => runge_kutta_4_begin
+      procedure :: take_step => runge_kutta_4_take_step
    end type runge_kutta_4_t
 
 contains
@@ -52,51 +49,42 @@ contains
       allocate (self%switch(system%laws%n_switches), self%switch_end(system%laws%n_switches))
    end subroutine new_runge_kutta_4
 
-   subroutine runge_kutta_4_start(self, state, error)
+   subroutine runge_kutta_4_begin(self, state, error)
       class(runge_kutta_4_t), intent(inout) :: self
       type(integration_state_t), intent(inout) :: state
       type(error_t), allocatable, intent(out) :: error
 
-      self%origin = state%time
-      self%n_steps = 0_int64
       call self%system%accelerations%begin(state%time, 0.5_wp*self%step)
       call self%system%accelerations%here(self%load_end)
       call self%system%laws%switch_values(state%time, state%q, state%v, self%switch)
-   end subroutine runge_kutta_4_start
+   end subroutine runge_kutta_4_begin
 
-   subroutine runge_kutta_4_advance(self, state, n_steps, error)
+   subroutine runge_kutta_4_take_step(self, time, time_after, state, error)
       class(runge_kutta_4_t), intent(inout) :: self
+      real(wp), intent(in) :: time, time_after
       type(integration_state_t), intent(inout) :: state
-      integer, intent(in) :: n_steps
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: time
-      integer :: i
 
       associate (loads => self%system%accelerations)
-         do i = 1, n_steps
-            time = self%origin + (self%n_steps + i - 1)*self%step
-            self%load_start = self%load_end
-            call loads%go_on()
-            call loads%here(self%load_middle)
-            call loads%go_on()
+         self%load_start = self%load_end
+         call loads%go_on()
+         call loads%here(self%load_middle)
+         call loads%go_on()
+         call loads%here(self%load_end)
+         self%q_start = state%q
+         self%v_start = state%v
+         self%s_start = state%s
+         call one_step(self, time, self%step, state%q, state%v, state%s)
+         if (size(self%switch) == 0) return
+         call self%system%laws%switch_values(time + self%step, state%q, state%v, self%switch_end)
+         if (any(self%switch > 0.0_wp .neqv. self%switch_end > 0.0_wp)) then
+            call split_step(self, time, state%q, state%v, state%s)
             call loads%here(self%load_end)
-            self%q_start = state%q
-            self%v_start = state%v
-            self%s_start = state%s
-            call one_step(self, time, self%step, state%q, state%v, state%s)
-            if (size(self%switch) == 0) cycle
-            call self%system%laws%switch_values(time + self%step, state%q, state%v, self%switch_end)
-            if (any(self%switch > 0.0_wp .neqv. self%switch_end > 0.0_wp)) then
-               call split_step(self, time, state%q, state%v, state%s)
-               call loads%here(self%load_end)
-            else
-               self%switch = self%switch_end
-            end if
-         end do
+         else
+            self%switch = self%switch_end
+         end if
       end associate
-      self%n_steps = self%n_steps + n_steps
-      state%time = self%origin + self%n_steps*self%step
-   end subroutine runge_kutta_4_advance
+   end subroutine runge_kutta_4_take_step
 
    !> One step of length h from a time on, with the loads at its start, middle and end.
    subroutine one_step(self, time, h, q, v, s)
