@@ -1,7 +1,8 @@
 !> A basis: the coefficients of a motion that are unknowns, and the grid on which its forces are sampled.
 !>
-!> Of the tuples of a motion some are unknowns, such as the odd ones of an odd motion; the coefficients of the others are zero.
-!> Vectors and amplitudes are restricted to the unknowns and expanded from them. Source: docs/why/theory.md, section 2.
+!> Some of the tuples of a motion are unknowns, such as the odd ones of an odd motion; the coefficients of the others
+!> are zero. Vectors and amplitudes are restricted to the unknowns and expanded from them. Source:
+!> docs/why/theory.md, section 2.
 module hb_basis
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_subset

@@ -17,9 +17,9 @@ module hb_exponents
 
    integer, parameter :: n_periods = 100                              ! of an average
    integer, parameter :: usual_most_periods = 800
-   real(wp), parameter :: overrun = 10.0_wp                           ! of the limit by work that was not foreseen: balls of a
-                                                                      ! bearing, whose slopes have kinks, take 3.5 times what is
-                                                                      ! expected
+   real(wp), parameter :: overrun = 10.0_wp                           ! of the limit by unexpected work: balls of a bearing,
+                                                                      ! whose slopes have kinks, need 3.5 times the expected
+                                                                      ! work
 
    !> Propagation of disturbances along a motion.
    type, abstract :: propagation_t
