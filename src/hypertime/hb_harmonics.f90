@@ -297,7 +297,8 @@ contains
       end do
    end function harmonics_coefficients
 
-   !> Motion whose complex amplitudes are multiplied by a factor in each harmonic: i w for the rate, exp(i phi) for a turn of phases.
+   !> Motion whose complex amplitudes are multiplied by one factor per harmonic: i w for the velocity, exp(i phi) for a
+   !> phase shift.
    pure function harmonics_times(self, factors, u) result(product)
       class(harmonics_t), intent(in) :: self
       complex(wp), intent(in) :: factors(:)                           !! (n_harmonics)
