@@ -104,8 +104,10 @@ contains
       real(wp), intent(out) :: first(:), second(:)                    !! (n_unknowns)
       logical, intent(out) :: is_lost                                 !! no step is found
       real(wp) :: r_there(size(r))
+      integer :: most
       logical :: is_found
 
+      most = merge(of_one_tone, of_several, size(self%wide%omega) == 1)
       call self%step_in_blocks(r, first)
       is_lost = self%is_lost
       if (is_lost) return
@@ -120,12 +122,12 @@ contains
          end if
          self%is_lost = .false.
       end if
-      call self%find_step(motion, r, 0.0_wp, first, is_found)
+      call self%find_step(motion, r, most, 0.0_wp, first, is_found)
       is_lost = .not. is_found
       if (.not. is_lost) call self%find_residual(moved(), first, r_there, is_lost)
       if (is_lost) return
       call self%step_in_blocks(r_there, second)
-      call self%find_step(moved(), r_there, accuracy*norm2(first(:size(motion))), second, is_found)
+      call self%find_step(moved(), r_there, most, accuracy*norm2(first(:size(motion))), second, is_found)
       is_lost = .not. is_found
 
    contains
@@ -138,13 +140,13 @@ contains
       end function moved
    end subroutine wide_problem_find_two_steps
 
-   !> Goes on towards the motion of the wide balance by some of Newton's steps; of all motions on the way the one with the smallest
-   !> step in blocks is taken, the first one among them.
+   !> Continues Newton's method towards the motion of the wide balance. A step is halved unless it reduces the step in blocks, by which
+   !> motions are compared.
    subroutine wide_problem_improve(self, n_steps, motion)
       class(wide_problem_t), intent(inout) :: self
-      integer, intent(in) :: n_steps                                  !! >= 1
+      integer, intent(in) :: n_steps                                  !! >= 1, halved ones included
       real(wp), intent(inout) :: motion(:, :)                         !! [m], (n_coefficients, n_dofs)
-      real(wp), dimension(self%n_unknowns) :: nothing, r, step
+      real(wp), dimension(self%n_unknowns) :: nothing, r, blocks, step
       real(wp) :: least, now(size(motion, 1), size(motion, 2))
       integer :: i
       logical :: is_found, is_lost
@@ -155,15 +157,19 @@ contains
       do i = 0, n_steps
          if (work_is_over()) return
          call self%find_residual(now, nothing, r, is_lost)
-         if (is_lost) return
-         call self%step_in_blocks(r, step)
-         if (self%is_lost .or. .not. all(ieee_is_finite(step))) return
-         if (norm2(step) < least) motion = now
-         least = min(least, norm2(step))
-         if (i == n_steps .or. least <= 0.0_wp) return
-         call self%find_step(now, r, 0.0_wp, step, is_found)
-         if (.not. is_found) return
-         now = now - reshape(step(:size(now)), shape(now))
+         if (.not. is_lost) call self%step_in_blocks(r, blocks)
+         if (is_lost .or. self%is_lost) return
+         if (norm2(blocks) < least) then
+            motion = now
+            least = norm2(blocks)
+            step = blocks
+            if (i == n_steps .or. least <= 0.0_wp) return
+            call self%find_step(now, r, of_one_tone, 0.0_wp, step, is_found)
+            if (.not. is_found) return
+         else
+            step = 0.5_wp*step
+         end if
+         now = motion - reshape(step(:size(now)), shape(now))
       end do
    end subroutine wide_problem_improve
 
@@ -190,15 +196,15 @@ contains
    end subroutine wide_problem_find_residual
 
    !> Finds the step s of J s = r at a motion from the step in blocks; `is_found` is false where nothing near it comes out.
-   subroutine wide_problem_find_step(self, motion, r, least, step, is_found)
+   subroutine wide_problem_find_step(self, motion, r, most, least, step, is_found)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
       real(wp), intent(in) :: r(:)                                    !! (n_unknowns)
+      integer, intent(in) :: most                                     !! products
       real(wp), intent(in) :: least                                   !! size of steps that matter
       real(wp), intent(inout) :: step(:)                              !! (n_unknowns)
       logical, intent(out) :: is_found
       type(gmres_t) :: gmres
-      integer :: most
       real(wp) :: blocks(size(step))
 
       is_found = .false.
@@ -207,7 +213,6 @@ contains
       if (is_found) return
       call self%wide%linearise(reshape(motion, [size(motion)]), is_found)
       if (.not. is_found) return
-      most = merge(of_one_tone, of_several, size(self%wide%omega) == 1)
       call new_gmres(gmres, self%n_unknowns, most)
       blocks = step
       call gmres%solve(self, blocks, max(accuracy, least/norm2(blocks)), most, step)
