@@ -172,9 +172,12 @@ contains
       type(basis_t), intent(in) :: basis
       complex(wp), intent(in) :: c(:, :)                              !! a - i b, (n_dofs, n_harmonics)
       type(motion_result_t), intent(inout) :: result
+      integer :: i
 
       allocate (result%coefficients(2, basis%whole%n_harmonics, size(model%output%dofs)), source=0.0_wp)
-      result%coefficients(:, basis%places, :) = as_pairs(c(model%output%dofs, :))
+      do i = 1, size(model%output%dofs)                               ! a copy of all would take as much memory again
+         result%coefficients(:, basis%places, i:i) = as_pairs(c(model%output%dofs(i:i), :))
+      end do
    end subroutine keep_motion
 
    !> Forces of the laws and the motion corrected to walls, on the grid of the solution.
