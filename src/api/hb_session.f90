@@ -275,7 +275,7 @@ contains
          return
       end if
       limit = self%model%solver%time_limit
-      if (allocated(self%request%over)) limit = huge(1.0_wp)          ! begins with a whole curve, each point with the limit
+      if (allocated(self%request%over)) limit = huge(1.0_wp)          ! first a whole curve, limited by point
       call begin_work(self, limit)
       if (self%has_begun) then
          call self%curve%next(self%result, error)

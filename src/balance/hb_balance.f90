@@ -3,8 +3,8 @@
 !> Forces are evaluated on the torus and projected back (alternating frequency/time); the tangent is the exact derivative
 !> of this discrete residual. Unknowns u(n_coefficients, n_dofs) are cosines and sines, degree of freedom by degree of
 !> freedom. Source: docs/why/theory.md, sections 3 to 5.
-!>
-!> Forces with memory depend on all samples; their columns of the tangent come from the time integration that found them.
+!> Forces with memory depend on all samples; their columns of the tangent come from the derivative of their
+!> integration along time.
 !>
 !> Glossary: u unknowns, S condensed dynamic stiffness, s reaction = F_ext - S u, q motion and v rate on the samples.
 !>
@@ -30,34 +30,34 @@ module hb_balance
    private
    public :: balance_t, largest_dense_tangent, new_balance
 
-   integer, parameter :: with_smooth_laws = 40                        ! few products each step, few steps
-   integer, parameter :: with_kinks = 120                             ! steps that are not quite exact cost a step or two more
+   integer, parameter :: with_smooth_laws = 40                        ! few products per step, few steps
+   integer, parameter :: with_kinks = 120                             ! inexact steps need one or two more
    integer, parameter :: with_memory = 250                            ! each product integrates along time
 
-   integer, parameter :: fewest_to_continue_in_order = 100 ! unknowns from where fewer harmonics pay as the primary method
+   integer, parameter :: fewest_to_continue_in_order = 100 ! unknowns from which fewer harmonics first is the primary method
 
-   !> Owner of outside resources: call `destroy`.
+   !> Owner of external resources: call `destroy`.
    type, extends(problem_t) :: balance_t
       type(harmonics_t) :: harmonics
       type(linear_part_t), allocatable :: stiffness
-      type(cached_linear_part_t), pointer :: cached_wide => null()    !! linear part of its certificate, if that is to be kept
+      type(cached_linear_part_t), pointer :: cached_wide => null()    !! linear part of its certificate, if that is cached
       real(wp), allocatable :: omega(:)                               !! base frequencies [rad/s], (n_tones)
       real(wp), allocatable :: frequencies(:)                         !! j.omega [rad/s], (n_harmonics)
       real(wp), allocatable :: xi(:)                                  !! artificial damping, negative, per tone [1/s], (n_tones)
       integer :: n_dofs = 0                                           !! coordinates on which laws act
       type(projected_laws_t) :: law_set
-      class(dense_tangent_t), allocatable :: dense_tangent            !! parts that may be replaced; made where there are none
+      class(dense_tangent_t), allocatable :: dense_tangent            !! replaceable parts; created by default
       class(tangent_product_t), allocatable :: tangent_product
       class(preconditioner_t), allocatable :: preconditioner
-      real(wp), private :: load_factor = 1.0_wp                       ! of a problem on the way to the one asked for
+      real(wp), private :: load_factor = 1.0_wp                       ! of a problem along a homotopy
       real(wp), allocatable, private :: reaction(:, :), force(:, :)   ! (n_coefficients, n_dofs)
-      real(wp), allocatable, private :: sampled(:, :)                 ! (n_coefficients, n_dofs) motion that law_set holds
-      logical, private :: has_samples = .false.                       ! of it, at today's frequencies and loads
+      real(wp), allocatable, private :: sampled(:, :)                 ! (n_coefficients, n_dofs) motion of the samples in law_set
+      logical, private :: has_samples = .false.                       ! of it, at the present frequencies and loads
       logical, private :: has_slopes = .false.                        ! and forces and slopes of the laws at these samples
       type(block_factors_t), private :: mean_factors                  ! of the tangent of each harmonic by itself
-      logical, private :: has_moved = .false.                         ! to other frequencies than it was made for
+      logical, private :: has_moved = .false.                         ! to frequencies other than the initial ones
       integer :: effort = 0                                           !! one of hb_fftw%planning
-      integer, private :: n_rounds = 1                                ! of sliders, which `tangent_work` counts
+      integer, private :: n_rounds = 1                                ! of sliders, counted by `tangent_work`
       real(wp), private :: work_of_round = 0.0_wp                     ! of all columns of a tangent
    contains
       procedure :: residual => balance_residual
@@ -168,7 +168,7 @@ module hb_balance
 
    end interface
 
-   ! the sequence of orders; bodies in hb_balance_coarse
+   ! Sequence of orders; bodies in hb_balance_coarse
    interface
       pure module function balance_lowest_level(self) result(share)
          class(balance_t), intent(in) :: self
@@ -252,8 +252,8 @@ module hb_balance
 
 contains
 
-   !> Balance of laws on the coordinates to which the dynamic stiffness of the structure is condensed; this is handed over, nothing
-   !> is left of it.
+   !> Creates the balance of laws at the coordinates to which the dynamic stiffness of the structure is condensed; the
+   !> stiffness is moved into the balance.
    subroutine balance_of_stiffness(self, harmonics, torus, omega, stiffness, laws, effort, error)
       type(balance_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics
@@ -270,14 +270,15 @@ contains
       call balance_of_linear_part(self, harmonics, torus, omega, linear, laws, effort, error)
    end subroutine balance_of_stiffness
 
-   !> Balance of laws on a linear part, which is handed over as well; its component `stiffness`, where it is, may be taken from it.
+   !> Creates the balance of laws with a linear part, which is moved into the balance; its component `stiffness`, if
+   !> present, may be taken from it.
    subroutine balance_of_linear_part(self, harmonics, torus, omega, linear, laws, effort, error)
       type(balance_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
       type(linear_part_t), allocatable, intent(inout) :: linear       !! at the frequencies j.omega of all harmonics
-      type(law_box_t), intent(in) :: laws(:)                          !! at least one; on numbers of coordinates
+      type(law_box_t), intent(in) :: laws(:)                          !! at least one; on indices of coordinates
       integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
       integer :: i
@@ -291,7 +292,7 @@ contains
       self%n_dofs = self%stiffness%n_law
       self%n_unknowns = harmonics%n_coefficients*self%n_dofs
       self%has_products = .true.
-      self%can_be_damped = .not. any([(laws(i)%law%is_multiplier, i=1, size(laws))]) ! it led to other motions there
+      self%can_be_damped = .not. any([(laws(i)%law%is_multiplier, i=1, size(laws))]) ! with them it led to other motions
       self%continues_in_order_first = self%n_unknowns >= fewest_to_continue_in_order .and. &
          any([(laws(i)%law%degree == 0 .and. .not. laws(i)%law%is_multiplier, i=1, size(laws))])
       self%largest_dense = largest_dense_tangent(laws)
@@ -315,8 +316,8 @@ contains
       call count_work(self, torus)
    end subroutine balance_of_linear_part
 
-   !> What a residual and a tangent cost (see `unit_of_work`): transforms and laws by samples, laws with memory by steps for each
-   !> unknown, factors by multiplications.
+   !> Work of a residual and a tangent (see `unit_of_work`): transforms and laws by samples, laws with memory by steps
+   !> for each unknown, factors by multiplications.
    subroutine count_work(self, torus)
       class(balance_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
@@ -342,8 +343,8 @@ contains
       call balance_residual_of(self, x, r)
    end subroutine balance_residual
 
-   !> R = F_nl - s, with s = F_ext - S u; the factors are 1 but on the way of a homotopy in the laws, where supports that fade as
-   !> the laws grow hold a structure that is free to move.
+   !> R = F_nl - s, with s = F_ext - S u; the factors are 1 except along a homotopy in the laws, where supports that
+   !> vanish as the laws grow restrain a structure that can move freely.
    subroutine balance_residual_of(self, u, r)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
@@ -357,7 +358,7 @@ contains
       if (self%stiffness%has_supports) call self%stiffness%add_supports(self%harmonics, u, r)
    end subroutine balance_residual_of
 
-   !> Brings samples, forces and slopes of the laws to a motion, unless they are there; the laws are those of the last time.
+   !> Updates samples, forces and slopes of the laws to a motion, unless they are up to date.
    subroutine balance_differentiate(self, u, error)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
@@ -369,7 +370,7 @@ contains
       self%has_slopes = .not. allocated(error)
    end subroutine balance_differentiate
 
-   !> Brings the motion onto the torus: q, and v and s where a law requests them.
+   !> Transforms the motion to the torus: q, and v and s if a law needs them.
    subroutine balance_sample(self, u)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
@@ -381,7 +382,7 @@ contains
       self%has_slopes = .false.
    end subroutine balance_sample
 
-   !> Samples a motion unless its samples are there: a tangent is mostly asked for where the residual was.
+   !> Samples a motion unless its samples exist: a tangent is usually evaluated at the point of the last residual.
    subroutine balance_sample_if_new(self, u)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
@@ -446,7 +447,7 @@ contains
       call self%sample_if_new(u)
       call self%law_set%differentiate(error)
       if (.not. allocated(error)) then
-         n_rounds = max(1, self%law_set%memory_rounds())              ! many where sliders hardly slip
+         n_rounds = max(1, self%law_set%memory_rounds())              ! many if sliders hardly slip
          self%tangent_work = self%tangent_work + (n_rounds - self%n_rounds)*self%work_of_round
          self%n_rounds = n_rounds
          call self%dense_tangent%assemble(self%stiffness, self%law_set, self%frequencies, jacobian, error)
@@ -456,7 +457,7 @@ contains
       call move_alloc(error, self%failure)
    end subroutine balance_tangent_of
 
-   !> The motion without any law; where the structure is free to move, that on its weak supports.
+   !> The motion without laws; for a structure that can move freely that on its weak supports.
    subroutine balance_linear_solution(self, u)
       class(balance_t), intent(inout) :: self
       real(wp), intent(out) :: u(self%harmonics%n_coefficients, self%n_dofs)   !! [m]
@@ -485,7 +486,7 @@ contains
       end associate
    end subroutine balance_set_scales
 
-   !> Multiplies all forces of the laws, or all loads, by a factor, or damps the structure by what is left of 1.
+   !> Multiplies all forces of the laws, or all loads, by a factor, or adds artificial damping.
    subroutine balance_deform(self, kind, amount)
       class(balance_t), intent(inout) :: self
       integer, intent(in) :: kind
@@ -527,7 +528,7 @@ contains
       call self%stiffness%recover(self%harmonics%amplitudes(u), c)
    end subroutine balance_all_dofs
 
-   !> Motion of the degrees of freedom that the coordinates touch, in their order.
+   !> Motion of the degrees of freedom that the coordinates involve, in their order.
    function balance_at_law_dofs(self, u) result(motion)
       class(balance_t), intent(in) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
@@ -554,8 +555,8 @@ contains
       if (allocated(self%tangent_product)) call self%tangent_product%destroy()
    end subroutine balance_destroy
 
-   !> Unknowns up to which the dense tangent is the cheaper, of the laws of a model: the largest of what each requests. Walls and
-   !> rigid friction, whose steps have to be exact, ask for the most.
+   !> Unknowns up to which the dense tangent is cheaper for the laws of a model: the largest number of any law. Walls
+   !> and rigid friction, whose steps must be exact, have the largest number.
    pure integer function largest_dense_tangent(laws)
       type(law_box_t), intent(in) :: laws(:)
       integer :: i

@@ -1,4 +1,5 @@
-!> Continuation in the order: the balance of half the orders is solved first, and that of half of these before it.
+!> Sequence of orders: the balance with half the orders is solved first, and recursively that with half of these
+!> before it.
 !>
 !> Changes of contact between the linear motion and the solution are resolved on the lowest level, where steps are cheap; each
 !> further level takes a few steps from the one below it.
@@ -12,7 +13,7 @@ submodule (hb_balance) hb_balance_coarse
    implicit none
 
    integer, parameter :: lowest_order = 3                             ! of the coarsest set, in the tone of highest order
-   real(wp), parameter :: coarse_tolerance = 1.0e-3_wp                ! what the harmonics left out change is more than that
+   real(wp), parameter :: coarse_tolerance = 1.0e-3_wp                ! the omitted harmonics have a larger effect
 
 contains
 
@@ -41,7 +42,8 @@ contains
       call coarse%destroy()
    end procedure balance_coarse_guess
 
-   !> The share of the orders that leaves the lowest order in the tone of highest order, and all that drives the motion.
+   !> The fraction of the orders with the lowest order in the tone of highest order, and all harmonics that drive the
+   !> motion.
    module procedure balance_lowest_level
       integer :: h
 
@@ -56,7 +58,7 @@ contains
       end associate
    end procedure balance_lowest_level
 
-   !> Harmonics of a smaller set, those of a share of the orders; none where that is no smaller.
+   !> Harmonics of a smaller set, with a fraction of the orders; none if it is not smaller.
    pure function level_of(self, share) result(kept)
       class(balance_t), intent(in) :: self
       real(wp), intent(in) :: share
@@ -70,7 +72,7 @@ contains
       end associate
    end function level_of
 
-   !> The balance of the harmonics `kept`, on a grid that is finer than they need by as much as the whole one is.
+   !> Creates the balance of the harmonics `kept`, on a grid with the same oversampling as the whole one.
    subroutine make_coarse(self, kept, coarse, error)
       type(balance_t), intent(in) :: self
       integer, intent(in) :: kept(:)

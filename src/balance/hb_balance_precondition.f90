@@ -22,8 +22,8 @@ contains
       call self%preconditioner%apply(self%harmonics, r, step)
    end procedure balance_precondition
 
-   !> Factorises the tangent at u of each harmonic by itself, (1 - mean df/ds) S + mean df/dq + i w mean df/dv: what couples the
-   !> harmonics is left out.
+   !> Factorises the tangent at u of each harmonic by itself, (1 - mean df/ds) S + mean df/dq + i w mean df/dv,
+   !> without the coupling of harmonics.
    module procedure balance_factorise_mean_tangent
       real(wp), dimension(self%n_dofs, self%n_dofs) :: df_dq, df_dv, df_ds
       complex(wp) :: block(self%preconditioner%pattern%n_rows, self%n_dofs)
@@ -40,13 +40,14 @@ contains
       end do
    end procedure balance_factorise_mean_tangent
 
-   !> Solves with these factors; harmonics without any stay zero.
+   !> Solves with these factors; harmonics without factors remain zero.
    module procedure balance_solve_mean_tangent
 
       call self%mean_factors%solve_harmonics(self%harmonics, r, step)
    end procedure balance_solve_mean_tangent
 
-   !> Means over the torus of the derivatives of all forces by motion and rate, at a motion. Reactions are left out.
+   !> Means over the torus of the derivatives of all forces with respect to motion and rate, at a motion. Reactions
+   !> are not included.
    module procedure balance_mean_slopes
       real(wp) :: df_ds(self%n_dofs, self%n_dofs)
 

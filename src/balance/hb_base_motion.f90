@@ -1,7 +1,6 @@
 !> The motion without the unknown tones, and the modes of small vibration about it, from which unknown tones start.
-!>
-!> The balance over the tuples without unknown tones is solved first: the equilibrium, or the forced motion. The structure
-!> with the mean slopes that the laws have along it then has modes with growth rates. Rigid laws count as open.
+!> The balance over the tuples without unknown tones is solved first: the equilibrium, or the forced motion. The
+!> structure with the mean slopes of the laws along it then has modes with growth rates. Rigid laws count as open.
 !> Source: docs/why/theory.md, section 6.5.
 module hb_base_motion
    use hb_balance, only: balance_t
@@ -21,10 +20,10 @@ module hb_base_motion
 
    type :: base_motion_t
       real(wp), allocatable :: u(:, :)                                !! [m], (n_coefficients, n_dofs) in the whole set
-      logical :: is_forced = .false.                                  !! it moves, other than by its mean
+      logical :: is_forced = .false.                                  !! it has harmonics other than the mean
       type(modes_t) :: modes                                          !! shapes at the coordinates of the laws, with
                                                                       !! travelling waves after the modes themselves
-      logical, allocatable :: is_at_laws(:)                           !! whether a mode moves where laws act, (n_modes)
+      logical, allocatable :: is_at_laws(:)                           !! whether a mode has a displacement at the laws, (n_modes)
       integer :: n_linear = 0                                         !! modes themselves
       logical :: is_undamped = .false.                                !! frequencies of the modes are those without damping
       type(report_t) :: report                                        !! of the balance without unknown tones
@@ -32,7 +31,7 @@ module hb_base_motion
 
 contains
 
-   !> Finds the motion and its modes. An error is a structure too large for all its modes, or laws without derivatives.
+   !> Finds the motion and its modes. Fails for a structure too large for all its modes, or laws without derivatives.
    subroutine find_base_motion(self, structure, balance, harmonics, config, error)
       type(base_motion_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
@@ -91,8 +90,8 @@ contains
       end function spread_both
    end subroutine find_base_motion
 
-   !> Damping or driving beyond the critical leaves a mode no frequency. Where that happens all modes are those without the
-   !> symmetric part of the damping, with the growth that this gives their shapes: an unknown tone with artificial damping
+   !> A mode with damping or driving beyond critical has no frequency. In that case all modes are those without the
+   !> symmetric part of the damping, with the growth rates of their shapes: an unknown tone with artificial damping
    !> starts from these.
    subroutine replace_creeping_modes(modes, mass, damping, stiffness, is_replaced, error)
       type(modes_t), intent(inout) :: modes
@@ -114,8 +113,8 @@ contains
       modes = without
    end subroutine replace_creeping_modes
 
-   !> Adds both travelling waves of each pair of modes with the same frequency and growth: of shapes that are orthogonal by
-   !> the mass and equally heavy, one plus or minus i times the other.
+   !> Adds both travelling waves of each pair of modes with the same frequency and growth rate: for shapes that are
+   !> mass-orthogonal with equal modal masses, one plus or minus i times the other.
    subroutine add_travelling_waves(modes, mass)
       type(modes_t), intent(inout) :: modes
       real(wp), intent(in) :: mass(:, :)

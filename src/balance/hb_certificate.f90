@@ -1,9 +1,8 @@
-!> A-posteriori error estimate of a solution, and how well it satisfies the laws between its samples.
-!>
-!> A small residual only means that the truncated, sampled problem is solved. The certificate evaluates the same motion with
-!> up to twice the order and on a finer grid: the forces there that nothing balances are what the solution neglects, and
-!> one step towards balancing them estimates its error. The estimate depends on the motion, its set and its grid alone, not on how
-!> they were found. Source: docs/why/theory.md, section 7.
+!> A-posteriori error estimate of a solution, and its defects in the laws between samples.
+!> A small residual only shows that the truncated, sampled problem is solved. The certificate evaluates the same
+!> motion with about twice the order on a finer grid: the unbalanced forces there are what the solution neglects, and
+!> one step towards balancing them estimates its error. The estimate depends on the motion, its set and its grid
+!> alone, not on how they were found. Source: docs/why/theory.md, section 7.
 module hb_certificate
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_amplitudes, only: amplitudes_t
@@ -36,25 +35,25 @@ module hb_certificate
    public :: certificate_t, certify, certify_linear, choose_wider_set, near_commensurate, wanted_motions_t, wider_orders, &
       wider_samples
 
-   real(wp), parameter :: linear = 0.1_wp                             ! largest error that one linear step tells
+   real(wp), parameter :: linear = 0.1_wp                             ! largest error for which one linear step is valid
    real(wp), parameter :: unknown = 1.0_wp                            ! an estimate: as large as the motion, perhaps larger
    real(wp), parameter :: accuracy_of_estimates = 1.0e-4_wp           ! solutions with the tangent from products
-   integer, parameter :: most_iterations = 30                         ! of another solution to compare with
+   integer, parameter :: most_iterations = 30                         ! of another solution for comparison
    real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set
-   real(wp), parameter :: least_density = 1.25_wp                      ! samples of the finer grid, relative to 2 N + 1
+   real(wp), parameter :: least_density = 1.25_wp                      ! samples per tone of the finer grid, relative to 2 N + 1
    real(wp), parameter :: largest_fine_grid = 4.0e6_wp                 ! samples
 
-   !> Motions that are wanted beside the estimates.
+   !> Requested motions beside the estimates.
    type :: wanted_motions_t
-      integer :: improvement_steps = 0                                !! towards the motion in the wider set; 0: not wanted
-      logical :: refined = .false.                                    !! `refined` of a certificate, of several tones too
+      integer :: improvement_steps = 0                                !! towards the motion in the wider set; 0: none
+      logical :: refined = .false.                                    !! `refined` of a certificate, also with several tones
    end type wanted_motions_t
 
    type :: certificate_t
       real(wp) :: truncation = 0.0_wp                                 !! estimated error by the harmonics left out, relative
       real(wp) :: aliasing = 0.0_wp                                   !! estimated error by the finite grid, relative
       real(wp), allocatable :: frequency_error(:)                     !! of unknown tones, by both [rad/s], (n_tones)
-      real(wp) :: parameter_error = 0.0_wp                            !! of the value along which a curve runs, by both
+      real(wp) :: parameter_error = 0.0_wp                            !! of the value along a curve, by both
       type(defects_t) :: defects                                      !! of rigid walls and rigid friction, on the finer grid
       real(wp) :: impact = 0.0_wp                                     !! energy of the hardest impact against a rigid wall, relative
                                                                       !! to that of the motion there
@@ -64,22 +63,23 @@ module hb_certificate
       real(wp) :: combination_frequency = 0.0_wp                      !! smallest |k.omega| of low order [rad/s]
       integer, allocatable :: combination(:)                          !! its k, (n_tones)
       type(harmonics_t) :: wider                                      !! the set of the improved motion
-      type(harmonics_t) :: around                                     !! the wider set in which the motion was examined
-      real(wp), allocatable :: neglected(:)                           !! first-order answer of each of its tuples that is not kept,
-                                                                      !! relative to the motion; not allocated where not known
-      real(wp), allocatable :: first_order(:, :)                      !! motion with its first-order errors taken out [m],
+      type(harmonics_t) :: around                                     !! the wider set of the estimate
+      real(wp), allocatable :: neglected(:)                           !! first-order amplitude of each of its tuples outside the
+                                                                      !! set, relative to the motion; not allocated if not known
+      real(wp), allocatable :: first_order(:, :)                      !! motion with its first-order errors removed [m],
                                                                       !! (n_coefficients of `around`, n_dofs of the balance)
-      real(wp), allocatable :: improved(:, :)                         !! motion in the wider set [m], (n_coefficients, n_law_dofs);
-                                                                      !! not allocated where it was not requested
-      integer :: n_products = 0                                       !! with the tangent of the wider set; 0: steps in blocks do
+      real(wp), allocatable :: improved(:, :)                         !! motion in the wider set [m], (n_coefficients,
+                                                                      !! n_law_dofs); not allocated unless requested
+      integer :: n_products = 0 !! with the tangent of the wider set; 0: steps in blocks suffice
       type(wanted_motions_t), private :: wanted
-      complex(wp), allocatable :: refined(:, :)                       !! motion with its first-order errors taken out [m], (all
-                                                                      !! dofs, tuples of `around`); of several tones if requested
+      complex(wp), allocatable :: refined(:, :)                       !! motion with its first-order errors removed [m], (all
+                                                                      !! dofs, tuples of `around`); with several tones if
+                                                                      !! requested
    end type certificate_t
 
 contains
 
-   !> Certificate of the motion `u` (n_coefficients, n_dofs) of a balance, and with it the motions that are wanted.
+   !> Computes the certificate of the motion `u` (n_coefficients, n_dofs) of a balance, and the requested motions.
    subroutine certify(self, structure, loads, balance, u, wanted, error, bordered)
       type(certificate_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
@@ -125,7 +125,7 @@ contains
       call wide%destroy()
    end subroutine certify
 
-   !> The balance of the same motion in the wider set and on the finer grid.
+   !> Creates the balance of the same motion in the wider set and on the finer grid.
    subroutine make_wide_balance(self, structure, loads, balance, set, grid, wide, error)
       type(certificate_t), intent(in) :: self
       type(structure_t), intent(in) :: structure
@@ -157,7 +157,7 @@ contains
       call new_balance(wide, set, grid, balance%omega, linear, balance%law_set%laws, balance%effort, error)
    end subroutine make_wide_balance
 
-   !> Certificate of a motion without laws: nothing is left out, powers and energies are all there is to it.
+   !> Computes the certificate of a motion without laws: without errors, only powers and energies.
    subroutine certify_linear(self, structure, tones, frequencies, loads, c)
       type(certificate_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
@@ -184,15 +184,17 @@ contains
       call new_box(set, orders, .false., error)
    end subroutine choose_wider_set
 
-   !> The wider set, which reaches twice as far as that of the motion in all directions, and a finer grid: of one tone with four
-   !> times the samples or more, as a short touch lies between fewer; of several, whose samples lie at other phases in each
-   !> period, twice. Half of a grid holds odd motions of odd equations, which do not answer in even tuples.
+   !> The wider set, which extends twice as far as that of the motion in all directions, and a finer grid: with one
+   !> tone at least four times the samples, because a short contact may lie between fewer; with several tones, whose
+   !> samples are at different phases in each period, twice. Half a grid is used for odd motions of odd equations,
+   !> which have no response in even tuples.
    subroutine choose_wider(balance, carried, slow, is_fine, set, grid, error)
       type(balance_t), intent(in) :: balance
       real(wp), intent(in) :: carried(:)                              !! amplitudes of the motion (n_harmonics)
-      integer, intent(in) :: slow(:)                                  !! tuple k of which k.omega is next to 0
-      logical, intent(in) :: is_fine                                  !! four times the samples of several tones, too: penetration
-                                                                      !! of rigid walls and errors of frequencies need them
+      integer, intent(in) :: slow(:)                                  !! tuple k with k.omega near 0
+      logical, intent(in) :: is_fine                                  !! four times the samples also with several tones:
+                                                                      !! penetration of rigid walls and errors of frequencies
+                                                                      !! need them
       type(harmonics_t), intent(out) :: set
       type(torus_t), intent(out) :: grid
       type(error_t), allocatable, intent(out) :: error
@@ -216,16 +218,17 @@ contains
       if (grid%can_be_halved()) grid = grid%half()
    end subroutine choose_wider
 
-   !> Tuples far from those of a motion that answer it: those to which a law that changes with tones shifts each, and the neighbours
-   !> along a slow tuple of large combinations near a resonance of the structure: they are nearly as resonant.
+   !> Tuples far from those of a motion that respond to it: those to which a law that varies with tones shifts each,
+   !> and, for large combinations near a resonance of the structure, the neighbours along a slow tuple, which are
+   !> nearly as resonant.
    pure function answers_of_laws_and_resonances(balance, carried, slow) result(tuples)
       type(balance_t), intent(in) :: balance
       real(wp), intent(in) :: carried(:)                              !! amplitudes of the motion (n_harmonics)
-      integer, intent(in) :: slow(:)                                  !! tuple k of which k.omega is next to 0
+      integer, intent(in) :: slow(:)                                  !! tuple k with k.omega near 0
       integer, allocatable :: tuples(:, :)
-      integer, parameter :: least_order = 4                          ! sum of entries that loads and steep laws do not reach at once
+      integer, parameter :: least_order = 4                          ! sum of entries not excited directly by loads and steep laws
       real(wp), parameter :: large = 0.03_wp                          ! of the largest amplitude
-      real(wp), parameter :: resonant = 0.1_wp                        ! what is left of a stiffness where mass takes the rest
+      real(wp), parameter :: resonant = 0.1_wp                        ! remaining fraction of a stiffness beside the inertia
       integer :: d, h, i
 
       associate (set => balance%harmonics, stiffness => balance%stiffness, laws => balance%law_set%laws)
@@ -250,7 +253,7 @@ contains
       integer :: orders(size(highest)), widest(size(highest)), less, most, least
 
       widest = max(2*highest, highest + 2)
-      least = 0                                                        ! bisection for what all orders have to give up
+      least = 0                                                        ! bisection for the common reduction of all orders
       most = maxval(widest - highest)
       do while (least < most)
          less = (least + most)/2
@@ -274,7 +277,7 @@ contains
       end do
    end function wider_samples
 
-   !> Whether an estimate is above the motion itself, or no number.
+   !> Whether an estimate exceeds the motion itself, or is NaN.
    elemental logical function is_unknown(estimate)
       real(wp), intent(in) :: estimate
 
@@ -282,9 +285,9 @@ contains
       if (ieee_is_finite(estimate)) is_unknown = estimate > unknown
    end function is_unknown
 
-   !> Estimates anew from the solution on the finer grid, where there is one near: aliasing is the difference. The few samples at
-   !> which rigid laws hold the motion, such as stops under friction, may leave its tangent almost singular, or another one where
-   !> rounding decides whether a sample is held.
+   !> Repeats the estimate from the solution on the finer grid, if there is one nearby: aliasing is the difference.
+   !> The few samples in contact with rigid laws, such as sticking under friction, may leave the tangent almost
+   !> singular, or a different one if rounding decides whether a sample is in contact.
    subroutine solve_on_finer_grid(self, balance, wide, u, error)
       type(certificate_t), intent(inout) :: self
       type(balance_t), intent(in) :: balance
@@ -316,8 +319,8 @@ contains
       call fine%destroy()
    end subroutine solve_on_finer_grid
 
-   !> Norm of the motion that errors are relative to; not less than `smallest_size` times what the loads do to the
-   !> stiffest harmonic [m].
+   !> Norm of the motion to which errors are relative; at least `smallest_size` times the response of the stiffest
+   !> harmonic to the loads [m].
    pure real(wp) function reference_size(balance, u)
       type(balance_t), intent(in) :: balance
       real(wp), intent(in) :: u(:, :)
@@ -325,9 +328,10 @@ contains
       reference_size = max(norm2(u), agreement*maxval(balance%r_scale)/maxval(abs(balance%stiffness%condensed)))
    end function reference_size
 
-   !> Aliasing: what the exact projection of the forces onto the kept harmonics changes in them. Truncation: what two steps of
-   !> Newton's method in the wider set, with its exact tangent, change beside that, in kept harmonics, others and unknown
-   !> frequencies. The second step is taken where the first leads: contacts that only the harmonics outside touch answer there.
+   !> Aliasing: the change of the retained harmonics by the exact projection of the forces. Truncation: the further
+   !> change of retained harmonics, others and unknown frequencies by two steps of Newton's method in the wider set,
+   !> with its exact tangent. The second step starts from the end of the first: contacts reached only by the harmonics
+   !> outside respond there.
    subroutine estimate_errors(self, balance, wide, u, error, bordered)
       type(certificate_t), intent(inout) :: self
       type(balance_t), intent(inout), target :: balance
@@ -388,7 +392,7 @@ contains
       self%n_products = whole%n_products
       if (acts_rigidly(balance, wide, is_free) .or. (is_free .and. self%truncation > linear)) &
          call compare_with_half(self, balance%harmonics, problem, x, size(u), size_of_motion)
-      if (self%wanted%improvement_steps == 0 .or. present(bordered)) return ! the improvement holds the frequencies
+      if (self%wanted%improvement_steps == 0 .or. present(bordered)) return ! the improvement uses constant frequencies
       self%wider = wide%harmonics
       call whole%improve(self%wanted%improvement_steps, big)
       self%improved = wide%at_law_dofs(big)
@@ -404,7 +408,7 @@ contains
       end function on_wide
    end subroutine estimate_errors
 
-   !> Keeps what the step says of the tuples outside, the motion after it, and the errors of frequencies.
+   !> Stores the response of the tuples outside, the motion after the step, and the errors of frequencies.
    subroutine keep_step(self, balance, wide, which, big, first, size_of_motion)
       type(certificate_t), intent(inout) :: self
       type(balance_t), intent(in) :: balance, wide
@@ -429,7 +433,7 @@ contains
       call wide%all_dofs(self%first_order, self%refined)
    end subroutine keep_step
 
-   !> Whether the motion of all degrees of freedom is found in the wider set, too.
+   !> Whether the motion of all degrees of freedom is computed in the wider set too.
    pure logical function keeps_all(self, balance)
       type(certificate_t), intent(in) :: self
       type(balance_t), intent(in) :: balance
@@ -449,13 +453,14 @@ contains
       end select
    end function has_unknown_tones
 
-   !> Whether a law that is not smooth is rigid, or so much stiffer than the structure in the fastest kept harmonic that it acts
-   !> as if it were: such an impact is shorter than what the set can follow. Where loads set its time the steps see it for longer
-   !> (the paper's beam at stops 10, 100, 1000 times as stiff: 1, .6 to 1.1, .2 to .4 of the error), and that of rigid walls.
+   !> Whether a law that is not smooth is rigid, or so much stiffer than the structure in the fastest retained
+   !> harmonic that it acts as a rigid one: such an impact is too short for the set. If loads determine its duration
+   !> the steps resolve it up to a higher stiffness (the paper's beam at stops 10, 100, 1000 times as stiff: 1, .6 to
+   !> 1.1, .2 to .4 of the error), and so they do for rigid walls.
    logical function acts_rigidly(balance, wide, is_free)
       type(balance_t), intent(in) :: balance
-      type(balance_t), intent(in) :: wide                             !! has the derivatives of its laws
-      logical, intent(in) :: is_free                                  !! the motion has tones of its own
+      type(balance_t), intent(in) :: wide                             !! with the derivatives of its laws
+      logical, intent(in) :: is_free                                  !! the motion has unknown tones
       real(wp), parameter :: much = 4.0_wp, much_of_driven = 30.0_wp
       integer :: fastest, i
 
@@ -481,11 +486,12 @@ contains
       has_multipliers = any([(balance%law_set%laws(i)%law%is_multiplier, i=1, size(balance%law_set%laws))])
    end function has_multipliers
 
-   !> Rigid laws and those that act as if they were, and any motion of its own that one linear step cannot check: the change from
-   !> the solution of half the order raises the estimates, or takes their place where they are too large to be believed. A wall
-   !> that is struck pushes with all harmonics alike, and those left out move the place where it is struck by sum 1/j**2 = 1/order:
-   !> the error falls with the first power, so that it is as large as this change. The harmonics just outside show little of that:
-   !> the force of the truncated motion has a width, not the spectrum of an impact. Without a solution the estimates stay.
+   !> For rigid laws and those that act as rigid ones, and for any self-excited motion that one linear step cannot
+   !> check: the change from the solution of half the order raises the estimates, or replaces them if they are too
+   !> large to be reliable. A wall that is struck exerts all harmonics alike, and the omitted ones shift the position
+   !> of the impact by sum 1/j**2 = 1/order: the error falls with the first power, so that it is as large as this
+   !> change. The harmonics just outside show little of it, because the force of the truncated motion has a finite
+   !> duration, not the spectrum of an impact. Without a solution the estimates are unchanged.
    subroutine compare_with_half(self, harmonics, problem, x, n, size_of_motion)
       type(certificate_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics
@@ -495,7 +501,7 @@ contains
       real(wp), intent(in) :: size_of_motion                          !! [m]
       real(wp), parameter :: half = 0.5_wp                            ! of the orders
       real(wp), parameter :: most_fallback = 20.0_wp                  ! work, relative to that of the first attempt
-      real(wp), parameter :: nearly_at_rest = 0.5_wp                  ! size relative to the motion; less is on the way to the rest
+      real(wp), parameter :: nearly_at_rest = 0.5_wp ! size relative to the motion; a smaller one approaches the equilibrium
       type(report_t) :: report
       type(solver_config_t) :: config
       real(wp) :: x_half(size(x))
@@ -506,7 +512,7 @@ contains
          select type (problem)
          class is (bordered_problem_t)
             is_high(harmonics%cos_at(h)) = sum(abs(harmonics%tuples(:, h))) > int(half*maxval(sum(abs(harmonics%tuples), dim=1)))
-         class default                                                ! as its smaller problem has it
+         class default                                                ! as in its smaller problem
             is_high(harmonics%cos_at(h)) = any(abs(harmonics%tuples(:, h)) > ceiling(half*harmonics%highest))
          end select
          if (harmonics%sin_at(h) > 0) is_high(harmonics%sin_at(h)) = is_high(harmonics%cos_at(h))
@@ -542,7 +548,7 @@ contains
       self%truncation = max(norm2(x_half(:n))/size_of_motion, min(self%truncation, linear))
    end subroutine compare_with_half
 
-   !> Rigid contact and friction on the finer grid, and the power that each law takes there.
+   !> Rigid contact and friction on the finer grid, and the power dissipated by each law there.
    subroutine check_contact(self, structure, balance, wide, u, error)
       type(certificate_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure
@@ -587,11 +593,11 @@ contains
       end do
    end function mean_power
 
-   !> The combination k of low order that comes closest to k.omega = 0. Where it is tiny, the motion on the torus is slow
-   !> along k and neither averages over time nor the truncated series can be trusted.
+   !> The combination k of low order with the smallest k.omega. If it is very small, the motion on the torus is slow
+   !> along k, and neither averages over time nor the truncated series are reliable.
    pure subroutine near_commensurate(tones, combination, frequency)
       type(tones_t), intent(in) :: tones
-      integer, allocatable, intent(out) :: combination(:)             !! (n_tones); of one tone 1
+      integer, allocatable, intent(out) :: combination(:)             !! (n_tones); 1 for one tone
       real(wp), intent(out) :: frequency                              !! |k.omega| [rad/s]
       integer, parameter :: largest_sum(10) = [1, 24, 12, 8, 8, 4, 3, 2, 1, 1]   ! of |k_m|, by number of tones
       integer :: k(tones%n_tones), m, reach

@@ -1,7 +1,6 @@
 !> The tangent restricted to a few harmonics of all degrees of freedom, factorised: the part of the preconditioner with the
 !> coupling of harmonics. Source: docs/why/theory.md, section 6.6.
-!>
-!> Unknowns stand degree of freedom by degree of freedom, so that a narrow structure gives a band.
+!> Unknowns are ordered degree of freedom by degree of freedom, so that a narrow structure gives a band.
 module hb_coarse_tangent
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
@@ -12,12 +11,12 @@ module hb_coarse_tangent
    private
    public :: coarse_tangent_t, factor_memory, factor_work, most_memory, new_coarse_tangent
 
-   real(wp), parameter :: most_memory = 1.0e8_wp                      !! numbers in factors, at most
+   real(wp), parameter :: most_memory = 1.0e8_wp                      !! largest number of elements of the factors
 
    type :: coarse_tangent_t
-      type(harmonics_t) :: set                                        !! of the harmonics kept
+      type(harmonics_t) :: set                                        !! of the selected harmonics
       integer, allocatable :: kept(:)                                 !! (set%n_harmonics) their numbers in the full set
-      logical :: is_usable = .false.                                  !! factorised, and not singular
+      logical :: is_usable = .false.                                  !! factorised and not singular
       integer, private :: n = 0                                       ! unknowns
       integer, private :: half_bandwidth = 0                          ! of the band
       logical, private :: is_banded = .false.
@@ -33,8 +32,8 @@ module hb_coarse_tangent
 
 contains
 
-   !> Makes room for the harmonics `kept` of `full`, in ascending order, of `n_dofs` degrees of freedom that are coupled up to
-   !> `reach` apart.
+   !> Allocates memory for the harmonics `kept` of `full`, in ascending order, of `n_dofs` degrees of freedom with
+   !> coupling within `half_bandwidth`.
    subroutine new_coarse_tangent(self, full, kept, n_dofs, half_bandwidth)
       type(coarse_tangent_t), intent(out) :: self
       type(harmonics_t), intent(in) :: full
@@ -42,7 +41,7 @@ contains
       type(error_t), allocatable :: error
 
       self%kept = kept
-      call new_harmonics(self%set, full%tuples(:, kept), error)       ! cannot fail: part of a set that exists
+      call new_harmonics(self%set, full%tuples(:, kept), error)       ! cannot fail: part of an existing set
       self%places = [full%places_of(self%set, 1)]
       self%n = self%set%n_coefficients*n_dofs
       self%half_bandwidth = (half_bandwidth + 1)*self%set%n_coefficients - 1
@@ -61,7 +60,7 @@ contains
       is_better_as_band = 2*(3*half_bandwidth + 1) <= n
    end function is_better_as_band
 
-   !> Multiplications and additions that the factors of `n_coefficients` of `n_dofs` degrees of freedom take.
+   !> Multiplications and additions of the factorisation for `n_coefficients` of `n_dofs` degrees of freedom.
    pure real(wp) function factor_work(n_coefficients, n_dofs, half_bandwidth)
       integer, intent(in) :: n_coefficients, n_dofs
       integer, intent(in) :: half_bandwidth                           !! between coupled degrees of freedom
@@ -73,7 +72,7 @@ contains
       if (6*band <= n) factor_work = 4*n*band**2
    end function factor_work
 
-   !> Numbers that these factors hold.
+   !> Number of elements of these factors.
    pure real(wp) function factor_memory(n_coefficients, n_dofs, half_bandwidth)
       integer, intent(in) :: n_coefficients, n_dofs, half_bandwidth
       real(wp) :: band, n
@@ -83,7 +82,7 @@ contains
       factor_memory = min(n, 3*band)*n
    end function factor_memory
 
-   !> Makes all entries zero.
+   !> Sets all entries to zero.
    subroutine coarse_tangent_clear(self)
       class(coarse_tangent_t), intent(inout) :: self
 
@@ -108,12 +107,12 @@ contains
       end do
    end subroutine coarse_tangent_add
 
-   !> Factorises what was added.
+   !> Factorises the sum.
    subroutine coarse_tangent_factorise(self)
       class(coarse_tangent_t), intent(inout) :: self
       integer :: info
 
-      if (.not. all(ieee_is_finite(self%matrix))) return              ! LAPACK must not meet NaN where exceptions stop it
+      if (.not. all(ieee_is_finite(self%matrix))) return              ! NaN must not reach LAPACK if exceptions stop it
       if (self%is_banded) then
          call dgbtrf(self%n, self%n, self%half_bandwidth, self%half_bandwidth, self%matrix, size(self%matrix, 1), self%pivots, info)
       else
@@ -122,11 +121,11 @@ contains
       self%is_usable = info == 0
    end subroutine coarse_tangent_factorise
 
-   !> Writes the solution for the kept harmonics of r into step.
+   !> Writes the solution for the selected harmonics of r into step.
    subroutine coarse_tangent_solve(self, r, step)
       class(coarse_tangent_t), intent(inout) :: self
       real(wp), intent(in) :: r(:, :)                                 !! (n_coefficients of the full set, n_dofs)
-      real(wp), intent(inout) :: step(:, :)                           !! as r; other harmonics stay
+      real(wp), intent(inout) :: step(:, :)                           !! as r; other harmonics are unchanged
       integer :: i, info
 
       self%rhs = [r(self%places, :)]

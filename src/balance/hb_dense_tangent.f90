@@ -14,7 +14,7 @@ module hb_dense_tangent
    private
    public :: dense_tangent_t
 
-   !> Owner of outside resources: call `destroy`.
+   !> Owner of external resources: call `destroy`.
    type :: dense_tangent_t
       real(wp), allocatable, private :: columns(:, :)                 ! (n_coefficients, 2) of a product
       type(real_block_t), private :: response                         ! (n_samples, 1) of a law with memory
@@ -25,7 +25,7 @@ module hb_dense_tangent
 
 contains
 
-   !> Finds the tangent at the motion along which the laws were differentiated. Fails out of memory.
+   !> Computes the tangent at the motion along which the laws were differentiated. Fails out of memory.
    subroutine dense_tangent_assemble(self, linear, laws, frequencies, jacobian, error)
       class(dense_tangent_t), intent(inout) :: self
       type(linear_part_t), intent(in) :: linear
@@ -67,7 +67,7 @@ contains
       if (laws%has_memory) call add_memory(self, laws, frequencies, jacobian)
    end subroutine dense_tangent_assemble
 
-   !> Makes room for products, at their first use.
+   !> Allocates memory for products at their first use.
    subroutine make_room(self, laws, error)
       type(dense_tangent_t), intent(inout) :: self
       type(projected_laws_t), intent(inout) :: laws
@@ -81,7 +81,7 @@ contains
          call new_real_block(self%response, laws%transform%torus%n_total, 1, error)
    end subroutine make_room
 
-   !> Adds how forces corrected between samples respond to the motion at neighbours.
+   !> Adds the response of forces corrected between samples to the motion at neighbours.
    subroutine add_kinks(self, laws, jacobian)
       type(dense_tangent_t), intent(inout) :: self
       type(projected_laws_t), intent(inout) :: laws
@@ -126,8 +126,8 @@ contains
       end subroutine add
    end subroutine add_kinks
 
-   !> Adds how the forces with memory respond to each coefficient: through coordinate b of a law, cos or sin of harmonic h of
-   !> the degree of freedom k moves it by shape(k, b) times that of the coordinate.
+   !> Adds the response of the forces with memory to each coefficient: through coordinate b of a law, cos or sin of
+   !> harmonic h of degree of freedom k moves it by shape(k, b) times that of the coordinate.
    subroutine add_memory(self, laws, frequencies, jacobian)
       type(dense_tangent_t), intent(inout) :: self
       type(projected_laws_t), intent(inout) :: laws
@@ -143,7 +143,7 @@ contains
                     moved => laws%sampled(law)%columns, shape => laws%sampled(law)%law%shape)
             responding = responding_dofs(laws%sampled, law, laws%n_dofs)
             has_line = .false.
-            if (.not. laws%needs_reaction) &                          ! no multiplier law may pass the response on
+            if (.not. laws%needs_reaction) &                          ! no multiplier law may pass on the response
                call hysteresis%prepare_line(laws%characteristic, laws%transform%harmonics, frequencies, has_line)
             if (has_line) then
                call add_line(self, laws, law, jacobian)
@@ -153,7 +153,7 @@ contains
             do b = 1, size(shape, 2)
                h = 0
                do block = 1, hysteresis%n_blocks()
-                  if (work_is_over()) return                         ! the solver ends, too
+                  if (work_is_over()) return                         ! the solver ends too
                   call hysteresis%find_block_response(laws%characteristic, b, block)
                   do in_block = 1, min(width, laws%transform%harmonics%n_harmonics - h)
                      h = h + 1
@@ -176,8 +176,8 @@ contains
       end do
    end subroutine add_memory
 
-   !> Adds the response of one law under one tone: for each pair of its coordinates T[g], and for each time that a slider sticks
-   !> the projection of the samples while it does so times the row of the motion where it was pushed last.
+   !> Adds the response of one law under one tone: for each pair of its coordinates T[g], and for each interval in
+   !> which a slider sticks the projection of these samples times the row of the motion where it was moved last.
    subroutine add_line(self, laws, law, jacobian)
       type(dense_tangent_t), intent(inout) :: self
       type(projected_laws_t), intent(inout) :: laws
@@ -232,7 +232,7 @@ contains
          end associate
       end function projection
 
-      !> What exp(i j.tau) of all harmonics is worth for cosines (real parts) and sines.
+      !> Row of exp(i j.tau) of all harmonics for cosines (real parts) and sines.
       pure function as_row(waves) result(x)
          complex(wp), intent(in) :: waves(:)
          real(wp) :: x(laws%transform%harmonics%n_coefficients)
@@ -287,14 +287,14 @@ contains
       type(projected_laws_t), intent(in) :: laws
       real(wp), intent(in) :: frequencies(:)
       integer, intent(in) :: pair                                     !! tabulated, at (row, column)
-      logical, intent(in) :: is_first                                 !! to touch block (row, column): nothing stands there yet
+      logical, intent(in) :: is_first !! first access of block (row, column), which is undefined before
       real(wp), intent(inout), contiguous :: jacobian(:, :, :, :)
       integer :: h, k
 
       associate (set => laws%transform%harmonics, pattern => linear%pattern, row => laws%jacobian%row(pair), &
                  column => laws%jacobian%column(pair))
          do h = 1, set%n_harmonics
-            if (set%sin_at(h) == 0) then                              ! a column to spare takes what has no place
+            if (set%sin_at(h) == 0) then                              ! an extra column receives values without a position
                call put(jacobian(:, row, set%cos_at(h), column), self%columns(:, 1))
             else
                call put(jacobian(:, row, set%cos_at(h), column), jacobian(:, row, set%sin_at(h), column))
@@ -337,7 +337,7 @@ contains
       end subroutine add_reaction
    end subroutine put_products
 
-   !> Frees what products need; safe to call twice.
+   !> Frees the memory of products; safe to call twice.
    subroutine dense_tangent_destroy(self)
       class(dense_tangent_t), intent(inout) :: self
 

@@ -1,17 +1,14 @@
-!> Mechanical energy of a free periodic motion, its mean over the torus, above that of the rest.
+!> Mean mechanical energy of a free periodic motion over the torus, above that of the equilibrium.
 !>
 !>     E = <x'^T M x' + x^T K x>/2 - p_0^T <x> + sum over the laws of <V(z)>, minus the same at rest,
-!>
-!> with constant loads p_0 and the potentials V of the laws. The energy of a conservative motion is constant; of the truncated
-!> motion the mean is known best, see docs/why/theory.md, section 6.5. x holds all degrees of freedom, those outside of the laws by
-!> the same condensation as in the balance.
-!>
-!> How much the choice of a law of impact matters to a motion that a truncated series gives.
-!>
-!> A coordinate that has mass and strikes a rigid wall needs such a law, restitution for instance: the equations do not say with
-!> what speed it leaves. A truncated series hides this, for its speed does not jump. What the choice decides on is the energy of
-!> the impact, m v**2/2 with the mass m = 1/(w^T M**-1 w) that the structure has at the coordinate w^T x and the speed v at which it
-!> meets the wall. Source: docs/why/theory.md, section 7.
+!> with constant loads p_0 and the potentials V of the laws. The energy of a conservative motion is constant; for the
+!> truncated motion the mean is the most accurate value, see docs/why/theory.md, section 6.5. x contains all degrees
+!> of freedom; those without laws follow from the condensation of the balance.
+!> Influence of the choice of an impact law on a motion of a truncated series.
+!> A coordinate with mass that strikes a rigid wall needs such a law, for instance a restitution: the equations do not
+!> determine its velocity afterwards. A truncated series hides this, because its velocity does not jump. The choice
+!> affects the energy of the impact, m v**2/2 with the mass m = 1/(w^T M**-1 w) of the structure at the coordinate w^T
+!> x and the speed v at which it meets the wall. Source: docs/why/theory.md, section 7.
 module hb_energy
    use hb_balance, only: balance_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
@@ -28,7 +25,7 @@ module hb_energy
    type :: energy_t
       type(structure_block_t), private :: matrices                    ! mass and stiffness of all degrees of freedom
       real(wp), allocatable, private :: load(:)                       ! constant [N], (all dofs)
-      real(wp) :: at_rest = 0.0_wp                                    !! [J], is taken off
+      real(wp) :: at_rest = 0.0_wp                                    !! [J], is subtracted
    contains
       procedure :: value => energy_value
       procedure :: differentiate => energy_differentiate
@@ -36,14 +33,14 @@ module hb_energy
 
 contains
 
-   !> Energy of motions of a balance whose stiffness has motion slopes and whose laws have potentials; the stiffness of the
-   !> structure is symmetric and no load varies.
+   !> Energy of motions of a balance whose stiffness has motion slopes and whose laws have potentials; the stiffness
+   !> of the structure is symmetric and loads are constant.
    subroutine new_energy(self, structure, load, balance, rest)
       type(energy_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       real(wp), intent(in) :: load(:)                                 !! constant [N], (all dofs)
       type(balance_t), intent(inout) :: balance
-      real(wp), intent(in) :: rest(:, :)                              !! the motion of no energy [m], (n_coefficients, n_dofs)
+      real(wp), intent(in) :: rest(:, :)                              !! the motion of zero energy [m], (n_coefficients, n_dofs)
       integer :: all_dofs(structure%n_dofs), i
 
       all_dofs = [(i, i=1, structure%n_dofs)]
@@ -52,7 +49,7 @@ contains
       self%at_rest = self%value(balance, rest)
    end subroutine new_energy
 
-   !> Energy [J] of a motion at the frequencies of the balance; leaves the samples of its laws changed.
+   !> Energy [J] of a motion at the frequencies of the balance; changes the samples of its laws.
    real(wp) function energy_value(self, balance, u)
       class(energy_t), intent(in) :: self
       type(balance_t), intent(inout) :: balance
@@ -62,7 +59,8 @@ contains
       call find(self, balance, u, .false., energy_value, law_gradient, by_omega, by_xi)
    end function energy_value
 
-   !> Its exact derivatives by the coefficients [N], by the base frequencies and by the artificial damping of all tones [J s].
+   !> Its exact derivatives with respect to the coefficients [N], the base frequencies and the artificial damping of
+   !> all tones [J s].
    subroutine energy_differentiate(self, balance, u, by_u, by_omega, by_xi)
       class(energy_t), intent(in) :: self
       type(balance_t), intent(inout) :: balance
@@ -121,7 +119,7 @@ contains
             at_laws = set%amplitudes(u)
             call balance%stiffness%recover_slope(at_laws, .false., change)
             by_frequency = real(sum(conjg(gradient)*change, dim=1)) + &
-                           0.5_wp*balance%frequencies*real(sum(conjg(c)*inertia, dim=1))   ! none of the mean, where w = 0
+                           0.5_wp*balance%frequencies*real(sum(conjg(c)*inertia, dim=1))   ! none for the mean, where w = 0
             call balance%stiffness%recover_slope(at_laws, .true., change)
             by_drive = real(sum(conjg(gradient)*change, dim=1))
             by_omega = matmul(set%tuples, by_frequency) + balance%xi*matmul(set%tuples, by_drive)
@@ -149,11 +147,12 @@ contains
       end do
    end subroutine multiply
 
-   !> Energy of the hardest impact against a rigid wall, m v**2, relative to the mean of m z'**2 + k z**2 with the static stiffness
-   !> k of the structure against the coordinate z; 0 where nothing is struck. The forces of the laws are those of the motion.
+   !> Energy of the hardest impact against a rigid wall, m v**2, relative to the mean of m z'**2 + k z**2 with the
+   !> static stiffness k of the structure at the coordinate z; 0 without impacts. The forces of the laws are those of
+   !> the motion.
    real(wp) function impact_energy(structure, balance, u)
       type(structure_t), intent(in) :: structure
-      type(balance_t), intent(inout) :: balance                       !! after `evaluate`; its samples are others at the end
+      type(balance_t), intent(inout) :: balance                       !! after `evaluate`; its samples are changed
       real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
       real(wp), allocatable :: rate(:, :), z(:), speed(:), v(:)
       real(wp) :: mass, moving, stiffness
@@ -197,8 +196,8 @@ contains
       if (balance%harmonics%has_zero) mean_square = mean_square + 0.5_wp*coefficients(1)**2
    end function mean_square
 
-   !> Mass and static stiffness of the structure against a coordinate w: 1/(w^T M**-1 w), as the inertia far above all
-   !> resonances, where coordinates without mass follow the others, and 1/(w^T K**-1 w); 0 where there is none.
+   !> Mass and static stiffness of the structure at a coordinate w: 1/(w^T M**-1 w), as the inertia far above all
+   !> resonances, where massless coordinates follow the others, and 1/(w^T K**-1 w); 0 if there is none.
    subroutine find_mass(structure, all_dofs, all_weights, mass, stiffness)
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: all_dofs(:)
@@ -228,7 +227,7 @@ contains
 
    contains
 
-      !> Real part of 1/(w^T S**-1 w) at a frequency; 0 where the structure is free to move.
+      !> Real part of 1/(w^T S**-1 w) at a frequency; 0 if the structure can move freely.
       real(wp) function seen_at(frequency)
          real(wp), intent(in) :: frequency
          type(dynamic_stiffness_t) :: dynamic

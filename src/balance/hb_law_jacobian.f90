@@ -1,12 +1,11 @@
-!> How the forces of all laws depend on the motion at the same sample: the pairs (i, k) of degrees of freedom with
+!> Dependence of the forces of all laws on the motion at the same sample: the pairs (i, k) of degrees of freedom with
 !> d force_i/d motion_k not zero, and these derivatives.
-!>
-!> Explicit laws come first. A multiplier law then sees the reaction p = w.(s - f_explicit)/w.w of each of its coordinates,
-!> with the weights w; it passes on what the explicit laws beside it depend on. Laws with memory have no pairs: their forces
-!> depend on all samples. Source: docs/why/theory.md, sections 5.3 and 5.4.
-!>
-!> How forces respond to the motion of a law with memory, and what multiplier laws that share degrees of freedom with it then
-!> have to supply.
+!> Explicit laws come first. The argument of a multiplier law is then the reaction p = w.(s - f_explicit)/w.w of each
+!> of its coordinates, with the weights w, so that it depends on everything on which the explicit laws beside it
+!> depend. Laws with memory have no pairs: their forces depend on all samples. Source: docs/why/theory.md, sections
+!> 5.3 and 5.4.
+!> Response of forces to the motion of a law with memory, including the resulting reaction of multiplier laws that
+!> share degrees of freedom with it.
 !>
 !> Source: docs/why/theory.md, sections 5.3 to 5.6.
 module hb_law_jacobian
@@ -19,15 +18,15 @@ module hb_law_jacobian
    private
    public :: add_multiplier_response, find_response, law_jacobian_t, new_law_jacobian, responding_dofs
 
-   !> Owner of outside resources: call `destroy`.
+   !> Owner of external resources: call `destroy`.
    type :: law_jacobian_t
       integer :: n_pairs = 0
       integer, allocatable :: row(:), column(:)                       !! (n_pairs) i and k of each pair
       integer, allocatable :: pair_at(:, :)                           !! (n_dofs, n_dofs), 0: no pair
       logical :: needs_velocity = .false., needs_reaction = .false.   !! of any law
       type(real_block_t) :: df_dq                                     !! [N/m], (n_samples, n_pairs), after `make_room`
-      type(real_block_t) :: df_dv                                     !! [N s/m], as df_dq where a law needs it
-      type(real_block_t) :: df_ds                                     !! as df_dq where a law needs it
+      type(real_block_t) :: df_dv                                     !! [N s/m], as df_dq if a law needs it
+      type(real_block_t) :: df_ds                                     !! as df_dq if a law needs it
    contains
       procedure :: pattern => law_jacobian_pattern
       procedure :: has_room => law_jacobian_has_room
@@ -42,7 +41,7 @@ module hb_law_jacobian
 
 contains
 
-   !> Finds which forces depend on which motions. Derivatives get their memory by `make_room`.
+   !> Determines which forces depend on which motions. `make_room` allocates the derivatives.
    subroutine new_law_jacobian(self, laws, n_dofs, needs_velocity, needs_reaction)
       type(law_jacobian_t), intent(inout) :: self
       type(sampled_law_t), intent(in) :: laws(:)
@@ -84,7 +83,7 @@ contains
       end do
    end subroutine new_law_jacobian
 
-   !> Makes a Jacobian of these pairs, without room for derivatives.
+   !> Returns a Jacobian with these pairs, without memory for derivatives.
    pure type(law_jacobian_t) function law_jacobian_pattern(self) result(pattern)
       class(law_jacobian_t), intent(in) :: self
 
@@ -96,14 +95,14 @@ contains
       pattern%needs_reaction = self%needs_reaction
    end function law_jacobian_pattern
 
-   !> Whether there is memory for derivatives.
+   !> Whether derivatives are allocated.
    pure logical function law_jacobian_has_room(self)
       class(law_jacobian_t), intent(in) :: self
 
       law_jacobian_has_room = associated(self%df_dq%values)
    end function law_jacobian_has_room
 
-   !> Makes room for derivatives on a grid.
+   !> Allocates derivatives on a grid.
    subroutine law_jacobian_make_room(self, n_samples, error)
       class(law_jacobian_t), intent(inout) :: self
       integer, intent(in) :: n_samples
@@ -113,7 +112,7 @@ contains
       if (allocated(error)) return
       if (self%needs_reaction) call new_real_block(self%df_ds, n_samples, self%n_pairs, error)
       if (allocated(error)) return
-      call new_real_block(self%df_dq, n_samples, self%n_pairs, error) ! the last one: `has_room` asks for it
+      call new_real_block(self%df_dq, n_samples, self%n_pairs, error) ! the last one: tested by `has_room`
    end subroutine law_jacobian_make_room
 
    !> Sets all derivatives to zero.
@@ -151,7 +150,7 @@ contains
                do b = 1, size(shape, 2)
                   do a = 1, size(shape, 2)
                      weight = shape(i, a)*shape(k, b)
-                     if (weight == 0.0_wp) cycle                       ! most of them where coordinates are degrees of freedom
+                     if (weight == 0.0_wp) cycle                       ! the usual case if coordinates are degrees of freedom
                      df_dq%values(:, pair) = df_dq%values(:, pair) + weight*law%df_dz(:, a, b)
                      if (size(law%v, 2) == 0) cycle
                      df_dv%values(:, pair) = df_dv%values(:, pair) + weight*law%df_dv(:, a, b)
@@ -162,8 +161,9 @@ contains
       end associate
    end subroutine add_explicit
 
-   !> Chain rule through p_b = w_b.(s - f_explicit)/w_b.w_b for a law of coordinates with the weights w_b, orthogonal to each
-   !> other. Its degrees of freedom belong to no other multiplier, so what stands in their rows so far is explicit.
+   !> Chain rule through p_b = w_b.(s - f_explicit)/w_b.w_b for a law of coordinates with the weights w_b, orthogonal
+   !> to each other. Its degrees of freedom belong to no other multiplier, so the present entries of their rows are
+   !> explicit.
    subroutine add_multiplier(self, law)
       type(law_jacobian_t), intent(inout) :: self
       type(sampled_law_t), intent(in) :: law
@@ -187,7 +187,7 @@ contains
                do b = 1, size(shape, 2)
                   slope_q = slope_q - law%df_dp(:, a, b)*explicit_q(:, b)
                   if (needs_velocity) slope_v = slope_v - law%df_dp(:, a, b)*explicit_v(:, b)
-                  if (w_k(b) == 0.0_wp) cycle                          ! most of them where coordinates are degrees of freedom
+                  if (w_k(b) == 0.0_wp) cycle                          ! the usual case if coordinates are degrees of freedom
                   slope_q = slope_q + w_k(b)*law%df_dz(:, a, b)
                   if (size(law%v, 2) > 0) slope_v = slope_v + w_k(b)*law%df_dv(:, a, b)
                   slope_s = slope_s + w_k(b)/square(b)*law%df_dp(:, a, b)
@@ -240,7 +240,7 @@ contains
       end do
    end subroutine law_jacobian_add_product
 
-   !> Finds the means of all derivatives over the torus.
+   !> Computes the means of all derivatives over the torus.
    subroutine law_jacobian_mean(self, df_dq, df_dv, df_ds)
       class(law_jacobian_t), intent(in) :: self
       real(wp), intent(out) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)  !! (n_dofs, n_dofs)
@@ -260,7 +260,8 @@ contains
       end do
    end subroutine law_jacobian_mean
 
-   !> Finds the standard deviations over the torus of the derivatives of each force by the motion of its own degree of freedom.
+   !> Computes the standard deviations over the torus of the derivatives of each force by the motion of its own degree
+   !> of freedom.
    subroutine law_jacobian_variation(self, df_dq, df_dv, df_ds)
       class(law_jacobian_t), intent(in) :: self
       real(wp), intent(out) :: df_dq(:), df_dv(:), df_ds(:)           !! (n_dofs)
@@ -289,7 +290,7 @@ contains
       end function deviation
    end subroutine law_jacobian_variation
 
-   !> Frees all derivatives and forgets the pairs; safe to call twice.
+   !> Frees all derivatives and discards the pairs; safe to call twice.
    subroutine law_jacobian_destroy(self)
       class(law_jacobian_t), intent(inout) :: self
 
@@ -300,8 +301,8 @@ contains
       self%n_pairs = 0
    end subroutine law_jacobian_destroy
 
-   !> Finds the response, at all samples, of the forces on degree of freedom k to cos (part 1) or sin (part 2) of harmonic h of
-   !> the block that was found last. A multiplier law there supplies what equilibrium then requires of it.
+   !> Computes the response, at all samples, of the forces on degree of freedom k to cos (part 1) or sin (part 2) of
+   !> harmonic h of the last block, including the reaction of a multiplier law there.
    subroutine find_response(laws, i, h, part, k, samples)
       type(sampled_law_t), intent(in) :: laws(:)
       integer, intent(in) :: i                                        !! law with memory
@@ -372,7 +373,8 @@ contains
       dofs = pack([(k, k=1, n_dofs)], responds)
    end function responding_dofs
 
-   !> Adds what multiplier laws have to supply to slopes of the forces, as long as only those of laws with memory stand there.
+   !> Adds the reactions of multiplier laws to slopes of the forces, while these contain only those of laws with
+   !> memory.
    subroutine add_multiplier_response(laws, f)
       type(sampled_law_t), intent(in) :: laws(:)
       type(real_block_t), intent(inout) :: f                          !! (n_samples, n_dofs)

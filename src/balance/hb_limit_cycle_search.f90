@@ -1,9 +1,8 @@
 !> The search for self-excited motion: its start and result, and the two problems that it solves.
-!>
-!> With the amplitudes of the unknown tones prescribed and artificial damping xi_m of each in their place, there is a solution
-!> near each mode of the base motion, where xi_m = -2 (growth of the mode). Where xi_m < 0 the motion is driven and would grow. Near
-!> xi_m = 0 the problem without artificial damping is solved. Source: docs/why/theory.md, section 6.5; Krack, Computers and
-!> Structures 154 (2015) 59-71, for the artificial damping.
+!> With prescribed amplitudes of the unknown tones and artificial damping xi_m of each as unknowns instead, there is a
+!> solution near each mode of the base motion, with xi_m = -2 (growth rate of the mode). If xi_m < 0 the motion is
+!> driven and would grow. Near xi_m = 0 the problem without artificial damping is solved. Source: docs/why/theory.md,
+!> section 6.5; Krack, Computers and Structures 154 (2015) 59-71, for the artificial damping.
 module hb_limit_cycle_search
    use hb_balance, only: balance_t
    use hb_base_motion, only: base_motion_t
@@ -32,24 +31,24 @@ module hb_limit_cycle_search
       real(wp), allocatable :: amplitude(:)                           !! [m], (unknown tones)
    end type path_point_t
 
-   !> A search and what it found. `phase` is the problem solved last, on the balance of `new_search`.
+   !> A search and its results. `phase` is the last problem, on the balance of `new_search`.
    type :: search_t
       type(balance_t), pointer :: balance => null()
       type(base_motion_t) :: base
       type(phase_problem_t) :: phase
       type(report_t) :: report
-      character(:), allocatable :: message                            !! why nothing was found, or what is to be known of it
+      character(:), allocatable :: message                            !! why nothing was found, or a remark on the motion found
       real(wp) :: length = 1.0_wp                                     !! typical motion [m]
       real(wp) :: reached = 0.0_wp                                    !! largest amplitude of the search, 0: none [m]
       logical :: is_neutral = .true.                                  !! nothing drove or damped the motion
-      logical :: is_left = .false.                                    !! motion near the one found leaves it, as it seems
-      logical :: is_driven = .false.                                  !! at some amplitude on the way
+      logical :: is_left = .false.                                    !! nearby motions appear to diverge from the one found
+      logical :: is_driven = .false.                                  !! at some amplitude of the search
       logical :: runs_away = .false.                                  !! up to the largest amplitude tried
       integer, allocatable :: tones(:)                                !! unknown ones
       integer, allocatable :: modes(:)                                !! of the base motion, where each of them starts
       integer, allocatable :: phase_dofs(:)                           !! sine that is zero, by unknown tone; size 0: integral
       type(solver_config_t) :: config
-      real(wp), allocatable, private :: sense(:)                      ! 1 where negative xi drives, else -1, (unknown tones)
+      real(wp), allocatable, private :: sense(:)                      ! 1 if negative xi drives, otherwise -1, (unknown tones)
       real(wp), allocatable, private :: reference(:, :, :)            ! shapes, (n_coefficients, n_dofs, unknown tones)
    contains
       procedure :: from_start => search_from_start
@@ -64,8 +63,8 @@ module hb_limit_cycle_search
 
 contains
 
-   !> Search on a balance with slopes. Fallbacks and Broyden's linear Jacobian are switched off: they know nothing of a
-   !> base motion that must not be found.
+   !> Creates a search on a balance with slopes. Fallbacks and Broyden's linear Jacobian are disabled, because they do
+   !> not exclude the base motion.
    subroutine new_search(self, balance, base, tones, modes, phase_dofs, length, config)
       type(search_t), intent(out) :: self
       type(balance_t), intent(inout), target :: balance
@@ -84,11 +83,11 @@ contains
       self%length = length
       self%config = config
       self%config%fallback = .false.
-      self%config%repeats_tangent = .false.                           ! of several motions the way decides which is found
+      self%config%repeats_tangent = .false. ! if there are several motions, the path decides which one is found
       self%config%start_with_tangent = .true.
    end subroutine new_search
 
-   !> Tries a first guess u, with the balance at its frequencies. Afterwards u is the motion if one was found.
+   !> Tries a first guess u, with the balance at its frequencies. On success u is the motion found.
    subroutine search_from_start(self, u, is_found)
       class(search_t), intent(inout) :: self
       real(wp), intent(inout) :: u(:, :)                              !! [m], (n_coefficients, n_dofs)
@@ -103,8 +102,8 @@ contains
       if (is_found) u = point%u
    end subroutine search_from_start
 
-   !> First point of the path, at the amplitude asked for; where an unstable base motion is left but nothing drives the motion there
-   !> any more, at a hundredth, and so on.
+   !> First point of the path, at the given amplitude; if the base motion is unstable but the motion is damped there,
+   !> at a hundredth of it, and so on.
    subroutine search_begin(self, amplitude, point, is_solved)
       class(search_t), intent(inout) :: self
       real(wp), intent(in) :: amplitude                               !! [m]
@@ -128,9 +127,9 @@ contains
       end do
    end subroutine search_begin
 
-   !> How much the motion of each unknown tone is damped without the artificial damping, |xi|/omega, negative where it is
-   !> driven. In a rotating frame a mode that runs against the rotation may be damped by forces that drive others: the sign
-   !> is that of the mode where the search begins.
+   !> Damping ratio |xi|/omega of the motion of each unknown tone without the artificial damping, negative if it is
+   !> driven. In a rotating frame a mode that travels against the rotation may be damped by forces that drive others:
+   !> the sign is that of the mode at which the search begins.
    pure function search_damping(self, point) result(damping)
       class(search_t), intent(in) :: self
       type(path_point_t), intent(in) :: point
@@ -139,7 +138,7 @@ contains
       damping = self%sense*point%xi/point%omega
    end function search_damping
 
-   !> Shapes of the modes in the fundamental of their tones, real and 1 where they are largest.
+   !> Shapes of the modes in the fundamental of their tones, real and 1 at their maximum.
    subroutine shape_references(self)
       type(search_t), intent(inout) :: self
       complex(wp) :: form(self%balance%n_dofs)
@@ -167,11 +166,12 @@ contains
       fundamental = set%index_of([(merge(1, 0, m == tone), m=1, set%n_tones)])
    end function fundamental
 
-   !> Newton's method with prescribed amplitudes and free artificial damping. The shapes then become those of the motion found.
+   !> Newton's method with prescribed amplitudes and unknown artificial damping. The shapes then become those of the
+   !> motion found.
    subroutine search_solve_with_amplitudes(self, point, is_first, is_solved)
       class(search_t), intent(inout) :: self
       type(path_point_t), intent(inout) :: point
-      logical, intent(in) :: is_first                                 !! nothing better to start from: try smaller sets too
+      logical, intent(in) :: is_first                                 !! there is no better start: also try smaller sets
       logical, intent(out) :: is_solved
       type(phase_problem_t) :: problem
       type(report_t) :: report
@@ -224,8 +224,8 @@ contains
       config%max_iterations = path_iterations
    end function search_path_config
 
-   !> Newton's method with the harmonics up to order 1, 2, 4, ... only, each from the one before, then with all. Order 1 is
-   !> close to the linear mode with the stiffness that the laws have on average.
+   !> Newton's method with only the harmonics up to order 1, 2, 4, ..., each from the previous solution, then with
+   !> all. Order 1 is close to the linear mode with the mean stiffness of the laws.
    subroutine continue_in_order(problem, harmonics, config, x, report)
       type(phase_problem_t), intent(inout) :: problem
       type(harmonics_t), intent(in) :: harmonics
@@ -251,7 +251,7 @@ contains
       call problem%hold_above(harmonics, huge(order))
    end subroutine continue_in_order
 
-   !> Solves without artificial damping from a point nearby; found is a motion in which every unknown tone lives.
+   !> Solves without artificial damping from a point nearby; accepts a motion that contains every unknown tone.
    subroutine search_try_motion(self, point, is_found)
       class(search_t), intent(inout) :: self
       type(path_point_t), intent(inout) :: point
@@ -294,7 +294,8 @@ contains
 
    contains
 
-      !> The condition that the sine of tone m vanishes at its degree of freedom; the motion is turned that way first.
+      !> The condition that the sine of tone m vanishes at its degree of freedom; the motion is first shifted
+      !> accordingly.
       subroutine make_sine_form(m, form)
          integer, intent(in) :: m
          real(wp), intent(out) :: form(:)
@@ -321,7 +322,7 @@ contains
       end function fundamental_part
    end subroutine search_try_motion
 
-   !> Puts the balance at the frequencies and the artificial damping of a point.
+   !> Sets the balance to the frequencies and the artificial damping of a point.
    subroutine search_move_balance(self, point, is_possible)
       class(search_t), intent(inout) :: self
       type(path_point_t), intent(in) :: point

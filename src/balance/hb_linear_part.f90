@@ -1,8 +1,7 @@
 !> The linear part of the balance: the dynamic stiffness of each harmonic, its factors on demand, and its
 !> products with coefficients.
-!>
-!> Where S is singular (a structure free to move, an undamped resonance) weak supports hold it for first guesses and first steps;
-!> in a residual they stand only along a homotopy in the laws, and fade as these grow.
+!> If S is singular (a structure that can move freely, an undamped resonance), weak supports restrain it for first
+!> guesses and first steps; in a residual they occur only along a homotopy in the laws, and vanish as these grow.
 !> Source: docs/why/theory.md, sections 3, 5.6 and 6.3.
 !>
 !> A linear part that is cached from one point of a sweep to the next: it is rebuilt when the structure, the coordinates or the
@@ -23,14 +22,13 @@ module hb_linear_part
    real(wp), parameter :: weakness = 1.0e-1_wp                        ! of supports, relative to the stiffness
 
    type, extends(dynamic_stiffness_t) :: linear_part_t
-      logical, allocatable :: is_singular(:)                          !! (n_harmonics) where the structure is free to move
+      logical, allocatable :: is_singular(:)                          !! (n_harmonics) the structure can move freely
       logical :: has_supports = .false.                               !! in any harmonic
       real(wp) :: support_share = 0.0_wp                              !! of the supports in residual and tangent, 0 to 1
       real(wp), allocatable, private :: support(:)                    ! (n_law) [N/m]
-      complex(wp), allocatable, private :: undamped(:, :, :)          ! `condensed` without artificial damping, where there is any
-      complex(wp), allocatable, private :: free_motion(:, :)          ! without any law, [m], (n_law, n_harmonics); not allocated
-                                                                      ! after `move`
-      type(block_factors_t), private :: factors                       ! LU of S on its supports, of the harmonics asked for
+      complex(wp), allocatable, private :: undamped(:, :, :)          ! `condensed` without artificial damping, if there is any
+      complex(wp), allocatable, private :: free_motion(:, :)          ! without laws, [m], (n_law, n_harmonics); not allocated
+      type(block_factors_t), private :: factors                       ! LU of S on its supports, of the requested harmonics
    contains
       procedure :: move => linear_part_move
       procedure :: take_loads => linear_part_take_loads
@@ -47,25 +45,25 @@ module hb_linear_part
    end type linear_part_t
 
    type :: cached_linear_part_t
-      integer :: n_condensed = 0                                      !! harmonics that were condensed so far
-      type(structure_t), private :: structure                         ! what the linear part is of
+      integer :: n_condensed = 0                                      !! number of harmonics condensed so far
+      type(structure_t), private :: structure                         ! structure of the linear part
       real(wp), allocatable, private :: frequencies(:)                ! [rad/s], (n_harmonics)
       type(amplitudes_t), private :: loads                            ! [N]
-      type(linear_part_t), allocatable, private :: linear             ! while nobody has it
+      type(linear_part_t), allocatable, private :: linear             ! not allocated while it is in use
    contains
       procedure :: take => cached_linear_part_take
       procedure :: give_back => cached_linear_part_give_back
    end type cached_linear_part_t
 
-   !> Linear parts that the motions of a sweep share, of the solution and of its certificate.
+   !> Linear parts shared by the motions of a sweep, of the solution and of its certificate.
    type :: cached_linear_parts_t
       type(cached_linear_part_t) :: narrow, wide
    end type cached_linear_parts_t
 
 contains
 
-   !> Makes the linear part of a dynamic stiffness, which is handed over: nothing is left of it. Supports are a tenth of the
-   !> stiffness in the first harmonic that is not singular.
+   !> Creates the linear part of a dynamic stiffness, which is moved into it. Supports are a tenth of the stiffness in
+   !> the first harmonic that is not singular.
    subroutine new_linear_part(self, stiffness)
       type(linear_part_t), intent(out) :: self
       type(dynamic_stiffness_t), intent(inout) :: stiffness
@@ -84,7 +82,7 @@ contains
       call new_block_factors(self%factors, self%pattern, self%n_harmonics)
    end subroutine new_linear_part
 
-   !> As that of the dynamic stiffness; supports stay where they were.
+   !> As `move` of the dynamic stiffness; supports are unchanged.
    subroutine linear_part_move(self, frequencies, drives, error)
       class(linear_part_t), intent(inout) :: self
       real(wp), intent(in) :: frequencies(:)
@@ -108,7 +106,7 @@ contains
       self%free_motion(:, places) = c
    end subroutine linear_part_take_loads
 
-   !> Factorises S of harmonic h on its supports, unless that was done.
+   !> Factorises S of harmonic h on its supports, unless it is factorised.
    subroutine linear_part_factorise(self, h)
       class(linear_part_t), intent(inout) :: self
       integer, intent(in) :: h
@@ -128,7 +126,7 @@ contains
       call self%factors%factorise(h, block, has_zero_pivot)
    end subroutine linear_part_factorise
 
-   !> Entry (i, k) of S of harmonic h [N/m], which must stand within its pattern.
+   !> Entry (i, k) of S of harmonic h [N/m], which must be in its pattern.
    pure complex(wp) function linear_part_entry(self, i, k, h) result(entry)
       class(linear_part_t), intent(in) :: self
       integer, intent(in) :: i, k, h
@@ -136,7 +134,7 @@ contains
       entry = self%condensed(self%pattern%shift(k) + i, k, h)
    end function linear_part_entry
 
-   !> Stiffness [N/m] of the support of coordinate i in residual and tangent of harmonic h, zero where there is none.
+   !> Stiffness [N/m] of the support of coordinate i in residual and tangent of harmonic h, zero if there is none.
    pure real(wp) function linear_part_support_in(self, i, h) result(stiffness)
       class(linear_part_t), intent(in) :: self
       integer, intent(in) :: i, h
@@ -164,8 +162,8 @@ contains
       end do
    end subroutine linear_part_add_supports
 
-   !> Adds artificial structural damping, i times `loss` times the stiffness that also weighs the supports, in place of what was
-   !> added before; none with 0.
+   !> Adds artificial structural damping, i times `loss` times the stiffness on which the supports are based,
+   !> replacing an earlier one; none with 0.
    subroutine linear_part_damp(self, frequencies, loss)
       class(linear_part_t), intent(inout) :: self
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics); their signs count
@@ -186,7 +184,7 @@ contains
       end do
    end subroutine linear_part_damp
 
-   !> Finds what equilibrium requires of the laws, s = F_ext - S u, with the loads multiplied by a factor.
+   !> Computes the reaction s = F_ext - S u, with the loads multiplied by a factor.
    subroutine linear_part_find_reaction(self, set, u, load_factor, reaction)
       class(linear_part_t), intent(in) :: self
       type(harmonics_t), intent(in) :: set
@@ -216,7 +214,8 @@ contains
       end do
    end subroutine linear_part_find_reaction
 
-   !> The reaction of one degree of freedom, without the loops over blocks: in a product they would take a tenth of the time.
+   !> The reaction of one degree of freedom, without the loops over blocks, which would take a tenth of the time of a
+   !> product.
    pure subroutine find_reaction_of_one(set, load_factor, load, stiffness, u, reaction)
       type(harmonics_t), intent(in) :: set
       real(wp), intent(in) :: load_factor
@@ -237,8 +236,8 @@ contains
       end do
    end subroutine find_reaction_of_one
 
-   !> Finds the derivative of the reaction where the frequency of each harmonic changes by `turns` and its drive by `drive_turns`:
-   !> (dP/dw - dS/dw u) turns + (dP/ddrive - dS/ddrive u) drive_turns. The stiffness must have slopes.
+   !> Computes the derivative of the reaction if the frequency of each harmonic changes by `turns` and its drive by
+   !> `drive_turns`: (dP/dw - dS/dw u) turns + (dP/ddrive - dS/ddrive u) drive_turns. The stiffness must have slopes.
    subroutine linear_part_find_reaction_slope(self, set, u, load_factor, turns, slope, drive_turns)
       class(linear_part_t), intent(in) :: self
       type(harmonics_t), intent(in) :: set
@@ -246,7 +245,7 @@ contains
       real(wp), intent(in) :: load_factor
       real(wp), intent(in) :: turns(:)                                !! (n_harmonics)
       real(wp), intent(out) :: slope(:, :)                            !! [N s], as u
-      real(wp), intent(in), optional :: drive_turns(:)                !! (n_harmonics), else zero
+      real(wp), intent(in), optional :: drive_turns(:)                !! (n_harmonics), default zero
       complex(wp) :: condensed(self%pattern%n_rows, self%n_law), load(self%n_law), s
       integer :: h, i, k
 
@@ -267,7 +266,7 @@ contains
       end do
    end subroutine linear_part_find_reaction_slope
 
-   !> Finds the motion without any law; where the structure is free to move, that on its supports.
+   !> Computes the motion without laws; for a structure that can move freely that on its supports.
    subroutine linear_part_find_motion(self, set, u)
       class(linear_part_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: set
@@ -309,8 +308,9 @@ contains
       call self%factors%solve_harmonics(set, r, step)
    end subroutine linear_part_solve
 
-   !> Compliance |w.S^-1 w| [m/N] in harmonic h along the weights w of some coordinates; without h, in the first harmonic in which
-   !> the structure is not free to move: the static one, unless the set has no zero tuple or the structure no support.
+   !> Compliance |w.S^-1 w| [m/N] in harmonic h along the weights w of some coordinates; without h, in the first
+   !> harmonic in which the structure cannot move freely: the static one, unless the set has no zero tuple or the
+   !> structure no support.
    function linear_part_compliance(self, coordinates, weights, h) result(compliance)
       class(linear_part_t), intent(inout) :: self
       integer, intent(in) :: coordinates(:)                           !! (n)
@@ -330,7 +330,7 @@ contains
       compliance = abs(dot_product(force, response))
    end function linear_part_compliance
 
-   !> Hands out the linear part of a structure, without slopes and drives; until it is given back there is none here. Fails as
+   !> Moves the linear part of a structure, without slopes and drives, to the caller until it is given back. Fails as
    !> `new_dynamic_stiffness` does.
    subroutine cached_linear_part_take(self, structure, coordinates, frequencies, loads, linear, error, of_interior)
       class(cached_linear_part_t), intent(inout) :: self
@@ -340,7 +340,7 @@ contains
       type(amplitudes_t), intent(in) :: loads                         !! [N]
       type(linear_part_t), allocatable, intent(out) :: linear
       type(error_t), allocatable, intent(out) :: error
-      logical, intent(in), optional :: of_interior                    !! the motion of all degrees of freedom is requested; default
+      logical, intent(in), optional :: of_interior                    !! the motion of all degrees of freedom is needed; default
                                                                       !! true
       type(wanted_slopes_t) :: wanted
 
@@ -350,7 +350,7 @@ contains
          if (.not. allocated(error)) call move_alloc(self%linear, linear)
       else
          call move_alloc(self%linear, linear)
-         if (allocated(linear)) linear = linear_part_t()               ! room for the new one
+         if (allocated(linear)) linear = linear_part_t()               ! reuse its memory
          call make_linear(structure, coordinates, frequencies, loads, linear, error, wanted)
          self%n_condensed = self%n_condensed + size(frequencies)
          if (.not. structure%has_matrices_of(self%structure)) self%structure = structure
@@ -361,7 +361,7 @@ contains
       linear%support_share = 0.0_wp
    end subroutine cached_linear_part_take
 
-   !> Makes a linear part.
+   !> Creates a linear part.
    subroutine make_linear(structure, coordinates, frequencies, loads, linear, error, wanted)
       type(structure_t), intent(in) :: structure
       type(coordinates_t), intent(in) :: coordinates
@@ -378,7 +378,8 @@ contains
       call new_linear_part(linear, stiffness)
    end subroutine make_linear
 
-   !> Condenses the harmonics whose loads have changed, and with them the fastest one: rounding depends on the frequency of that.
+   !> Condenses the harmonics whose loads have changed, and the fastest one, because rounding depends on its
+   !> frequency.
    subroutine take_loads(self, structure, frequencies, loads, error)
       type(cached_linear_part_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure
@@ -403,7 +404,7 @@ contains
       if (.not. allocated(error)) call self%linear%take_loads(part, places)
    end subroutine take_loads
 
-   !> Takes a linear part back from who had it.
+   !> Returns a linear part to the cache.
    subroutine cached_linear_part_give_back(self, linear)
       class(cached_linear_part_t), intent(inout) :: self
       type(linear_part_t), allocatable, intent(inout) :: linear

@@ -1,9 +1,8 @@
 !> Nonlinear normal modes: periodic motion of a prescribed amplitude or energy, continued from a linear mode.
-!>
-!> The frequency and one artificial damping xi (forces -xi M x', negative damping) are unknown beside the coefficients; the
-!> conditions are an amplitude or an energy, and a phase. xi makes up for the damping of the model; without any it comes out as
-!> zero, and takes up the equation that a conservative model has too many. Source: docs/why/theory.md, section 6.5; Krack,
-!> Computers and Structures 154 (2015) 59-71.
+!> The frequency and one artificial damping xi (forces -xi M x', negative damping) are unknown in addition to the
+!> coefficients; the conditions are an amplitude or an energy, and a phase. xi compensates for the damping of the
+!> model; without damping it is zero, and accounts for the redundant equation of a conservative model. Source:
+!> docs/why/theory.md, section 6.5; Krack, Computers and Structures 154 (2015) 59-71.
 module hb_normal_mode
    use hb_amplitude_curve, only: begin_curve, point_of, renew, step_along
    use hb_balance, only: balance_t
@@ -26,28 +25,28 @@ module hb_normal_mode
 
    type :: normal_mode_t
       logical :: is_asked = .false.
-      logical :: has_energy = .false.                                 !! prescribed, in place of an amplitude
-      integer :: dof = 0                                              !! of the structure, where the amplitude is measured
-      integer :: mode = 0                                             !! linear mode to start from, by frequency; 0: nearest
-                                                                      !! to the first guess of the frequency, else the first
+      logical :: has_energy = .false.                                 !! prescribed instead of an amplitude
+      integer :: dof = 0                                              !! of the structure, at which the amplitude is measured
+      integer :: mode = 0                                             !! linear mode to start from, by frequency; 0: nearest to
+                                                                      !! the first guess of the frequency, otherwise the first
       real(wp) :: amplitude = 0.0_wp                                  !! [m], of either sign
       real(wp) :: energy = 0.0_wp                                     !! [J], > 0
-      logical :: is_peak = .true.                                     !! displacement at rest at tau = 0, else first harmonic
+      logical :: is_peak = .true.                                     !! displacement at rest at tau = 0, otherwise first harmonic
    end type normal_mode_t
 
-   !> What the motion is to have: an amplitude with its condition for the phase, or an energy. Half way there is half of the
-   !> amplitude and a quarter of the energy.
+   !> The goal: an amplitude with its phase condition, or an energy. Half of the path is half of the amplitude and a
+   !> quarter of the energy.
    type :: goal_t
       real(wp) :: value = 0.0_wp                                      ! [m] or [J], beyond the rest
       real(wp) :: rest = 0.0_wp                                       ! amplitude of the base motion [m]
       real(wp) :: share = first_amplitude                                 ! of the amplitude, where the way begins
       integer :: dof = 0                                              ! of the amplitude, among those of the laws
       real(wp), allocatable :: forms(:, :)                            ! phase and amplitude, (coefficients of all dofs, 2)
-      logical :: is_peak = .false.                                    ! these are rate and value where the phase is zero
-      type(energy_t), allocatable :: energy                           ! else an amplitude
+      logical :: is_peak = .false.                                    ! these are rate and value at zero phase
+      type(energy_t), allocatable :: energy                           ! otherwise an amplitude
    end type goal_t
 
-   !> Where a curve meets the goal.
+   !> Intersection of a curve with the goal.
    type, extends(event_t) :: goal_event_t
       type(goal_t) :: goal
       type(balance_t), pointer :: balance => null()
@@ -57,8 +56,8 @@ module hb_normal_mode
 
 contains
 
-   !> Finds the motion with the given amplitude of one unknown tone. On success the balance of the search stands at its
-   !> frequency and artificial damping; u is the last motion reached.
+   !> Finds the motion with the given amplitude of one unknown tone. On success the balance of the search has its
+   !> frequency and artificial damping; u is the last motion.
    subroutine find_normal_mode(search, amplitude, is_peak, dof, has_start, u)
       type(search_t), intent(inout) :: search
       real(wp), intent(in) :: amplitude                               !! [m], not zero
@@ -92,7 +91,7 @@ contains
       call find(search, goal, has_start, u)
    end subroutine find_normal_mode
 
-   !> Finds the motion with the given energy above that of the base motion, as `find_normal_mode` does one of an amplitude.
+   !> Finds the motion with the given energy above that of the base motion, like `find_normal_mode`.
    subroutine find_mode_of_energy(search, energy, value, has_start, u)
       type(search_t), intent(inout) :: search
       type(energy_t), intent(in) :: energy
@@ -119,7 +118,7 @@ contains
          before = size_of_fundamental()
          call solve_at(search, goal, 1.0_wp, search%config, .false., u)
          if (search%report%status == outcome%converged .and. &
-             size_of_fundamental() > max(faint*before, rounding*norm2(u))) return   ! else a motion of another mode
+             size_of_fundamental() > max(faint*before, rounding*norm2(u))) return   ! otherwise a motion of another mode
          search%report%status = outcome%pending
       end if
       if (size(search%modes) == 0) then
@@ -141,7 +140,7 @@ contains
       end function size_of_fundamental
    end subroutine find
 
-   !> Follows the motions with artificial damping from a small one in the linear mode, until one has what is requested.
+   !> Follows the motions with artificial damping from a small one in the linear mode, until one meets the goal.
    subroutine continue_from_mode(search, goal, u)
       type(search_t), intent(inout) :: search
       type(goal_t), intent(in) :: goal
@@ -165,7 +164,7 @@ contains
          reached = goal%share
          point = point_of(search, search%phase%unknowns([u]))
          call begin_curve(search, point, curve)
-         if (.not. allocated(goal%energy)) then                       ! the peak reports how deep a stop is pressed
+         if (.not. allocated(goal%energy)) then                       ! the peak determines the penetration of a stop
             curve%form = 0.0_wp*curve%x
             curve%form(:size(u)) = sign(1.0_wp, goal%value)*goal%forms(:, 2)
          end if
@@ -197,7 +196,8 @@ contains
       if (allocated(point%u)) u = point%u
    end subroutine continue_from_mode
 
-   !> A small motion in the linear mode, with its frequency and damping; a status other than pending: there is none.
+   !> Computes a small motion in the linear mode, with its frequency and damping; a status other than pending: there
+   !> is none.
    subroutine start_on_mode(search, goal, u)
       type(search_t), intent(inout) :: search
       type(goal_t), intent(in) :: goal
@@ -212,7 +212,7 @@ contains
          omega = search%balance%omega
          xi = 0.0_wp
          omega(tone) = modes%frequency(mode)
-         if (.not. search%base%is_undamped) omega(tone) = hypot(omega(tone), modes%growth(mode))   ! xi takes the damping off
+         if (.not. search%base%is_undamped) omega(tone) = hypot(omega(tone), modes%growth(mode))   ! xi compensates the damping
          xi(tone) = -modes%growth(mode)/modes%response(mode)
          call search%balance%move(omega, xi, error)
          if (allocated(error)) then
@@ -228,7 +228,7 @@ contains
       end associate
    end subroutine start_on_mode
 
-   !> How far a motion is beyond what is requested, as a share of the amplitude; 0 at the goal.
+   !> Distance of a motion beyond the goal, as a fraction of the amplitude; 0 at the goal.
    real(wp) function goal_event_value(self, curve, x) result(value)
       class(goal_event_t), intent(inout) :: self
       class(curve_t), intent(inout) :: curve
@@ -246,8 +246,8 @@ contains
       end associate
    end function goal_event_value
 
-   !> Shape of the linear mode where the laws act [m], as large as it would be at the goal if the laws were linear; with the
-   !> balance at the frequency of the mode. The status is `no_motion` where that cannot be said.
+   !> Shape of the linear mode at the laws [m], as large as it would be at the goal if the laws were linear; sets the
+   !> balance to the frequency of the mode. The status is `no_motion` if it is undefined.
    subroutine scale_mode(search, goal, h, form)
       type(search_t), intent(inout) :: search
       type(goal_t), intent(in) :: goal
@@ -287,11 +287,12 @@ contains
       end if
    end subroutine scale_mode
 
-   !> Solves at a share of the goal from u and the frequencies of the balance, by orders or as a whole.
+   !> Solves at a fraction of the goal from u and the frequencies of the balance, by increasing orders or with the
+   !> whole set.
    subroutine solve_at(search, goal, share, config, by_orders, u)
       type(search_t), intent(inout) :: search
       type(goal_t), intent(in) :: goal
-      real(wp), intent(in) :: share                                   !! of the way, > 0
+      real(wp), intent(in) :: share                                   !! of the path, > 0
       type(solver_config_t), intent(in) :: config
       logical, intent(in) :: by_orders
       real(wp), intent(inout) :: u(:, :)

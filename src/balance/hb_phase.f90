@@ -1,8 +1,8 @@
-!> The balance with unknown base frequencies: x = (u, omega of the unknown tones, and where requested, artificial damping).
-!>
-!> Each further unknown brings one equation, a linear functional of the coefficients u with a given value: phase conditions,
-!> which pick one of the motions that differ by a shift of an unknown phase alone, and amplitudes. The last one may be an energy
-!> instead. Source: docs/why/theory.md, section 6.5.
+!> The balance with unknown base frequencies: x = (u, omega of the unknown tones, and if requested, artificial
+!> damping).
+!> Each additional unknown has one equation, a linear functional of the coefficients u with a given value: phase
+!> conditions, which select one of the motions that differ only by a shift of an unknown phase, and amplitudes. The
+!> last one may be an energy instead. Source: docs/why/theory.md, section 6.5.
 module hb_phase
    use hb_balance, only: balance_t
    use hb_bordered, only: bordered_problem_t, new_bordered_problem, row_t
@@ -17,14 +17,15 @@ module hb_phase
 
    type, extends(bordered_problem_t) :: phase_problem_t
       integer, allocatable :: tones(:)                                !! the unknown ones
-      integer :: peak_dof = 0                                         !! the forms are rate and value of its displacement where all
-                                                                      !! phases are zero, of a series of any length; 0: they are not
+      integer :: peak_dof = 0                                         !! degree of freedom for which the functionals are rate
+                                                                      !! and value of its displacement at zero phases, for a
+                                                                      !! series of any length; 0: they are not
    contains
       procedure :: added_residual => phase_problem_added_residual
       procedure :: hold_above => phase_problem_hold_above
    end type phase_problem_t
 
-   !> The energy of a motion as a function of all unknowns; of a curve over the energy, relative to the value that moves.
+   !> The energy of a motion as a function of all unknowns; on a curve over the energy, relative to the varied value.
    type, extends(row_t) :: energy_row_t
       type(energy_t) :: energy
       integer, allocatable :: which(:)                                ! parameters of the balance among the unknowns; another one
@@ -37,8 +38,8 @@ module hb_phase
 
 contains
 
-   !> Problem on a balance whose stiffness has slopes. Its scales are those of the balance, frequencies are scaled by their
-   !> present values. There must be as many forms as further unknowns.
+   !> Creates the problem for a balance whose stiffness has slopes. Its scales are those of the balance, frequencies
+   !> are scaled by their present values. There must be as many functionals as additional unknowns.
    subroutine new_phase_problem(self, balance, tones, with_damping, forms, values, energy)
       type(phase_problem_t), intent(out) :: self
       type(balance_t), intent(inout), target :: balance
@@ -47,7 +48,7 @@ contains
       real(wp), intent(in) :: forms(:, :)                             !! (coefficients of all dofs, or all unknowns; equations
                                                                       !! added)
       real(wp), intent(in) :: values(:)                               !! (further unknowns)
-      type(energy_t), intent(in), optional :: energy                  !! has the last value; what its form holds does not matter
+      type(energy_t), intent(in), optional :: energy                  !! for the last value; its functional is arbitrary
       integer, allocatable :: which(:)
 
       self%tones = tones
@@ -60,8 +61,8 @@ contains
       end if
    end subroutine new_phase_problem
 
-   !> Holds the coefficients of all harmonics with sum |j_m| > order at zero: the problem of a smaller set, in the same vector.
-   !> An order of the whole set or above lets all go.
+   !> Fixes the coefficients of all harmonics with sum |j_m| > order at zero: the problem of a smaller set, in the
+   !> same vector. An order of the whole set or above releases all.
    pure subroutine phase_problem_hold_above(self, harmonics, order)
       class(phase_problem_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics                      !! of the balance
@@ -77,8 +78,8 @@ contains
       if (any(is_high)) self%is_held = [(is_high, i=1, self%n_base/size(is_high))]
    end subroutine phase_problem_hold_above
 
-   !> Residual of the equations added, of a motion in a wider set: peaks and energies have a part outside of the set of the
-   !> problem, which its forms cannot see; all else has none.
+   !> Residual of the additional equations for a motion in a wider set: peaks and energies have a part outside the set
+   !> of the problem, which its functionals do not contain; others have none.
    function phase_problem_added_residual(self, wide, motion) result(r)
       class(phase_problem_t), intent(in) :: self
       type(balance_t), intent(inout), target :: wide                  !! at the frequencies of the balance
@@ -128,10 +129,10 @@ contains
       gradient(size(x)) = -self%value(base, x)/x(size(x))
    end subroutine energy_row_gradient
 
-   ! Linear forms of the coefficients
+   ! Linear functionals of the coefficients
 
-   !> Integral phase condition: the motion has no part along the shift of phase `tone` of a reference,
-   !> sum_j j_m (b_ref a - a_ref b)/scale**2, divided by the same sum of the shift with itself.
+   !> Integral phase condition: the motion has no component along the shift of phase `tone` of a reference, sum_j j_m
+   !> (b_ref a - a_ref b)/scale**2, divided by the same sum of the shift with itself.
    pure function shift_form(harmonics, tone, reference, scale) result(form)
       type(harmonics_t), intent(in) :: harmonics
       integer, intent(in) :: tone
@@ -146,7 +147,7 @@ contains
       if (total > 0.0_wp) form = form/total
    end function shift_form
 
-   !> How much of a reference the part of the motion in one harmonic has; 1 for the reference itself.
+   !> Amplitude of the motion in one harmonic along a reference; 1 for the reference itself.
    pure function amplitude_form(harmonics, h, reference, scale) result(form)
       type(harmonics_t), intent(in) :: harmonics
       integer, intent(in) :: h                                        !! harmonic, not the zero tuple
@@ -174,7 +175,7 @@ contains
       form((dof - 1)*harmonics%n_coefficients + place) = 1.0_wp
    end function coefficient_form
 
-   !> Displacement of one degree of freedom where all phases are zero.
+   !> Displacement of one degree of freedom at zero phases.
    pure function peak_form(harmonics, n_dofs, dof) result(form)
       type(harmonics_t), intent(in) :: harmonics
       integer, intent(in) :: n_dofs
@@ -185,7 +186,7 @@ contains
       form((dof - 1)*harmonics%n_coefficients + harmonics%cos_at) = 1.0_wp
    end function peak_form
 
-   !> Derivative by phase `tone` of the displacement of one degree of freedom where all phases are zero.
+   !> Derivative by phase `tone` of the displacement of one degree of freedom at zero phases.
    pure function peak_rate_form(harmonics, n_dofs, dof, tone) result(form)
       type(harmonics_t), intent(in) :: harmonics
       integer, intent(in) :: n_dofs

@@ -1,5 +1,5 @@
-!> The preconditioner of the balance: the exact tangent between the harmonics that the laws couple most, and the tangent of
-!> each other harmonic by itself.
+!> The preconditioner of the balance: the exact tangent between the harmonics that the laws couple most strongly, and
+!> the tangent of each other harmonic by itself.
 !>
 !> Source: docs/why/theory.md, section 6.6.
 module hb_preconditioner
@@ -14,14 +14,14 @@ module hb_preconditioner
    private
    public :: preconditioner_t, unit_work
 
-   real(wp), parameter :: unit_work = 1.0e6_wp                        !! multiplications: factors at level 1 take eight times that
+   real(wp), parameter :: unit_work = 1.0e6_wp !! multiplications: factors at level 1 take eight times as many
 
    type :: preconditioner_t
       type(block_pattern_t) :: pattern                                !! of the tangent of one harmonic
       integer, private :: n_harmonics = 0
       logical, private :: needs_reaction = .false.                    ! of any law
       type(block_factors_t), allocatable, private :: alone            ! LU of the tangent of each harmonic
-      type(coarse_tangent_t), allocatable, private :: coupled         ! and that between the most coupled ones
+      type(coarse_tangent_t), allocatable, private :: coupled         ! and that between the most strongly coupled ones
    contains
       procedure :: prepare => preconditioner_prepare
       procedure :: harmonic_tangent => preconditioner_harmonic_tangent
@@ -31,9 +31,9 @@ module hb_preconditioner
 
 contains
 
-   !> Finds where the tangent of one harmonic has entries: where S has, where a law couples two motions, and where a force that
-   !> depends on the reaction meets S. Factors come with the first `update`; those of a balance that is made anew at another value,
-   !> as along a curve, serve until the next one.
+   !> Determines the pattern of the tangent of one harmonic: the entries of S, pairs coupled by a law, and products of
+   !> S with a force that depends on the reaction. The first `update` computes factors; those of a balance that is
+   !> created again at another value, as along a curve, are used until the next one.
    subroutine preconditioner_prepare(self, linear, laws)
       class(preconditioner_t), intent(inout) :: self
       type(linear_part_t), intent(in) :: linear
@@ -55,7 +55,7 @@ contains
       if (allocated(self%coupled)) deallocate (self%coupled)
    end subroutine preconditioner_prepare
 
-   !> Finds the tangent of harmonic h by itself, (1 - df/ds) S + df/dq + i w df/dv, from mean slopes.
+   !> Computes the tangent of harmonic h by itself, (1 - df/ds) S + df/dq + i w df/dv, from mean slopes.
    subroutine preconditioner_harmonic_tangent(self, linear, h, frequency, df_dq, df_dv, df_ds, block)
       class(preconditioner_t), intent(in) :: self
       type(linear_part_t), intent(in) :: linear
@@ -85,7 +85,8 @@ contains
       end associate
    end subroutine preconditioner_harmonic_tangent
 
-   !> Follows the tangent. Level 0 is the cheapest; each further one takes about eight times the work and is closer to it.
+   !> Updates to the present tangent. Level 0 is the cheapest; each further one takes about eight times the work and
+   !> is closer to it.
    subroutine preconditioner_update(self, linear, laws, frequencies, unit, level, is_strongest)
       class(preconditioner_t), intent(inout) :: self
       type(linear_part_t), intent(in) :: linear
@@ -94,7 +95,7 @@ contains
       real(wp), intent(in) :: unit(:)                                 !! stiffness of a harmonic that is singular by itself [N/m],
                                                                       !! (n_dofs)
       integer, intent(in) :: level                                    !! >= 0
-      logical, intent(out) :: is_strongest                            !! no higher level would be any better
+      logical, intent(out) :: is_strongest                            !! a higher level would not be better
       real(wp), dimension(laws%n_dofs, laws%n_dofs) :: df_dq, df_dv, df_ds
       real(wp), dimension(laws%n_dofs) :: varies_q, varies_v, varies_s
       complex(wp) :: block(self%pattern%n_rows, laws%n_dofs)
@@ -115,7 +116,7 @@ contains
          call self%harmonic_tangent(linear, h, frequencies(h), df_dq, df_dv, df_ds, block)
          coupling(h) = coupling_of(h)
          call self%alone%factorise(h, block, is_singular)
-         if (is_singular) then                                        ! a unit step per unit force: any will do
+         if (is_singular) then                                        ! a unit step per unit force: the value is arbitrary
             block = (0.0_wp, 0.0_wp)
             do i = 1, laws%n_dofs
                block(self%pattern%shift(i) + i, i) = cmplx(unit(i), kind=wp)
@@ -128,8 +129,8 @@ contains
 
    contains
 
-      !> How strongly a harmonic responds to what the laws pass on from others: what varies in their slopes, relative to its
-      !> own stiffness, at the degree of freedom where that is most.
+      !> Strength of the response of a harmonic to others through the laws: the variation of their slopes, relative to
+      !> its own stiffness, at the degree of freedom with the largest ratio.
       real(wp) function coupling_of(h)
          integer, intent(in) :: h
 
@@ -143,8 +144,8 @@ contains
       end function coupling_of
    end subroutine preconditioner_update
 
-   !> Takes the harmonics with the strongest coupling, as many as the level allows; all of them make the factors those of the
-   !> tangent itself.
+   !> Selects the harmonics with the strongest coupling, as many as the level permits; with all of them the factors
+   !> are those of the tangent itself.
    subroutine choose_coupled(self, set, level, coupling, is_strongest)
       type(preconditioner_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: set
@@ -180,7 +181,7 @@ contains
       call new_coarse_tangent(self%coupled, set, kept, self%pattern%n, self%pattern%half_bandwidth)
    end subroutine choose_coupled
 
-   !> Numbers of the largest values, at most `most` of them, in ascending order; of equal ones all or none.
+   !> Indices of the largest values, at most `most` of them, in ascending order; of equal ones all or none.
    pure function strongest(values, most) result(kept)
       real(wp), intent(in) :: values(:)                               !! >= 0
       integer, intent(in) :: most
@@ -194,7 +195,7 @@ contains
       end if
       lowest = -1.0_wp
       highest = maxval(values)
-      do step = 1, 100                                                ! halves the interval down to rounding
+      do step = 1, 100                                                ! bisection to rounding
          middle = 0.5_wp*(lowest + highest)
          if (count(values > middle) > most) then
             lowest = middle
@@ -205,8 +206,8 @@ contains
       kept = pack([(h, h=1, size(values))], values > highest)
    end function strongest
 
-   !> The tangent between the chosen harmonics, term by term as in hb_dense_tangent, and its factors. What samples miss of kinks is
-   !> left out: it costs more than the products that it saves.
+   !> The tangent between the selected harmonics, term by term as in hb_dense_tangent, and its factors. The correction
+   !> of kinks is omitted: it costs more than the products that it saves.
    subroutine fill_coupled(self, linear, laws, frequencies)
       type(preconditioner_t), intent(inout) :: self
       type(linear_part_t), intent(in) :: linear
@@ -217,7 +218,7 @@ contains
       integer :: h, i, k
 
       call laws%prepare_products(error)
-      if (allocated(error)) then                                      ! out of memory: each harmonic by itself will have to do
+      if (allocated(error)) then                                      ! out of memory: each harmonic by itself must suffice
          deallocate (self%coupled)
          return
       end if
@@ -271,7 +272,7 @@ contains
    contains
 
       subroutine find_columns(h, part)
-         integer, intent(in) :: h                                     ! within those chosen
+         integer, intent(in) :: h                                     ! within the selected ones
          integer, intent(in) :: part                                  ! of the table
 
          associate (kept => self%coupled%kept, table => laws%table)

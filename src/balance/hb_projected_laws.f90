@@ -15,7 +15,7 @@ module hb_projected_laws
    private
    public :: new_projected_laws, projected_laws_t, slope
 
-   !> Parts of the table of products: what the slopes multiply.
+   !> Parts of the table of products: the factors of the slopes.
    type :: slope_t
       integer :: by_motion = 1
       integer :: by_rate = 2
@@ -24,7 +24,7 @@ module hb_projected_laws
    type(slope_t), parameter :: slope = slope_t()
    integer, parameter :: n_parts = 3
 
-   !> Owner of outside resources: call `destroy`.
+   !> Owner of external resources: call `destroy`.
    type, extends(sampled_laws_t) :: projected_laws_t
       type(transform_t) :: transform
       real(wp) :: factor = 1.0_wp                                     !! of the forces in the balance, 0 to 1 along a homotopy
@@ -61,8 +61,8 @@ contains
       if (self%has_memory) allocate (self%u_before(harmonics%n_coefficients, n_coordinates))
    end subroutine new_projected_laws
 
-   !> Brings a motion, or a direction of it, onto the torus: q, and what else the laws ask for. Laws with memory need the steps of
-   !> time that end at the samples: motion at their start, rates at both ends.
+   !> Transforms a motion, or a direction of it, to the torus: q, and the other arguments of the laws. Laws with
+   !> memory need the steps of time that end at the samples: motion at their start, rates at both ends.
    subroutine projected_laws_bring_to(self, samples, u, reaction, frequencies)
       class(projected_laws_t), intent(inout) :: self
       type(law_samples_t), intent(inout) :: samples                   !! all but forces
@@ -82,9 +82,9 @@ contains
       call self%transform%to_rate_samples(self%u_before, angle, samples%step_rate_before%values)
    end subroutine projected_laws_bring_to
 
-   !> Brings to `along` how the steps of time change with base frequency m, after `bring_to` of the motion: motion at their start,
-   !> rates at both ends, and finds that of the weights of the neighbours there. With the angle phi = j.omega step and c the
-   !> amplitude at the end of a step, d(c exp(-i phi)) = -i c exp(-i phi) dphi, and
+   !> Computes in `along` the derivative of the steps of time with respect to base frequency m, after `bring_to` of
+   !> the motion: motion at their start, rates at both ends, and that of the weights of the neighbours there. With the
+   !> angle phi = j.omega step and c the amplitude at the end of a step, d(c exp(-i phi)) = -i c exp(-i phi) dphi, and
    !> d(i phi c exp(-i phi)) = (i + phi) c exp(-i phi) dphi.
    subroutine projected_laws_bring_step_slopes(self, u, omega, m, weight_slope)
       class(projected_laws_t), intent(inout) :: self
@@ -110,7 +110,7 @@ contains
       call self%transform%to_samples(rate_slope, self%along%step_rate_before%values)
    end subroutine projected_laws_bring_step_slopes
 
-   !> Makes room for products with slopes, at their first use.
+   !> Prepares products with slopes at their first use.
    subroutine projected_laws_prepare_products(self, error)
       class(projected_laws_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
@@ -132,14 +132,15 @@ contains
       end associate
    end subroutine projected_laws_tabulate
 
-   !> Puts how the force of a line of the laws' kinks responds to its coordinate at a neighbour of each sample into the table, times
-   !> `factor`, as what the motion is multiplied by, and reports by which angle the wave exp(i j.tau) is ahead there.
+   !> Stores the response of the force of a line of the laws' kinks to its coordinate at a neighbour of each sample in
+   !> the table, times `factor`, like slopes of the motion, and returns the angle by which the wave exp(i j.tau) is
+   !> advanced there.
    subroutine projected_laws_tabulate_kinks(self, line, part, angle, is_any)
       class(projected_laws_t), intent(inout) :: self
       integer, intent(in) :: line
       integer, intent(in) :: part                                     !! number of the neighbour, 1 to kinks%grid%n_parts
       real(wp), intent(out) :: angle(:)                               !! [rad], (n_harmonics)
-      logical, intent(out) :: is_any                                  !! false: no response, nothing was done
+      logical, intent(out) :: is_any                                  !! false: no response, the table is unchanged
       real(wp), allocatable :: response(:, :)
 
       associate (torus => self%transform%torus)

@@ -1,9 +1,8 @@
-!> All laws of a model on the samples of one torus: their forces, derivatives of these, their response to a direction or to single
-!> coefficients of the motion, and what holds of them on the torus as a whole.
-!>
-!> Explicit laws come first; a multiplier law then sees the reaction p = s - (explicit forces) that equilibrium requires of it
-!> at each sample, s = (loads - S u)(tau). Laws with memory are explicit; their states come from time integration along time.
-!> Source: docs/why/theory.md, sections 5.3 to 5.5.
+!> All laws of a model at the samples of one torus: their forces, derivatives of these, their response to a direction
+!> or to single coefficients of the motion, and their properties on the torus as a whole.
+!> Explicit laws come first; the argument of a multiplier law is then the reaction p = s - (explicit forces) that
+!> equilibrium requires at each sample, s = (loads - S u)(tau). Laws with memory are explicit; their states are
+!> integrated along time. Source: docs/why/theory.md, sections 5.3 to 5.5.
 module hb_sampled_laws
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_characteristic, only: characteristic_t, new_characteristic
@@ -21,22 +20,22 @@ module hb_sampled_laws
    private
    public :: new_sampled_laws, sampled_laws_t
 
-   !> Owner of outside resources: call `destroy`.
+   !> Owner of external resources: call `destroy`.
    type :: sampled_laws_t
       integer :: n_dofs = 0                                           !! coordinates on which laws act
       logical :: needs_velocity = .false.
       logical :: needs_reaction = .false.
-      logical :: has_memory = .false.                                 !! then samples hold the steps of time before each
+      logical :: has_memory = .false.                                 !! samples then include the step of time before each
       type(characteristic_t) :: characteristic                        !! steps along time, for laws with memory
       type(law_box_t), allocatable :: laws(:)
-      character(:), allocatable :: error_text                         !! why a law had no finite force so far
+      character(:), allocatable :: error_text                         !! why a law had no finite force
       logical :: is_given_up = .false.                                !! a law cannot continue: all forces are NaN from then on
       type(law_samples_t) :: samples                                  !! of the motion
-      type(law_samples_t) :: along                                    !! of a direction, made at their first use
+      type(law_samples_t) :: along                                    !! of a direction, allocated at their first use
       type(law_jacobian_t) :: jacobian                                !! derivatives at the same sample, after `differentiate`
       type(law_kinks_t) :: kinks                                      !! of the laws between samples
       type(sampled_law_t), allocatable :: sampled(:)                  !! (laws) each law with its samples
-      logical, allocatable, private :: is_summed(:)                   ! (n_dofs) whose force is a sum; else one law writes it
+      logical, allocatable, private :: is_summed(:)                   ! (n_dofs) the force is a sum; otherwise one law writes it
    contains
       procedure :: move => sampled_laws_move
       procedure :: coordinates_of => sampled_laws_coordinates_of
@@ -62,7 +61,7 @@ module hb_sampled_laws
 
 contains
 
-   !> Prepares the samples of all laws on a grid. Derivatives get their memory at their first use.
+   !> Prepares the samples of all laws on a grid. Derivatives are allocated at their first use.
    subroutine new_sampled_laws(self, laws, n_coordinates, torus, omega, error)
       type(sampled_laws_t), intent(inout), target :: self
       type(law_box_t), intent(in) :: laws(:)                          !! on coordinates; no two multipliers on one
@@ -92,7 +91,7 @@ contains
       call new_law_kinks(self%kinks, self%sampled, torus)
    end subroutine new_sampled_laws
 
-   !> Gives each law its samples, and finds the degrees of freedom whose force has to be summed.
+   !> Creates the samples of each law, and determines the degrees of freedom whose force is a sum.
    subroutine sample_laws(self, error)
       type(sampled_laws_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
@@ -115,7 +114,7 @@ contains
       end do
    end subroutine sample_laws
 
-   !> Gives the laws that need them the phases of the tones on the grid.
+   !> Sets the phases of the tones on the grid for the laws that need them.
    pure subroutine set_phases(laws, torus)
       type(law_box_t), intent(inout) :: laws(:)
       type(torus_t), intent(in) :: torus
@@ -139,7 +138,7 @@ contains
       end do
    end subroutine set_frequencies
 
-   !> Changes the base frequencies; the tone that leads the steps of laws with memory stays.
+   !> Changes the base frequencies; the leading tone of laws with memory is unchanged.
    subroutine sampled_laws_move(self, torus, omega)
       class(sampled_laws_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
@@ -165,15 +164,15 @@ contains
       z = matmul(values(:, self%laws(i)%law%dofs), self%laws(i)%law%shape)
    end function sampled_laws_coordinates_of
 
-   !> Forces f from the samples q, v and s. Where they are not finite, `listen` reports why.
+   !> Computes forces f from the samples q, v and s. If they are not finite, `listen` explains why.
    subroutine sampled_laws_evaluate(self)
       class(sampled_laws_t), intent(inout) :: self
 
       call run_laws(self, with_derivatives=.false.)
    end subroutine sampled_laws_evaluate
 
-   !> Remembers what laws say about forces that are not finite, after `evaluate`. Who looks at coefficients of the forces sees
-   !> whether they are: one sample that is not spoils them all.
+   !> Stores the explanations of laws for forces that are not finite, after `evaluate`. Callers detect these in the
+   !> coefficients, all of which become NaN.
    subroutine sampled_laws_listen(self)
       class(sampled_laws_t), intent(inout) :: self
       integer :: i
@@ -241,7 +240,7 @@ contains
       end associate
    end subroutine run_laws
 
-   !> Force of law i alone at its coordinates, as `evaluate` left it.
+   !> Force of law i alone at its coordinates, after `evaluate`.
    function sampled_laws_force_of(self, i) result(force)
       class(sampled_laws_t), intent(in) :: self
       integer, intent(in) :: i
@@ -250,7 +249,7 @@ contains
       force => self%sampled(i)%f
    end function sampled_laws_force_of
 
-   !> Makes room for the samples `along` a direction, at their first use.
+   !> Allocates the samples `along` a direction at their first use.
    subroutine sampled_laws_make_direction_samples(self, error)
       class(sampled_laws_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
@@ -260,14 +259,13 @@ contains
                            self%needs_reaction, self%has_memory, error)
    end subroutine sampled_laws_make_direction_samples
 
-   !> Derivative along a direction of the forces, `along%f`, from the others there, after `differentiate`.
-   !>
-   !> Fails where the derivative of a law with memory does not repeat from round to round.
+   !> Derivative along a direction of the forces, `along%f`, from the other samples there, after `differentiate`.
+   !> Fails if the derivative of a law with memory does not become periodic.
    subroutine sampled_laws_differentiate_along(self, error, weight_slope)
       class(sampled_laws_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
-      real(wp), intent(in), optional :: weight_slope(:)               !! of `characteristic`; not present: laws with memory give
-                                                                      !! nothing, as steps along time do not change
+      real(wp), intent(in), optional :: weight_slope(:)               !! of `characteristic`; not present: laws with memory
+                                                                      !! contribute nothing, as steps along time do not change
       integer :: i
 
       self%along%f%values = 0.0_wp
@@ -283,7 +281,8 @@ contains
       call self%kinks%add_along(self%along)
    end subroutine sampled_laws_differentiate_along
 
-   !> Adds to `along%f` how the forces change with a base frequency at a fixed motion, after `differentiate`.
+   !> Adds to `along%f` the derivative of the forces with respect to a base frequency at a fixed motion, after
+   !> `differentiate`.
    subroutine sampled_laws_add_frequency_slopes(self, tone)
       class(sampled_laws_t), intent(inout) :: self
       integer, intent(in) :: tone
@@ -301,7 +300,7 @@ contains
       end do
    end subroutine sampled_laws_add_frequency_slopes
 
-   !> Finds the means over the torus of df/dq, df/dv and df/ds, after `differentiate`.
+   !> Computes the means over the torus of df/dq, df/dv and df/ds, after `differentiate`.
    subroutine sampled_laws_mean_slopes(self, df_dq, df_dv, df_ds)
       class(sampled_laws_t), intent(inout) :: self
       real(wp), intent(out) :: df_dq(:, :), df_dv(:, :), df_ds(:, :)  !! (n_dofs, n_dofs)
@@ -326,7 +325,8 @@ contains
       end do
    end function sampled_laws_memory_reach
 
-   !> Rounds of the torus that the columns of a tangent take until sliders repeat, all laws together. On one line there is one.
+   !> Rounds of the torus for the columns of a tangent until sliders are periodic, for all laws. One for a single
+   !> line.
    pure integer function sampled_laws_memory_rounds(self) result(rounds)
       class(sampled_laws_t), intent(in) :: self
       integer :: i
@@ -338,7 +338,7 @@ contains
       end do
    end function sampled_laws_memory_rounds
 
-   !> What is wrong with the memory of a law after `evaluate`; empty when the states of all laws repeat.
+   !> Error of the memory of a law after `evaluate`; empty if the states of all laws are periodic.
    pure function sampled_laws_memory_failure(self) result(text)
       class(sampled_laws_t), intent(in) :: self
       character(300) :: text
@@ -352,8 +352,8 @@ contains
       end do
    end function sampled_laws_memory_failure
 
-   !> Largest forces [N] that the springs of laws with memory would have without their sliders: errors of rounding are units
-   !> in their last place.
+   !> Largest forces [N] that the springs of laws with memory would have without their sliders: rounding errors are
+   !> units in their last place.
    function sampled_laws_spring_forces(self) result(forces)
       class(sampled_laws_t), intent(in) :: self
       real(wp) :: forces(self%n_dofs)
@@ -366,8 +366,8 @@ contains
       end do
    end function sampled_laws_spring_forces
 
-   !> Whether no slider of law i slipped anywhere, after `evaluate`: then it stays where loading from rest put it, which is
-   !> one of many solutions. False for laws without memory.
+   !> Whether no slider of law i slipped anywhere, after `evaluate`: it is then at its position after loading from
+   !> rest, which is one of many solutions. False for laws without memory.
    pure logical function sampled_laws_full_stick(self, i)
       class(sampled_laws_t), intent(in) :: self
       integer, intent(in) :: i
@@ -384,8 +384,9 @@ contains
       all_stick = all([(self%full_stick(i) .or. .not. allocated(self%sampled(i)%hysteresis), i=1, size(self%laws))])
    end function sampled_laws_all_stick
 
-   !> Adds to the motion of degrees of freedom what makes it as the laws allow it, from the samples q. A law moves its degrees of
-   !> freedom by w (corrected - z)/w.w for each of its coordinates z, w its weights.
+   !> Adds to the motion of degrees of freedom the correction that satisfies the constraints of the laws, from the
+   !> samples q. A law moves its degrees of freedom by w (corrected - z)/w.w for each of its coordinates z with the
+   !> weights w.
    subroutine sampled_laws_correct(self, coordinates, motion)
       class(sampled_laws_t), intent(inout) :: self
       type(coordinates_t), intent(in) :: coordinates
@@ -427,7 +428,7 @@ contains
       end do
    end function sampled_laws_defects
 
-   !> Mean over the torus of the potentials of all laws at the samples q; their gradients take the place of the force f.
+   !> Mean over the torus of the potentials of all laws at the samples q; their gradients replace the force f.
    subroutine sampled_laws_potential(self, mean_energy)
       class(sampled_laws_t), intent(inout) :: self
       real(wp), intent(out) :: mean_energy                            !! [J]

@@ -1,9 +1,8 @@
-!> Self-excited motion: limit cycles and tori with unknown base frequencies, from the modes of the base motion; never the base
-!> motion itself. Source: docs/why/theory.md, section 6.5.
-!>
-!> Search of a torus for several unknown tones: amplitudes follow the artificial damping, as the motion would grow or decay
-!> in time with the fast oscillation taken out. Where the base motion is stable a scan of amplitudes looks for driving first.
-!> Source: docs/why/theory.md, section 6.5.
+!> Self-excited motion: limit cycles and tori with unknown base frequencies, from the modes of the base motion,
+!> excluding the base motion itself. Source: docs/why/theory.md, section 6.5.
+!> Search of a torus for several unknown tones: amplitudes follow the artificial damping, as the motion would grow or
+!> decay in time, averaged over the fast oscillation. If the base motion is stable, a scan of amplitudes first
+!> searches for driving. Source: docs/why/theory.md, section 6.5.
 module hb_self_excitation
    use hb_amplitude_curve, only: follow_curve
    use hb_cancellation, only: work_is_over
@@ -21,12 +20,12 @@ module hb_self_excitation
    real(wp), parameter :: longest_growth = 1.1_wp                     ! of log(amplitude) in one step
    real(wp), parameter :: shortest_growth = 1.0e-4_wp
    integer, parameter :: most_steps = 120
-   real(wp), parameter :: nearly_gone = 0.1_wp                        ! |xi|/omega from which on the motion itself is tried
+   real(wp), parameter :: nearly_gone = 0.1_wp                        ! largest |xi|/omega at which the motion itself is tried
 
 contains
 
-   !> Searches from the modes of the search. When nothing is found, u is the motion at rest, and status and message tell what
-   !> is known.
+   !> Searches from the modes of the search. If nothing is found, u is the motion at rest, and status and message give
+   !> the reason.
    subroutine search_from_modes(self, u, is_found)
       type(search_t), intent(inout) :: self
       real(wp), intent(out) :: u(:, :)                                !! [m], (n_coefficients, n_dofs)
@@ -65,11 +64,11 @@ contains
       end if
    end subroutine search_from_modes
 
-   !> Looks for a motion in which all unknown tones live. What is known without one stands in the search: how far it came,
-   !> and a message if it was lost.
+   !> Searches for a motion that contains all unknown tones. Without success the search contains the largest
+   !> amplitude, and a message if the motion was lost.
    subroutine follow_flow(self, point, is_found)
       type(search_t), intent(inout) :: self
-      type(path_point_t), intent(out) :: point                         !! the motion found, else the last point
+      type(path_point_t), intent(out) :: point                         !! the motion found, otherwise the last point
       logical, intent(out) :: is_found
       type(path_point_t) :: last
       real(wp) :: goal
@@ -96,7 +95,7 @@ contains
       end do
    end subroutine follow_flow
 
-   !> Lets the amplitudes follow the artificial damping until that is nearly gone, then tries the motion without it.
+   !> Lets the amplitudes follow the artificial damping until that nearly vanishes, then tries the motion without it.
    subroutine follow(self, now, is_found)
       type(search_t), intent(inout) :: self
       type(path_point_t), intent(inout) :: now
@@ -153,8 +152,8 @@ contains
                      to_text(maxval(abs(self%damping(now))))
    end subroutine follow
 
-   !> Solves at other amplitudes from the point `last`, by smaller steps where the whole one fails. `now` is the last point
-   !> reached.
+   !> Solves at other amplitudes from the point `last`, with smaller steps if the whole one fails. `now` is the last
+   !> point.
    subroutine approach(self, last, goal, now, is_solved)
       type(search_t), intent(inout) :: self
       type(path_point_t), intent(in) :: last
@@ -185,7 +184,7 @@ contains
       is_solved = .false.
    end subroutine approach
 
-   !> Predictor: each harmonic grows with the unknown tone that turns most in it.
+   !> Predictor: each harmonic grows with the unknown tone that has the largest entry in it.
    subroutine scale_tones(self, from, to)
       type(search_t), intent(in) :: self
       type(path_point_t), intent(in) :: from

@@ -1,9 +1,9 @@
-!> Newton's step in a wider set than that of a solution: with the coupling of retained and added harmonics.
-!>
-!> Nothing of the size of the wider set is factorised. In its place stand the exact tangent of the solution and, of each harmonic
-!> outside, the tangent with the mean slopes of the laws: M. GMRES solves M**-1 J s = M**-1 r with the exact tangent J of the wider
-!> balance, so that what is left of the equations is reported as a part of the step; M**-1 r itself is the step in blocks. Unknown
-!> frequencies and what a curve moves along stay unknown. Source: docs/why/theory.md, section 7.
+!> Newton's step in a wider set than that of a solution, including the coupling of retained and added harmonics.
+!> No matrix of the size of the wider set is factorised. It is replaced by M, which consists of the exact tangent of
+!> the solution and, for each added harmonic, the tangent with the mean slopes of the laws. GMRES solves M**-1 J s =
+!> M**-1 r with the exact tangent J of the wider balance, so that the residual of the equations is measured as a step;
+!> M**-1 r itself is the block step. Unknown frequencies and the parameter of a curve remain unknowns. Source:
+!> docs/why/theory.md, section 7.
 module hb_wide_problem
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_balance, only: balance_t
@@ -23,8 +23,8 @@ module hb_wide_problem
       type(balance_t), pointer, private :: wide => null()
       class(problem_t), pointer, private :: narrow => null()
       type(tangent_solver_t), pointer, private :: solver => null()    ! of `narrow`
-      integer, allocatable :: places(:)                               !! of the kept unknowns among all
-      logical :: is_lost = .false.                                    !! the tangent of `narrow` led to nothing
+      integer, allocatable :: places(:)                               !! positions of the retained unknowns among all
+      logical :: is_lost = .false.                                    !! the tangent of `narrow` gave no step
    contains
       procedure :: find_two_steps => wide_problem_find_two_steps
       procedure :: find_residual => wide_problem_find_residual
@@ -37,18 +37,19 @@ module hb_wide_problem
 
    real(wp), parameter :: accuracy = 1.0e-2_wp                        ! of a step, and of the one after it in units of that
    real(wp), parameter :: nearer = 0.5_wp                             !! a second step, relative to the first
-   ! products for one step: 16 and 30 made points of stops under two tones dearer and their sets no smaller
+   ! products for one step: with 16 and 30, points of stops under two tones were more expensive and their sets no
+   ! smaller
    integer, parameter :: of_one_tone = 100, of_several = 8
 
 contains
 
-   !> Problem of a wide balance with the factors of its mean tangent, around a narrow one with its tangent, which may have unknown
-   !> parameters; the border of these is that of the kept harmonics.
+   !> Creates the problem of a wide balance, with the factors of its mean tangent, around a narrow one with its
+   !> tangent, which may have unknown parameters; the border of these is that of the retained harmonics.
    subroutine new_wide_problem(self, wide, balance, narrow, tangent)
       type(wide_problem_t), intent(out) :: self
       type(balance_t), intent(inout), target :: wide
       type(balance_t), intent(in) :: balance                          !! the narrow one
-      class(problem_t), intent(inout), target :: narrow               !! on it
+      class(problem_t), intent(inout), target :: narrow               !! on the narrow balance
       type(tangent_solver_t), intent(inout), target :: tangent        !! of `narrow`, not singular
       real(wp), allocatable :: forms(:, :), border(:, :)
       integer :: i, n, n_kept
@@ -75,12 +76,12 @@ contains
          call move_alloc(forms, self%forms)
          call move_alloc(border, self%border)
       end select
-      self%r_scale = [(1.0_wp, i=1, self%n_unknowns)]                 ! equations are steps
+      self%r_scale = [(1.0_wp, i=1, self%n_unknowns)]                 ! equations are scaled as steps
       self%x_scale = self%r_scale
 
    contains
 
-      !> Peaks have a part outside of the kept harmonics.
+      !> Adds to the equations of peaks the part outside the retained harmonics.
       subroutine take_peaks()
          select type (narrow)
          class is (phase_problem_t)
@@ -91,18 +92,19 @@ contains
       end subroutine take_peaks
    end subroutine new_wide_problem
 
-   !> Two steps of Newton's method from a motion, of several tones in blocks where the second is clearly smaller than the first:
-   !> harmonics inside and outside are coupled so weakly then that a few of them add up to the full step. Rigid walls answer the
-   !> first one, of harmonics that an impact never stops to have, by touching and leaving within it: the second step grows with the
-   !> set (.0003, .035, .041 at orders 8, 20, 30 of the beam against a wall, products .019, .018) while the first stays at the true
-   !> error (.0054, .0041, .0043; against order 45 .0031 at order 20), and counts alone.
+   !> Two steps of Newton's method from a motion. With several tones they are block steps if the second is clearly
+   !> smaller than the first: retained and added harmonics are then so weakly coupled that a few block steps add up to
+   !> the full step. With rigid walls, the harmonics of an impact decrease slowly, and in the response to the first
+   !> step contact begins and ends within it: the second step grows with the set (.0003, .035, .041 at orders 8, 20,
+   !> 30 of the beam against a wall, products .019, .018) while the first one agrees with the true error (.0054,
+   !> .0041, .0043; against order 45 .0031 at order 20), and only the first one is used.
    subroutine wide_problem_find_two_steps(self, motion, r, is_rigid, first, second, is_lost)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
-      real(wp), intent(in) :: r(:)                                    !! residual there (n_unknowns)
-      logical, intent(in) :: is_rigid                                 !! a law is
+      real(wp), intent(in) :: r(:)                                    !! residual of the motion (n_unknowns)
+      logical, intent(in) :: is_rigid                                 !! a law is rigid
       real(wp), intent(out) :: first(:), second(:)                    !! (n_unknowns)
-      logical, intent(out) :: is_lost                                 !! no step is found
+      logical, intent(out) :: is_lost                                 !! no step was found
       real(wp) :: r_there(size(r))
       integer :: most
       logical :: is_found
@@ -173,7 +175,7 @@ contains
       end do
    end subroutine wide_problem_improve
 
-   !> Residual at a motion, to which a step `before` has led; `is_lost` where a law is out of its range.
+   !> Residual of a motion that a step `before` has produced; `is_lost` if a law is outside its domain.
    subroutine wide_problem_find_residual(self, motion, before, r, is_lost)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
@@ -195,13 +197,14 @@ contains
       end associate
    end subroutine wide_problem_find_residual
 
-   !> Finds the step s of J s = r at a motion from the step in blocks; `is_found` is false where nothing near it comes out.
+   !> Finds the step s of J s = r at a motion, starting from the block step; `is_found` is false if no step close to
+   !> it is found.
    subroutine wide_problem_find_step(self, motion, r, most, least, step, is_found)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)
       real(wp), intent(in) :: r(:)                                    !! (n_unknowns)
       integer, intent(in) :: most                                     !! products
-      real(wp), intent(in) :: least                                   !! size of steps that matter
+      real(wp), intent(in) :: least                                   !! size of negligible steps
       real(wp), intent(inout) :: step(:)                              !! (n_unknowns)
       logical, intent(out) :: is_found
       type(gmres_t) :: gmres
@@ -236,7 +239,7 @@ contains
       call self%step_in_blocks(r, product)
    end subroutine wide_problem_apply_tangent
 
-   !> The equations are preconditioned as they stand.
+   !> The equations are preconditioned with M.
    subroutine wide_problem_precondition(self, r, step)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: r(:)
@@ -245,7 +248,7 @@ contains
       step = r(:self%n_unknowns)
    end subroutine wide_problem_precondition
 
-   !> M**-1 r: the step of the kept unknowns and parameters by themselves, and of each harmonic outside by itself.
+   !> M**-1 r: the step of the retained unknowns and parameters alone, and of each added harmonic alone.
    subroutine wide_problem_step_in_blocks(self, r, step)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: r(:)

@@ -1,12 +1,12 @@
-!> The motion of a model to an accuracy: sets of harmonics and grids grow, level by level, until the estimated error is below the
-!> tolerance.
-!>
-!> The lowest level is a small box, where all fallbacks are used. From there the certificate estimates the amplitudes of the
-!> tuples that a set lacks and the effect of its grid: the set takes those that matter and drops those that do not, the grid is
-!> refined, and each level starts from the solution of the one below it. The difference of two levels shows how good the estimate
-!> of the lower one was: where it was too small, that of the upper one is raised. The path never lowers an estimate, and what it
-!> adds is stored separately. Source: docs/why/accuracy.md; nested iteration as in Hackbusch, Multi-Grid Methods and Applications
-!> (1985), chapter 5.
+!> The motion of a model to a requested accuracy: sets of harmonics and grids are refined, level by level, until the
+!> estimated error is below the tolerance.
+!> The lowest level is a small box of harmonics; all fallbacks are used there. From then on the certificate estimates
+!> the amplitudes of the tuples that a set lacks and the effect of its grid: the set gains the important tuples and
+!> loses the unimportant ones, the grid is refined, and each level starts from the solution of the level below. The
+!> difference of two levels shows how accurate the estimate of the lower one was: if it was too small, the estimate of
+!> the upper one is increased. This comparison never decreases an estimate, and its contribution is stored separately.
+!> Source: docs/why/accuracy.md; nested iteration as in Hackbusch, Multi-Grid Methods and Applications (1985), chapter
+!> 5.
 module hb_accurate_motion
    use hb_cancellation, only: cancellation_t, note_level, work_is_over
    use hb_error, only: error_t
@@ -31,42 +31,42 @@ module hb_accurate_motion
    public :: calibrate_outputs, estimate_by_levels, left_after, solve_to_tolerance
 
    integer, parameter :: most_levels = 25
-   integer, parameter :: most_idle = 4                                ! levels one after the other that gain nothing
-   real(wp), parameter :: unchecked = 0.1_wp                          ! of the tolerance: an estimate that needs no second level
-   real(wp), parameter :: share_of_fallback = 0.2_wp                  ! of the work of fallbacks, for each level but the first
-   real(wp), parameter :: work_of_stability = 1.5_wp                  ! at most, times that of all levels
-   integer, parameter :: patience_with_products = 16                  ! until the preconditioner gets stronger: levels are many
-   real(wp), parameter :: share_of_residual = 1.0e-4_wp               ! of the tolerance: where equations are solved well enough
+   integer, parameter :: most_idle = 4                                ! consecutive levels without improvement
+   real(wp), parameter :: unchecked = 0.1_wp ! of the tolerance: below it, an estimate needs no second level
+   real(wp), parameter :: share_of_fallback = 0.2_wp                  ! of the work of fallbacks, for each level except the first
+   real(wp), parameter :: work_of_stability = 1.5_wp                  ! at most, relative to that of all levels
+   integer, parameter :: patience_with_products = 16 ! iterations before the preconditioner becomes stronger: there are many levels
+   real(wp), parameter :: share_of_residual = 1.0e-4_wp ! of the tolerance: residual at which the equations are solved well enough
    integer, parameter :: most_refinements = 2                         ! for a verdict on stability
-   real(wp), parameter :: clear_change = 1.0e-4_wp                    ! of multipliers by the errors of the motion
-   real(wp), parameter :: work_of_verdict = 4.0_wp                    ! beyond which no level is begun, times that so far
+   real(wp), parameter :: clear_change = 1.0e-4_wp                    ! of multipliers, caused by the errors of the motion
+   real(wp), parameter :: work_of_verdict = 4.0_wp ! limit beyond which no level is begun, relative to the work so far
    real(wp), parameter :: least_work_of_verdict = 5.0e7_wp
-   integer, parameter :: patience = 3                                 ! steps from the level below that gain nothing
-   real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by the one of the level before
+   integer, parameter :: patience = 3                                 ! steps without improvement from the level below
+   real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by that of the previous level
 
-   !> Solves the levels of a point, and counts what that has taken.
+   !> Solves the levels of a point and counts their work.
    type, extends(effort_t) :: level_solver_t
       type(model_t), pointer :: model => null()
-      type(model_t) :: here                                           ! the same on the set of a level
+      type(model_t) :: here                                           ! the same model on the set of a level
    contains
       procedure :: prepare => level_solver_prepare
       procedure :: take => level_solver_take
    end type level_solver_t
 
-   !> A motion whose set and grid are refined: the level solved last, the one it was compared with, the best one.
+   !> A motion whose set and grid are refined: the level solved last, the level it was compared with, the best level.
    type, extends(refinable_t) :: refined_motion_t
       type(model_t), pointer :: model => null()
       type(level_solver_t) :: solver                                  ! of all levels of the point
-      type(level_t) :: start                                          ! of a neighbour; without unknowns there is none
-      type(level_t) :: top                                            ! solved last; without unknowns none is solved
+      type(level_t) :: start                                          ! of a neighbour; none if it has no unknowns
+      type(level_t) :: top                                            ! solved last; none is solved if it has no unknowns
       type(level_t) :: next, best_top
       type(motion_result_t) :: result, best
-      real(wp) :: own_estimate = 0.0_wp                               ! of the motion solved last, by itself
+      real(wp) :: own_estimate = 0.0_wp                               ! of the motion solved last, without other levels
       real(wp), allocatable :: own_outputs(:)                         ! likewise, estimates of outputs
       real(wp) :: difference = 0.0_wp                                 ! of the last two motions, relative
       real(wp) :: best_estimate = huge(1.0_wp)
       logical :: is_checked = .false.                                 ! the level below agrees with its estimate
-      logical :: is_ended = .false.                                   ! by the clock or whoever watches
+      logical :: is_ended = .false.                                   ! by the time limit or by cancellation
    contains
       procedure :: solve => refined_motion_solve
       procedure :: choose => refined_motion_choose
@@ -76,14 +76,14 @@ module hb_accurate_motion
 
 contains
 
-   !> Solves a model to the tolerance that it requests. The result has the set of its own, and status `converged` where the
-   !> estimated error is below the tolerance, `truncated` where the budget came first; a motion that was not found at all has the
-   !> status of the attempt on the lowest level.
+   !> Solves a model to the tolerance that it requests. The result has its own set, and status `converged` if the
+   !> estimated error is below the tolerance, `truncated` if the budget was exhausted first; if no motion was found,
+   !> it has the status of the attempt on the lowest level.
    subroutine solve_to_tolerance(model, result, error, top, start)
       type(model_t), intent(in), target :: model
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
-      type(level_t), intent(out) :: top                               !! the last level; without unknowns where none is solved
+      type(level_t), intent(out) :: top                               !! the last level; without unknowns if none is solved
       type(level_t), intent(in), optional :: start                    !! of a neighbour
       type(cancellation_t), target :: cancellation
       type(refined_motion_t) :: motion
@@ -102,8 +102,9 @@ contains
       call cancellation%leave()
    end subroutine solve_to_tolerance
 
-   !> Whether the errors of the motion leave open whether it is stable: they move its largest multiplier as far as the unit circle
-   !> or, of several tones under laws with kinks, its largest exponent to zero, or it has no periodic motion next to it.
+   !> Whether the errors of the motion leave its stability open: they move its largest multiplier as far as the unit
+   !> circle or, with several tones and laws with kinks, its largest exponent to zero, or there is no periodic motion
+   !> near it.
    pure logical function is_denied(model, result)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(in) :: result
@@ -125,8 +126,8 @@ contains
       end associate
    end function is_denied
 
-   !> Goes on to a part of the tolerance for the sake of a verdict on stability, as far as `work_of_verdict` goes; without one the
-   !> motion stays as it is.
+   !> Refines to a part of the tolerance for a verdict on stability, within `work_of_verdict`; without a verdict the
+   !> motion remains unchanged.
    subroutine refine_for_verdict(model, part, motion)
       type(model_t), intent(in), target :: model
       real(wp), intent(in) :: part                                    !! of the tolerance
@@ -170,7 +171,7 @@ contains
       call self%solver%prepare(model)
       call refine(self)
       if (allocated(self%error) .or. .not. allocated(self%top%unknowns) .or. self%result%status == outcome%interrupted) return
-      if (self%best_estimate < self%estimate) then                    ! what came after it made it worse, as far as one knows
+      if (self%best_estimate < self%estimate) then                    ! a later level has made it worse, as far as known
          self%result = self%best
          self%top = self%best_top
          self%result%level_estimate = max(self%result%level_estimate, self%best_estimate)
@@ -186,7 +187,8 @@ contains
       end associate
    end subroutine solve_by_levels
 
-   !> Solves the level chosen last from the motion at hand, and compares the two; the first one with all fallbacks.
+   !> Solves the level chosen last, starting from the present motion, and compares the two; the first level with all
+   !> fallbacks.
    subroutine refined_motion_solve(self, is_solved)
       class(refined_motion_t), intent(inout) :: self
       logical, intent(out) :: is_solved
@@ -199,7 +201,7 @@ contains
          if (.not. allocated(self%error) .and. self%model%has_time_domain()) call integration_lost(self%model, self%result)
          is_solved = .not. allocated(self%error) .and. allocated(self%top%unknowns)
          if (.not. is_solved) return
-         self%is_checked = allocated(self%start%unknowns) .and. self%solver%n_levels == 1   ! as the neighbour was
+         self%is_checked = allocated(self%start%unknowns) .and. self%solver%n_levels == 1   ! as that of the neighbour was
          self%own_estimate = estimate_of_motion(self%result)
          self%own_outputs = estimates_of_outputs(self%result)
       else
@@ -216,8 +218,8 @@ contains
       call note_level(self%n_levels + 1, size(self%top%unknowns), self%estimate)
    end subroutine refined_motion_solve
 
-   !> Compares the motion of the next level with the one below it, which raises its estimate where it must, and keeps that one where
-   !> it is the best so far.
+   !> Compares the motion of the next level with the level below, which may increase its estimate, and stores the best
+   !> level so far.
    subroutine compare(self, trial)
       type(refined_motion_t), intent(inout) :: self
       type(motion_result_t), intent(inout) :: trial                   !! on `next`
@@ -270,8 +272,8 @@ contains
                 self%model%lacks_impacts_of(self%result%status)
    end function refined_motion_is_over
 
-   !> What a level misses: the estimated error of what the tolerance is for, and a penetration of walls beyond what is allowed as an
-   !> error beyond what levels are made for.
+   !> Error of a level: the estimated error of the quantities to which the tolerance applies; a penetration of walls
+   !> beyond the permitted one counts as an error above the limit of levels.
    pure real(wp) function missing_in(model, result)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(in) :: result
@@ -279,8 +281,9 @@ contains
       missing_in = max(estimate_of_wanted(result), margin*model%accuracy%tolerance*result%penetration_share)
    end function missing_in
 
-   !> Integrates to the tolerance what was integrated on the lowest set, of whose harmonics beyond averages say nothing, and what
-   !> was not found at all: lines that averages do not part, or only in hours, a fit may.
+   !> Integrates to the tolerance in two cases: the motion was integrated on the lowest set, and averages do not
+   !> determine its harmonics beyond that set; or it was not found at all. Averages separate close lines only after
+   !> very long times, or not at all; a fit may separate them.
    subroutine integration_lost(model, result)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(inout) :: result
@@ -296,10 +299,11 @@ contains
       result%certificate%truncation = 1.0_wp
    end subroutine integration_lost
 
-   !> Estimated error of a level as the one below shows it. Its motion was off by the difference of the two: where its certificate
-   !> said less than that, the one of the upper level counts for more by as much.
+   !> Estimated error of a level according to the level below. The error of the motion of that level was the
+   !> difference of the two: if its certificate estimated less, the estimate of the upper level is increased by the
+   !> same factor.
    pure real(wp) function estimate_by_levels(estimate, estimate_below, difference)
-      real(wp), intent(in) :: estimate, estimate_below                !! of the two levels, by their motions alone
+      real(wp), intent(in) :: estimate, estimate_below                !! of the two levels, from their own motions alone
       real(wp), intent(in) :: difference                              !! of their motions, relative
 
       estimate_by_levels = min(1.0_wp, estimate*max(1.0_wp, min(difference/max(estimate_below, tiny(1.0_wp)), largest_correction)))
@@ -313,13 +317,13 @@ contains
       if (allocated(result%output_estimate)) estimates = result%output_estimate
    end function estimates_of_outputs
 
-   !> Finds the estimates of outputs that the levels show, as `estimate_by_levels` does, each by its own difference.
+   !> Finds the estimates of outputs that the levels show, as `estimate_by_levels`, each from its own difference.
    subroutine calibrate_outputs(model, upper, upper_set, lower, lower_set, estimates_below)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(inout) :: upper
       type(motion_result_t), intent(in) :: lower
       type(harmonics_t), intent(in) :: upper_set, lower_set
-      real(wp), intent(in) :: estimates_below(:)                      !! of the lower level, as its certificate had them
+      real(wp), intent(in) :: estimates_below(:)                      !! of the lower level, from its certificate
       complex(wp), allocatable :: below(:, :), above(:, :)
       real(wp) :: difference, left
       integer :: i
@@ -343,8 +347,9 @@ contains
       end do
    end subroutine calibrate_outputs
 
-   !> What is left of the error after a level, relative to the difference that it made, where the error falls with the first power
-   !> of the order only: forces of rigid laws have all harmonics. Of two sets of about one size nothing is concluded beyond a bound.
+   !> Error that remains after a level, relative to its difference from the level below, if the error decreases only
+   !> with the first power of the order: forces of rigid laws have all harmonics. For two sets of similar size there
+   !> is only a bound.
    pure real(wp) function left_after(n_below, n_above, n_tones) result(share)
       integer, intent(in) :: n_below, n_above                         !! tuples of the two levels
       integer, intent(in) :: n_tones
@@ -356,7 +361,7 @@ contains
       if (shrinking < 1.0_wp) share = min(share, shrinking/(1.0_wp - shrinking))
    end function left_after
 
-   !> Finds the motion on a small set: on that of a neighbour from its motion, or on the first box, or on others.
+   !> Finds the motion on a small set: on that of a neighbour from its motion, on the first box, or on other boxes.
    subroutine find_first(self)
       type(refined_motion_t), intent(inout) :: self
       integer, parameter :: n_tries = 3
@@ -390,7 +395,8 @@ contains
       end associate
    end subroutine find_first
 
-   !> Residual at which the equations of a level are solved: far below what its motion may be off by, unless one was requested.
+   !> Residual at which the equations of a level are solved: far below the permitted error of its motion, unless a
+   !> residual was requested.
    pure real(wp) function solver_tolerance(model) result(tolerance)
       type(model_t), intent(in) :: model
 
@@ -405,10 +411,10 @@ contains
       has_ended = any(result%status == [outcome%interrupted, outcome%timed_out])
    end function has_ended
 
-   !> Another lowest level, where the motion was not found on the first one: a larger box, then a smaller one.
+   !> Another lowest level, if the motion was not found on the first one: a larger box, then a smaller one.
    subroutine other_first(model, i, level, error)
       type(model_t), intent(in) :: model
-      integer, intent(in) :: i                                        !! number of the try, from 2
+      integer, intent(in) :: i                                        !! number of the attempt, from 2
       type(level_t), intent(inout) :: level
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: loaded(:, :)
@@ -421,7 +427,7 @@ contains
       if (.not. allocated(error)) level%n_samples = samples_for(level%set%highest, degree_of(model))
    end subroutine other_first
 
-   !> Prepares for the levels of a model.
+   !> Prepares the levels of a model.
    subroutine level_solver_prepare(self, model)
       class(level_solver_t), intent(inout) :: self
       type(model_t), intent(in), target :: model
@@ -435,13 +441,14 @@ contains
          here%stability%method = stability_method%off
          here%solver%tolerance = solver_tolerance(model)
          here%solver%krylov_patience = patience_with_products
-         here%solver%fallback_share = 0.0_wp                          ! other sets are left
+         here%solver%fallback_share = 0.0_wp                          ! other sets remain to be tried
          here%certificate%improvement_steps = 0
          if (allocated(here%output%samples)) here%output%samples = here%output%samples(:0)
       end associate
    end subroutine level_solver_prepare
 
-   !> Solves the model on a level, from the motion in it if there is one. There is one afterwards where that has worked.
+   !> Solves the model on a level, starting from its motion if it has one. Afterwards the level contains a motion if
+   !> the solution succeeded.
    subroutine level_solver_take(self, level, with_fallback, result, error)
       class(level_solver_t), intent(inout) :: self
       type(level_t), intent(inout) :: level
@@ -468,7 +475,7 @@ contains
       if (is_answer(result%status) .and. allocated(found)) call move_alloc(found, level%unknowns)
    end subroutine level_solver_take
 
-   !> Settles status and estimates of the last level, and adds what the levels went without.
+   !> Sets status and estimates of the last level, and adds the results that were omitted on the levels.
    subroutine finish(self)
       type(refined_motion_t), intent(inout) :: self
 
@@ -490,11 +497,11 @@ contains
       end associate
    end subroutine finish
 
-   !> Solves the last level once more, with stability and samples of the motion.
+   !> Solves the last level again, with stability and samples of the motion.
    subroutine add_stability(model, top, work_spent, result)
       type(model_t), intent(in) :: model
       type(level_t), intent(in) :: top
-      real(wp), intent(in) :: work_spent                              !! on the motion
+      real(wp), intent(in) :: work_spent                              !! for the motion
       type(motion_result_t), intent(inout) :: result
       type(model_t) :: here
       type(motion_result_t) :: whole
@@ -521,7 +528,7 @@ contains
       result%corrected_samples = whole%corrected_samples
    end subroutine add_stability
 
-   !> Names the output that is known least.
+   !> Names the least accurate output.
    function message_on_outputs(accuracy, estimates) result(message)
       type(accuracy_t), intent(in) :: accuracy
       real(wp), intent(in) :: estimates(:)

@@ -1,4 +1,5 @@
-!> Functions along a curve of motions whose zeros are of interest: folds, peaks of responses, branch points, bifurcations, values.
+!> Functions along a curve of motions whose zeros are located: folds, peaks of responses, branch points, bifurcations,
+!> values.
 !>
 !> Distance of a motion from the kinks of its laws: the smallest and the largest value of each switch of a law, such
 !> as the distance to a stop, over all phases. If one of them is zero, the motion grazes: a contact begins, or becomes
@@ -25,31 +26,31 @@ module hb_curve_events
 
    real(wp), parameter :: sharp = 1.0e-11_wp                          !! tolerance of functions and multipliers at events
 
-   !> Where the value turns back: its part of the tangent.
+   !> A fold: the value's component of the tangent is zero.
    type, extends(event_t) :: fold_event_t
    contains
       procedure :: value => fold_event_value
    end type fold_event_t
 
-   !> Where the determinant of the tangent, bordered by the direction, changes its sign.
+   !> A branch point: the determinant of the tangent, bordered by the direction, changes sign.
    type, extends(event_t) :: branch_event_t
    contains
       procedure :: value => branch_event_value
    end type branch_event_t
 
-   !> Where the value is a given one.
+   !> A given value.
    type, extends(event_t) :: value_event_t
       real(wp) :: wanted = 0.0_wp, unit = 1.0_wp
    contains
       procedure :: value => value_event_value
    end type value_event_t
 
-   !> What a function of the motion decides.
+   !> An event that depends on the motion.
    type, abstract, extends(event_t) :: motion_event_t
       type(model_problem_t), pointer :: problem => null()
    end type motion_event_t
 
-   !> Where the function of a response is zero.
+   !> A zero of the function of a response.
    type, extends(motion_event_t) :: response_event_t
       type(located_response_t) :: response
       real(wp) :: unit = 1.0_wp                                       ! of the function
@@ -57,7 +58,7 @@ module hb_curve_events
       procedure :: value => response_event_value
    end type response_event_t
 
-   !> Where an extreme of a switch of a law is zero.
+   !> A zero of an extremum of a switching function of a law.
    type, extends(motion_event_t) :: graze_event_t
       integer :: extreme = 0, switch = 0                              ! in the list of `find_extremes`
       real(wp) :: unit = 1.0_wp
@@ -65,15 +66,15 @@ module hb_curve_events
       procedure :: value => graze_event_value
    end type graze_event_t
 
-   !> Where a function of the multipliers is zero.
+   !> A zero of a function of the multipliers.
    type, extends(motion_event_t) :: bifurcation_event_t
       integer :: bifurcation = 0                                      ! hb_stability
-      logical :: is_integrated = .false.                              ! of the motion that repeats when it is integrated
+      logical :: is_integrated = .false.                              ! of the integrated periodic motion
    contains
       procedure :: value => bifurcation_event_value
    end type bifurcation_event_t
 
-   !> Where the number of multipliers outside of the unit circle changes: 1 as long as it is a given one, else -1.
+   !> A change in the number of multipliers outside the unit circle: 1 while it is a given one, otherwise -1.
    type, extends(motion_event_t) :: count_event_t
       integer :: n = 0
    contains
@@ -104,14 +105,14 @@ contains
       if (allocated(there%multipliers)) value = merge(1.0_wp, -1.0_wp, n_outside(there) == self%n)
    end function count_event_value
 
-   !> Number of multipliers outside of the unit circle; what rounding leaves of those on it, as without damping, is not outside.
+   !> Number of multipliers outside the unit circle; rounding errors of those on it, as without damping, do not count.
    pure integer function n_outside(stability)
       type(stability_t), intent(in) :: stability
 
       n_outside = count(abs(stability%multipliers) > 1.0_wp + rounding)
    end function n_outside
 
-   !> The motion at a point of the curve, at all degrees of freedom; not allocated where the parameters are refused.
+   !> The motion at a point of the curve, at all degrees of freedom; not allocated if the parameters are rejected.
    subroutine find_motion(problem, x, c)
       type(model_problem_t), intent(inout), target :: problem
       real(wp), intent(in) :: x(:)
@@ -194,8 +195,8 @@ contains
       value = (x(size(x)) - self%wanted)/self%unit
    end function value_event_value
 
-   !> The function whose zeros are located: the slope of the square of a response along a direction, how far the square is from
-   !> the one requested, or the part of a harmonic that is in phase with its load.
+   !> The function whose zeros are located: the slope of the square of a response along a direction, the difference of
+   !> the square from the requested one, or the part of a harmonic in phase with its load.
    real(wp) function function_at(problem, response, x, direction) result(value)
       type(model_problem_t), intent(inout), target :: problem
       type(located_response_t), intent(in) :: response
@@ -222,7 +223,7 @@ contains
       end select
    end function function_at
 
-   !> Slope of the square of a response along a direction, by a difference of fourth order.
+   !> Slope of the square of a response along a direction, by a fourth-order difference.
    real(wp) function slope_at(problem, response, x, direction) result(slope)
       type(model_problem_t), intent(inout), target :: problem
       class(response_t), intent(in) :: response
@@ -247,7 +248,7 @@ contains
       if (size(c) > 0) square = response%of(problem%model%harmonics, c)
    end function square_at
 
-   !> Amplitudes of the degree of freedom of a response; none where the parameters are refused.
+   !> Amplitudes of the degree of freedom of a response; none if the parameters are rejected.
    subroutine find_series(problem, response, x, c)
       type(model_problem_t), intent(inout), target :: problem
       class(response_t), intent(in) :: response
@@ -269,12 +270,12 @@ contains
       end associate
    end subroutine find_series
 
-   !> Stability of the motion at a point of the curve; without multipliers where they are not looked for, or not found.
+   !> Stability of the motion at a point of the curve; without multipliers if they are not searched for, or not found.
    subroutine find_stability(problem, x, tolerance, stability, is_integrated)
       type(model_problem_t), intent(inout), target :: problem
       real(wp), intent(in) :: x(:), tolerance
       type(stability_t), intent(out) :: stability
-      logical, intent(in), optional :: is_integrated                  !! that of the motion that repeats when it is integrated
+      logical, intent(in), optional :: is_integrated                  !! of the integrated periodic motion
       complex(wp), allocatable :: c(:, :)
 
       call find_motion(problem, x, c)

@@ -1,8 +1,8 @@
-!> Derivatives of points of a curve by values of the input.
-!>
-!> Folds, peaks and the like move along the curve where a value changes. They are located again on the curves of both sides, next to
-!> where they are: in the plane across the curve, then along it to the zero of their function, hb_curve_events. All other points are
-!> held at their value along the curve, hb_gradient. Source: docs/why/theory.md, section 6.8.
+!> Derivatives of points of a curve with respect to values of the input.
+!> Folds, peaks and similar points move along the curve when a value changes. They are located again on the curves for
+!> both perturbed values, near the original point: first in the plane across the curve, then along it to the zero of
+!> their function, hb_curve_events. All other points are fixed at their value along the curve, hb_gradient. Source:
+!> docs/why/theory.md, section 6.8.
 module hb_curve_gradient
    use hb_cancellation, only: work_is_over
    use hb_curve, only: event_t
@@ -22,8 +22,7 @@ module hb_curve_gradient
    private
    public :: find_curve_gradient
 
-   real(wp), parameter :: apart = 1.0e-4_wp                           ! a step, relative to the value: what is located to 1e-12
-                                                                      ! leaves 1e-8, and so does the square of the step
+   real(wp), parameter :: apart = 1.0e-4_wp                           ! a step, relative to the value: a location error of
 
    !> A located point.
    type, extends(differentiable_t) :: located_t
@@ -33,7 +32,7 @@ module hb_curve_gradient
       procedure :: differentiate => located_differentiate
    end type located_t
 
-   !> The same point where a value is another one.
+   !> The same point for another value.
    type :: neighbour_t
       real(wp) :: position = 0.0_wp                                   ! value along the curve
       real(wp), allocatable :: frequency(:)                           ! [rad/s], (n_tones)
@@ -42,7 +41,7 @@ module hb_curve_gradient
 
 contains
 
-   !> Adds the derivatives to the result of a point, where any are requested.
+   !> Adds the derivatives to the result of a point, if any are requested.
    subroutine find_curve_gradient(curve, point, result)
       class(followed_motion_t), intent(inout), target :: curve        !! near the point, on its set
       type(waiting_t), intent(in) :: point
@@ -58,7 +57,7 @@ contains
       if (.not. is_possible) return
       associate (problem => curve%problem)
          select case (point%kind)
-         case (curve_kind%branch, curve_kind%split, curve_kind%graze) ! others may have none there
+         case (curve_kind%branch, curve_kind%split, curve_kind%graze) ! for other motions there may be none
          case (curve_kind%fold, curve_kind%peak, curve_kind%minimum, curve_kind%amplitude, curve_kind%resonance, curve_kind%flip, &
                curve_kind%torus)
             located%curve => curve
@@ -73,7 +72,7 @@ contains
       end associate
    end subroutine find_curve_gradient
 
-   !> Differences of the points on both sides; how far they are from a line tells a kink.
+   !> Forms the differences of the points on both sides; their distance from a line reveals a kink.
    subroutine located_differentiate(self, level, gradient, error)
       class(located_t), intent(inout) :: self
       type(level_t), intent(in) :: level
@@ -104,7 +103,7 @@ contains
       end associate
    end subroutine located_differentiate
 
-   !> Locates the point where a value of the input is a given one.
+   !> Locates the point for a given value of the input.
    subroutine locate(self, level, parameter, value, neighbour, is_found)
       class(located_t), intent(in) :: self
       type(level_t), intent(in) :: level
@@ -165,15 +164,15 @@ contains
       end select
    end subroutine make_event
 
-   !> Goes along the curve to the zero of a function, by secants; x becomes it.
+   !> Follows the curve to the zero of a function by the secant method; x becomes the zero.
    subroutine find_zero(curve, event, x, is_found)
       type(followed_motion_t), intent(inout), target :: curve
       class(event_t), intent(inout) :: event
-      real(wp), intent(inout) :: x(:)                                 !! near by
+      real(wp), intent(inout) :: x(:)                                 !! near the zero
       logical, intent(out) :: is_found
       integer, parameter :: most_steps = 12
       real(wp), parameter :: first_step = 1.0e-3_wp, farthest = 0.1_wp, near = 1.0e-11_wp   ! in units of lengths
-      real(wp), parameter :: rough = 1.0e-7_wp                        ! likewise: what shrinks no more is left of a rough residual
+      real(wp), parameter :: rough = 1.0e-7_wp ! likewise: a step that stops shrinking above it results from a rough residual
       real(wp) :: before, here, direction(size(x)), last_step, step
       integer :: i
 

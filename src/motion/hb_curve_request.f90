@@ -1,11 +1,10 @@
 !> The request for a curve of motions, and the kinds of its points.
-!>
-!> Where a curve of other motions leaves the one on which it was found: at a period doubling, or where a tone joins.
-!>
-!> The motion there is one of the wider set as well, whose further harmonics are zero; the tangent of the balance by these has a
-!> null vector, the direction of the other motions, which inverse iteration finds. A tone that joins has the frequency that the
-!> multipliers tell but for a multiple of the tone that is there: the one is taken that makes its fundamental the largest.
-!> Source: docs/why/theory.md, section 6.7.
+!> The point at which a curve of other motions leaves the one on which it was found: at a period doubling or a torus
+!> bifurcation.
+!> The motion at this point is also one of the wider set, in which its additional harmonics are zero; the tangent of
+!> the balance with respect to these has a null vector, the direction of the other motions, which is computed by
+!> inverse iteration. The multipliers determine the frequency of an additional tone only up to a multiple of the given
+!> tone: the frequency with the largest fundamental is chosen. Source: docs/why/theory.md, section 6.7.
 module hb_curve_request
    use hb_basis, only: transfer_coefficients
    use hb_error, only: error_t, fail
@@ -26,80 +25,80 @@ module hb_curve_request
       located_response_t, new_curve_origin
 
    type :: curve_origin_t
-      logical :: is_torus = .false.                                   !! a tone joins, the last one; else the period doubles
-      integer :: multiple = 1                                         !! of entries of tuples: 2 where the period doubles
+      logical :: is_torus = .false. !! there is an additional tone, the last one; otherwise the period doubles
+      integer :: multiple = 1                                         !! of entries of tuples: 2 for a period doubling
       type(level_t) :: level                                          !! the wider set, and its grid
       real(wp), allocatable :: u(:, :)                                !! motion in the wider set, (n_coefficients, n_coordinates)
-      real(wp), allocatable :: further(:)                             !! frequencies of unknown tones there, and the value
-      real(wp) :: angle = 0.0_wp                                      !! of the pair of multipliers, where a tone joins [rad]
+      real(wp), allocatable :: further(:)                             !! frequencies of unknown tones, and the value
+      real(wp) :: angle = 0.0_wp                                      !! of the pair of multipliers, for an additional tone [rad]
    end type curve_origin_t
 
-   !> What a point of a curve is; numbers as in the result file.
+   !> Kinds of points of a curve; numbers as in the result file.
    type :: curve_kind_t
       integer :: none = 0
       integer :: regular = 1                                          !! a step of the curve
-      integer :: start = 2                                            !! from where it is followed
-      integer :: fold = 3                                             !! the value turns back
+      integer :: start = 2                                            !! the point from which it is followed
+      integer :: fold = 3                                             !! the value reverses
       integer :: peak = 4                                             !! maximum of a response
       integer :: value = 5                                            !! a value that was requested
-      integer :: end = 6                                              !! an end of the range, or where the curve closes
-      integer :: branch = 7                                           !! another curve crosses: the determinant changes its sign
+      integer :: end = 6                                              !! an end of the range, or the point at which the curve closes
+      integer :: branch = 7 !! intersection with another curve: the determinant changes sign
       integer :: flip = 8                                             !! a multiplier passes -1: motions of twice the period
-      integer :: torus = 9                                            !! a pair of them passes the unit circle: a tone joins
-      integer :: split = 10                                           !! a multiplier passes 1, and nothing that is sought is there
-      integer :: graze = 11                                           !! a contact begins or is never left any more
+      integer :: torus = 9                                            !! a pair of them crosses the unit circle: an additional tone
+      integer :: split = 10                                           !! a multiplier passes 1 without any of the other events
+      integer :: graze = 11                                           !! a contact begins or becomes permanent
       integer :: minimum = 12                                         !! of a response
-      integer :: amplitude = 13                                       !! a response has one that was requested
-      integer :: resonance = 14                                       !! a harmonic is a quarter of a period from its load
+      integer :: amplitude = 13                                       !! a response has a requested amplitude
+      integer :: resonance = 14                                       !! a harmonic is in quadrature with its load
    end type curve_kind_t
    type(curve_kind_t), parameter :: curve_kind = curve_kind_t()
    character(*), parameter :: curve_kind_names(0:14) = [character(9) :: "none", "regular", "start", "fold", "peak", "value", &
       "end", "branch", "flip", "torus", "split", "graze", "minimum", "amplitude", "resonance"]
 
-   !> A response, and what is located along curves by it.
+   !> A response, and the kind of points that are located for it.
    type, extends(response_t) :: located_response_t
       integer :: kind = curve_kind%peak                               !! or minimum, amplitude, resonance
-      real(wp) :: amplitude = 0.0_wp                                  !! that it shall have
+      real(wp) :: amplitude = 0.0_wp                                  !! requested amplitude
    end type located_response_t
 
-   !> A located point, such as a peak or fold over a first value, that is followed along a second one, in place of the motion
-   !> itself.
+   !> A located point, such as a peak or fold along a first value, that is followed along a second one instead of the
+   !> motion itself.
    type :: over_t
       integer :: kind = curve_kind%peak                               !! or another one
       type(moving_value_t) :: moving                                  !! the first value
       real(wp) :: from = 0.0_wp, to = 0.0_wp                          !! its range
    end type over_t
 
-   !> What is requested.
+   !> The request.
    type :: curve_request_t
       type(moving_value_t) :: moving
       real(wp) :: from = 0.0_wp, to = 0.0_wp                          !! range of the value
       real(wp) :: start = 0.0_wp                                      !! value of the first motion, in the range
-      real(wp), allocatable :: values(:)                              !! to be met exactly
-      real(wp), allocatable :: others(:)                              !! likewise; motions apart are sought there
+      real(wp), allocatable :: values(:)                              !! to be reached exactly
+      real(wp), allocatable :: others(:)                              !! likewise; separate motions are searched for there
       real(wp) :: longest_step = 0.04_wp                              !! in units of the range and of the largest motion
       integer :: n_points = 0                                         !! at most
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes
-      logical :: switches = .false.                                   !! at branch points: the other curve is followed as well
+      logical :: switches = .false.                                   !! at branch points the other curve is followed as well
       type(located_response_t), allocatable :: responses(:)
-      type(curve_origin_t), allocatable :: origin                     !! if given: where the curve leaves another one, in place
-                                                                      !! of a first motion at `start`
+      type(curve_origin_t), allocatable :: origin                     !! if given: the point at which the curve leaves another
+                                                                      !! one, instead of a first motion at `start`
       type(over_t), allocatable :: over                               !! hb_motion_ridge
    end type curve_request_t
 
 contains
 
-   !> Takes the motion of a point on another curve over into the set of a model, or one around it where sets are chosen by a
-   !> tolerance. Fails where it does not fit.
+   !> Transfers the motion of a point on another curve to the set of a model, or to one chosen around it if sets are
+   !> chosen by a tolerance. Fails if it does not fit.
    subroutine new_curve_origin(self, is_torus, place, tuples, model, error)
       type(curve_origin_t), intent(out) :: self
-      logical, intent(in) :: is_torus                                 !! else the period doubles
+      logical, intent(in) :: is_torus                                 !! otherwise the period doubles
       type(curve_position_t), intent(in) :: place                     !! on the other curve
       integer, intent(in) :: tuples(:, :)                             !! on the other curve, (its tones, its harmonics)
       type(model_t), intent(in) :: model                              !! with the wider set
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: other, same                                ! its tuples there, and among those of the model
-      real(wp) :: first                                               ! base frequency of the motion that is left [rad/s]
+      real(wp) :: first                                               ! base frequency of the original motion [rad/s]
       integer :: n, n_coordinates, n_further
 
       call new_harmonics(other, tuples, error)
@@ -145,8 +144,8 @@ contains
       here = reshape([(tuples(:, h), 0, h=1, size(tuples, 2))], [size(tuples, 1) + 1, size(tuples, 2)])
    end function tuples_here
 
-   !> Set and grid of the other motions: those of the model or, where a tolerance rules them, what the motion there has and what
-   !> comes to it.
+   !> Set and grid of the other motions: those of the model or, with a tolerance, the tuples of the motion and the new
+   !> ones next to them.
    subroutine choose_level(level, other, is_torus, model, error, n_samples)
       type(level_t), intent(out) :: level
       type(harmonics_t), intent(in) :: other
@@ -181,8 +180,9 @@ contains
       end associate
    end subroutine choose_level
 
-   !> Direction of the other motions at the origin, where the problem stands, and the frequency of a tone that joins, to which it is
-   !> moved. The model from which the origin was made may have had another base frequency.
+   !> Direction of the other motions at the origin, where the problem is evaluated, and the frequency of an additional
+   !> tone, to which the problem is moved. The model from which the origin was created may have had another base
+   !> frequency.
    subroutine find_direction(problem, origin, joined, direction, is_found)
       type(model_problem_t), intent(inout) :: problem
       type(curve_origin_t), intent(in) :: origin
@@ -220,7 +220,7 @@ contains
       if (is_found) call iterate(problem, origin, direction, is_found)
    end subroutine find_direction
 
-   !> The null vector among the harmonics that the origin does not have.
+   !> Computes the null vector among the harmonics that the origin does not have.
    subroutine iterate(problem, origin, direction, is_found)
       type(model_problem_t), intent(inout) :: problem
       type(curve_origin_t), intent(in) :: origin
@@ -245,7 +245,8 @@ contains
       end associate
    end subroutine iterate
 
-   !> A vector that the tangent of a problem takes to nearly zero where it is singular, see `find_null_vector` of its solver.
+   !> Computes a vector that the tangent of a problem maps to nearly zero if it is singular, see `find_null_vector` of
+   !> its solver.
    subroutine find_null_vector(problem, x, scale, mask, along, vector, is_found)
       class(problem_t), intent(inout) :: problem
       real(wp), intent(in), contiguous :: x(:)

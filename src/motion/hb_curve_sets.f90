@@ -1,9 +1,10 @@
-!> Sets and grids along a curve: they grow where a motion is above the tolerance, and shrink where it is far below.
-!>
-!> A step whose points are above the tolerance is rejected and repeated on a set and a grid with what their certificates
-!> find missing. The point before it is transferred: corrected in the plane across the curve, and followed on in the same sense.
-!> Neighbours share sets: one that grows is made for a part of the tolerance, and shrinks below a smaller part. The tuples of the
-!> lowest set always stay, as a motion may lose its symmetry on the way. Source: docs/why/accuracy.md.
+!> Sets and grids along a curve: they grow where the error of a motion exceeds the tolerance, and shrink where it is
+!> far below.
+!> A step whose points exceed the tolerance is rejected and repeated on a set and a grid enlarged by what their
+!> certificates find missing. The preceding point is transferred: it is corrected in the plane across the curve, and
+!> the curve is continued in the same direction. Neighbouring points share sets: a set that grows is chosen for a part
+!> of the tolerance, and shrinks below a smaller part. The tuples of the lowest set always remain, because a motion
+!> may lose its symmetry along the curve. Source: docs/why/accuracy.md.
 module hb_curve_sets
    use hb_amplitudes, only: as_amplitudes
    use hb_cancellation, only: work_is_over
@@ -24,15 +25,15 @@ module hb_curve_sets
    public :: settle, step_to_tolerance
 
    integer, parameter :: most_levels = 12                             ! of one step
-   integer, parameter :: most_stalled = 3                             ! sets on which one step is tried that leads nowhere
-   integer, parameter :: most_idle = 2                                ! one after the other that gain nothing
-   real(wp), parameter :: goal_ahead = 0.3_wp                         ! of the tolerance: for the points that follow, too
-   real(wp), parameter :: ample = 0.01_wp                             ! of the tolerance: a smaller set will do
+   integer, parameter :: most_stalled = 3                             ! sets on which one step is tried without success
+   integer, parameter :: most_idle = 2                                ! consecutive ones without improvement
+   real(wp), parameter :: goal_ahead = 0.3_wp                         ! of the tolerance: sufficient for the following points, too
+   real(wp), parameter :: ample = 0.01_wp                             ! of the tolerance: below it a smaller set is sufficient
 
-   !> What is refined of a curve. Its set and grid are those of the motion that is followed.
+   !> A curve that is refined. Its set and grid are those of the motion that is followed.
    type, abstract, extends(refinable_t) :: refined_curve_t
       class(followed_motion_t), pointer :: motion => null()
-      type(model_t) :: model                                          ! in which all tuples of the lowest set are needed
+      type(model_t) :: model                                          ! in which all tuples of the lowest set are required
       type(level_t) :: next
       logical :: is_ended = .false.                                   ! there is no further step
    contains
@@ -45,8 +46,8 @@ module hb_curve_sets
    !> A step from a point to the next one.
    type, extends(refined_curve_t) :: refined_step_t
       type(standing_t) :: here                                        ! at the point, on the level tried last
-      integer :: worst = 1                                            ! of the points that wait, the least accurate
-      logical :: is_stalled = .false.                                 ! on that level there is no way on
+      integer :: worst = 1                                            ! of the waiting points, the least accurate
+      logical :: is_stalled = .false.                                 ! no step is possible on that level
    contains
       procedure :: solve => refined_step_solve
       procedure :: choose => refined_step_choose
@@ -66,7 +67,7 @@ contains
 
    ! Steps
 
-   !> Goes one step on a set and a grid on which all points found on it are as accurate as is requested, if there is one.
+   !> Performs one step on a set and a grid on which all of its points have the requested accuracy, if there is one.
    subroutine step_to_tolerance(self, error)
       class(followed_motion_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
@@ -80,7 +81,7 @@ contains
       if (allocated(error)) return
       first = self%standing_t
       call refine(refined, ending)
-      if (ending == refinement_end%idle) then                         ! no set helps: the point is reported as it is
+      if (ending == refinement_end%idle) then                         ! no set improves it: the point is reported unchanged
          call stand_at(self, first, refined%error)
          self%n_levels = 1
          if (.not. allocated(refined%error)) call step_here(refined)
@@ -88,7 +89,7 @@ contains
       call move_alloc(refined%error, error)
    end subroutine step_to_tolerance
 
-   !> Goes the step on the level chosen last, and describes the points found on it.
+   !> Performs the step on the level chosen last, and describes its points.
    subroutine refined_step_solve(self, is_solved)
       class(refined_step_t), intent(inout) :: self
       logical, intent(out) :: is_solved
@@ -108,7 +109,8 @@ contains
       end associate
    end subroutine refined_step_solve
 
-   !> Goes over to the next level at the point of the step; where that fails the step is gone on the one before.
+   !> Changes to the next level at the first point of the step; if that fails, the step is performed on the previous
+   !> level.
    subroutine go_over(self, is_found)
       type(refined_step_t), intent(inout) :: self
       logical, intent(out) :: is_found
@@ -133,7 +135,7 @@ contains
       end associate
    end subroutine go_over
 
-   !> Goes the step on the set at hand.
+   !> Performs the step on the present set.
    subroutine step_here(self)
       type(refined_step_t), intent(inout) :: self
 
@@ -141,7 +143,8 @@ contains
       if (self%motion%curve%status == outcome%pending) call describe_all(self%motion, self%worst, self%estimate, self%error)
    end subroutine step_here
 
-   !> Chooses the next level from the point that is least accurate, or where there is no way on from that where the step begins.
+   !> Chooses the next level from the least accurate point or, if no step is possible, from the first point of the
+   !> step.
    subroutine refined_step_choose(self, is_there)
       class(refined_step_t), intent(inout) :: self
       logical, intent(out) :: is_there
@@ -161,7 +164,7 @@ contains
             return
          end if
          associate (point => motion%waiting(self%worst))
-            if (refined_curve_is_accurate(self)) then              ! the other motions may have what this one has not
+            if (refined_curve_is_accurate(self)) then              ! the other motions may contain tuples that this one lacks
                self%next = top_at(motion, point%x)
                call fill(self%next, is_there)
             else
@@ -171,7 +174,7 @@ contains
       end associate
    end subroutine refined_step_choose
 
-   !> Branch points are sought on sets without gaps.
+   !> Branch points are searched for on sets without gaps.
    logical function refined_step_is_accurate(self) result(is_accurate)
       class(refined_step_t), intent(inout) :: self
 
@@ -183,11 +186,11 @@ contains
 
    ! Motions
 
-   !> Takes a motion over to a set and a grid on which it is as accurate as is requested, if there is one, in the plane across a
-   !> direction. The problem stands on these afterwards.
+   !> Transfers a motion to a set and a grid on which it has the requested accuracy, if there is one, in the plane
+   !> across a direction. The problem uses these afterwards.
    subroutine settle(self, x, direction, error)
       class(followed_motion_t), intent(inout), target :: self
-      real(wp), allocatable, intent(inout) :: x(:), direction(:)      !! on the set at hand, before and afterwards
+      real(wp), allocatable, intent(inout) :: x(:), direction(:)      !! on the present set, before and afterwards
       type(error_t), allocatable, intent(out) :: error
       type(refined_crossing_t) :: refined
 
@@ -200,7 +203,7 @@ contains
       call move_alloc(refined%error, error)
    end subroutine settle
 
-   !> Finds the motion on the level chosen last, from that on the one before.
+   !> Finds the motion on the level chosen last from that on the previous one.
    subroutine refined_crossing_solve(self, is_solved)
       class(refined_crossing_t), intent(inout) :: self
       logical, intent(out) :: is_solved
@@ -241,7 +244,7 @@ contains
 
    ! Both
 
-   !> Prepares for levels of a motion that is followed.
+   !> Prepares the levels of a motion that is followed.
    subroutine refined_curve_prepare(self, motion)
       class(refined_curve_t), intent(inout) :: self
       class(followed_motion_t), intent(inout), target :: motion
@@ -249,7 +252,7 @@ contains
       self%motion => motion
       self%model = motion%model
       self%model%loads = as_amplitudes(spread(spread((1.0_wp, 0.0_wp), 1, self%model%loads%n_dofs), 2, &
-                                              self%model%loads%n_harmonics))   ! a tuple with a load is needed
+                                              self%model%loads%n_harmonics))   ! tuples with loads are required
       self%most_levels = most_levels
       self%most_idle = most_idle
    end subroutine refined_curve_prepare
@@ -259,7 +262,7 @@ contains
       class(refined_curve_t), intent(inout) :: self
       type(motion_result_t), intent(in) :: result
       real(wp), intent(in) :: x(:)                                    !! its unknowns
-      real(wp), intent(in) :: least                                   !! of the tolerance: an error that is small enough
+      real(wp), intent(in) :: least                                   !! of the tolerance: a sufficiently small error
       logical, intent(out) :: is_there
 
       call choose_next(self%model, result, top_at(self%motion, x), &
@@ -280,7 +283,8 @@ contains
 
    ! Sets
 
-   !> Makes the set of one tone one without gaps: where symmetry breaks the branch point depends on tuples that carry nothing.
+   !> Fills the gaps of a set of one tone: at a loss of symmetry the branch point depends on tuples that are zero on
+   !> the curve.
    subroutine fill(level, is_new)
       type(level_t), intent(inout) :: level
       logical, intent(out) :: is_new
@@ -299,7 +303,7 @@ contains
       is_without_gaps = level%set%n_tones == 1 .and. level%set%n_harmonics == level%set%highest(1) + 1
    end function is_without_gaps
 
-   !> The set at hand with a motion in it.
+   !> The present set with a motion.
    function top_at(self, x) result(top)
       class(followed_motion_t), intent(in) :: self
       real(wp), intent(in) :: x(:)
@@ -309,7 +313,7 @@ contains
       top%unknowns = [x(:self%problem%n_unknowns), 0.0_wp*self%model%tones%omega]
    end function top_at
 
-   !> Goes over to a smaller set or a coarser grid, if one will do.
+   !> Changes to a smaller set or a coarser grid, if one is sufficient.
    subroutine shrink(self, model, error)
       class(followed_motion_t), intent(inout), target :: self
       type(model_t), intent(in) :: model
@@ -321,8 +325,8 @@ contains
 
       smaller = top_at(self, self%curve%x)
       call choose_smaller(model, smaller, is_smaller)
-      if (is_without_gaps(self%level)) call fill(smaller, is_filled)  ! so it stays behind a branch point
-      if (.not. is_smaller .or. 2*smaller%set%n_harmonics > self%level%set%n_harmonics) return  ! a little less is not worth it
+      if (is_without_gaps(self%level)) call fill(smaller, is_filled)  ! so the set remains without gaps after a branch point
+      if (.not. is_smaller .or. 2*smaller%set%n_harmonics > self%level%set%n_harmonics) return  ! too small a saving
       here = self%standing_t
       associate (direction => self%curve%direction)
          ahead = direction(size(direction))
@@ -330,16 +334,16 @@ contains
       call change_set(self, smaller, is_found, error)
       if (allocated(error)) return
       associate (direction => self%curve%direction)
-         if (is_found) is_found = ahead*direction(size(direction)) > 0.0_wp   ! else a fold would be reported twice
+         if (is_found) is_found = ahead*direction(size(direction)) > 0.0_wp   ! otherwise a fold would be reported twice
       end associate
       if (.not. is_found) call stand_at(self, here, error)
    end subroutine shrink
 
-   !> Describes all points that wait, and says which is the least accurate.
+   !> Describes all waiting points, and finds the least accurate one.
    subroutine describe_all(self, worst, estimate, error)
       class(followed_motion_t), intent(inout), target :: self
       integer, intent(out) :: worst
-      real(wp), intent(out) :: estimate                               !! its own
+      real(wp), intent(out) :: estimate                               !! its estimated error
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
@@ -358,7 +362,7 @@ contains
       end do
    end subroutine describe_all
 
-   !> Goes back there; work stays counted.
+   !> Restores a state of the curve; the work remains counted.
    subroutine stand_at(self, here, error)
       class(followed_motion_t), intent(inout), target :: self
       type(standing_t), intent(in) :: here
@@ -379,7 +383,7 @@ contains
       call self%renew()
    end subroutine stand_at
 
-   !> Takes the curve at its point over to another set and grid; `is_found` is false where the motion is not found there.
+   !> Changes the set and the grid of the curve at its point; `is_found` is false if the motion is not found there.
    subroutine change_set(self, level, is_found, error)
       class(followed_motion_t), intent(inout), target :: self
       type(level_t), intent(in) :: level
@@ -399,7 +403,7 @@ contains
       if (allocated(error)) return
       is_at_branch_point = self%has_left_branch() .and. self%length <= 0.0_wp   ! there are two tangents
       is_found = is_at_branch_point
-      roughness = self%roughness ! a curve that continues from a stored row has that of the start
+      roughness = self%roughness ! a curve that continues from a stored row has the roughness of the start
       is_rough = self%is_rough
       if (.not. is_found) call self%find_on_plane(x, direction, is_found)
       self%roughness = roughness

@@ -1,5 +1,5 @@
-!> A step of a curve of motions: as long as the curve is followed on it and the events on it can be located: folds, peaks, grazes,
-!> bifurcations, wanted values and ends.
+!> A step of a curve of motions. Its length is limited so that the corrector converges and the events on it can be
+!> located: folds, peaks, grazes, bifurcations, wanted values and ends.
 module hb_curve_step
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use hb_curve, only: event_t
@@ -22,29 +22,29 @@ module hb_curve_step
    real(wp), parameter :: off_the_chord = 0.5_wp                      ! of an amplitude, in the middle of a step
    real(wp), parameter :: off_the_line = 0.25_wp                      ! of a step, likewise: an arc that turns by 0.6 has 0.075
    integer, parameter :: most_middles = 4                             ! points at which one step is examined
-   real(wp), parameter :: at_value = 1.0e-13_wp                       ! of the range: a wanted value
-   real(wp), parameter :: uncertain = 100.0_wp                        ! times the tolerance of multipliers: to the unit circle
-   real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start, when the curve is back there
+   real(wp), parameter :: at_value = 1.0e-13_wp                       ! of the range: tolerance of a wanted value
+   real(wp), parameter :: uncertain = 100.0_wp ! times the tolerance of multipliers: distance from the unit circle
+   real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start: the curve is closed
    integer, parameter :: kind_of(3) = [curve_kind%split, curve_kind%flip, curve_kind%torus]   ! of each kind of bifurcation
 
-   !> The step, and how far the search has come.
+   !> The step, and the state of the search.
    type :: search_t
       type(known_t) :: known                                          ! at the end of the step
-      logical :: has_branched = .false.                               ! a branch point was passed by
+      logical :: has_branched = .false.                               ! a branch point was passed
       logical :: has_fold = .false.                                   ! its point is in the list
-      logical :: is_lost = .false.                                    ! something was not located
-      real(wp) :: fold(2) = 0.0_wp                                    ! place and value of the fold
+      logical :: is_lost = .false.                                    ! an event was not located
+      real(wp) :: fold(2) = 0.0_wp                                    ! position and value of the fold
    end type search_t
 
-   !> Part of the step without grazes, at which multipliers may jump.
+   !> Part of the step without grazes; at grazes multipliers may jump.
    type :: piece_t
-      real(wp) :: ends(2) = 0.0_wp                                    ! places on the step
-      type(stability_t) :: stability(2)                               ! at these
+      real(wp) :: ends(2) = 0.0_wp                                    ! positions on the step
+      type(stability_t) :: stability(2)                               ! at the ends
    end type piece_t
 
 contains
 
-   !> Goes one step, and puts what was found on it and its end into the list of those that wait.
+   !> Performs one step, and appends the events on it and its end to the waiting points.
    subroutine step(self)
       class(followed_motion_t), intent(inout), target :: self
       type(known_t) :: known
@@ -54,7 +54,7 @@ contains
 
       if (allocated(self%problem%error_text)) deallocate (self%problem%error_text)
       call self%problem%move_to_point(self%curve%x, is_possible)
-      call self%problem%renew()                                       ! a stored curve, too, continues from there
+      call self%problem%renew()                                       ! so that a stored curve also continues from there
       self%tolerance_factor = 1.0_wp
       call self%put_conditions()
       associate (curve => self%curve)
@@ -101,7 +101,7 @@ contains
       self%known = known
    end subroutine step
 
-   !> Lands on an end of the range that is ahead and so near that no step fits in between: there may be nothing beyond.
+   !> Steps to an end of the range that is too close for another step: beyond it there may be no motions.
    subroutine try_end(self)
       class(followed_motion_t), intent(inout), target :: self
       real(wp) :: ends(2), gap, x(size(self%curve%x))
@@ -126,12 +126,13 @@ contains
       end do
    end subroutine try_end
 
-   !> Whether the step may have led to another part of the curve or to another curve, or over a narrow resonance.
-   !>
-   !> With little damping two parts come close where a coefficient is nearly zero, and continue in each other's direction: neither
-   !> tangents nor determinants show a leap from one to the other, but the phase of the coefficient turns by half a turn. It does so
-   !> also where the coefficient goes through zero. So the curve is examined in between, where the chord comes closest to zero: it
-   !> must be there, and not far from the chord.
+   !> Whether the step may have jumped to another part of the curve or to another curve, or passed over a narrow
+   !> resonance.
+   !> With little damping, two parts of the curve approach each other where a coefficient is nearly zero, and each
+   !> continues in the direction of the other: neither tangents nor determinants reveal a jump between them, but the
+   !> phase of the coefficient changes by half a turn. The phase also does so where the coefficient passes through
+   !> zero. Therefore the curve is examined in between, where the chord is closest to zero: it must exist there and be
+   !> near the chord.
    logical function has_leapt(self)
       class(followed_motion_t), intent(inout), target :: self
       complex(wp) :: before, behind
@@ -141,7 +142,7 @@ contains
 
       has_leapt = .false.
       if (self%curve%last_step <= next_to_none*self%curve%config%longest_step .or. self%is_rough) return
-      if (size(self%problem%which) > 1) return                                ! tones of the motion's own have no given phases
+      if (size(self%problem%which) > 1) return                                ! unknown tones have no given phases
       n_middles = 0
       associate (curve => self%curve, set => self%problem%model%harmonics, n => self%problem%n_unknowns)
          size_of_motion = maxval(abs(curve%x(:n)/self%weights))
@@ -181,12 +182,12 @@ contains
       end function coefficient_of
    end function has_leapt
 
-   !> Finds folds, peaks, bifurcations, wanted values and ends on the step behind the curve, and lists them in their order.
+   !> Finds folds, peaks, bifurcations, wanted values and ends on the completed step, and lists them in their order.
    subroutine look_back(self, known, has_branched, is_lost)
       class(followed_motion_t), intent(inout), target :: self
       type(known_t), intent(in) :: known                              !! at the end of the step
-      logical, intent(in) :: has_branched                             !! a branch point was passed by
-      logical, intent(out) :: is_lost                                 !! something was not located, as the step is too long
+      logical, intent(in) :: has_branched                             !! a branch point was passed
+      logical, intent(out) :: is_lost                                 !! an event was not located because the step is too long
       type(search_t) :: search
 
       search%known = known
@@ -205,12 +206,12 @@ contains
          self%waiting(size(self%waiting))%stability = known%stability
       end associate
       call put_in_order(self%waiting)
-      call self%renew()                                               ! the tolerance was another one: a stored curve has this
+      call self%renew()                                               ! the tolerance was different: a stored curve has this one
       is_lost = search%is_lost
    end subroutine look_back
 
-   !> Where the value turns back: at a sharp kink the curve has turned before its step, so that its direction at the last point
-   !> counts.
+   !> Finds where the value reverses: at a sharp kink the curve has reversed before its step, so the direction at the
+   !> last point is used.
    subroutine find_fold(self, search)
       class(followed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
@@ -226,18 +227,19 @@ contains
       end associate
    end subroutine find_fold
 
-   !> Where another curve of the equations crosses.
+   !> Finds the intersection with another curve of the equations.
    subroutine find_branch(self, search)
       class(followed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       logical :: is_found, is_there
 
-      call find(self, search, branch_event_t(curve_kind%branch, .true.), &   ! a sign alone
+      call find(self, search, branch_event_t(curve_kind%branch, .true.), &   ! only a sign
                 [-1.0_wp, 1.0_wp]*self%curve%orientation, is_found)
       if (is_found) call sharpen(self, bifurcation%branch, [0.0_wp, self%curve%last_step], is_there)
    end subroutine find_branch
 
-   !> Where a response is largest or smallest, also at a corner, has an amplitude, or is a quarter of a period from its load.
+   !> Finds where a response is extremal, including corners, equals a given amplitude, or is in quadrature with its
+   !> load.
    subroutine find_responses(self, search)
       class(followed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
@@ -260,7 +262,7 @@ contains
       end do
    end subroutine find_responses
 
-   !> Where a contact begins, or is never left any more.
+   !> Finds where a contact begins, or becomes permanent.
    subroutine find_grazes(self, search)
       class(followed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
@@ -274,7 +276,7 @@ contains
             unit = max(maxval(abs(behind)), tiny(1.0_wp))
             do i = 1, 2
                if (.not. before(i)*behind(i) < 0.0_wp) cycle
-               if (i == 2 .and. same_change(before, behind)) cycle     ! all round the same distance: one event
+               if (i == 2 .and. same_change(before, behind)) cycle     ! the same distance everywhere: one event
                call find(self, search, graze_event_t(curve_kind%graze, .false., rounding_of(self), self%problem, i, k, unit), &
                          [before(i), behind(i)]/unit, is_found)
             end do
@@ -282,7 +284,7 @@ contains
       end do
    end subroutine find_grazes
 
-   !> What multipliers tell on each piece of the step between its grazes.
+   !> Finds bifurcations from the multipliers on each piece of the step between its grazes.
    subroutine find_bifurcations(self, search)
       class(followed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
@@ -314,7 +316,8 @@ contains
       has_multipliers = allocated(piece%stability(1)%multipliers) .and. allocated(piece%stability(2)%multipliers)
    end function has_multipliers
 
-   !> Finds multipliers again that are so close to the unit circle that their error may decide on which side they are.
+   !> Recomputes multipliers that are so close to the unit circle that their error may determine on which side they
+   !> are.
    subroutine make_certain(self, place, there)
       class(followed_motion_t), intent(inout), target :: self
       real(wp), intent(in) :: place
@@ -327,7 +330,7 @@ contains
       if (allocated(better%multipliers)) there%multipliers = better%multipliers
    end subroutine make_certain
 
-   !> Where the function of a kind is zero; real multipliers that pass each other's inverse are no torus.
+   !> Finds the zero of the function of a kind; a pair of reciprocal real multipliers is not a torus bifurcation.
    subroutine find_by_kind(self, search, piece)
       class(followed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
@@ -356,13 +359,13 @@ contains
       end do
    end subroutine find_by_kind
 
-   !> Where what was found does not explain how many more multipliers are outside of the unit circle at the end of a piece than
-   !> at its beginning, as two that cross it in the same way, each change of their number is located instead.
+   !> If the bifurcations found do not explain the change in the number of multipliers outside the unit circle on a
+   !> piece, as when two cross it in the same way, each change of this number is located instead.
    subroutine find_by_number(self, search, piece, n_before)
       class(followed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
       type(piece_t), intent(in) :: piece
-      integer, intent(in) :: n_before                                 !! points that wait, of them found without multipliers
+      integer, intent(in) :: n_before                                 !! waiting points, of them found without multipliers
       integer, parameter :: most_changes = 8
       type(count_event_t) :: number
       type(stability_t) :: there
@@ -395,7 +398,7 @@ contains
       end do
    end subroutine find_by_number
 
-   !> Whether the points on a piece explain that so many more multipliers are outside of the unit circle at its end.
+   !> Whether the points on a piece explain the increase in the number of multipliers outside the unit circle.
    pure logical function is_explained(points, piece, n_more)
       type(waiting_t), intent(in) :: points(:)
       type(piece_t), intent(in) :: piece
@@ -412,7 +415,7 @@ contains
       is_explained = n_more == 0 .or. (modulo(n_more - n_single, 2) == 0 .and. abs(n_more) <= n_single + 2*n_pairs)
    end function is_explained
 
-   !> The bifurcation at which a multiplier passes the unit circle where it is.
+   !> The kind of bifurcation at which a multiplier crosses the unit circle at its present position.
    pure integer function kind_at(multiplier) result(kind)
       complex(wp), intent(in) :: multiplier
 
@@ -442,13 +445,13 @@ contains
       if (.not. is_there) self%waiting = self%waiting(:size(self%waiting) - 1)
    end subroutine add_bifurcation
 
-   !> Moves the bifurcation found last to where it is of the motion that repeats when it is integrated: near a kink of a law the
-   !> multipliers of a truncated motion are off to first order in what is cut off.
+   !> Moves the bifurcation found last to that of the integrated periodic motion: near a kink of a law the multipliers
+   !> of a truncated motion have a first-order error in the truncation.
    subroutine sharpen(self, kind, piece, is_there)
       class(followed_motion_t), intent(inout), target :: self
       integer, intent(in) :: kind
-      real(wp), intent(in) :: piece(2)                                !! of the step, on which that is searched for
-      logical, intent(out) :: is_there                                !! false: that motion has none there, as far as is known
+      real(wp), intent(in) :: piece(2) !! of the step, on which the integrated motion is searched for it
+      logical, intent(out) :: is_there !! false: the integrated motion has none there, as far as known
       real(wp), parameter :: widths(4) = [1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp, 1.0_wp]   ! of the step
       type(bifurcation_event_t) :: integrated
       real(wp) :: ends(2), place, values(2), x(size(self%curve%x))
@@ -479,7 +482,7 @@ contains
       end associate
    end subroutine sharpen
 
-   !> Wanted values and ends of the range; a fold parts the step.
+   !> Finds wanted values and ends of the range; a fold divides the step.
    subroutine find_values(self, search)
       class(followed_motion_t), intent(inout), target :: self
       type(search_t), intent(inout) :: search
@@ -539,7 +542,7 @@ contains
       class(followed_motion_t), intent(inout), target :: self
       real(wp), intent(in) :: there, tolerance
       real(wp), intent(out) :: place
-      type(stability_t), intent(out) :: stability                     !! without multipliers where they are not found
+      type(stability_t), intent(out) :: stability                     !! without multipliers if they are not found
       real(wp) :: x(size(self%curve%x))
       logical :: is_on_curve
 
@@ -556,22 +559,22 @@ contains
       self%waiting = [self%waiting, waiting_t(kind, place, x)]
    end subroutine add
 
-   !> What rounding, or roughness of the residual, leaves of a function that is zero.
+   !> Bound of a function at its zero, from rounding or from the roughness of the residual.
    pure real(wp) function rounding_of(self)
       class(followed_motion_t), intent(in) :: self
 
       rounding_of = max(sharp, 10.0_wp*self%curve%corrector%tolerance)
    end function rounding_of
 
-   !> Whether the step begins at a branch point, or a motion apart, from which this way has set out.
+   !> Whether the step begins at the origin of this branch, a branch point or a separate motion.
    pure logical function is_at_origin(self)
       class(followed_motion_t), intent(in) :: self
 
       is_at_origin = self%way > 2 .and. self%length <= 0.0_wp
    end function is_at_origin
 
-   !> Whether all motions of one period are sought, and the determinant reports where they meet: where multipliers of a truncated
-   !> motion pass 1 a little beside a fold it is no other event.
+   !> Whether all motions of one period are included, so that the determinant reports all intersections: multipliers
+   !> of a truncated motion that pass 1 slightly beside a fold are then no other event.
    pure logical function tells_all(self)
       class(followed_motion_t), intent(in) :: self
 
@@ -580,7 +583,7 @@ contains
       end associate
    end function tells_all
 
-   !> Whether both extremes are the same before and after, as of a whirl round the middle of a ring.
+   !> Whether both extremes are equal before and after, as for a whirl about the center of a ring.
    pure logical function same_change(before, after)
       real(wp), intent(in) :: before(2), after(2)
 
@@ -588,7 +591,7 @@ contains
          abs(after(2) - after(1)) <= rounding*maxval(abs(after))
    end function same_change
 
-   !> Whether the curve has come back to its start, after steps that led away from it.
+   !> Whether the curve has returned to its start, after steps that led away from it.
    logical function is_back(self)
       class(followed_motion_t), intent(in) :: self
       real(wp) :: along
@@ -605,7 +608,7 @@ contains
       end associate
    end function is_back
 
-   !> Puts points into their order on the step, and drops those behind an end.
+   !> Sorts points by their positions on the step, and removes those beyond an end.
    subroutine put_in_order(points)
       type(waiting_t), allocatable, intent(inout) :: points(:)
       type(waiting_t), allocatable :: up_to_end(:)

@@ -1,7 +1,7 @@
-!> A motion that is followed along a curve: its equations on a set and a grid, the point and the tangent, and the results there.
-!>
-!> The unknowns of the curve are those of the balance, frequencies that are unknown, the artificial damping of a normal mode, and
-!> the value that moves. Lengths are counted in the range of the value, and in the largest motion met so far.
+!> A motion that is followed along a curve: its equations on a set and a grid, the point and the tangent, and the
+!> results at the point.
+!> The unknowns of the curve are those of the balance, the unknown frequencies, the artificial damping of a normal
+!> mode, and the moving value. The units of length are the range of the value and the largest motion so far.
 module hb_followed_motion
    use hb_autonomous, only: find_energy
    use hb_basis, only: whole_basis
@@ -34,11 +34,11 @@ module hb_followed_motion
    public :: standing_t, waiting_t
 
    integer, parameter :: most_corrections = 10
-   real(wp), parameter :: most_tolerance_factor = 1.0e4_wp            !! by which a tolerance grows where the residual is rough
+   real(wp), parameter :: most_tolerance_factor = 1.0e4_wp            !! by which a tolerance increases for a rough residual
 
    !> A motion with the direction of a curve there.
    type :: origin_t
-      logical :: is_apart = .false.                                   !! from the curves before; else another curve crosses there
+      logical :: is_apart = .false. !! separate from the previous curves; otherwise an intersection with another curve
       real(wp), allocatable :: x(:), direction(:)
       type(level_t) :: level                                          !! set and grid of both
    end type origin_t
@@ -46,60 +46,61 @@ module hb_followed_motion
    !> A point that was found and is not yet reported.
    type :: waiting_t
       integer :: kind = curve_kind%none
-      real(wp) :: place = 0.0_wp                                      !! on the step
+      real(wp) :: place = 0.0_wp                                      !! position on the step
       real(wp), allocatable :: x(:)
-      type(stability_t), allocatable :: stability                     !! where that is known
-      type(motion_result_t), allocatable :: result                    !! the results of it already
-      integer :: response = 0                                         !! that is located there, of those of the request
+      type(stability_t), allocatable :: stability                     !! if known
+      type(motion_result_t), allocatable :: result                    !! its results, if already computed
+      integer :: response = 0                                         !! number in the request of the response that is located there
    end type waiting_t
 
    !> A fold, peak or minimum that was reported.
    type :: reported_extreme_t
       integer :: response = 0                                         !! of the request; 0: a fold
-      real(wp) :: length = 0.0_wp                                     !! of this way up to there
+      real(wp) :: length = 0.0_wp                                     !! arc length of this branch at the point
    end type reported_extreme_t
 
-   !> What is known at the point of the curve, for events to compare with the end of the next step.
+   !> Quantities at the point of the curve that events compare with those at the end of the next step.
    type :: known_t
       real(wp) :: rise = 0.0_wp                                       !! of the value in the direction
       real(wp), allocatable :: functions(:)                           !! of the responses, hb_curve_events
-      real(wp), allocatable :: extremes(:, :)                         !! of the switches of laws
-      type(stability_t) :: stability                                  !! without multipliers where none are searched for
+      real(wp), allocatable :: extremes(:, :)                         !! of the switching functions of laws
+      type(stability_t) :: stability                                  !! without multipliers if none are searched for
    end type known_t
 
    !> A curve at one of its points, to which it can go back.
    type :: standing_t
-      type(level_t) :: level                                          !! set and grid at hand
+      type(level_t) :: level                                          !! present set and grid
       type(curve_t) :: curve
       type(known_t) :: known                                          !! at its point
       real(wp) :: largest = faint                                     !! motion so far, in units of typical ones
    end type standing_t
 
-   !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`.
+   !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`.
    type, extends(standing_t) :: followed_motion_t
       type(curve_request_t) :: request
-      type(model_t) :: model                                          !! at the start, as it was read
+      type(model_t) :: model                                          !! at the start, as read
       type(document_t) :: document
-      real(wp), allocatable :: further(:)                             !! unknowns beside those of the balance, at the start
+      real(wp), allocatable :: further(:)                             !! unknowns in addition to those of the balance, at the start
       real(wp) :: estimate = huge(1.0_wp)                             !! of the error at the point of the curve; huge: not known
-      integer :: n_levels = 1                                         !! that the last step has taken
+      integer :: n_levels = 1                                         !! of the last step
       type(model_problem_t) :: problem
-      type(energy_t) :: energy                                        !! of its motions, where a normal mode has one
-      type(model_problem_t), allocatable :: odd_problem               !! of odd motions alone, where the equations are odd
-      integer, allocatable :: odd_places(:)                           !! of its unknowns among those of the problem
+      type(energy_t) :: energy                                        !! of its motions, for a normal mode with given energy
+      type(model_problem_t), allocatable :: odd_problem               !! of odd motions alone, if the equations are odd
+      integer, allocatable :: odd_places(:)                           !! positions of its unknowns among those of the problem
       real(wp), allocatable :: weights(:)                             !! typical motion, (unknowns of the balance)
-      integer :: way = 1                                              !! 1 and 2 from the start; 2 k + 1 and 2 k + 2 from the k-th
-                                                                      !! branch point, along the other curve, or motion apart
-      type(origin_t), allocatable :: origins(:)                       !! branch points met on the ways from the start, motions apart
-      type(origin_t) :: outset                                        !! start of this way
-      type(origin_t) :: start                                         !! the same on the set at hand
-      real(wp) :: length = 0.0_wp                                     !! of this way so far
-      type(reported_extreme_t), allocatable :: reported(:)            !! on this way
-      real(wp) :: roughness = 0.0_wp                                  !! of the residual over frequencies, at the start of this way
-      logical :: is_rough = .false.                                   !! more than the tolerance allows
-      real(wp) :: tolerance_factor = 1.0_wp                           !! by which it may have grown on the way
-      logical :: has_collapsed = .false.                              !! the motion of an unknown tone has died out
-      logical :: is_closed = .false.                                  !! this way has come back to its start
+      integer :: way = 1                                              !! number of the branch: 1 and 2 from the start; 2 k + 1
+                                                                      !! and 2 k + 2 along the other curve from the k-th branch
+                                                                      !! point, or from a separate motion
+      type(origin_t), allocatable :: origins(:) !! branch points on the branches from the start, separate motions
+      type(origin_t) :: outset                                        !! start of this branch
+      type(origin_t) :: start                                         !! the same on the present set
+      real(wp) :: length = 0.0_wp                                     !! arc length of this branch so far
+      type(reported_extreme_t), allocatable :: reported(:)            !! on this branch
+      real(wp) :: roughness = 0.0_wp !! of the residual as a function of frequencies, at the start of this branch
+      logical :: is_rough = .false.                                   !! above the tolerance
+      real(wp) :: tolerance_factor = 1.0_wp                           !! by which the tolerance may have increased along the branch
+      logical :: has_collapsed = .false.                              !! the motion of an unknown tone has vanished
+      logical :: is_closed = .false.                                  !! this branch has returned to its start
       integer :: first_waiting = 1
       type(waiting_t), allocatable :: waiting(:)
    contains
@@ -122,7 +123,7 @@ module hb_followed_motion
 
 contains
 
-   !> Unknowns beside those of the balance: frequencies, artificial damping, and the value that moves.
+   !> Number of unknowns in addition to those of the balance: frequencies, artificial damping, and the moving value.
    pure integer function n_further(model)
       type(model_t), intent(in) :: model
 
@@ -130,7 +131,7 @@ contains
       if (model%normal_mode%is_asked) n_further = n_further + 1
    end function n_further
 
-   !> Makes the problem of the curve on a set and a grid, at its start.
+   !> Sets up the problem of the curve on a set and a grid, at its start.
    subroutine followed_motion_put_on(self, level, error)
       class(followed_motion_t), intent(inout), target :: self
       type(level_t), intent(in) :: level
@@ -173,11 +174,12 @@ contains
       end do
    end subroutine followed_motion_put_on
 
-   !> The problem of odd motions alone on the set at hand, where a given frequency moves and the equations are odd: other values may
-   !> break the symmetry. Sliders may be held off their middle by odd motions, whose forces then are not odd.
+   !> Sets up the problem of odd motions alone on the present set, if the moving value is a given frequency and the
+   !> equations are odd: other values may break the symmetry. Odd motions may hold sliders away from their center, and
+   !> the forces of these are then not odd.
    subroutine make_odd_problem(self, model, error)
       class(followed_motion_t), intent(inout), target :: self
-      type(model_t), intent(in) :: model                              !! on the set at hand
+      type(model_t), intent(in) :: model                              !! on the present set
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: odd
       type(model_t) :: reduced
@@ -203,7 +205,7 @@ contains
       end associate
    end subroutine make_odd_problem
 
-   !> Makes the curve at one of its points, on the set at hand; `direction` says roughly where to go.
+   !> Sets up the curve at one of its points, on the present set; `direction` is an approximate direction.
    subroutine followed_motion_make_curve(self, x, direction)
       class(followed_motion_t), intent(inout), target :: self
       real(wp), intent(in) :: x(:), direction(:)
@@ -227,12 +229,12 @@ contains
       call self%put_conditions()
       bordered = self%curve%problem
       units = self%curve%units
-      if (self%is_rough) config%shortest_step = 1.0e-3_wp*config%longest_step    ! no step is as short as to help
+      if (self%is_rough) config%shortest_step = 1.0e-3_wp*config%longest_step    ! shorter steps do not help
       call new_curve(self%curve, bordered, x, direction, units, config, corrector)
       call self%keep_symmetry()
    end subroutine followed_motion_make_curve
 
-   !> Gives the curve a problem whose last form is a given one; the others are not set.
+   !> Assigns to the curve a problem with a given last form; the other forms are not set.
    subroutine border(self, form)
       class(followed_motion_t), intent(inout), target :: self
       real(wp), intent(in) :: form(:)
@@ -245,7 +247,8 @@ contains
       self%curve%problem = bordered
    end subroutine border
 
-   !> Keeps corrections among odd motions where curve and direction are odd; what leaves these is still seen, by the tangent.
+   !> Restricts corrections to odd motions if curve and direction are odd; the tangent still detects branches of other
+   !> motions.
    subroutine followed_motion_keep_symmetry(self)
       class(followed_motion_t), intent(inout), target :: self
 
@@ -311,11 +314,11 @@ contains
       end do
    end subroutine followed_motion_find_on_plane
 
-   !> Solves for the motion at the value of x, next to where it is.
+   !> Solves for the motion at the value of x, near x.
    subroutine followed_motion_land(self, x, is_there)
       class(followed_motion_t), intent(inout), target :: self
       real(wp), intent(inout) :: x(:)
-      logical, intent(out) :: is_there                                !! else x stays what it was
+      logical, intent(out) :: is_there                                !! if false, x is unchanged
       type(bordered_problem_t) :: problem
       type(report_t) :: report
       real(wp) :: there(size(x))
@@ -331,12 +334,12 @@ contains
       call solve_newton(problem, self%curve%corrector, there, report)
       call self%curve%report%add(report)
       there(size(x)) = x(size(x))
-      is_there = report%status == outcome%converged .and. maxval(abs(there - x)/self%curve%units) < agreement ! at a fold it may not
+      is_there = report%status == outcome%converged .and. maxval(abs(there - x)/self%curve%units) < agreement ! else near a fold
       if (is_there) x = there
    end subroutine followed_motion_land
 
-   !> Gives the curve the conditions for the phases of unknown tones, by the motion at hand, and for the amplitude or the energy of
-   !> a normal mode.
+   !> Sets the conditions of the curve: for the phases of unknown tones, from the present motion, and for the
+   !> amplitude or the energy of a normal mode.
    subroutine followed_motion_put_conditions(self)
       class(followed_motion_t), intent(inout) :: self
       integer :: dof, h, i, n
@@ -374,7 +377,7 @@ contains
       end associate
    end subroutine followed_motion_put_conditions
 
-   !> Whether the motion of an unknown tone has gone through zero on the step: what follows is its mirror image.
+   !> Whether the motion of an unknown tone has passed through zero on the step: the continuation is its mirror image.
    logical function followed_motion_is_mirrored(self) result(is_mirrored)
       class(followed_motion_t), intent(in) :: self
       real(wp), dimension(self%problem%model%harmonics%n_coefficients, self%problem%n_dofs) :: before, u
@@ -396,7 +399,7 @@ contains
       end associate
    end function followed_motion_is_mirrored
 
-   !> Units of length by one motion.
+   !> Units of length at a motion.
    function followed_motion_units_at(self, x) result(units)
       class(followed_motion_t), intent(in) :: self
       real(wp), intent(in) :: x(:)
@@ -406,7 +409,7 @@ contains
                self%problem%parameter_scales(self%problem%which)]
    end function followed_motion_units_at
 
-   !> Brings the units of length and the tolerance to the point reached.
+   !> Updates the units of length and the tolerance at the present point.
    subroutine followed_motion_renew(self)
       class(followed_motion_t), intent(inout), target :: self
       logical :: is_possible
@@ -420,7 +423,7 @@ contains
       end associate
    end subroutine followed_motion_renew
 
-   !> Finds out what is known at the point of the curve.
+   !> Computes the quantities at the point of the curve that events compare.
    subroutine followed_motion_look_here(self, known)
       class(followed_motion_t), intent(inout), target :: self
       type(known_t), intent(out) :: known
@@ -434,7 +437,7 @@ contains
       end associate
    end subroutine followed_motion_look_here
 
-   !> Takes the start of this way over to the set at hand.
+   !> Transfers the start of this branch to the present set.
    subroutine followed_motion_carry_start(self)
       class(followed_motion_t), intent(inout) :: self
 
@@ -444,7 +447,7 @@ contains
       end associate
    end subroutine followed_motion_carry_start
 
-   !> What is known of a motion of the curve.
+   !> Computes the results of a motion of the curve.
    subroutine followed_motion_describe(self, point, result, error)
       class(followed_motion_t), intent(inout), target :: self
       type(waiting_t), intent(in) :: point
@@ -480,8 +483,9 @@ contains
       result%n_levels = self%n_levels
    end subroutine followed_motion_describe
 
-   !> Makes the last equation the plane across the tangent at a point, in units of the motion there: how the curve came to it does
-   !> not matter. At a branch point, where any vector between the two curves is a tangent, steps are across both.
+   !> Makes the last equation the plane across the tangent at a point, in units of the motion there: it does not
+   !> depend on the previous points of the curve. At a branch point, where any vector between the two curves is a
+   !> tangent, steps are across both.
    subroutine put_across(self, point)
       class(followed_motion_t), intent(inout), target :: self
       type(waiting_t), intent(in) :: point
@@ -490,7 +494,7 @@ contains
       integer :: last
       logical :: is_crossed, is_singular
 
-      report = self%curve%report                                      ! no work of the curve
+      report = self%curve%report                                      ! not counted as work of the curve
       call self%curve%tangent_at(point%x, tangent, determinant_sign, is_singular)
       self%curve%report = report
       is_crossed = point%kind == curve_kind%branch
@@ -506,7 +510,7 @@ contains
       end associate
    end subroutine put_across
 
-   !> Whether this way begins at a branch point.
+   !> Whether this branch begins at a branch point.
    pure logical function followed_motion_has_left_branch(self) result(has)
       class(followed_motion_t), intent(in) :: self
 
@@ -514,7 +518,7 @@ contains
       if (has) has = .not. self%origins((self%way - 1)/2)%is_apart
    end function followed_motion_has_left_branch
 
-   !> 1 on the first of two ways from one point, -1 on the other.
+   !> 1 on the first of two branches from one point, -1 on the other.
    pure real(wp) function followed_motion_sense(self) result(sense)
       class(followed_motion_t), intent(in) :: self
 

@@ -1,10 +1,9 @@
-!> Derivatives of a motion by values of the input.
-!>
-!> The equations R(x, p) = 0 of a motion, differentiated by a value p that moves it: dx/dp = -J**-1 dR/dp, with the tangent J of the
-!> solution and one solution with it for each value; unknown frequencies are part of x. What interior degrees of freedom do follows
-!> from a small step along it. The equations are looked at there as well: what they are off by is of the second order in the step
-!> where all is smooth, and of the first where contact or friction begins or ends for a part of a period that the step changes.
-!> Source: docs/why/theory.md, section 6.8.
+!> Derivatives of a motion with respect to values of the input.
+!> The equations R(x, p) = 0 of a motion are differentiated with respect to a value p: dx/dp = -J**-1 dR/dp, with the
+!> tangent J of the solution and one linear solution for each value; unknown frequencies are part of x. The
+!> derivatives of interior degrees of freedom follow from a small step along dx/dp. The residual at this step is
+!> checked: it is of second order in the step where the equations are smooth, and of first order where contact or
+!> friction begins or ends during a part of the period that the step changes. Source: docs/why/theory.md, section 6.8.
 module hb_gradient
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
@@ -41,7 +40,7 @@ module hb_gradient
    end type differentiable_t
 
    abstract interface
-      !> Its derivatives on a set and grid; nothing is known where a tangent is singular, or nothing is found.
+      !> Computes its derivatives on a set and grid; they are NaN if the tangent is singular or no motion is found.
       subroutine differentiate_on(self, level, gradient, error)
          import :: differentiable_t, error_t, gradient_t, level_t
          class(differentiable_t), intent(inout) :: self
@@ -55,9 +54,9 @@ module hb_gradient
    type, extends(differentiable_t) :: known_t
       type(document_t) :: document                                    ! from which its model was read
       type(model_t) :: model                                          ! on its set and grid, at its frequencies
-      integer, allocatable :: tones(:)                                ! unknown ones
+      integer, allocatable :: tones(:)                                ! numbers of the unknown ones
       real(wp), allocatable :: x(:)                                   ! coefficients, then the unknown frequencies
-      real(wp), allocatable :: residual(:)                            ! there, of the balance
+      real(wp), allocatable :: residual(:)                            ! of the balance at x
       integer :: n = 0                                                ! coefficients
    contains
       procedure :: differentiate => known_differentiate
@@ -65,12 +64,13 @@ module hb_gradient
 
 contains
 
-   !> Adds the derivatives to a result where any are requested and the balance has the motion; none where its tangent is singular.
+   !> Adds the derivatives to a result, if any are requested and the motion is one of the balance; there are none if
+   !> its tangent is singular.
    subroutine find_gradient(model, document, level, unknowns, result)
       type(model_t), intent(in) :: model
-      type(document_t), intent(in) :: document                        !! from which it was read
+      type(document_t), intent(in) :: document                        !! from which the model was read
       type(level_t), intent(in) :: level                              !! set and grid of the motion
-      real(wp), allocatable, intent(in) :: unknowns(:)                !! as hb_level%level_t has them
+      real(wp), allocatable, intent(in) :: unknowns(:)                !! ordered as those of hb_level%level_t
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable :: error
       type(known_t) :: known
@@ -82,7 +82,7 @@ contains
       associate (by => model%gradient%by, gradient => result%gradient)
          coordinates = coordinates_of(model)
          if (size(by) == 0 .or. .not. is_solved(result%status) .or. .not. allocated(result%coefficients)) return
-         if (any(result%status == [outcome%time_domain, outcome%several])) return ! it is none of a balance
+         if (any(result%status == [outcome%time_domain, outcome%several])) return ! not a motion of a balance
          if (coordinates%n > 0 .and. .not. allocated(unknowns)) return
          known%document = document
          known%model = model
@@ -109,7 +109,7 @@ contains
 
    contains
 
-      !> The motion is there without derivatives, too; says why it has none.
+      !> Reports why the motion has no derivatives; the motion itself remains a result.
       subroutine give_up()
          if (.not. allocated(error)) return
          result%gradient = gradient_t()
@@ -118,7 +118,7 @@ contains
       end subroutine give_up
    end subroutine find_gradient
 
-   !> Differentiates a motion without laws: it is found on both sides of the value.
+   !> Differentiates a motion without laws: it is computed on both sides of the value.
    subroutine differentiate_linear(known, document, k, gradient, error)
       type(known_t), intent(in) :: known
       type(document_t), intent(in) :: document
@@ -154,14 +154,16 @@ contains
       end associate
    end subroutine differentiate_linear
 
-   !> Differentiates the same motion in wider sets and on finer grids. A derivative needs tuples that the motion hardly has, such as
-   !> those that a load of amplitude zero would excite, and where contact or friction changes is known to a sample, which hardly
-   !> matters to the motion and much to its derivatives. What is free by tolerance is made wider and finer until the derivatives
-   !> change by less than the tolerance; a set that is given rules them, and so does a grid, whose change is told.
+   !> Differentiates the same motion in wider sets and on finer grids. A derivative may need tuples that are almost
+   !> zero in the motion, such as those that a load of amplitude zero would excite. The time at which contact or
+   !> friction changes is known to within one sample, which has little effect on the motion and a large one on its
+   !> derivatives. A set or grid chosen from the tolerance is made wider or finer until the derivatives change by less
+   !> than the tolerance; a given set is not changed, and a given grid is not either, but the change on a finer one is
+   !> reported.
    subroutine refine(motion, model, own, gradient)
       class(differentiable_t), intent(inout) :: motion
       type(model_t), intent(in) :: model
-      type(level_t), intent(in) :: own                                !! of the derivatives at hand
+      type(level_t), intent(in) :: own                                !! of the present derivatives
       type(gradient_t), intent(inout) :: gradient
       real(wp), parameter :: largest = 2.0e5_wp                       ! samples; motions have up to 10 times as many
       type(gradient_t) :: finer
@@ -174,7 +176,7 @@ contains
       refines_set = model%accuracy%is_on .and. model%accuracy%grows_set
       refines_grid = model%accuracy%is_on .and. model%accuracy%refines_grid
       if (is_exact .and. .not. refines_set) return
-      gradient%estimate = ieee_value(1.0_wp, ieee_quiet_nan)          ! unless there is room to look
+      gradient%estimate = ieee_value(1.0_wp, ieee_quiet_nan)          ! unless there is room for a check
       next = own
       do
          before = next
@@ -195,7 +197,7 @@ contains
       end do
    end subroutine refine
 
-   !> Coefficients of the tuples of another set, of which `set` has all.
+   !> Coefficients of the tuples of another set, all of which `set` contains.
    pure function in_set(coefficients, set, other)
       real(wp), intent(in) :: coefficients(:, :, :, :)                !! as those of hb_motion_result%gradient_t
       type(harmonics_t), intent(in) :: set, other
@@ -218,7 +220,7 @@ contains
       end associate
    end function zero_gradient
 
-   !> Differentiates the motion on another set and grid, by a step of Newton's method from where it is.
+   !> Differentiates the motion on another set and grid, after a step of Newton's method.
    subroutine known_differentiate(self, level, gradient, error)
       class(known_t), intent(inout) :: self
       type(level_t), intent(in) :: level
@@ -235,12 +237,12 @@ contains
       call differentiate(self, gradient, error, corrects=level%set%n_harmonics > before%harmonics%n_harmonics)
    end subroutine known_differentiate
 
-   !> Differentiates by each of the values; nothing is known where the tangent is singular.
+   !> Differentiates with respect to each of the values; the derivatives are NaN if the tangent is singular.
    subroutine differentiate(known, gradient, error, corrects)
       type(known_t), intent(inout) :: known
       type(gradient_t), intent(out) :: gradient
       type(error_t), allocatable, intent(out) :: error
-      logical, intent(in), optional :: corrects                       !! the motion by a step of Newton's method before
+      logical, intent(in), optional :: corrects                       !! first correct the motion by a step of Newton's method
       type(model_problem_t), target :: here, moved
       type(bordered_problem_t), target :: with_frequencies
       class(problem_t), pointer :: problem
@@ -279,7 +281,7 @@ contains
                slope(:n) = -by_value
                call tangent%solve(problem, slope, is_lost)
                if (is_lost .or. abs(value) > 0.0_wp .or. .not. norm2(slope(:n)) > 0.0_wp) exit
-               typical = norm2(known%x(:n))/norm2(slope(:n))          ! of a value that is zero: what would move as much
+               typical = norm2(known%x(:n))/norm2(slope(:n))          ! of a value of zero: the change with a comparable effect
             end do
             if (.not. is_lost) call take_steps(known, moved, value, difference_step*typical, slope, by_value, k, gradient)
          end do
@@ -303,7 +305,7 @@ contains
       end subroutine put_on
    end subroutine differentiate
 
-   !> Corrects the motion by a step of Newton's method, unless that makes it worse.
+   !> Corrects the motion by a step of Newton's method, unless the step increases the residual.
    subroutine correct(known, problem)
       type(known_t), intent(inout) :: known
       class(problem_t), intent(inout) :: problem
@@ -323,7 +325,7 @@ contains
       known%model%tones%omega(known%tones) = known%x(known%n + 1:)
    end subroutine correct
 
-   !> Conditions for the phases of unknown tones: the sines that vanish, or no part along a shift of the motion.
+   !> Conditions for the phases of unknown tones: sines that are zero, or no component along a shift of the motion.
    function phase_forms(known, problem) result(forms)
       type(known_t), intent(in) :: known
       type(model_problem_t), intent(in) :: problem
@@ -346,12 +348,13 @@ contains
       end associate
    end function phase_forms
 
-   !> Steps to both sides along the derivative: what all degrees of freedom do, and what the equations are off by.
+   !> Takes steps to both sides along the derivative: they give the derivatives of all degrees of freedom and the
+   !> residual.
    subroutine take_steps(known, moved, value, step, slope, by_value, k, gradient)
       type(known_t), intent(in) :: known
       type(model_problem_t), intent(inout) :: moved
       real(wp), intent(in) :: value, step
-      real(wp), intent(in) :: slope(:), by_value(:)                   !! of the unknowns, and of the equations
+      real(wp), intent(in) :: slope(:), by_value(:)                   !! derivatives of the unknowns, and of the equations
       integer, intent(in) :: k                                        !! number of the value
       type(gradient_t), intent(inout) :: gradient
       complex(wp), allocatable :: c(:, :, :)
@@ -389,7 +392,7 @@ contains
       end subroutine go
    end subroutine take_steps
 
-   !> Keeps what one value does to the stored degrees of freedom.
+   !> Stores the derivatives of the stored degrees of freedom with respect to one value.
    pure subroutine keep_slope(gradient, dofs, k, slope)
       type(gradient_t), intent(inout) :: gradient
       integer, intent(in) :: dofs(:)

@@ -1,9 +1,8 @@
-!> Motion by time integration to a tolerance: its tuples are found in the record.
-!>
-!> Models are integrated with many candidates for a set, to all of which the record is fitted (hb_line_fit); kept are those that
-!> matter. What the kept series leaves of the record where the fit has not seen it is the estimated error. Either the model is
-!> integrated before any balance is tried, from rest, or from where the sequence of orders of the balance ends above the tolerance:
-!> its motion is then nearly steady from the beginning.
+!> Motion by time integration to a tolerance: its tuples are determined from the record.
+!> The record of the time integration is fitted by many candidate tuples (hb_line_fit); the important ones form the
+!> set. The estimated error is the misfit of this series in a part of the record that the fit does not use. The model
+!> is integrated either before any balance is tried, from rest, or from the motion at which the sequence of orders of
+!> the balance ended above the tolerance: that motion is nearly steady from the beginning.
 module hb_integrate_to_tolerance
    use hb_advice, only: rounded
    use hb_cancellation, only: verdict, verdict_on_work, work_is_over
@@ -31,27 +30,27 @@ module hb_integrate_to_tolerance
    private
    public :: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples
 
-   integer, parameter :: candidates_of_kept = 4                       ! at most, for each place of a set
+   integer, parameter :: candidates_of_kept = 4                       ! at most, for each tuple of a set
    real(wp), parameter :: fall = 0.7_wp                               ! power of the tolerance with which orders of candidates grow
-   real(wp), parameter :: fall_of_one_tone = 0.4_wp                   ! likewise: a larger box costs little then
+   real(wp), parameter :: fall_of_one_tone = 0.4_wp                   ! likewise: with one tone a larger box is cheap
    real(wp), parameter :: nearly = 0.9_wp                             ! of the tolerance: the error at which a time integration ends
    real(wp), parameter :: share_of_steps = 1.0e-4_wp                  ! of that: tolerance of the steps
-   real(wp), parameter :: share_of_tail = 0.3_wp                      ! of that error, in tuples that are not kept
+   real(wp), parameter :: share_of_tail = 0.3_wp                      ! of that error, in omitted tuples
 
    !> A motion found by time integration whose candidates for a set are refined.
    type, extends(refinable_t) :: refined_record_t
       type(model_t), pointer :: model => null()
-      type(model_t) :: here                                           ! the same on the candidates tried last
+      type(model_t) :: here                                           ! the same model on the candidates tried last
       type(coordinates_t) :: coordinates
       type(harmonics_t) :: candidates
       integer :: order = 1                                            ! of their box
-      integer :: room = 0                                             ! tuples of a set
+      integer :: room = 0                                             ! most tuples of a set
       integer :: n_found = 0                                          ! motions
       real(wp) :: work = 0.0_wp, most_work = 0.0_wp
-      type(steady_motion_t) :: settled                               ! what is said of the best motion, else of the first candidates
+      type(steady_motion_t) :: settled                               ! of the best motion, otherwise of the first candidates
       type(motion_result_t) :: result
       type(level_t) :: found
-      logical :: is_ended = .false.                                   ! no box will do better
+      logical :: is_ended = .false.                                   ! a larger box cannot be better
    contains
       procedure :: solve => refined_record_solve
       procedure :: choose => refined_record_choose
@@ -61,10 +60,11 @@ module hb_integrate_to_tolerance
 
 contains
 
-   !> Whether time integration comes before the balance: asked for, or cheaper by counts.
+   !> Whether time integration precedes the balance: because it is requested, or because its estimated work is
+   !> smaller.
    logical function integrates_first(model)
       type(model_t), intent(in) :: model
-      real(wp), parameter :: largest_tolerance = 1.0e-3_wp            ! above it the balance is cheaper in any case
+      real(wp), parameter :: largest_tolerance = 1.0e-3_wp            ! above it the balance is always cheaper
       type(hold_t) :: hold
       type(integration_counts_t) :: counts
       type(structure_t) :: structure
@@ -92,7 +92,7 @@ contains
       integrates_first = integration_is_cheaper(counts)
    end function integrates_first
 
-   !> Integrates from rest or the `&start` amplitudes. Not done where that finds no motion.
+   !> Integrates from rest or the `&start` amplitudes. `is_done` is false if no motion is found.
    subroutine integrate_to_tolerance(model, result, is_done)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(inout) :: result
@@ -118,9 +118,10 @@ contains
       result = integrated
    end subroutine integrate_to_tolerance
 
-   !> Integrates from the motion in which the sequence of orders has ended above the tolerance, and takes what that gives where it
-   !> is the same motion to the tolerance, or at least nearer to it. The result is else what it was, and says what time integration
-   !> has found. Where walls are struck whose restitution is given, the motion integrated is the answer in any case.
+   !> Integrates from the motion at which the sequence of orders ended above the tolerance, and accepts the result if
+   !> it is the same motion to the tolerance, or at least closer to it. Otherwise the result is unchanged, with a
+   !> message on the outcome of the time integration. If walls with a given restitution are struck, the integrated
+   !> motion is always accepted.
    subroutine integrate_from_balance(model, result, top)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(inout) :: result                  !! of the sequence of orders, `truncated` or `impact`
@@ -133,13 +134,13 @@ contains
       logical :: is_struck, is_there
 
       if (.not. (model%solver%fallback .and. model%solver%fallback_by_integration .and. can_integrate(model))) return
-      if (allocated(result%output_estimate)) return                   ! of outputs time integration knows nothing
+      if (allocated(result%output_estimate)) return                   ! time integration has no estimates of outputs
       call start_on(model, top, from, is_there)
       if (.not. is_there) return
       call integration(from, settled, integrated, found)
       result%work = result%work + settled%work
       if (verdict_on_work() == verdict%interrupted) result%status = outcome%interrupted
-      if (work_is_over()) return                      ! there is a motion, however late it is
+      if (work_is_over()) return                      ! there is a motion even without time left
       is_struck = model%lacks_impacts_of(result%status)
       if (settled%status == outcome%pending .or. .not. (is_struck .or. allocated(integrated%coefficients))) then
          if (allocated(settled%message)) result%message = settled%message
@@ -152,7 +153,7 @@ contains
       end if
       estimate_before = estimate_of(result)
       apart = 0.0_wp
-      if (.not. is_struck) then                                       ! it is the same motion
+      if (.not. is_struck) then                                       ! then it is the same motion
          estimate = estimate_of(integrated)
          apart = distance(top, found, .false.)
          if (estimate_before < reliable .and. apart > safety*(estimate + estimate_before)) then
@@ -173,7 +174,7 @@ contains
       result = integrated
    end subroutine integrate_from_balance
 
-   !> Status of a motion that was integrated: an answer where the estimate is within the tolerance.
+   !> Status of an integrated motion: converged if its estimate is within the tolerance.
    pure integer function status_within(model, settled, result) result(status)
       type(model_t), intent(in) :: model
       type(steady_motion_t), intent(in) :: settled
@@ -182,7 +183,7 @@ contains
       status = merge(settled%status, outcome%truncated, estimate_of(result) <= model%accuracy%tolerance)
    end function status_within
 
-   !> Whether an integrated motion would be an answer.
+   !> Whether an integrated motion is acceptable.
    pure logical function can_integrate(model)
       type(model_t), intent(in) :: model
 
@@ -190,7 +191,7 @@ contains
                   .not. model%normal_mode%is_asked
    end function can_integrate
 
-   !> Gives the model with the motion of a level as its start, in all degrees of freedom.
+   !> Sets the motion of a level as the start of the model, in all degrees of freedom.
    subroutine start_on(model, level, from, is_there)
       type(model_t), intent(in) :: model
       type(level_t), intent(in) :: level
@@ -205,9 +206,9 @@ contains
       if (is_there) call start_from(here, level%unknowns, from, is_there)
    end subroutine start_on
 
-   !> Integrates with candidates in a box, then in the next one of twice the order where they leave too much, and keeps what matters
-   !> of the best of them. Lines beyond a small box look as if the motion did not repeat, so a larger box has the last word where
-   !> there are several tones. Without a motion there is only what is said of it.
+   !> Integrates with candidates in a box, then in a box of twice the order if the misfit is too large, and stores the
+   !> important tuples of the best one. Lines outside a small box appear as a motion that is not periodic; with
+   !> several tones the larger box therefore decides. Without a motion only its description is returned.
    subroutine integration(model, settled, result, found)
       type(model_t), intent(in), target :: model
       type(steady_motion_t), intent(out) :: settled
@@ -223,7 +224,7 @@ contains
       record%coordinates = coordinates_of(model)
       record%room = share_of_integrated*model%accuracy%max_harmonics
       record%order = first_order(model, candidates_of_kept*record%room)
-      record%most_work = 2.0_wp*model%integration%work_limit - result%integration_work ! two methods may take as much
+      record%most_work = 2.0_wp*model%integration%work_limit - result%integration_work ! two methods may need as much
       record%most_failures = huge(1)
       record%result = result
       call new_lowest_set(record%candidates, model%tones%n_tones, loaded_tuples(model), record%error, record%order)
@@ -238,7 +239,7 @@ contains
       if (allocated(settled%message)) result%message = settled%message
    end subroutine integration
 
-   !> Integrates with the candidates chosen last, and keeps what was found where it is the best so far.
+   !> Integrates with the candidates chosen last, and stores the motion if it is the best so far.
    subroutine refined_record_solve(self, is_solved)
       class(refined_record_t), intent(inout) :: self
       logical, intent(out) :: is_solved
@@ -273,10 +274,10 @@ contains
          self%estimate = estimate_of(result)
       end if
       self%result%n_levels = self%n_found
-      self%is_ended = settled%change_by_steps > self%model%accuracy%tolerance   ! of which a larger box sees nothing
+      self%is_ended = settled%change_by_steps > self%model%accuracy%tolerance   ! a larger box cannot reduce this
    end subroutine refined_record_solve
 
-   !> Chooses the candidates in a box of twice the order, as far as there is room and work for them.
+   !> Chooses the candidates in a box of twice the order, within the limits of size and work.
    subroutine refined_record_choose(self, is_there)
       class(refined_record_t), intent(inout) :: self
       logical, intent(out) :: is_there
@@ -302,15 +303,15 @@ contains
       is_over = self%is_ended .or. work_is_over()
    end function refined_record_is_over
 
-   !> Whether the first box shows how the motion returns: lines beyond it are multiples of the only tone, and leave nothing from
-   !> one period to the next where samples are a whole part of it.
+   !> Whether the first box shows the period of the motion: lines outside it are multiples of the only tone, and
+   !> contribute no difference from one period to the next if the period is a whole number of samples.
    pure logical function shows_returns(model)
       type(model_t), intent(in) :: model
 
       shows_returns = model%tones%n_tones == 1 .and. model%integration%step <= 0.0_wp
    end function shows_returns
 
-   !> What a box leaves may be lines of the next one, for which no work is left: nothing is known of the motion.
+   !> Leaves the verdict open: the misfit may consist of lines of the next box, for which no work is left.
    subroutine leave_open(settled, n_candidates)
       type(steady_motion_t), intent(inout) :: settled
       integer, intent(in) :: n_candidates
@@ -322,7 +323,8 @@ contains
                         " in its worst quarter, and no work is left for a longer series; raise &solver fallback_work"
    end subroutine leave_open
 
-   !> Order of the first box of candidates: with one tone or a coarse tolerance fewer than there is room for.
+   !> Order of the first box of candidates: with one tone or a coarse tolerance it has fewer candidates than
+   !> permitted.
    pure integer function first_order(model, most)
       type(model_t), intent(in) :: model
       integer, intent(in) :: most                                     !! candidates
@@ -334,7 +336,7 @@ contains
       end associate
    end function first_order
 
-   !> Keeps the candidates that matter, and the motion in them. The estimate counts what the others carry.
+   !> Selects the important candidates, and the motion in them. The estimate includes the others.
    subroutine keep_lines(model, coordinates, room, settled, result, found)
       type(model_t), intent(in) :: model                              !! on all candidates
       type(coordinates_t), intent(in) :: coordinates
@@ -361,7 +363,7 @@ contains
       is_kept(places) = .true.
       tail = norm2(pack(carried, .not. is_kept))
       call new_harmonics(found%set, model%harmonics%tuples(:, places), error)
-      if (allocated(error)) return                                    ! cannot be: they are tuples of a set
+      if (allocated(error)) return                                    ! impossible: they are tuples of a set
       here = model
       call put_on_set(here, model, found%set)
       kept = settled

@@ -18,15 +18,15 @@ module hb_integrated_result
 
 contains
 
-   !> Whether a search has ended without a motion, and with time left; laws without a force would end a time integration as well.
-   !> One that has `failed` without an error did so for states of sliders that do not repeat on a grid.
+   !> Whether a search has ended without a motion although there was time left; laws without a force would end a time
+   !> integration as well. It has `failed` without an error because states of sliders do not repeat on a grid.
    elemental logical function is_lost(status)
       integer, intent(in) :: status
 
       is_lost = any(status == [outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%diverged, outcome%failed])
    end function is_lost
 
-   !> First guess of the balance, as hb_motion takes it: coefficients at the coordinates, then all base frequencies.
+   !> First guess of the balance in the form of hb_motion: coefficients at the coordinates, then all base frequencies.
    function guess_from(model, coordinates, settled) result(guess)
       type(model_t), intent(in) :: model
       type(coordinates_t), intent(in) :: coordinates
@@ -36,8 +36,8 @@ contains
       guess = [model%harmonics%coefficients(coordinates%amplitudes_of(settled%amplitudes)), model%tones%omega]
    end function guess_from
 
-   !> Puts a motion that was integrated into a result. The forces of the laws are what its inertia, damping, stiffness and loads
-   !> leave.
+   !> Stores an integrated motion in a result. The forces of the laws follow from its inertia, damping, stiffness and
+   !> loads.
    subroutine keep_integrated(model, coordinates, settled, result)
       type(model_t), intent(in) :: model
       type(coordinates_t), intent(in) :: coordinates
@@ -65,7 +65,7 @@ contains
             found%combination_frequency < model%certificate%commensurability*maxval(model%tones%omega)
          found%truncation = settled%spread
          found%aliasing = 0.0_wp
-         if (model%integration%aim <= 0.0_wp) then                   ! averages: what the set cannot hold, and how far they spread
+         if (model%integration%aim <= 0.0_wp) then                   ! averages: tuples outside the set, and the scatter
             found%truncation = settled%left_out
             found%aliasing = settled%spread
          end if
@@ -80,8 +80,8 @@ contains
       end associate
    end subroutine keep_integrated
 
-   !> Stable, for time integration came there; of walls that are struck with the multipliers of the motion that repeats. Of a record
-   !> that the motion tells next to nothing of nothing is known.
+   !> Stable, because time integration converged to it; if walls are struck, with the multipliers of the periodic
+   !> motion. If the motion explains almost nothing of its record, stability is unknown.
    subroutine find_stability(model, settled, stability)
       type(model_t), intent(in) :: model
       type(steady_motion_t), intent(in) :: settled
@@ -93,12 +93,12 @@ contains
       select case (stability%verdict)
       case (verdict%unknown)
          if (settled%spread < reliable) stability = stability_t(verdict=verdict%stable, method=stability_method%integration)
-      case (verdict%unstable)                                         ! one of them is wrong
+      case (verdict%unstable)                                         ! the two results contradict each other
          stability%verdict = verdict%unknown
       end select
    end subroutine find_stability
 
-   !> Forces that a motion takes without laws.
+   !> Forces that a motion requires without laws.
    function forces_of(model, c, w) result(forces)
       type(model_t), intent(in) :: model
       complex(wp), intent(in) :: c(:)                                 !! [m], (n_dofs)

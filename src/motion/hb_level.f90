@@ -1,6 +1,6 @@
-!> A set of harmonics with its grid and a motion in it, and which one should follow: what the certificate says that the tuples carry
-!> that it lacks, and what its grid does to the motion. A set takes the tuples that matter and drops those that do not.
-!> Source: docs/why/accuracy.md.
+!> A set of harmonics with its grid and a motion in it, and the choice of the next one: from the certificate's
+!> estimates of the tuples that the set lacks and of the effect of its grid on the motion. A set gains the important
+!> tuples and loses the unimportant ones. Source: docs/why/accuracy.md.
 module hb_level
    use hb_basis, only: transfer_coefficients
    use hb_characteristic, only: samples_along_time
@@ -19,24 +19,24 @@ module hb_level
    public :: is_rigid, join, least_goal, level_of, margin, most_failures, needed_samples, put_on_level, put_on_set, reliable
    public :: level_t, same_set, trim_set, with_caution
 
-   integer, parameter :: most_failures = 3                            ! of levels one after the other
+   integer, parameter :: most_failures = 3                            ! consecutive levels
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a level
    real(wp), parameter :: margin = 0.6_wp                             ! of the tolerance: estimates were up to 1.6 times too small
-   real(wp), parameter :: least_goal = 0.03_wp                        !! of the estimate: error that the next level is made for
-   real(wp), parameter :: reliable = 0.3_wp                           ! largest estimate that says something
-   real(wp), parameter :: near = 0.02_wp                              ! errors of first order that can be taken out
-   real(wp), parameter :: largest_amplification = 5.0_wp              ! of what is neglected, by what answers it
+   real(wp), parameter :: least_goal = 0.03_wp !! of the estimate: smallest goal for the error of the next level
+   real(wp), parameter :: reliable = 0.3_wp                           ! largest meaningful estimate
+   real(wp), parameter :: near = 0.02_wp                              ! errors of first order that can be removed
+   real(wp), parameter :: largest_amplification = 5.0_wp              ! of neglected tuples by the response to them
    real(wp), parameter :: largest_growth = 1.8_wp                     ! of a set, from one level to the next
-   real(wp), parameter :: least_growth = 1.1_wp                       ! of a set that does not hold the motion
+   real(wp), parameter :: least_growth = 1.1_wp                       ! of a set that is too small for the motion
    integer, parameter :: most_tails = 6
    real(wp), parameter :: smaller_tail = 0.2_wp
-   integer, parameter :: smallest_growing = 50                        ! tuples, from which on that is examined
+   integer, parameter :: smallest_growing = 50                        ! tuples, above which this is examined
    real(wp), parameter :: caution = 2.0_wp                          ! with rigid laws, whose estimates were .34 to 2 times the error
-   real(wp), parameter :: spare = 0.1_wp                              ! of the tolerance: what a neighbour need not have
+   real(wp), parameter :: spare = 0.1_wp                              ! of the tolerance: tuples that a neighbour can omit
    real(wp), parameter :: clearly_smaller = 0.8_wp
-   real(wp), parameter :: wider = 1.6_wp                              ! orders of a box around a set that says nothing
+   real(wp), parameter :: wider = 1.6_wp                              ! orders of a box around a set without a meaningful estimate
    real(wp), parameter :: least_refinement = 0.8_wp, largest_refinement = 2.5_wp ! of a grid
-   real(wp), parameter :: decay = 2.4_wp                              ! power of the spacing of samples with which aliasing falls
+   real(wp), parameter :: decay = 2.4_wp ! power of the spacing of samples with which aliasing decreases
    real(wp), parameter :: least_density = 1.5_wp                      ! samples of a grid, relative to 2 N + 1
 
    !> A set with its grid, and a motion in it.
@@ -49,12 +49,13 @@ module hb_level
 
 contains
 
-   !> Chooses the next level, with the motion of this one as first guess; there is none where nothing is left to change, or no room.
+   !> Chooses the next level, with the motion of this one as first guess; there is none if nothing can be changed or
+   !> the limits are reached.
    subroutine choose_next(model, result, top, goal, n_failures, next, is_there)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(in) :: result
       type(level_t), intent(in) :: top
-      real(wp), intent(in) :: goal                                    !! estimated error
+      real(wp), intent(in) :: goal                                    !! for the estimated error
       integer, intent(in) :: n_failures                               !! of levels chosen from this one
       type(level_t), intent(out) :: next
       logical, intent(out) :: is_there
@@ -87,7 +88,7 @@ contains
          return
       end if
       if (min(next%set%n_harmonics, top%set%n_harmonics) >= model%accuracy%max_harmonics .and. &
-          result%certificate%truncation > result%certificate%aliasing) return ! other tuples, no more of them
+          result%certificate%truncation > result%certificate%aliasing) return ! other tuples, but not more
       if (same_set(next%set, top%set) .and. all(next%n_samples == top%n_samples)) return
       next%unknowns = on_other_set(top, next%set)
       if (allocated(result%certificate%first_order) .and. n_failures == 0 .and. .not. any(model%tones%is_unknown)) &
@@ -95,7 +96,7 @@ contains
       is_there = .true.
    end subroutine choose_next
 
-   !> Takes first-order errors out of the start on a level, where they are small, whatever the estimate says.
+   !> Removes first-order errors from the start on a level if they are small, whatever the estimate is.
    subroutine take_errors_out(result, top, next)
       type(motion_result_t), intent(in) :: result                     !! on `top`
       type(level_t), intent(in) :: top
@@ -114,8 +115,8 @@ contains
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(in) :: result
       type(level_t), intent(in) :: top
-      real(wp), intent(in) :: goal                                    !! estimated error
-      logical, intent(in) :: as_box                                   !! what the set neglects cannot be reported
+      real(wp), intent(in) :: goal                                    !! for the estimated error
+      logical, intent(in) :: as_box                                   !! the certificate cannot report the tuples that the set lacks
       type(harmonics_t), intent(out) :: set
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: around
@@ -136,16 +137,16 @@ contains
       if (allocated(result%certificate%neglected)) then
          around = result%certificate%around
          neglected = result%certificate%neglected
-      else                                                            ! the tangent was of no use: one more all around
+      else                                                            ! the tangent was not usable: one more in all directions
          call new_box(around, top%set%highest + 1, .false., error)
          if (allocated(error)) return
          allocate (neglected(around%n_harmonics), source=goal)
       end if
-      amplification = raised_by(result)*result%certificate%truncation/max(norm2(neglected), tiny(1.0_wp)) ! by what is kept
+      amplification = raised_by(result)*result%certificate%truncation/max(norm2(neglected), tiny(1.0_wp)) ! by the tuples of the set
       amplification = max(1.0_wp, min(amplification, largest_amplification))
       tail = share_of_tail*goal/amplification
       room = min(model%accuracy%max_harmonics, int(largest_growth*max(top%set%n_harmonics, smallest_growing)))
-      do i = 1, most_tails                                            ! what is neglected may look small and matter
+      do i = 1, most_tails                                            ! neglected tuples may appear small and still have an effect
          call new_harmonics(set, chosen_tuples(top%set, carried, around, neglected, is_needed, tail, room), error)
          if (allocated(error)) return
          if (raised_by(result)*result%certificate%truncation <= goal .or. &
@@ -169,7 +170,8 @@ contains
       has_all_of = all([(set%index_of(other%tuples(:, h)) > 0, h=1, other%n_harmonics)])
    end function has_all_of
 
-   !> Takes out of a level what a neighbour can do without: tuples that together carry a small share of the tolerance.
+   !> Removes from a level the tuples that a neighbour can omit: those that together contribute a small share of the
+   !> tolerance.
    subroutine trim_set(model, level)
       type(model_t), intent(in) :: model
       type(level_t), intent(inout) :: level
@@ -193,8 +195,8 @@ contains
       level = trimmed
    end subroutine trim_set
 
-   !> Chooses a smaller set and a coarser grid for a motion that is far more accurate than is requested; `is_smaller` reports
-   !> whether it is worth the change.
+   !> Chooses a smaller set and a coarser grid for a motion that is far more accurate than requested; `is_smaller` is
+   !> true if the saving is worth the change.
    subroutine choose_smaller(model, level, is_smaller)
       type(model_t), intent(in) :: model
       type(level_t), intent(inout) :: level
@@ -214,7 +216,7 @@ contains
                    product(real(level%n_samples, wp)) <= clearly_smaller*product(real(n_samples, wp))
    end subroutine choose_smaller
 
-   !> Makes a level one that has all tuples of a set as well; its motion is zero there. `is_new` reports any.
+   !> Adds all tuples of a set to a level; its motion is zero there. `is_new` is true if any were added.
    subroutine join(level, set, is_new)
       type(level_t), intent(inout) :: level
       type(harmonics_t), intent(in) :: set
@@ -235,7 +237,7 @@ contains
       level = joined
    end subroutine join
 
-   !> Set and grid of a stored point; those of the model where it has none of its own.
+   !> Set and grid of a stored point; those of the model if it has none of its own.
    function level_of(model, place) result(level)
       type(model_t), intent(in) :: model
       type(curve_position_t), intent(in), optional :: place
@@ -249,7 +251,7 @@ contains
       if (allocated(place%n_samples)) level%n_samples = place%n_samples
    end function level_of
 
-   !> Whether a set must have a tuple: the mean value, fundamentals, and what is loaded.
+   !> Whether a set must contain a tuple: the mean value, the fundamentals, and tuples with loads.
    pure logical function is_needed_at(model, tuple) result(is_needed)
       type(model_t), intent(in) :: model
       integer, intent(in) :: tuple(:)
@@ -267,7 +269,7 @@ contains
       if (h > 0 .and. .not. is_needed) is_needed = .not. model%loads%is_zero_at(h)
    end function is_needed_at
 
-   !> Puts the model on the set and the grid of a level.
+   !> Sets the model to the set and the grid of a level.
    subroutine put_on_level(here, model, level, error)
       type(model_t), intent(inout) :: here
       type(model_t), intent(in) :: model                              !! on a set that has all loads
@@ -283,7 +285,7 @@ contains
       call check_memory(sizes_of(here), model%memory_limit, error)
    end subroutine put_on_level
 
-   !> Gives a model another set of harmonics.
+   !> Sets the model to another set of harmonics.
    subroutine put_on_set(here, model, set)
       type(model_t), intent(inout) :: here
       type(model_t), intent(in) :: model                              !! on a set that has all loads
@@ -314,7 +316,7 @@ contains
       unknowns = carry(level%set, set, level%unknowns, level%set%n_tones)
    end function on_other_set
 
-   !> Unknowns of one set in another one: those that only this has are zero.
+   !> Transfers unknowns from one set to another; new tuples are zero.
    pure function carry(from_set, to_set, x, n_further) result(moved)
       type(harmonics_t), intent(in) :: from_set, to_set
       real(wp), intent(in) :: x(:)                                    !! coefficients of all coordinates, and others
@@ -329,7 +331,7 @@ contains
       end associate
    end function carry
 
-   !> Distance of the motions of two levels relative to the second; of amplitudes alone where phases are free.
+   !> Distance of the motions of two levels relative to the second; of their amplitudes if phases are free.
    pure real(wp) function distance(lower, upper, has_free_phases)
       type(level_t), intent(in) :: lower, upper
       logical, intent(in) :: has_free_phases
@@ -347,28 +349,29 @@ contains
       distance = distance/max(norm2(u), tiny(1.0_wp))
    end function distance
 
-   !> Estimated error of a motion, by its certificate or as the level below shows it.
+   !> Estimated error of a motion, from its certificate or from the level below.
    pure real(wp) function estimate_of(result)
       type(motion_result_t), intent(in) :: result
 
       estimate_of = max(estimate_of_motion(result), result%level_estimate)
    end function estimate_of
 
-   !> Estimated error that follows from the motion alone: those by its set and by its grid have nothing to do with each other.
+   !> Estimated error from the motion alone: the errors caused by its set and by its grid are independent.
    pure real(wp) function estimate_of_motion(result) result(estimate)
       type(motion_result_t), intent(in) :: result
 
       estimate = hypot(result%certificate%truncation, result%certificate%aliasing)
    end function estimate_of_motion
 
-   !> By how much the level below shows that the certificate estimates too little.
+   !> Factor by which the level below increases the estimate of the certificate.
    pure real(wp) function raised_by(result)
       type(motion_result_t), intent(in) :: result
 
       raised_by = max(1.0_wp, result%level_estimate/max(estimate_of_motion(result), tiny(1.0_wp)))
    end function raised_by
 
-   !> Largest estimated error of what the tolerance is for: the outputs that are named, or else the motion and its frequencies.
+   !> Largest estimated error of the quantities to which the tolerance applies: the named outputs, otherwise the
+   !> motion and its frequencies.
    pure real(wp) function estimate_of_wanted(result) result(estimate)
       type(motion_result_t), intent(in) :: result
 
@@ -383,7 +386,7 @@ contains
       end associate
    end function estimate_of_wanted
 
-   !> Estimates the error of a motion against rigid laws, of which certificates see too little.
+   !> Increases the estimated error of a motion with rigid laws, which certificates underestimate.
    pure subroutine with_caution(model, result)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(inout) :: result
@@ -401,7 +404,7 @@ contains
       is_rigid = any([(model%laws(i)%law%is_multiplier, i=1, size(model%laws))])
    end function is_rigid
 
-   !> Degree of the laws where all are polynomials, else 0.
+   !> Degree of the laws if all are polynomials, otherwise 0.
    pure integer function degree_of(model) result(degree)
       type(model_t), intent(in) :: model
       integer :: i
@@ -416,8 +419,8 @@ contains
       end do
    end function degree_of
 
-   !> Fewest samples of each tone for the largest entries of a set: without aliasing for polynomials, else a little more than what
-   !> separates its harmonics.
+   !> Smallest number of samples of each tone for the largest entries of a set: free of aliasing for polynomials,
+   !> otherwise slightly more than required to separate its harmonics.
    pure function needed_samples(highest, degree) result(n_samples)
       integer, intent(in) :: highest(:)                               !! (n_tones)
       integer, intent(in) :: degree                                   !! of the laws, 0: no polynomials

@@ -1,9 +1,9 @@
-!> How much memory a point takes, from the sizes of its model alone, before anything large is allocated.
-!>
-!> Counted is what lives at the same time in the worst moment, array by array as hb_balance, hb_sampled_laws, the solvers and
-!> hb_certificate allocate it. A point first stands in its balance (linear part, samples); on top of that comes the
-!> costliest of three: the tangent of the direct attempt, the fallback, the certificate with its own wider balance. Products
-!> with a tangent bring their preconditioner, which a hard problem makes stronger; the strongest one counts as fallback.
+!> Memory of a point, estimated from the sizes of its model alone, before any large allocation.
+!> The estimate is the largest sum of arrays that exist at the same time, array by array as allocated in hb_balance,
+!> hb_sampled_laws, the solvers and hb_certificate. A point needs its balance (linear part, samples) and, in addition,
+!> the most expensive of three: the tangent of the direct attempt, the fallback, the certificate with its own wider
+!> balance. Products with a tangent need a preconditioner, which becomes stronger for a difficult problem; the
+!> strongest one is counted as fallback.
 module hb_memory_estimate
    use hb_balance, only: largest_dense_tangent
    use hb_basis, only: basis_t, whole_basis
@@ -28,23 +28,23 @@ module hb_memory_estimate
    private
    public :: amount, check_memory, estimate_memory, gib, memory_estimate_t, memory_text, sizes_of, sizes_t
 
-   !> What the estimate depends on; real numbers, because hostile ones are beyond any integer.
+   !> The sizes on which the estimate depends; real numbers, because invalid inputs may exceed any integer.
    type :: sizes_t
-      real(wp) :: n_dofs = 0, n_law_dofs = 0, n_coordinates = 0       !! of the structure; on which laws act; what they feel
+      real(wp) :: n_dofs = 0, n_law_dofs = 0, n_coordinates = 0       !! of the structure; with laws; coordinates of laws
       real(wp) :: n_entries = 0, bandwidth = 0                        !! of its matrices
       real(wp) :: n_rows = 0, n_factor_rows = 0                       !! of condensed stiffness and its factors, in memory
       real(wp) :: half_bandwidth = 0, n_tangent_rows = 0              !! of the tangent of one harmonic; rows of its factors
       real(wp) :: n_harmonics = 0
       real(wp) :: n_pairs = 0                                         !! coupled by laws
-      real(wp) :: laws_per_sample = 0, derivatives_per_sample = 0     !! real numbers that laws keep for themselves
+      real(wp) :: laws_per_sample = 0, derivatives_per_sample = 0     !! real numbers that laws store
       real(wp) :: answers_per_sample = 0                              !! of laws with memory, for a tangent
       real(wp) :: states = 0                                          !! coordinates times states, of laws with memory
       logical :: needs_velocity = .false., needs_reaction = .false., has_memory = .false.
-      integer :: largest_dense = 0                                    !! unknowns up to which the tangent is a matrix
+      integer :: largest_dense = 0                                    !! unknowns up to which the tangent is a dense matrix
       real(wp) :: n_stored_dofs = 0
       integer, allocatable :: highest(:), samples(:)                  !! (n_tones)
       integer, allocatable :: stored_samples(:)                       !! of surfaces, size 0: none
-      logical :: is_sparse = .false.                                  !! the matrices are
+      logical :: is_sparse = .false.                                  !! of the matrices
       logical :: has_certificate = .false.
       logical :: has_unknown_tones = .false.
       type(solver_config_t) :: solver
@@ -62,8 +62,8 @@ module hb_memory_estimate
       real(wp) :: linear = 0                                          !! loads, condensed stiffness, transfer to the interior
       real(wp) :: samples = 0                                         !! on the torus: motions, forces, spectra, derivatives
       real(wp) :: tangent = 0                                         !! of the direct attempt, with the vectors of the solver
-      real(wp) :: fallback = 0   !! instead of the tangent, when the direct attempt fails or is hard
-      real(wp) :: certificate = 0                                     !! wider balance, beside the tangent
+      real(wp) :: fallback = 0   !! instead of the tangent, if the direct attempt fails or is difficult
+      real(wp) :: certificate = 0                                     !! wider balance, in addition to the tangent
       real(wp) :: results = 0                                         !! of a point, surfaces with their balance
    contains
       procedure :: usual => memory_estimate_usual
@@ -72,7 +72,7 @@ module hb_memory_estimate
 
 contains
 
-   !> Bytes that a point with these sizes takes.
+   !> Bytes that a point with these sizes needs.
    pure function estimate_memory(s) result(bytes)
       type(sizes_t), intent(in) :: s
       type(memory_estimate_t) :: bytes
@@ -124,7 +124,7 @@ contains
                               max(self%tangent, self%certificate)
    end function memory_estimate_usual
 
-   !> Bytes of a point that needs all that its settings allow.
+   !> Bytes of a point that uses everything its settings permit.
    pure real(wp) function memory_estimate_worst(self)
       class(memory_estimate_t), intent(in) :: self
 
@@ -132,8 +132,8 @@ contains
                                   self%fallback)
    end function memory_estimate_worst
 
-   !> Fails for sizes that need more than `limit` bytes or cannot be counted; the message names the main parts and what
-   !> would fit.
+   !> Fails for sizes that need more than `limit` bytes or overflow; the message names the largest parts and sizes
+   !> that would fit.
    subroutine check_memory(s, limit, error)
       type(sizes_t), intent(in) :: s
       real(wp), intent(in) :: limit                                   !! bytes for this process
@@ -157,7 +157,7 @@ contains
                 " are available for each process: "//trim(memory_text(bytes))//". "//change)
    end subroutine check_memory
 
-   !> Values that a point has at most in one dataset of the result file.
+   !> Largest number of values that a point has in one dataset of the result file.
    pure real(wp) function largest_row(s)
       type(sizes_t), intent(in) :: s
 
@@ -165,7 +165,7 @@ contains
       if (size(s%stored_samples) > 0) largest_row = max(largest_row, volume(s%stored_samples)*s%n_law_dofs)
    end function largest_row
 
-   !> The parts that matter, the largest first: such as `tangent 3.1 GiB, samples 0.4 GiB`.
+   !> The important parts, the largest first: such as `tangent 3.1 GiB, samples 0.4 GiB`.
    pure function memory_text(bytes) result(text)
       type(memory_estimate_t), intent(in) :: bytes
       character(250) :: text
@@ -186,7 +186,7 @@ contains
       end do
    end function memory_text
 
-   !> What to change, alone, so that the point fits: the settings that cost most, and the highest order that fits.
+   !> Finds single changes after which the point fits: the most expensive settings, and the highest order that fits.
    subroutine find_what_fits(s, limit, text)
       type(sizes_t), intent(in) :: s
       real(wp), intent(in) :: limit
@@ -239,7 +239,7 @@ contains
       worst_of = bytes%worst()
    end function worst_of
 
-   !> The sizes with every order lower by `lower` (not below 1), harmonics and samples in proportion.
+   !> The sizes with every order reduced by `lower` (not below 1), harmonics and samples in proportion.
    pure subroutine lower_order(s, lower, other)
       type(sizes_t), intent(in) :: s
       integer, intent(in) :: lower
@@ -261,7 +261,8 @@ contains
       unknowns = 2*n_harmonics*s%n_coordinates
    end function unknowns
 
-   !> Whether steps come from products with the tangent; the search for unknown tones also needs the tangent itself.
+   !> Whether steps are computed from products with the tangent; the search for unknown tones also needs the tangent
+   !> itself.
    pure logical function from_products(s)
       type(sizes_t), intent(in) :: s
 
@@ -276,11 +277,11 @@ contains
       gmres_bytes = real_bytes*unknowns(s, s%n_harmonics)*(s%solver%krylov_vectors + 15)
    end function gmres_bytes
 
-   !> Samples of products, factors of each harmonic by itself and those of some or of the strongest coupling; see
+   !> Samples of products, factors of each harmonic alone and of the partial or strongest coupling; see
    !> hb_tangent_product, hb_law_samples, hb_balance and hb_coarse_tangent.
    pure real(wp) function preconditioner_bytes(s, is_strongest)
       type(sizes_t), intent(in) :: s
-      logical, intent(in) :: is_strongest                             !! else of the level that easy problems stay below
+      logical, intent(in) :: is_strongest                             !! otherwise of the level that easy problems do not exceed
       real(wp), parameter :: easy_work = 5.12e8_wp                    ! multiplications, level 3
       real(wp) :: band, factors, kinds, n
       integer, allocatable :: samples(:)
@@ -316,11 +317,12 @@ contains
       interior_bytes = complex_bytes*s%n_dofs*(n_rows + s%n_coordinates + 2) + 88*s%n_entries
    end function interior_bytes
 
-   !> Condensed stiffness, and factors of the two harmonics that laws ask for; see hb_dynamic_stiffness and hb_linear_part.
+   !> Condensed stiffness, and factors of the two harmonics that laws need; see hb_dynamic_stiffness and
+   !> hb_linear_part.
    pure real(wp) function linear_bytes(s, n_harmonics, of_interior)
       type(sizes_t), intent(in) :: s
       real(wp), intent(in) :: n_harmonics
-      logical, intent(in) :: of_interior                              !! what the motion of all degrees of freedom needs is kept
+      logical, intent(in) :: of_interior !! the data for the motion of all degrees of freedom are stored
 
       associate (l => s%n_coordinates)
          linear_bytes = complex_bytes*(n_harmonics*(merge((s%n_dofs - l)*l, 0.0_wp, of_interior) + l*(s%n_rows + 1) + 6.5_wp*l) + &
@@ -329,7 +331,7 @@ contains
       end associate
    end function linear_bytes
 
-   !> All that a balance keeps on a grid; see hb_transform, hb_sampled_laws and what they use.
+   !> All arrays of a balance on a grid; see hb_transform, hb_sampled_laws and the modules that they use.
    pure real(wp) function sample_bytes(s, n_harmonics, samples, with_derivatives, with_answers)
       type(sizes_t), intent(in) :: s
       real(wp), intent(in) :: n_harmonics
@@ -340,7 +342,7 @@ contains
 
       blocks = 2 + merge(1, 0, s%needs_velocity) + merge(1, 0, s%needs_reaction) + merge(3, 0, s%has_memory)
       per_sample = s%n_coordinates*blocks + s%laws_per_sample + spectra(s%highest, samples)
-      if (s%has_memory) per_sample = per_sample + 1.5_wp              ! order of the walk, one answer
+      if (s%has_memory) per_sample = per_sample + 1.5_wp              ! order of the evaluation, one response
       if (with_derivatives) then
          kinds = 1 + merge(1, 0, s%needs_velocity) + merge(1, 0, s%needs_reaction)
          per_sample = per_sample + kinds*s%n_pairs + s%derivatives_per_sample + min(2, size(samples))   ! transform of products
@@ -361,9 +363,9 @@ contains
       real(wp) :: part
       integer :: m
 
-      part = 1                                                        ! of the grid that a stage still holds
+      part = 1                                                        ! of the grid that remains in a stage
       spectra = 0
-      do m = 1, min(size(samples), size(highest))                     ! a grid of other tones is refused later
+      do m = 1, min(size(samples), size(highest))                     ! a grid of other tones is rejected later
          spectra = spectra + part*merge(2, 1, m <= 2)                 ! two of them also as work arrays
          part = part*min(1.0_wp, (2*highest(m) + 2)/(samples(m)/merge(2.0_wp, 1.0_wp, m == 1)))
       end do
@@ -382,7 +384,7 @@ contains
       volume = product(real(samples, wp))
    end function volume
 
-   !> Bytes in words, such as 0.25 GiB or 12 MiB.
+   !> Bytes as text, such as 0.25 GiB or 12 MiB.
    pure function amount(bytes) result(text)
       real(wp), intent(in) :: bytes
       character(amount_length(bytes)) :: text
@@ -410,21 +412,21 @@ contains
          write (buffer, "(f12.1, a)") bytes/gib, " GiB"
       else
          write (buffer, "(f12.0, a)") bytes/gib*1024.0_wp, " MiB"
-         buffer = buffer(:11)//buffer(13:)                            ! without the point
+         buffer = buffer(:11)//buffer(13:)                            ! without the decimal point
       end if
       buffer = adjustl(buffer)
    end subroutine write_amount
 
-   !> What the memory of a model depends on; laws from the first that has a problem on, and a grid with one, do
-   !> not count. Neighbours may ask for all tuples. Scans the matrices of the structure once.
+   !> The sizes of a model; laws from the first one with an error onwards, and a grid with one, do not count.
+   !> Neighbours may need all tuples. Scans the matrices of the structure once.
    type(sizes_t) function sizes_of(model) result(self)
       type(model_t), intent(in) :: model
       type(basis_t) :: basis
       type(torus_t) :: torus
       type(error_t), allocatable :: error
       type(coordinates_t) :: coordinates
-      type(law_box_t), allocatable :: laws(:)                         ! on numbers of coordinates
-      integer, allocatable :: n_laws_on(:)                            ! each coordinate
+      type(law_box_t), allocatable :: laws(:)                         ! by number of coordinates
+      integer, allocatable :: n_laws_on(:)                            ! on each coordinate
       integer :: i, n
       logical :: is_odd
 
@@ -481,7 +483,7 @@ contains
       self%n_factor_rows = n
       self%half_bandwidth = n - 1
       self%n_tangent_rows = n
-      if (any(coordinates%dofs < 1 .or. coordinates%dofs > structure%n_dofs)) return  ! of a model that is refused anyway
+      if (any(coordinates%dofs < 1 .or. coordinates%dofs > structure%n_dofs)) return  ! of a model that is rejected anyway
       span = 0
       do i = 1, size(laws)
          span = max(span, maxval(laws(i)%law%dofs) - minval(laws(i)%law%dofs))
@@ -490,7 +492,7 @@ contains
       call new_block_pattern(pattern, n, linear)
       self%n_rows = pattern%n_rows
       self%n_factor_rows = merge(3*pattern%half_bandwidth + 1, n, pattern%is_banded)
-      if (self%needs_reaction) span = linear + 2*span                 ! of the law, and of a neighbour that it answers to
+      if (self%needs_reaction) span = linear + 2*span                 ! of the law, and of a neighbour on which it depends
       call new_block_pattern(pattern, n, min(n, max(linear, span)))
       self%half_bandwidth = pattern%half_bandwidth
       self%n_tangent_rows = merge(3*pattern%half_bandwidth + 1, n, pattern%is_banded)
@@ -527,12 +529,12 @@ contains
       end do
    end subroutine scan_structure
 
-   !> Adds what law i keeps for itself, see hb_sampled_law, hb_slider_states and hb_hysteresis_tangent.
+   !> Adds the storage of law i, see hb_sampled_law, hb_slider_states and hb_hysteresis_tangent.
    subroutine add_law(self, laws, i, n_laws_on)
       type(sizes_t), intent(inout) :: self
       type(law_box_t), intent(in) :: laws(:)
       integer, intent(in) :: i
-      integer, intent(in) :: n_laws_on(:)                             !! each coordinate
+      integer, intent(in) :: n_laws_on(:)                             !! on each coordinate
       real(wp) :: c, d, p, v
       integer :: k
       logical :: reads_in_place, writes_in_place
@@ -561,7 +563,7 @@ contains
             self%derivatives_per_sample = self%derivatives_per_sample + c*(c + v + p)
             self%n_pairs = self%n_pairs + d*d
             if (.not. law%is_multiplier) return
-            do k = 1, size(laws)                                       ! it answers to the forces of its neighbours
+            do k = 1, size(laws)                                       ! it depends on the forces of its neighbours
                if (k /= i .and. any_shared(law%dofs, laws(k)%law%dofs)) self%n_pairs = self%n_pairs + d*size(laws(k)%law%dofs)
             end do
          end if

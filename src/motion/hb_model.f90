@@ -1,7 +1,6 @@
 !> The model of one point of a study, with its settings.
-!>
-!> The component initialisers of the types here and below are the defaults of the table of input keys (src/input_keys.txt).
-!> hb_model_reader fills models from an input.
+!> The component initialisers of the types in this module and in the types it contains are the defaults of the table
+!> of input keys (src/input_keys.txt). hb_model_reader reads models from an input.
 module hb_model
    use hb_amplitudes, only: amplitudes_t
    use hb_document, only: parameter_t
@@ -30,38 +29,38 @@ module hb_model
 
    !> Among which motions a model is solved.
    type :: symmetry_t
-      integer :: auto = 1                                             !! odd ones where equations and first guess are odd
+      integer :: auto = 1                                             !! odd motions if equations and first guess are odd
       integer :: none = 2                                             !! all
-      integer :: odd = 3                                              !! odd ones; refused where equations are not
+      integer :: odd = 3                                              !! odd motions; rejected if the equations are not odd
    end type symmetry_t
    type(symmetry_t), parameter :: symmetry = symmetry_t()
 
-   !> What is kept of a result.
+   !> The results that are stored.
    type :: output_config_t
       character(:), allocatable :: title
       integer, allocatable :: dofs(:)                                 !! stored degrees of freedom
       integer, allocatable :: samples(:)                              !! grid of the stored surfaces, size 0: none
    end type output_config_t
 
-   !> How accurate a motion is requested, where sets and grids are chosen for that, hb_accurate_motion.
+   !> The requested accuracy of a motion, if sets and grids are chosen for it, hb_accurate_motion.
    type :: accuracy_t
       logical :: is_on = .false.
-      logical :: grows_set = .false.                                  !! no &harmonics rules the set
-      logical :: refines_grid = .false.                               !! no &sampling rules the grid
-      real(wp) :: tolerance = 1.0e-2_wp                               !! estimated error relative to the motion that the laws feel
-      type(response_t), allocatable :: outputs(:)                     !! or relative to each of these, where there are any
+      logical :: grows_set = .false.                                  !! no &harmonics group fixes the set
+      logical :: refines_grid = .false.                               !! no &sampling group fixes the grid
+      real(wp) :: tolerance = 1.0e-2_wp                               !! estimated error relative to the motion at the laws
+      type(response_t), allocatable :: outputs(:)                     !! or relative to each of these, if there are any
       integer :: max_harmonics = 2000                                 !! tuples of a set
       integer :: max_samples = 2000000                                !! of a grid
       real(wp) :: max_work = 6.0e9_wp                                 !! of all solutions of a point, as `work` of a report
    end type accuracy_t
 
-   !> Values of the input by which motions are differentiated.
+   !> Values of the input with respect to which motions are differentiated.
    type :: gradient_config_t
       character(64), allocatable :: names(:)                          !! their paths
       type(parameter_t), allocatable :: by(:)                         !! in the document of the model
    end type gradient_config_t
 
-   !> What makes a solved point count as not good enough.
+   !> Limits above which a solved point counts as inaccurate.
    type :: certificate_config_t
       logical :: is_on = .true.
       real(wp) :: truncation = 1.0e-2_wp                              !! largest estimated error, relative to the motion
@@ -76,13 +75,13 @@ module hb_model
    !> First guesses from neighbouring points of a sweep.
    type :: chain_config_t
       logical :: is_on = .false.
-      logical :: is_auto = .true.                                     !! hb_study decides by the sweep
+      logical :: is_auto = .true.                                     !! hb_study decides from the sweep
       integer :: length = 1000                                        !! points along the fastest parameter
-      logical :: secant = .true.                                      !! extrapolate through the last two solutions
+      logical :: secant = .true.                                      !! extrapolate from the last two solutions
    end type chain_config_t
 
-   !> Follows motions through time. Where the cancellation of the thread (hb_cancellation) ends that, the result is an error, or
-   !> nothing.
+   !> Integrates models in time. If the cancellation of the thread (hb_cancellation) ends the integration, the
+   !> procedures return an error, or nothing.
    type, abstract :: time_domain_solver_t
    contains
       procedure(settle), deferred, nopass :: settle
@@ -90,11 +89,11 @@ module hb_model
       procedure(find_locking), deferred, nopass :: find_locking
    end type time_domain_solver_t
 
-   !> What the solution of a model calls but does not contain, and what its motion is for: later layers and callers say so. Progress
-   !> and cancellation belong to the thread, hb_cancellation.
+   !> Objects of later layers that the solution of a model calls, and the purpose of its motion; the caller supplies
+   !> them. Progress and cancellation belong to the thread, hb_cancellation.
    type :: callbacks_t
-      class(fe_model_source_t), allocatable :: fe_models              !! from where a structure of type `model` comes
-      class(stability_finder_t), allocatable :: stability_finder      !! not allocated: stability is not known
+      class(fe_model_source_t), allocatable :: fe_models              !! source of a structure of type `model`
+      class(stability_finder_t), allocatable :: stability_finder      !! not allocated: stability is not computed
       class(time_domain_solver_t), allocatable :: time_domain_solver  !! not allocated: there is no time integration
       real(wp) :: share_of_integration = 1.0_wp                       !! of a point, of the work of time integration
       logical :: is_followed = .false.                                !! the motion is the first one of a curve
@@ -103,24 +102,24 @@ module hb_model
    type :: model_t
       logical :: is_read = .false.                                    !! from an input, without an error
       type(callbacks_t) :: callbacks
-      logical :: may_integrate = .true.                               !! by the time-domain solver, where there is one
+      logical :: may_integrate = .true.                               !! by the time-domain solver, if there is one
       type(structure_t) :: structure
       type(tones_t) :: tones
-      integer, allocatable :: phase_dofs(:)                           !! of the sines that vanish, by unknown tone; size 0:
+      integer, allocatable :: phase_dofs(:)                           !! of the sines that are zero, by unknown tone; size 0:
                                                                       !! integral phase conditions
       type(normal_mode_t) :: normal_mode
       type(harmonics_t) :: harmonics
       integer :: symmetry = symmetry%auto
       type(torus_t) :: torus
       type(law_box_t), allocatable :: laws(:)
-      integer, allocatable :: law_groups(:)                           !! number of the group that each law comes from
+      integer, allocatable :: law_groups(:)                           !! number of the group of each law
       type(amplitudes_t) :: loads                                     !! [N], of `harmonics`
       type(amplitudes_t) :: load_slopes                               !! their derivatives by j.omega [N s]
       logical :: has_inertia_loads = .false.                          !! some grow with the frequency
       type(amplitudes_t) :: start                                     !! added to the first guess [m]
       type(solver_config_t) :: solver
-      logical :: start_from_linear = .true.                           !! first guess: the motion without laws, else zero
-      logical :: start_from_integration = .false.                     !! or where time integration ends
+      logical :: start_from_linear = .true.                           !! first guess: the motion without laws, otherwise zero
+      logical :: start_from_integration = .false.                     !! or the end of a time integration
       type(chain_config_t) :: chain
       integer :: planning = planning%estimate                         !! effort of FFTW
       character(:), allocatable :: wisdom                             !! file with FFTW's wisdom
@@ -128,7 +127,7 @@ module hb_model
       type(certificate_config_t) :: certificate
       type(stability_config_t) :: stability
       type(output_config_t) :: output
-      real(wp) :: memory_limit = huge(1.0_wp)                         !! bytes that this process may take
+      real(wp) :: memory_limit = huge(1.0_wp)                         !! bytes that this process may use
       type(integration_config_t) :: integration
       type(gradient_config_t) :: gradient
       integer :: primary_method = primary_method%auto                 !! to its motion, one of hb_time_domain
@@ -138,28 +137,28 @@ module hb_model
    end type model_t
 
    abstract interface
-      !> Follows the model until it is steady or the budget of work ends. An error is one of the integration, such as a law that it
-      !> cannot follow.
+      !> Integrates the model until it is steady or the budget of work is exhausted. An error is one of the
+      !> integration, such as a law that cannot be integrated.
       subroutine settle(model, law_dofs, settled, error)
          import :: error_t, model_t, steady_motion_t
-         type(model_t), intent(in) :: model                           !! all of its tones given
+         type(model_t), intent(in) :: model                           !! with all tones given
          integer, intent(in) :: law_dofs(:)
          type(steady_motion_t), intent(out) :: settled
          type(error_t), allocatable, intent(out) :: error
       end subroutine settle
 
-      !> Gives a first guess as hb_motion takes it: coefficients at the laws, then all base frequencies. Not
-      !> allocated where nothing is left to move, or where the motion has no tone of its own.
+      !> Returns a first guess in the form of hb_motion: coefficients at the laws, then all base frequencies. It is
+      !> not allocated if the motion vanishes, or has no unknown tone.
       subroutine first_guess(model, omega, law_dofs, guess, error)
          import :: error_t, model_t, wp
          type(model_t), intent(in) :: model
-         real(wp), intent(in) :: omega(:)                             !! [rad/s], (n_tones), guesses where unknown, all > 0
+         real(wp), intent(in) :: omega(:)                             !! [rad/s], (n_tones), first guesses where unknown, all > 0
          integer, intent(in) :: law_dofs(:)
          real(wp), allocatable, intent(out) :: guess(:)
          type(error_t), allocatable, intent(out) :: error
       end subroutine first_guess
 
-      !> Looks for a common frequency of all that moves.
+      !> Searches for a common frequency of the whole motion.
       subroutine find_locking(locking, model, omega, law_dofs)
          import :: locking_t, model_t, wp
          type(locking_t), intent(out) :: locking
@@ -178,8 +177,8 @@ contains
       has = self%may_integrate .and. allocated(self%callbacks%time_domain_solver)
    end function model_has_time_domain
 
-   !> Whether a balance with this status strikes walls, and what each of them leaves of an impact is given: the motion is then
-   !> found by time integration.
+   !> Whether walls are struck in a balance with this status and all of them have a given restitution: the motion is
+   !> then found by time integration.
    logical function model_lacks_impacts_of(self, status) result(lacks)
       class(model_t), intent(in) :: self
       integer, intent(in) :: status

@@ -1,14 +1,11 @@
-!> The coordinates of the unknowns of a model, and the basis in which it is solved: all tuples of its set, or where its equations
-!> are odd the odd ones on half of the grid.
-!>
-!> An odd motion balances all harmonics, the even ones vanish on both sides. Whether other motions exist beside it is
-!> another question: `symmetry = 'none'` looks among all. Source: docs/why/theory.md, section 2.
-!>
-!> Whether the equations of a model are odd: a motion of the opposite sign, half a period later in every tone, then is a motion
-!> as well.
-!>
-!> Laws with f(-q, -v) = -f(q, v) and loads of odd tuples alone allow motions u(tau + pi) = -u(tau), all phases shifted, whose
-!> tuples have odd sums. Others may exist beside these. Source: docs/why/theory.md, section 2.
+!> The coordinates of the unknowns of a model, and the basis in which it is solved: all tuples of its set or, if its
+!> equations are odd, the odd ones on half of the grid.
+!> An odd motion satisfies the balance of all harmonics: both sides of the even ones vanish. This does not exclude
+!> other motions: `symmetry = 'none'` includes them in the search. Source: docs/why/theory.md, section 2.
+!> Determines whether the equations of a model are odd: the negative of a motion, half a period later in every tone,
+!> is then a motion as well.
+!> Laws with f(-q, -v) = -f(q, v) and loads of odd tuples only permit motions u(tau + pi) = -u(tau), all phases
+!> shifted, whose tuples have odd sums. Other motions may exist beside these. Source: docs/why/theory.md, section 2.
 module hb_model_basis
    use hb_amplitudes, only: amplitudes_t
    use hb_basis, only: basis_t, new_basis, whole_basis
@@ -27,13 +24,13 @@ module hb_model_basis
    public :: asymmetry, check_symmetry, coordinates_of, even_part, find_basis, half_of_odd, is_solved_odd, most_even, &
       why_not_odd
 
-   real(wp), parameter :: most_even = 1.0e-10_wp                      !! even part of a motion that counts as none, relative; 1e-9
-                                                                      !! takes curves beside branch points for symmetric
+   real(wp), parameter :: most_even = 1.0e-10_wp                      !! negligible even part of a motion, relative; 1e-9 would
+                                                                      !! take curves beside branch points for symmetric ones
 
 contains
 
-   !> Finds the basis of a model, with a first guess that takes the place of its own. An odd one is left to what has nothing
-   !> to the contrary, unless the user requests odd motions.
+   !> Finds the basis of a model, with a first guess that replaces its own. The odd basis is used if nothing prevents
+   !> it, or if the user requests odd motions.
    subroutine find_basis(self, is_odd, model, error, guess)
       type(basis_t), intent(out) :: self
       logical, intent(out) :: is_odd
@@ -54,10 +51,10 @@ contains
       end if
    end subroutine find_basis
 
-   !> What the laws feel, and degrees of freedom at which a phase or an amplitude is reported.
+   !> The coordinates of the laws, and degrees of freedom with a given phase or amplitude.
    function coordinates_of(model, n_laws) result(coordinates)
       type(model_t), intent(in) :: model
-      integer, intent(in), optional :: n_laws                         !! the first ones alone, else all
+      integer, intent(in), optional :: n_laws                         !! only the first ones; default: all
       type(coordinates_t) :: coordinates
       integer, allocatable :: wanted(:)
       integer :: last
@@ -70,8 +67,8 @@ contains
       call new_law_coordinates(coordinates, model%structure, model%laws(:last), wanted)
    end function coordinates_of
 
-   !> Whether the motion is sought among odd ones, unless a first guess from elsewhere is not odd. Loads and first guess that
-   !> are not read yet count as none.
+   !> Whether the motion is searched for among odd ones, unless a first guess from elsewhere is not odd. Loads and
+   !> first guesses that are not read yet count as zero.
    logical function is_solved_odd(self)
       type(model_t), intent(in) :: self
       logical :: is_even(self%harmonics%n_harmonics)
@@ -82,7 +79,7 @@ contains
       is_even = modulo(sum(self%harmonics%tuples, dim=1), 2) == 0
       if (self%symmetry == symmetry%auto) then
          if (self%start_from_integration) return
-         ! a rigid law may take its augmentation from tuples that would go
+         ! a rigid law may base its augmentation on tuples that would be removed
          if (any(is_even) .and. any([(self%laws(i)%law%is_multiplier, i=1, size(self%laws))])) return
          if (self%start%n_dofs > 0) then
             do i = 1, size(is_even)
@@ -98,7 +95,7 @@ contains
       end if
    end function is_solved_odd
 
-   !> The grid on which odd motions are solved: half of it, but whole for what cannot be halved.
+   !> The grid for odd motions: half of it if it can be halved, otherwise all of it.
    type(torus_t) function half_of_odd(self) result(torus)
       type(model_t), intent(in) :: self
 
@@ -107,7 +104,7 @@ contains
       if (.not. has_memory(self%laws) .or. self%tones%n_tones == 1) torus = torus%half()
    end function half_of_odd
 
-   !> Refuses `symmetry = 'odd'` where the equations are not odd.
+   !> Rejects `symmetry = 'odd'` if the equations are not odd.
    subroutine check_symmetry(self, group)
       type(model_t), intent(in) :: self
       type(properties_t), intent(inout) :: group
@@ -115,13 +112,13 @@ contains
       integer :: i
 
       if (self%symmetry /= symmetry%odd .or. .not. allocated(self%torus%n_samples)) return
-      if (.not. all([(allocated(self%laws(i)%law%dofs), i=1, size(self%laws))])) return   ! a problem by now
+      if (.not. all([(allocated(self%laws(i)%law%dofs), i=1, size(self%laws))])) return   ! already reported
       reason = trim(why_not_odd(self%laws, self%harmonics, self%torus, self%loads))
       if (len(reason) > 0) call group%problem("symmetry", "must not be 'odd': "//reason// &
                                               "; 'auto' uses the symmetry where there is one")
    end subroutine check_symmetry
 
-   !> Why equations are not odd; empty where they are.
+   !> Why equations are not odd; empty if they are.
    pure function why_not_odd(laws, harmonics, torus, loads) result(reason)
       type(law_box_t), intent(in) :: laws(:)
       type(harmonics_t), intent(in) :: harmonics
@@ -143,7 +140,7 @@ contains
       if (all([(is_even(harmonics, h), h=1, harmonics%n_harmonics)])) reason = "the set of harmonics has no odd tuple"
    end function why_not_odd
 
-   !> Whether the entries of a tuple sum to an even number.
+   !> Whether the entries of a tuple have an even sum.
    pure logical function is_even(harmonics, h)
       type(harmonics_t), intent(in) :: harmonics
       integer, intent(in) :: h

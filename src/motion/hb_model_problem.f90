@@ -1,11 +1,11 @@
-!> The balance of a model whose input has one value that moves: one more parameter of the problem, beside base frequencies and
-!> artificial damping.
-!>
-!> A value that is the frequency of a tone moves the balance; loads that grow with frequencies go along. Any other value is set in
-!> the document of the model, and what depends on it is made anew; amplitude or energy of a normal mode stand in equations added to
-!> the balance, which stays. The derivative of the residual by it is exact for frequencies,
-!> and for loads, which the residual is linear in; else a central difference, of what a condensed structure is made from before it
-!> is condensed. Source: docs/why/theory.md, section 6.7.
+!> The balance of a model in whose input one value moves: an additional parameter of the problem, besides base
+!> frequencies and artificial damping.
+!> If the value is the frequency of a tone, the balance moves to it, and loads that grow with frequencies change
+!> accordingly. Any other value is set in the document of the model, and the objects that depend on it are created
+!> again; for the amplitude or the energy of a normal mode, the balance is unchanged and an equation is added. The
+!> derivative of the residual with respect to the value is exact for frequencies and for loads, in which the residual
+!> is linear; otherwise it is a central difference, taken of the quantities before condensation. Source:
+!> docs/why/theory.md, section 6.7.
 module hb_model_problem
    use hb_amplitudes, only: amplitudes_t, new_amplitudes
    use hb_balance, only: balance_t, new_balance
@@ -28,37 +28,37 @@ module hb_model_problem
    public :: model_problem_t, moving_value_t, new_model_problem
 
    character(*), parameter :: mode_group = "normal_mode"
-   character(*), parameter :: several = "several"                     ! groups, in which values follow the one that moves
+   character(*), parameter :: several = "several"                     ! groups, in which values follow the moving one
 
-   !> A value of the input that moves, and what of the model moves with it.
+   !> A moving value of the input, and the parts of the model that move with it.
    type :: moving_value_t
       type(parameter_t) :: parameter                                  !! in the document of the model
       real(wp) :: typical = 1.0_wp                                    !! > 0, such as the length of its range
       logical :: is_tied = .false.                                    !! of a tone: all others keep their ratios to it
    end type moving_value_t
 
-   !> What the structure and its loads are where the value is somewhat larger or smaller.
+   !> The structure and its loads at a slightly larger or smaller value.
    type :: side_t
       type(structure_t) :: structure
       real(wp), allocatable :: frequencies(:)                         !! [rad/s], (n_harmonics)
       type(amplitudes_t) :: loads                                     !! [N]
    end type side_t
 
-   !> Owner of outside resources: call `destroy`.
+   !> Owns external resources: call `destroy`.
    type, extends(balance_t) :: model_problem_t
       type(model_t) :: model                                          !! at the present value
-      type(document_t) :: document                                    !! likewise, but for frequencies
+      type(document_t) :: document                                    !! likewise, except for frequencies
       integer :: own = 0                                              !! number of the moving value among the parameters
       integer, allocatable :: which(:)                                !! parameters that are unknown along a curve, the value last
       logical :: moves_frequency = .false.                            !! the value is that of a tone, and loads do not grow with it
       logical :: moves_mode = .false.                                 !! the value is the amplitude or the energy of a normal mode
-      character(:), allocatable :: error_text                         !! why the last value was refused
+      character(:), allocatable :: error_text                         !! why the last value was rejected
       real(wp) :: refused = 0.0_wp                                    !! that value
       type(moving_value_t), private :: moving
       character(:), allocatable, private :: group                     ! of the value, or `several`
       real(wp), private :: value = 0.0_wp                             ! the present one
       real(wp), allocatable, private :: omega_at_zero(:), omega_slopes(:)  ! base frequencies as functions of the value
-      real(wp), allocatable, private :: ratios(:)                     ! of tones to the value, where it moves more than tones
+      real(wp), allocatable, private :: ratios(:)                     ! of tones to the value, if it moves more than tones
       logical, private :: has_stiffness = .false.
       real(wp), private :: available_memory = huge(1.0_wp)            ! bytes
       logical, private :: is_sound = .false.                          ! model and balance belong to the value
@@ -76,13 +76,14 @@ module hb_model_problem
 
 contains
 
-   !> Problem of a model as its document has it. Fails for a value of a group that cannot move, and for a model without laws.
+   !> Creates the problem of a model as read from its document. Fails for a value of a group that cannot move, and for
+   !> a model without laws.
    subroutine new_model_problem(self, model, document, moving, value, available_memory, error)
       type(model_problem_t), intent(inout) :: self
       type(model_t), intent(in) :: model
       type(document_t), intent(in) :: document                        !! from which the model was read
       type(moving_value_t), intent(in) :: moving
-      real(wp), intent(in) :: value                                   !! that it has in the model
+      real(wp), intent(in) :: value                                   !! its value in the model
       real(wp), intent(in) :: available_memory                        !! bytes
       type(error_t), allocatable, intent(out) :: error
       integer :: tone
@@ -115,7 +116,7 @@ contains
       call rebuild(self, error)
    end subroutine new_model_problem
 
-   !> Makes stiffness and balance of the model anew; the stiffness stays where nothing but laws have changed.
+   !> Creates stiffness and balance of the model again; the stiffness remains if only laws have changed.
    subroutine rebuild(self, error)
       type(model_problem_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
@@ -159,17 +160,18 @@ contains
       self%is_sound = .not. allocated(error)
    end subroutine rebuild
 
-   !> Makes the balance anew where it stands, so that its scales do not depend on the way there.
+   !> Creates the balance again at its present value, so that its scales do not depend on previous values.
    subroutine model_problem_renew(self)
       class(model_problem_t), intent(inout) :: self
       type(error_t), allocatable :: error
 
-      if (self%moves_frequency .or. self%moves_mode) return           ! they never change
+      if (self%moves_frequency .or. self%moves_mode) return           ! the scales never change
       call rebuild(self, error)
    end subroutine model_problem_renew
 
-   !> How far from smooth the residual is in the base frequencies: what it changes by where these change in their last digits. The
-   !> condensed stiffness of a beam of 200 elements, whose condition is 1e11, has other rounding errors at each frequency.
+   !> Roughness of the residual in the base frequencies: its change when they change in their last digits. The
+   !> condensed stiffness of a beam of 200 elements, whose condition number is 1e11, has other rounding errors at each
+   !> frequency.
    real(wp) function model_problem_roughness(self, x) result(change)
       class(model_problem_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
@@ -207,7 +209,7 @@ contains
       end subroutine go
    end function model_problem_roughness
 
-   !> Brings model and balance to a value; `error` reports why that is not possible.
+   !> Sets model and balance to a value; `error` is the reason if that is not possible.
    subroutine move_to(self, value, is_possible)
       type(model_problem_t), intent(inout) :: self
       real(wp), intent(in) :: value
@@ -260,10 +262,10 @@ contains
             call put_on_level(self%model, fresh, level_t(before%harmonics, before%torus%n_samples), error)
          end if
          if (.not. allocated(error)) then
-            where (self%model%tones%is_unknown) self%model%tones%omega = self%omega   ! they are where they were
+            where (self%model%tones%is_unknown) self%model%tones%omega = self%omega   ! unchanged
          end if
          if (.not. allocated(error)) call rebuild(self, error)
-         if (allocated(error) .and. before%accuracy%is_on) then       ! a value that is refused leaves the set that was chosen
+         if (allocated(error) .and. before%accuracy%is_on) then       ! a rejected value leaves the chosen set unchanged
             self%model = before
             self%model%is_read = .false.
          end if
@@ -292,7 +294,7 @@ contains
       end do
    end subroutine set_value
 
-   !> The document of the model at the present value, a frequency as well.
+   !> The document of the model at the present value, also for a frequency.
    function model_problem_document_here(self) result(document)
       class(model_problem_t), intent(inout) :: self
       type(document_t) :: document
@@ -332,7 +334,7 @@ contains
       if (is_possible .and. any(which /= self%own)) &
          call self%balance_t%set_parameters(pack(which, which /= self%own), pack(values, which /= self%own), is_possible)
       if (.not. is_possible .or. all(which == self%own)) return
-      self%model%tones%omega = self%omega                             ! from where a balance is made anew
+      self%model%tones%omega = self%omega                             ! for a new balance
    end subroutine model_problem_set_parameters
 
    !> Moves to the parameters of a point of a curve.
@@ -384,7 +386,7 @@ contains
 
    contains
 
-      !> Residual at a value; of a condensed structure that of the laws alone.
+      !> Residual at a value; for a condensed structure that of the laws alone.
       subroutine find_side(i, there, is_possible)
          integer, intent(in) :: i
          real(wp), intent(in) :: there
@@ -402,10 +404,10 @@ contains
       end subroutine find_side
    end subroutine model_problem_parameter_derivative
 
-   !> Derivative of the reaction by the value; zero where the structure is singular.
+   !> Derivative of the reaction with respect to the value; zero if the structure is singular.
    function reaction_slope(self, sides, x, weight) result(slope)
       class(model_problem_t), intent(in) :: self
-      type(side_t), intent(in) :: sides(2)                            !! a little beside the value
+      type(side_t), intent(in) :: sides(2)                            !! slightly beside the value
       real(wp), intent(in) :: x(:)
       real(wp), intent(in) :: weight                               !! of differences of both sides
       real(wp) :: slope(size(x))

@@ -1,5 +1,5 @@
-!> Reads models from documents: which groups there are, and in which order they are read, each by its own procedure; and which of
-!> them are read again when values of the document change.
+!> Reads models from documents: the permitted groups, the order in which their procedures read them, and the groups
+!> that are read again when values of the document change.
 module hb_model_reader
    use hb_bearing, only: read_bearing
    use hb_document, only: document_t, parameter_t, tie_t
@@ -28,26 +28,28 @@ module hb_model_reader
    private
    public :: group_names, moving_groups, read_model, update_model
 
-   !> Every group that an input file may have.
+   !> All groups that an input file may contain.
    character(17), parameter :: group_names(19) = [character(17) :: &
       "structure", "bearing", "dynamic_stiffness", "tones", "phase", "harmonics", "sampling", "load", "law", "start", &
       "normal_mode", "solver", "certificate", "stability", "output", "integration", "accuracy", "tie", "gradient"]
 
-   !> Groups whose real numbers may move: they change the motion; the others say how it is sought, and `&start` which one.
+   !> Groups whose real numbers may move: they change the motion; the others control the search, and `&start` selects
+   !> a motion.
    character(17), parameter :: moving_groups(6) = [character(17) :: &
       "structure", "bearing", "dynamic_stiffness", "tones", "load", "law"]
 
-   !> Groups that are read by themselves while nothing but numbers changes in them.
+   !> Groups that are read separately if only their numbers change.
    character(17), parameter :: read_alone(7) = [character(17) :: &
       "structure", "bearing", "dynamic_stiffness", "tones", "load", "law", "start"]
 
-   real(wp), parameter :: work_of_method = 0.5_wp*(1.0_wp/share_of_solver - 1.0_wp)   ! of time integration, two share what is left;
-                                                                      ! relative to that of the solver's fallbacks
+   real(wp), parameter :: work_of_method = 0.5_wp*(1.0_wp/share_of_solver - 1.0_wp)   ! of time integration, relative to that
+                                                                      ! of the solver's fallbacks; two methods share
+                                                                      ! the rest
 
 contains
 
-   !> Reads a model. All problems of the input are collected in one message, a line each. Fails as well where the model would
-   !> need more memory than its key `memory_limit` or, where that is zero, `available` says.
+   !> Reads a model. All problems of the input are collected in one message, one per line. Also fails if the model
+   !> would need more memory than its key `memory_limit` or, if that is zero, `available` permits.
    subroutine read_model(self, document, error, available, callbacks)
       type(model_t), intent(out) :: self
       type(document_t), intent(inout), target :: document
@@ -65,16 +67,16 @@ contains
       if (self%is_read) call document%accept_changes()
    end subroutine read_model
 
-   !> Brings a model, read from a document before, to the values that this has now: reads what has changed, or everything where
-   !> more than numbers did. Whatever is unusual, a mistake in the input included, ends in a complete reading, which has the last
-   !> word. `is_new` reports that.
+   !> Updates a model that was read from a document to the present values of the document: reads the changed groups,
+   !> or everything if more than numbers have changed. In unusual cases, including an error in the input, everything
+   !> is read again, and that reading is authoritative; `is_new` is then true.
    subroutine update_model(self, document, is_new, error, available, callbacks)
       type(model_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
       logical, intent(out) :: is_new
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available                     !! bytes for this process
-      type(callbacks_t), intent(in), optional :: callbacks             !! else those of before
+      type(callbacks_t), intent(in), optional :: callbacks             !! default: the previous ones
       type(callbacks_t) :: same
       logical :: is_read
 
@@ -93,7 +95,7 @@ contains
       call read_model(self, document, error, available, same)
    end subroutine update_model
 
-   !> Tuples of loads, first guesses and outputs whose accuracy is requested, (n_tones, any).
+   !> Tuples of loads, first guesses and outputs with a requested accuracy, (n_tones, any).
    function wanted_tuples(self, document) result(tuples)
       type(model_t), intent(in) :: self
       type(document_t), intent(inout), target :: document
@@ -110,7 +112,7 @@ contains
       end associate
    end function wanted_tuples
 
-   !> Reads group after group; `error` is what stops the reading, problems of single keys wait in the document.
+   !> Reads the groups in order; `error` stops the reading, problems of single keys are collected in the document.
    subroutine read_parts(self, document, error)
       type(model_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
@@ -153,7 +155,7 @@ contains
       call read_loads(self, document)
       call read_starts(self, document)
       call check_symmetry(self, document%optional_group("harmonics"))
-      call check_size()                                               ! again: loads decide whether motions are odd
+      call check_size()                                               ! again: loads determine whether motions are odd
       if (allocated(error)) return
       call check_improvement(self, document%optional_group("certificate"))
       if (any(self%tones%is_unknown)) then
@@ -187,7 +189,7 @@ contains
       end subroutine check_size
    end subroutine read_parts
 
-   !> Reads `&structure`, and all `&bearing` and `&dynamic_stiffness` into it; `error` is what stops the reading.
+   !> Reads `&structure`, and all `&bearing` and `&dynamic_stiffness` into it; `error` stops the reading.
    subroutine read_whole_structure(structure, document, error, memory_limit, fe_models)
       type(structure_t), intent(out) :: structure
       type(document_t), intent(inout), target :: document
@@ -210,7 +212,7 @@ contains
       end do
    end subroutine read_whole_structure
 
-   !> Improvement steps need sets and tones that are given.
+   !> Checks that sets and tones are given, as improvement steps require.
    subroutine check_improvement(self, group)
       type(model_t), intent(in) :: self
       type(properties_t), intent(inout) :: group                      !! &certificate
@@ -221,8 +223,8 @@ contains
       if (any(self%tones%is_unknown)) call group%problem("improvement_steps", "requires given tones; leave it out")
    end subroutine check_improvement
 
-   !> Reads those groups anew that have changed; `is_read` is false, and the model of no use, where something is wrong with them,
-   !> or where they differ in more than numbers.
+   !> Reads the changed groups again; `is_read` is false, and the model is unusable, if they contain errors or differ
+   !> in more than numbers.
    subroutine read_changes(self, document, is_read)
       type(model_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
@@ -235,7 +237,7 @@ contains
       if (document%has_changed(read_alone(:3))) then
          call read_other_numbers(self, document, is_read)
          if (.not. is_read) return
-         call check_memory(sizes_of(self), self%memory_limit, error)  ! zeros among them make a structure smaller
+         call check_memory(sizes_of(self), self%memory_limit, error)  ! zero entries make a structure smaller
          is_read = .not. allocated(error)
          if (.not. is_read) return
       end if
@@ -256,7 +258,7 @@ contains
       is_read = .not. allocated(error)
    end subroutine read_changes
 
-   !> Reads the structure anew, if its degrees of freedom are what they were; all that names them stays true then.
+   !> Reads the structure again if its degrees of freedom are unchanged, so that all references to them remain valid.
    subroutine read_other_numbers(self, document, is_read)
       type(model_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
@@ -274,7 +276,8 @@ contains
       end associate
    end subroutine read_other_numbers
 
-   !> Reads the ties of a document, which keeps them, and sets what follows. Paths that name nothing are problems of their groups.
+   !> Reads the ties of a document, which stores them, and sets the values that follow. Invalid paths are reported as
+   !> problems of their groups.
    subroutine read_ties(document)
       type(document_t), intent(inout), target :: document
       type(properties_t), pointer :: group
@@ -315,7 +318,7 @@ contains
       call document%follow_ties()
    end subroutine read_ties
 
-   !> Reads `&gradient`: the values by which motions are differentiated, real numbers that the input gives.
+   !> Reads `&gradient`: the values with respect to which motions are differentiated, real numbers of the input.
    subroutine read_gradient(self, document)
       type(model_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
@@ -337,7 +340,7 @@ contains
       end do
    end subroutine read_gradient
 
-   !> Adds a value that may move to those of a gradient; what is wrong with it is a problem of the key.
+   !> Adds a value that may move to those of a gradient; an invalid path is reported as a problem of the key.
    subroutine add_value(self, document, group, path, is_unknown)
       type(gradient_config_t), intent(inout) :: self
       type(document_t), intent(inout) :: document
@@ -381,7 +384,7 @@ contains
       self%names = [character(64) :: self%names, path]
    end subroutine add_value
 
-   !> Looks a path up that a key has; what is wrong with it is a problem of the key.
+   !> Finds the value of a path in a key; an invalid path is reported as a problem of the key.
    subroutine find_value(document, group, key, path, parameter)
       type(document_t), intent(inout) :: document
       type(properties_t), intent(inout) :: group
@@ -396,7 +399,7 @@ contains
       call group%problem(key, "'"//trim(shown(path))//"' "//error%message)
    end subroutine find_value
 
-   !> Adds a problem for each tie to the frequency of a tone that is unknown.
+   !> Reports a problem for each tie to the frequency of an unknown tone.
    subroutine refuse_unknown_tones(document, is_unknown)
       type(document_t), intent(inout), target :: document
       logical, intent(in) :: is_unknown(:)                            !! (n_tones)

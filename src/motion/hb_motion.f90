@@ -1,4 +1,4 @@
-!> From a model to its motion with all derived results.
+!> Computes the motion of a model with all derived results.
 module hb_motion
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use hb_advice, only: advice_on, circumstances_t, find_circumstances
@@ -32,20 +32,20 @@ module hb_motion
    private
    public :: forget_motion, solve_motion, start_from, status_of_ended
 
-   integer, parameter :: steps_from_integration = 20                  ! of the balance, from a motion that is known
+   integer, parameter :: steps_from_integration = 20                  ! of the balance, from a known motion
 
 contains
 
-   !> Solves the model. An `error` is failure that belongs to this point alone, such as a singular interior; a solver that
-   !> does not converge is reported by the status of the result.
+   !> Solves the model. An `error` is a failure of this point alone, such as a singular interior; a solver that does
+   !> not converge is reported by the status of the result.
    subroutine solve_motion(model, result, error, guess, unknowns, kept)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
-      real(wp), intent(in), optional :: guess(:)                      !! in place of that of the model: coefficients of what the
-                                                                      !! laws feel, then all base frequencies
-      real(wp), allocatable, intent(out), optional :: unknowns(:)     !! of a converged solution, as `guess`; none without laws
-      type(cached_linear_parts_t), intent(inout), optional, target :: kept !! of the motion before, for what it can be used
+      real(wp), intent(in), optional :: guess(:)                      !! replaces that of the model: coefficients at the
+                                                                      !! coordinates of the laws, then all base frequencies
+      real(wp), allocatable, intent(out), optional :: unknowns(:) !! of a converged solution, ordered as `guess`; none without laws
+      type(cached_linear_parts_t), intent(inout), optional, target :: kept !! of the previous motion, reused if possible
       type(cancellation_t), target :: cancellation
       real(wp), allocatable :: found(:)
 
@@ -60,13 +60,13 @@ contains
       end if
    end subroutine solve_motion
 
-   !> Solves the model under a cancellation that was entered.
+   !> Solves the model under a cancellation that has been entered.
    subroutine solve_with_cancellation(model, result, error, unknowns, kept)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable, intent(inout) :: unknowns(:)             !! a first guess as that of `solve_motion`, then the solution;
-                                                                      !! not allocated: there is none
+      real(wp), allocatable, intent(inout) :: unknowns(:)             !! on entry a first guess as that of `solve_motion`, if
+                                                                      !! allocated; on return the solution
       type(cached_linear_parts_t), intent(inout), optional, target :: kept
       type(cached_linear_parts_t), pointer :: parts
       type(basis_t) :: basis
@@ -87,14 +87,15 @@ contains
       if (is_odd .and. .not. allocated(error)) then
          result%is_odd = is_proven_odd(result) .or. any(result%status == [outcome%timed_out, outcome%interrupted])
          if (.not. result%is_odd) then
-            if (.not. allocated(unknowns) .and. allocated(first_guess)) unknowns = first_guess   ! found ones balance odd harmonics
+            if (.not. allocated(unknowns) .and. allocated(first_guess)) unknowns = first_guess   ! integrated: may be even
             call solve_model(model, whole_basis(model%harmonics, model%torus), result, error, unknowns, parts)
          end if
       end if
       if (model%has_time_domain() .and. .not. allocated(error)) call fallback_by_integration(model, result, unknowns)
    end subroutine solve_with_cancellation
 
-   !> Integrates before any balance is tried. Not done where it leads to nothing that is known, or cannot be: the balance follows.
+   !> Integrates before any balance is tried. If this does not lead to a conclusive result, or is not possible,
+   !> `is_done` is false and the balance follows.
    subroutine integrate_first(model, result, is_done)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(out) :: result
@@ -120,9 +121,9 @@ contains
       if (is_solved(result%status)) call keep_integrated(model, coordinates, settled, result)
    end subroutine integrate_first
 
-   !> The last way: where the balance has found no motion, or one that strikes walls whose restitution is given, the model is
-   !> integrated, and what that ends in is the answer: the balance solved from there, the motion integrated, or what there is
-   !> instead.
+   !> The last method: if the balance has found no motion, or one that strikes walls with a given restitution, the
+   !> model is integrated. The result is the balance solved from the integrated motion, the integrated motion itself,
+   !> or a description of what was integrated.
    subroutine fallback_by_integration(model, result, unknowns)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(inout) :: result
@@ -153,7 +154,7 @@ contains
       if (work_is_over()) then
          result%status = status_of_ended()
       else if (result%fallback == fallback%integration) then
-         return                                                       ! the balance has its motion after all
+         return                                                       ! the balance has converged
       else if (settled%status == outcome%pending) then
          if (allocated(result%message)) settled%message = settled%message//"; "//result%message
          result%message = settled%message
@@ -167,7 +168,7 @@ contains
       end if
    end subroutine fallback_by_integration
 
-   !> Gives the model with a motion that solves its balance as its start, in all degrees of freedom.
+   !> Sets a motion that solves the balance as the start of the model, in all degrees of freedom.
    subroutine start_from(model, unknowns, from, is_there)
       type(model_t), intent(in) :: model
       real(wp), intent(in) :: unknowns(:)                             !! of the solution, as the guess of `solve_motion`
@@ -193,7 +194,7 @@ contains
       from%start = as_amplitudes(transpose(cmplx(whole%coefficients(1, :, :), -whole%coefficients(2, :, :), wp)))
    end subroutine start_from
 
-   !> Solves the balance in a few steps from the motion integrated; the result is that of the balance where it converges.
+   !> Solves the balance in a few steps from the integrated motion; the result is that of the balance if it converges.
    subroutine balance_from(model, guess, result, unknowns)
       type(model_t), intent(in) :: model
       real(wp), intent(in) :: guess(:)                                !! as that of `solve_motion`
@@ -220,8 +221,8 @@ contains
       end if
    end subroutine balance_from
 
-   !> Whether a motion of odd tuples balances the even ones too. Of laws with memory this shows in their forces: a slider that
-   !> starts at rest and never slips again stays on one side.
+   !> Whether a motion of odd tuples satisfies the balance of the even ones too. For laws with memory their forces
+   !> show this: a slider that starts at rest and never slips again remains on one side.
    pure logical function is_proven_odd(result)
       type(motion_result_t), intent(in) :: result
 
@@ -249,8 +250,8 @@ contains
       type(basis_t), intent(in) :: basis
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable, intent(inout) :: unknowns(:)             !! a first guess in the whole set, as that of `solve_motion`,
-                                                                      !! then the solution; not allocated: there is none
+      real(wp), allocatable, intent(inout) :: unknowns(:)             !! on entry a first guess in the whole set, as that of
+                                                                      !! `solve_motion`, if allocated; on return the solution
       type(cached_linear_parts_t), pointer, intent(in), optional :: kept
       type(dynamic_stiffness_t) :: stiffness
       type(linear_part_t), allocatable :: linear
@@ -302,7 +303,7 @@ contains
       call balance%destroy()
    end subroutine solve_model
 
-   !> What the search starts from: the tones, and the motion where it is given or by time integration.
+   !> Finds the start of the search: the tones, and the motion if it is given or by time integration.
    subroutine find_first_guess(model, basis, coordinates, guess, start, first_guess, error)
       type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis
@@ -325,7 +326,7 @@ contains
       start%has_motion = .true.
    end subroutine find_first_guess
 
-   !> A first guess by time integration; none where that finds nothing.
+   !> Computes a first guess by time integration; there is none if that finds nothing.
    subroutine integrate_guess(model, basis, omega, coordinates, first_guess, error)
       type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis
@@ -340,7 +341,7 @@ contains
          return
       end if
       call model%callbacks%time_domain_solver%first_guess(model, omega, coordinates%dofs, integrated, error)
-      if (allocated(error) .and. work_is_over()) deallocate (error)   ! nothing that follows takes long
+      if (allocated(error) .and. work_is_over()) deallocate (error)   ! the following steps are short
       call annotate(error, "first guess from time integration")
       if (allocated(error) .or. .not. allocated(integrated)) return
       associate (n => basis%whole%n_coefficients, n_dofs => size(coordinates%dofs))
@@ -349,8 +350,8 @@ contains
       call restrict_guess(basis, coordinates%n, integrated, first_guess)
    end subroutine integrate_guess
 
-   !> Takes the unknowns out of a first guess of all coefficients at the coordinates; none out of one of another size, as of a
-   !> neighbour whose laws feel something else.
+   !> Restricts a first guess of all coefficients at the coordinates to the unknowns; there is none if its size
+   !> differs, as for a neighbour whose laws have other coordinates.
    pure subroutine restrict_guess(basis, n_coordinates, guess, first_guess)
       type(basis_t), intent(in) :: basis
       integer, intent(in) :: n_coordinates
@@ -363,7 +364,7 @@ contains
       end associate
    end subroutine restrict_guess
 
-   !> A model without laws: the condensed problem has no unknowns, all that is left is the linear motion.
+   !> Solves a model without laws: the condensed problem has no unknowns, only the linear motion remains.
    subroutine solve_linear_model(model, basis, stiffness, result)
       type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis
@@ -390,7 +391,7 @@ contains
       type(basis_t), intent(in) :: basis
       type(autonomous_start_t), intent(in) :: start
       type(balance_t), intent(inout), target :: balance
-      type(motion_result_t), intent(inout) :: result                  !! with the time that the set-up has taken so far
+      type(motion_result_t), intent(inout) :: result                  !! with the set-up time so far
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(in) :: guess(:)                   !! in the basis; not allocated: that of the model
       real(wp), allocatable, intent(out) :: unknowns(:)               !! in the whole set
@@ -420,7 +421,7 @@ contains
          end if
          call add_start(model, basis, balance%stiffness%coordinates, u)
          if (allocated(guess)) u = reshape(guess(:size(u)), shape(u))
-         ! what is known comes first
+         ! a known motion is tried first
          if (allocated(guess) .or. .not. model%start%is_zero()) balance%continues_in_order_first = .false.
          begun = wall_clock()
          call solve_unknowns(model, balance, linear_solution, u, report)
@@ -442,15 +443,15 @@ contains
       end if
       if (verdict_on_work() == verdict%interrupted) then
          result%status = outcome%interrupted
-         if (allocated(error)) deallocate (error)                     ! of what was left half done
+         if (allocated(error)) deallocate (error)                     ! of the partial results
       end if
    end subroutine solve_balance
 
-   !> Puts what the solver reports into the result, with a message where it has found no motion.
+   !> Stores the solver's report in the result, with a message if it has found no motion.
    subroutine keep_report(model, balance, u, report, result, error)
       type(model_t), intent(in) :: model
       type(balance_t), intent(inout) :: balance
-      real(wp), intent(in) :: u(:, :)                                 !! the last point
+      real(wp), intent(in) :: u(:, :)                                 !! the last iterate
       type(report_t), intent(inout) :: report
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
@@ -482,8 +483,8 @@ contains
       end if
    end subroutine keep_report
 
-   !> Where the search for a torus was lost, or its motion is no better than a guess and its tones are nearly commensurate, the
-   !> tones may have locked: there is no torus then.
+   !> Checks whether the tones have locked, in which case there is no torus: if the search for a torus failed, or if
+   !> its motion is no better than a guess and its tones are nearly commensurate.
    subroutine look_for_locking(model, start, law_dofs, result)
       type(model_t), intent(in) :: model
       type(autonomous_start_t), intent(in) :: start
@@ -498,7 +499,7 @@ contains
       case (outcome%truncated)
          if (may_be_locked(result%frequency, model%tones%is_unknown)) &
             call model%callbacks%time_domain_solver%find_locking(locking, model, result%frequency, law_dofs)
-      case (outcome%collapsed)                                        ! to a part of a given tone? else the motion has no other
+      case (outcome%collapsed) ! to a fraction of a given tone? Otherwise the motion has no other tone
          if (all(model%tones%is_unknown) .or. .not. may_be_locked(start%omega, model%tones%is_unknown)) return
          call model%callbacks%time_domain_solver%find_locking(locking, model, start%omega, law_dofs)
          if (.not. locking%is_locked) return
@@ -508,17 +509,17 @@ contains
       if (.not. locking%is_locked) return
       result%status = outcome%locked
       result%message = trim(locking%message())
-      result%certificate = none                                       ! of a torus that there is not
+      result%certificate = none                                       ! of a torus that does not exist
       result%is_near_commensurate = .false.
       where (model%tones%is_unknown) result%frequency = locking%multiples*locking%base
    end subroutine look_for_locking
 
-   !> Status of a point that has to end before it is done.
+   !> Status of a point that must end early.
    integer function status_of_ended() result(status)
       status = merge(outcome%timed_out, outcome%interrupted, verdict_on_work() == verdict%timed_out)
    end function status_of_ended
 
-   !> The tones found; unknown ones that the motion does not have are no numbers.
+   !> Stores the tones; unknown ones that the motion does not have are NaN.
    subroutine keep_tones(model, balance, report, result)
       type(model_t), intent(in) :: model
       type(balance_t), intent(in) :: balance
@@ -532,11 +533,11 @@ contains
       end if
    end subroutine keep_tones
 
-   !> The solver sees the coefficients as one vector.
+   !> Solves with the coefficients as one vector.
    subroutine solve_unknowns(model, balance, linear_solution, u, report)
       type(model_t), intent(in) :: model
       type(balance_t), intent(inout) :: balance
-      real(wp), intent(in) :: linear_solution(:, :)                   !! of the model without its laws, as u
+      real(wp), intent(in) :: linear_solution(:, :)                   !! of the model without its laws, in the form of u
       real(wp), intent(inout), contiguous, target :: u(:, :)
       type(report_t), intent(out) :: report
       real(wp), pointer, contiguous :: x(:)
@@ -546,7 +547,7 @@ contains
       call solve(balance, model%solver, reshape(linear_solution, [size(u)]), x, report)
    end subroutine solve_unknowns
 
-   !> Adds the user's first guess at the coordinates of the laws; elsewhere the motion follows from there.
+   !> Adds the user's first guess at the coordinates of the laws; the other motion follows from these.
    subroutine add_start(model, basis, coordinates, u)
       type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis

@@ -1,9 +1,10 @@
-!> A curve of motions along one value of the input, by its arc length: round folds, exactly onto given values, with its folds, the
-!> maxima of responses and, where multipliers are known, its bifurcations located.
-!>
-!> Steps are as long as the tangent turns little on them, and shorter where the corrector has to work. A curve that starts between
-!> the ends of the range is followed both ways; behind these come the ways along curves that cross, and from motions apart. Each
-!> point has all that a motion has. Source: docs/user/curves.md; docs/why/theory.md, section 6.7.
+!> A curve of motions as a function of one value of the input, parametrised by its arc length: it passes folds and
+!> reaches given values exactly; its folds, the maxima of responses and, if multipliers are known, its bifurcations
+!> are located.
+!> The length of a step is limited by the turn of the tangent and by the iterations of the corrector. A curve that
+!> starts inside the range is followed in both directions; then follow the curves that cross it, and those from
+!> separate motions. Each point has all results of a motion. Source: docs/user/curves.md; docs/why/theory.md, section
+!> 6.7.
 module hb_motion_curve
    use hb_accurate_motion, only: solve_to_tolerance
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
@@ -32,16 +33,16 @@ module hb_motion_curve
    private
    public :: motion_curve_t
 
-   real(wp), parameter :: run_up = 0.05_wp                            ! of the longest step, to what is expected next
-   real(wp), parameter :: farthest = 2.0_wp                           ! from where they leave it, relative to that part
-   real(wp), parameter :: first_parts(4) = [0.02_wp, 0.1_wp, 0.3_wp, 0.005_wp]   ! of the motion: others where they leave a curve
+   real(wp), parameter :: run_up = 0.05_wp                            ! of the longest step, to the next expected point
+   real(wp), parameter :: farthest = 2.0_wp                           ! distance from the point of departure, relative to that part
+   real(wp), parameter :: first_parts(4) = [0.02_wp, 0.1_wp, 0.3_wp, 0.005_wp]   ! of the motion: departure of others
 
-   !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`.
+   !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`.
    type, extends(followed_motion_t) :: motion_curve_t
       logical :: is_done = .false.                                    !! there is no further point
-      type(origin_t), private :: first                                ! the start itself; a direction where it leaves another curve
-      real(wp), private :: first_sense = 1.0_wp                       ! of the value on the primary method
-      type(origin_t), allocatable, private :: met(:)                  ! motions at values at which others are sought
+      type(origin_t), private :: first                                ! the start itself; a direction if it leaves another curve
+      real(wp), private :: first_sense = 1.0_wp                       ! of the value on the first branch
+      type(origin_t), allocatable, private :: met(:)                  ! motions at values at which others are searched for
       integer :: n_reported = 0                                       !! points so far
    contains
       procedure :: begin => motion_curve_begin
@@ -54,9 +55,9 @@ module hb_motion_curve
 
 contains
 
-   ! Where a curve begins
+   ! Start of a curve
 
-   !> Solves the first motion, by all the ways that a point has; the curve is done with it where that does not lead to one.
+   !> Solves the first motion by all methods of a point; the curve has ended if none is found.
    subroutine motion_curve_begin(self, model, document, request, result, error)
       class(motion_curve_t), intent(inout), target :: self
       type(model_t), intent(inout) :: model                           !! at the start
@@ -74,11 +75,11 @@ contains
          return
       end if
       if (model%accuracy%is_on) then
-         model%chain%is_on = .false.                                  ! the point has no neighbour, and is none
+         model%chain%is_on = .false.                                  ! the point has no neighbour and is none
          call solve_to_tolerance(model, result, error, level)
          if (allocated(level%unknowns) .and. model%accuracy%grows_set) then
             lowest = level
-            call join(lowest, model%harmonics, is_new)                ! without even tuples no symmetry is seen to break
+            call join(lowest, model%harmonics, is_new)                ! without even tuples no loss of symmetry is detected
             if (is_new) call solve_to_tolerance(model, result, error, level, lowest)
          end if
          if (allocated(level%unknowns)) unknowns = level%unknowns
@@ -88,7 +89,7 @@ contains
       end if
       self%is_done = allocated(error) .or. .not. allocated(unknowns)
       if (any(result%status == [outcome%time_domain, outcome%several])) then
-         result%status = outcome%stalled                              ! a motion, but no point of a curve
+         result%status = outcome%stalled                              ! a motion, but not a point of a curve
          result%message = "a curve must start from a harmonic balance solution; "//result%message
       end if
       if (any(model%tones%is_unknown) .and. model%accuracy%is_on .and. .not. self%is_done) then
@@ -110,7 +111,8 @@ contains
       self%is_done = allocated(error) .or. self%n_reported >= request%n_points
    end subroutine motion_curve_begin
 
-   !> Begins where the curve leaves another one, a small way along it: at the very point the tangent has no inverse.
+   !> Begins where the curve leaves another one, a short distance along it: at the intersection itself the tangent is
+   !> singular.
    subroutine begin_at_origin(self, model, document, result, error)
       class(motion_curve_t), intent(inout), target :: self
       type(model_t), intent(in) :: model
@@ -161,7 +163,7 @@ contains
          across = across/norm2(across/self%weights)*norm2(from(:n)/self%weights)
          self%first%direction = [across, spread(0.0_wp, 1, n_which)]
       end associate
-      do i = 1, size(first_parts)                                     ! forces with kinks may have none just beside
+      do i = 1, size(first_parts)                                     ! for forces with kinks there may be none very close to it
          self%first%x = from + first_parts(i)*self%first%direction
          call self%find_on_plane(self%first%x, self%first%direction, is_found)
          if (is_found) is_found = norm2((self%first%x - from)/self%units_at(from)) <= farthest*first_parts(i)
@@ -169,14 +171,14 @@ contains
       end do
    end subroutine find_first
 
-   !> Takes the place of `begin`: next to a motion and tangent of another curve, in the plane across this a bit before it, so
-   !> that what is there lies ahead. `is_found` is false where there is no motion.
+   !> Replaces `begin`: starts from a motion and tangent of another curve, in the plane across the tangent and
+   !> slightly before the motion, so that the events there are ahead. `is_found` is false if there is no motion.
    subroutine motion_curve_begin_next_to(self, model, document, request, place, is_found, error)
       class(motion_curve_t), intent(inout), target :: self
       type(model_t), intent(in) :: model
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request
-      type(curve_position_t), intent(in) :: place                     !! a fold or peak of the other curve, and the way there
+      type(curve_position_t), intent(in) :: place                     !! a fold or peak of the other curve, with its tangent
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
 
@@ -194,7 +196,7 @@ contains
       self%first_waiting = 1
    end subroutine motion_curve_begin_next_to
 
-   !> Takes the place of `begin`: the curve stands where a stored one has been at its last point, a step or the start of a way.
+   !> Replaces `begin`: restores the state of a stored curve at its last point, a step or the start of a branch.
    subroutine motion_curve_go_on_from(self, model, document, request, stored, error)
       class(motion_curve_t), intent(inout), target :: self
       type(model_t), intent(in) :: model                              !! at the start
@@ -239,7 +241,7 @@ contains
          self%curve%step = last%step
          self%curve%orientation = last%orientation
          self%largest = last%largest_motion
-         do i = size(stored), 2, -1                                   ! folds, peaks and minima on the way of the last point
+         do i = size(stored), 2, -1                                   ! folds, peaks and minima on the branch of the last point
             if (stored(i)%kind == curve_kind%start .or. stored(i)%length*last%length < 0.0_wp) exit
             if (any(stored(i)%kind == [curve_kind%fold, curve_kind%peak, curve_kind%minimum])) &
                self%reported = [self%reported, reported_extreme_t(stored(i)%response, abs(stored(i)%length))]
@@ -256,7 +258,7 @@ contains
       self%is_done = self%n_reported >= request%n_points
    end subroutine motion_curve_go_on_from
 
-   !> Of the unknowns of a point those beside the unknowns of the balance.
+   !> The unknowns of a point other than those of the balance.
    pure function further_of(place, model) result(further)
       type(curve_position_t), intent(in) :: place
       type(model_t), intent(in) :: model
@@ -265,12 +267,12 @@ contains
       further = place%unknowns(size(place%unknowns) - size(further) + 1:)
    end function further_of
 
-   !> Makes the curve ready to begin on a set and a grid.
+   !> Prepares the curve for its start on a set and a grid.
    subroutine prepare(self, model, document, further, level, error)
       class(motion_curve_t), intent(inout), target :: self
       type(model_t), intent(in) :: model
       type(document_t), intent(in) :: document
-      real(wp), intent(in) :: further(:)                              !! unknowns beside those of the balance, at the start
+      real(wp), intent(in) :: further(:)                              !! unknowns in addition to those of the balance, at the start
       type(level_t), intent(in) :: level                              !! of its first motion
       type(error_t), allocatable, intent(out) :: error
       integer :: i
@@ -295,9 +297,9 @@ contains
       call self%put_on(self%first%level, error)
    end subroutine prepare
 
-   ! Its ways
+   ! Branches of the curve
 
-   !> The curve at the start of this way.
+   !> Places the curve at the start of this branch.
    subroutine set_out(self, error)
       class(motion_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
@@ -329,7 +331,7 @@ contains
       if (self%has_left_branch()) then
          call turn_off(self, direction)
          self%curve%direction = self%sense()*direction
-         self%curve%orientation = 0.0_wp                              ! not known where the determinant vanishes
+         self%curve%orientation = 0.0_wp                              ! not known where the determinant is zero
          self%curve%status = outcome%pending
          call self%keep_symmetry()
       end if
@@ -339,11 +341,11 @@ contains
       call self%look_here(self%known)
    end subroutine set_out
 
-   !> At a branch point the tangent bordered by the direction has a null vector: the direction of the other curve across this one.
-   !> Its sense, which rounding would choose, is that of its first large entry.
+   !> At a branch point the tangent bordered by the direction has a null vector: the direction of the other curve
+   !> across this one. Its sign, otherwise determined by rounding, is that of its first large entry.
    subroutine turn_off(self, direction)
       class(motion_curve_t), intent(inout), target :: self
-      real(wp), intent(inout) :: direction(:)                         !! of the curve; of the other one
+      real(wp), intent(inout) :: direction(:)                         !! on entry of the curve, on return of the other one
       real(wp), parameter :: large = 0.6_wp                           ! of the largest
       real(wp), dimension(size(direction)) :: along, next
       integer :: i
@@ -360,17 +362,17 @@ contains
       end associate
    end subroutine turn_off
 
-   !> This way has come to its end: the next one follows where there is one, along another curve behind a row for its start.
+   !> Ends this branch; the next one follows if there is one, along another curve after a row for its start.
    subroutine leave(self, error)
       class(motion_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: x(:)
       logical :: is_found
 
-      if (self%is_closed .and. modulo(self%way, 2) == 1) self%way = self%way + 1   ! the other way would be the same
+      if (self%is_closed .and. modulo(self%way, 2) == 1) self%way = self%way + 1   ! the other branch would be the same
       self%is_closed = .false.
       self%way = self%way + 1
-      associate (request => self%request)                             ! the other way from an origin has the same motions, shifted
+      associate (request => self%request) ! the other branch from an origin has the same motions, shifted
          if (self%way == 2 .and. ((request%start - request%from)*(request%start - request%to) >= 0.0_wp .or. &
                                   allocated(request%origin))) self%way = 3
       end associate
@@ -385,7 +387,7 @@ contains
       if (self%way > 2 .and. .not. allocated(error)) call put_start(self)
    end subroutine leave
 
-   !> Makes the start of this way the only point that waits.
+   !> Makes the start of this branch the only waiting point.
    subroutine put_start(self)
       class(motion_curve_t), intent(inout) :: self
 
@@ -393,7 +395,7 @@ contains
       self%first_waiting = 1
    end subroutine put_start
 
-   !> Keeps a motion that was met at a value at which others are sought.
+   !> Stores a motion at a value at which others are searched for.
    subroutine note_met(self, x, level)
       class(motion_curve_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)
@@ -404,10 +406,10 @@ contains
       self%met = [self%met, origin_t(x=x, level=level)]
    end subroutine note_met
 
-   ! Its points
+   ! Points of the curve
 
-   !> The next point. Its status shows where the curve ends; `interrupted`: nothing was found out, and the curve continues
-   !> here in another run.
+   !> Returns the next point. Its status shows where the curve ends; `interrupted`: nothing was computed, and the
+   !> curve continues here in another run.
    subroutine motion_curve_next(self, result, error)
       class(motion_curve_t), intent(inout), target :: self
       type(motion_result_t), intent(out) :: result
@@ -420,7 +422,7 @@ contains
       call cancellation%leave()
    end subroutine motion_curve_next
 
-   !> The next point, under a cancellation that was entered.
+   !> Returns the next point, under a cancellation that has been entered.
    subroutine find_next(self, result, error)
       class(motion_curve_t), intent(inout), target :: self
       type(motion_result_t), intent(out) :: result
@@ -435,7 +437,7 @@ contains
          call go(self, error)
          if (allocated(error)) return
       end if
-      if (verdict_on_work() == verdict%interrupted) then             ! what was found on the step may not be all
+      if (verdict_on_work() == verdict%interrupted) then             ! the events on the step may be incomplete
          result%status = outcome%interrupted
          return
       else if (self%curve%status /= outcome%pending) then
@@ -446,7 +448,7 @@ contains
          call leave(self, error)
       else
          call report_waiting(self, self%first_waiting, result, error)
-         if (verdict_on_work() == verdict%interrupted) then          ! the results of the point is not all
+         if (verdict_on_work() == verdict%interrupted) then          ! the results of the point may be incomplete
             result%status = outcome%interrupted
             return
          end if
@@ -460,7 +462,7 @@ contains
       self%is_done = self%is_done .or. self%n_reported >= self%request%n_points
    end subroutine find_next
 
-   !> Goes on to the first point of a kind, if so many steps lead there, and returns that point alone.
+   !> Follows the curve to the first point of a kind, within a number of steps, and returns that point alone.
    subroutine motion_curve_look_for(self, kind, most_steps, result, n_steps, is_found, error)
       class(motion_curve_t), intent(inout), target :: self
       integer, intent(in) :: kind, most_steps
@@ -484,7 +486,7 @@ contains
       call count_work(self%curve%report, report_t(), result)
    end subroutine motion_curve_look_for
 
-   !> Goes one step, by tolerance where one is requested.
+   !> Performs one step, to the tolerance if one is requested.
    subroutine go(self, error)
       class(motion_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
@@ -498,7 +500,7 @@ contains
       call drop_doubtful(self, error)
    end subroutine go
 
-   !> Makes the result of one of the points that wait.
+   !> Computes the result of one of the waiting points.
    subroutine report_waiting(self, i, result, error)
       class(motion_curve_t), intent(inout), target :: self
       integer, intent(in) :: i
@@ -515,7 +517,7 @@ contains
       end associate
    end subroutine report_waiting
 
-   !> Adds to the results of a point where on the curve it is, and keeps what later points depend on.
+   !> Adds the position on the curve to the result of a point, and stores the data on which later points depend.
    subroutine tell(self, point, result)
       class(motion_curve_t), intent(inout), target :: self
       type(waiting_t), intent(in) :: point
@@ -555,7 +557,7 @@ contains
       call find_curve_gradient(self, point, result)
    end subroutine tell
 
-   !> Notes what a point has taken.
+   !> Records the work of a point.
    pure subroutine count_work(report, before, result)
       type(report_t), intent(in) :: report, before                    !! of the curve
       type(motion_result_t), intent(inout) :: result
@@ -580,7 +582,7 @@ contains
       end associate
    end function lost_text
 
-   !> The first response of the request at the point told last.
+   !> The first response of the request at the point reported last.
    real(wp) function motion_curve_measure(self, x) result(measure)
       class(motion_curve_t), intent(inout), target :: self
       real(wp), intent(in) :: x(:)                                    !! its unknowns

@@ -1,4 +1,4 @@
-!> The results derived from a motion that was found: coefficients, forces, certificate, named outputs, stability, surfaces.
+!> The results derived from a motion: coefficients, forces, certificate, named outputs, stability, surfaces.
 module hb_motion_description
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_advice, only: rounded
@@ -31,14 +31,14 @@ module hb_motion_description
 
 contains
 
-   !> Adds to a result what follows from a solution: motion, forces, certificate, surfaces. A status that says `converged` is
-   !> settled by the certificate.
+   !> Adds to a result the quantities that follow from a solution: motion, forces, certificate, surfaces. The
+   !> certificate decides whether the status `converged` remains.
    subroutine describe_motion(model, basis, balance, u, result, error, search, curve)
       type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis                              !! of the balance
       type(balance_t), intent(inout), target :: balance
       real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
-      type(motion_result_t), intent(inout) :: result                  !! with its status, and its stability where that is known
+      type(motion_result_t), intent(inout) :: result                  !! with its status, and its stability if known
       type(error_t), allocatable, intent(out) :: error
       type(search_t), intent(inout), optional :: search               !! of a model with unknown tones
       class(bordered_problem_t), intent(inout), optional :: curve     !! on the balance, of a point of a curve
@@ -68,14 +68,15 @@ contains
       if (size(model%output%samples) > 0) call keep_surfaces(model, basis, balance, u, result, error)
    end subroutine describe_motion
 
-   !> Stability of a motion of the model, as its settings ask for it but for the tolerance; not that of normal modes.
+   !> Computes the stability of a motion of the model according to its settings except the tolerance; not that of
+   !> normal modes.
    subroutine stability_of(model, balance, c, tolerance, stability, is_integrated)
       type(model_t), intent(in) :: model
       type(balance_t), intent(in) :: balance
       complex(wp), intent(in) :: c(:, :)                              !! a - i b, (all dofs, n_harmonics)
       real(wp), intent(in) :: tolerance
       type(stability_t), intent(out) :: stability
-      logical, intent(in), optional :: is_integrated !! of the motion that repeats when it is integrated, in any case
+      logical, intent(in), optional :: is_integrated !! always of the integrated periodic motion
       type(stability_config_t) :: config
 
       config = model%stability
@@ -85,15 +86,16 @@ contains
                              usual_work(model, balance), stability)
    end subroutine stability_of
 
-   !> A verdict holds only where the motion with its first-order errors taken out has it, too: multipliers and exponents feel errors
-   !> of the motion that are small beside it, such as those in when a hard stop is left.
+   !> Accepts a verdict only if the motion with its first-order errors removed has the same one: multipliers and
+   !> exponents are sensitive to errors that are small relative to the motion, such as errors in the time at which a
+   !> hard stop is left.
    subroutine compare_with_refined(model, tones, found, stability)
       type(model_t), intent(in) :: model
       type(tones_t), intent(in) :: tones                              !! of the motion
       type(certificate_t), intent(in) :: found                        !! its certificate
       type(stability_t), intent(inout) :: stability                   !! its stability
       integer, parameter :: fewest_periods = 5
-      real(wp), parameter :: share_of_periods = 0.25_wp               ! enough where the exponent is clearly not zero
+      real(wp), parameter :: share_of_periods = 0.25_wp               ! sufficient if the exponent is clearly nonzero
       type(stability_config_t) :: config
       type(stability_t) :: refined
 
@@ -107,8 +109,8 @@ contains
       call stability%hold_against(refined)
    end subroutine compare_with_refined
 
-   !> Where disturbances grow within a period of a slow tone before they decay, what a solution leaves of the equations does so,
-   !> too, in harmonics of that tone far beyond those that the certificate looks at: its estimate grows as much.
+   !> If disturbances grow within a period of a slow tone before they decay, so does the residual of a solution, in
+   !> harmonics of that tone far beyond those of the certificate: its estimate is increased by the growth.
    subroutine allow_for_growth(result, limit)
       type(motion_result_t), intent(inout) :: result
       real(wp), intent(in) :: limit                                   !! of the estimated error of a motion that is `converged`
@@ -122,7 +124,7 @@ contains
                        "before they decay, and so may errors, up to "//rounded(result%level_estimate)//" of the motion"
    end subroutine allow_for_growth
 
-   !> Asks the finder of the model; without one nothing is known.
+   !> Calls the stability finder of the model; without one the stability is unknown.
    subroutine ask_for_stability(model, config, motion, work_allowed, stability)
       type(model_t), intent(in) :: model
       type(stability_config_t), intent(in) :: config
@@ -146,7 +148,8 @@ contains
       tones%omega = balance%omega
    end function tones_of
 
-   !> About how many nanoseconds a point takes that needs nothing unusual, from counts alone: the same for all points of a sweep.
+   !> Approximate time of a usual point in nanoseconds, from counts alone, so that it is the same for all points of a
+   !> sweep.
    pure real(wp) function usual_work(model, balance) result(work)
       type(model_t), intent(in) :: model
       type(balance_t), intent(in) :: balance
@@ -166,7 +169,7 @@ contains
       if (model%certificate%is_on) work = work + residuals_of_certificate*balance%residual_work
    end function work_beside_solver
 
-   !> Puts the coefficients of the degrees of freedom that are written out into a result.
+   !> Stores the coefficients of the output degrees of freedom in a result.
    subroutine keep_motion(model, basis, c, result)
       type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis
@@ -180,7 +183,7 @@ contains
       end do
    end subroutine keep_motion
 
-   !> Forces of the laws and the motion corrected to walls, on the grid of the solution.
+   !> Stores the forces of the laws and the motion corrected to walls, on the grid of the solution.
    subroutine keep_forces(basis, balance, u, result, error)
       type(basis_t), intent(in) :: basis
       type(balance_t), intent(inout) :: balance
@@ -224,7 +227,8 @@ contains
       result%corrected_coefficients = as_pairs(basis%whole%amplitudes(basis%expand(moved)))
    end subroutine keep_forces
 
-   !> The outputs whose accuracy is requested. They are off by what the motion without its first-order errors changes in them.
+   !> Stores the outputs whose accuracy is requested. The estimated error of each is its change when the first-order
+   !> errors of the motion are removed.
    subroutine keep_outputs(model, basis, c, result)
       type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis
@@ -246,11 +250,12 @@ contains
       end associate
    end subroutine keep_outputs
 
-   !> Makes the certificate of a solved point; one that misses a threshold gets the status that says so.
+   !> Computes the certificate of a solved point; if it exceeds a threshold, the point receives the corresponding
+   !> status.
    subroutine keep_certificate(model, basis, balance, u, result, error, search, curve)
       type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis
-      type(balance_t), intent(inout), target :: balance               !! the search points to it
+      type(balance_t), intent(inout), target :: balance               !! the search refers to it
       real(wp), intent(in) :: u(:, :)
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
@@ -277,8 +282,8 @@ contains
          if (is_missed(found%truncation, limit%truncation)) result%status = outcome%truncated
          if (any(is_missed(found%frequency_error/balance%omega, limit%truncation))) result%status = outcome%truncated
          if (is_missed(found%aliasing, limit%aliasing)) result%status = outcome%aliased
-         if (found%impact > limit%impact .and. .not. model%normal_mode%is_asked) &   ! what moves freely for ever loses nothing
-            result%status = outcome%impact                            ! no larger set cures that
+         if (found%impact > limit%impact .and. .not. model%normal_mode%is_asked) &   ! a free motion without damping loses no energy
+            result%status = outcome%impact                            ! a larger set does not help
          if (.not. all(ieee_is_finite([found%power_in, found%energy%lost, found%power_laws]))) &
             result%status = outcome%not_finite
          result%is_near_commensurate = model%tones%n_tones > 1 .and. &
@@ -305,7 +310,7 @@ contains
       end associate
    end subroutine keep_improved
 
-   !> Whether an estimate is above its limit; one that is not a number, out of the range of a law, is.
+   !> Whether an estimate is above its limit, or NaN because a law is outside its domain.
    elemental logical function is_missed(estimate, limit)
       real(wp), intent(in) :: estimate, limit
 
@@ -313,7 +318,7 @@ contains
       if (ieee_is_finite(estimate)) is_missed = estimate > limit
    end function is_missed
 
-   !> Hypertime surfaces on the grid that the user asked for.
+   !> Stores hypertime surfaces on the grid that the user requested.
    subroutine keep_surfaces(model, basis, balance, u, result, error)
       type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis
@@ -329,7 +334,7 @@ contains
 
       call new_torus(torus, model%output%samples, basis%harmonics, error)
       if (allocated(error)) return
-      torus%corrects_kinks = .false.                                  ! forces as they are
+      torus%corrects_kinks = .false.                                  ! uncorrected forces
       associate (coordinates => balance%stiffness%coordinates)
          allocate (linear, source=balance%stiffness)
          call new_balance(shown, basis%harmonics, torus, balance%omega, linear, laws_at(coordinates, model%laws), &

@@ -9,32 +9,33 @@ module hb_motion_result
    private
    public :: as_pairs, curve_position_t, effort_t, gradient_t, motion_result_t
 
-   !> Where on a curve a motion is, hb_motion_curve, and what the curve continues from: of steps and the starts of ways all of it.
+   !> Position of a motion on a curve, hb_motion_curve, and the data from which the curve continues: complete for ends
+   !> of steps and starts of branches.
    type :: curve_position_t
       integer :: kind = 0                               !! hb_curve_request%curve_kind
       real(wp) :: parameter = 0.0_wp                    !! in the unit of the input
-      real(wp) :: length = 0.0_wp                       !! of the arc from the start, negative on the second way from there
+      real(wp) :: length = 0.0_wp                       !! of the arc from the start, negative on the second branch from there
       integer :: branch = 0                             !! number of the branch point where this curve starts; 0: none
       real(wp), allocatable :: unknowns(:)              !! of the balance, further ones, and the value along the curve
-      real(wp), allocatable :: direction(:) !! tangent of the curve, as long; not allocated: nothing continues from there
-      real(wp) :: step = 0.0_wp                         !! length of the next one; 0: no end of a step
+      real(wp), allocatable :: direction(:) !! tangent of the curve, same size; not allocated: no continuation from there
+      real(wp) :: step = 0.0_wp                         !! length of the next one; 0: not the end of a step
       real(wp) :: orientation = 0.0_wp                  !! sign of the determinant at the end of a step; 0: not known
       real(wp) :: largest_motion = 0.0_wp               !! so far, relative to a typical one: the unit of lengths
       real(wp) :: angle = 0.0_wp                        !! of the pair of multipliers of a flip or torus [rad]
-      integer :: response = 0                           !! of the request, that is located there
-      real(wp) :: over = 0.0_wp                         !! value of `over`, where a located point is followed
+      integer :: response = 0                           !! number in the request of the response that is located there
+      real(wp) :: over = 0.0_wp                         !! value of `over`, for a located point that is followed
       integer, allocatable :: tuples(:, :)              !! set of the motion, (n_tones, n_harmonics); that of the model if none
       integer, allocatable :: n_samples(:)              !! of its grid, (n_tones); likewise
    end type curve_position_t
 
-   !> Derivatives of a motion by values of the input, in their units.
+   !> Derivatives of a motion with respect to values of the input, in their units.
    type :: gradient_t
       real(wp), allocatable :: coefficients(:, :, :, :) !! (cos and sin, n_harmonics, n_dofs, values)
       real(wp), allocatable :: frequency(:, :)          !! [rad/s], (n_tones, values)
-      real(wp), allocatable :: position(:)              !! of the value along a curve, at a point that is located there (values)
-      real(wp), allocatable :: estimate(:)              !! change of the coefficients' on a finer grid, relative (values)
-      real(wp), allocatable :: defect(:)                !! what the equations are off by where value and motion have taken a small
-                                                        !! step, relative to what the step of the value alone does
+      real(wp), allocatable :: position(:)              !! of the value along a curve, at a located point (values)
+      real(wp), allocatable :: estimate(:) !! change of the coefficients' derivatives on a finer grid, relative (values)
+      real(wp), allocatable :: defect(:)                !! residual after a small step of value and motion, relative to that
+                                                        !! after a step of the value alone
    end type gradient_t
 
    !> What a motion has taken.
@@ -43,8 +44,8 @@ module hb_motion_result
       integer :: evaluations = 0                        !! of the residual
       real(wp) :: work = 0.0_wp                         !! of the solver and of time integration, see hb_solver_types
       real(wp) :: work_beside = 0.0_wp                  !! of set-up, recovery and certificate, likewise
-      integer :: n_levels = 0                           !! sets solved until the tolerance was met, hb_accurate_motion; 0: one given
-      integer :: fallback = 0                           !! what the solver needed, hb_solver_types
+      integer :: n_levels = 0 !! sets solved until the tolerance was satisfied, hb_accurate_motion; 0: a given one
+      integer :: fallback = 0                           !! methods that the solver needed, hb_solver_types
       real(wp) :: setup_seconds = 0.0_wp                !! wall time of dynamic stiffness, plans, first guess
       real(wp) :: solver_seconds = 0.0_wp               !! of the iterations
       real(wp) :: certificate_seconds = 0.0_wp          !! of the certificate
@@ -52,39 +53,39 @@ module hb_motion_result
       procedure :: add => effort_add
    end type effort_t
 
-   !> The result of one model. What is not allocated is not known, and stays NaN in a file.
+   !> The result of one model. A component that is not allocated is unknown, and NaN in a file.
    type, extends(effort_t) :: motion_result_t
       integer :: status = outcome%pending               !! hb_outcome
-      character(:), allocatable :: message              !! why the point failed, or what to know of it; a file cuts it to 400 bytes
-      real(wp) :: integration_work = 0.0_wp             !! of it, of time integration
+      character(:), allocatable :: message              !! cause of a failure, or a remark; truncated to 400 bytes in a file
+      real(wp) :: integration_work = 0.0_wp             !! part of it for time integration
       logical :: is_integrated_first = .false.          !! time integration was tried before the balance, hb_time_domain
-      integer :: n_motions = 0                          !! in which several starts of time integration end; 0: none were tried
+      integer :: n_motions = 0 !! number of different motions from several starts of time integration; 0: none were tried
       real(wp) :: residual = 0.0_wp                     !! relative to the scale of the forces
       real(wp) :: solve_seconds = 0.0_wp                !! wall time of the whole point
       integer :: rank = 0                               !! that solved it
       integer :: n_harmonics = 0                        !! in the set of this point
-      real(wp) :: level_difference = 0.0_wp             !! of the last two motions on the way there, relative
-      real(wp) :: penetration_share = 0.0_wp                          !! of the penetration that `&certificate` allows
-      real(wp) :: level_estimate = 0.0_wp               !! estimated error as this difference shows it, where that is more than the
-                                                        !! certificate estimates from the motion alone, relative; else 0
-      type(harmonics_t) :: harmonics                    !! set of the coefficients, where the point has chosen it
+      real(wp) :: level_difference = 0.0_wp             !! of the motions of the last two levels, relative
+      real(wp) :: penetration_share = 0.0_wp                          !! of the penetration that `&certificate` permits
+      real(wp) :: level_estimate = 0.0_wp               !! estimated error from this difference if larger than the certificate's
+                                                        !! estimate from the motion alone, relative; otherwise 0
+      type(harmonics_t) :: harmonics                    !! set of the coefficients, if the point has chosen it
       integer, allocatable :: n_samples(:)              !! of its grid, (n_tones); not allocated: that of the model
-      integer :: preconditioner_level = 0               !! that solutions from products have come to need
+      integer :: preconditioner_level = 0               !! that solutions from products have required
       integer :: n_unknowns = 0                         !! of the equations that were solved; 0: none
       real(wp), allocatable :: frequency(:)             !! [rad/s], (n_tones)
       real(wp), allocatable :: artificial_damping(:)    !! [1/s], (n_tones), of a normal mode
       real(wp), allocatable :: coefficients(:, :, :)    !! (cos and sin, n_harmonics, n_dofs)
-      complex(wp), allocatable :: outputs(:, :)         !! cos - i sin [m], (n_harmonics, outputs of the accuracy asked for)
+      complex(wp), allocatable :: outputs(:, :)         !! cos - i sin [m], (n_harmonics, outputs with a requested accuracy)
       real(wp), allocatable :: output_estimate(:)       !! estimated error of each of them, relative to it
-      real(wp), allocatable :: output_level_estimate(:) !! of each of them as `level_estimate` of the motion
+      real(wp), allocatable :: output_level_estimate(:) !! for each of them the analogue of `level_estimate`
       real(wp), allocatable :: force_coefficients(:, :, :) !! [N], (cos and sin, n_harmonics, n_law_dofs)
       real(wp), allocatable :: corrected_coefficients(:, :, :) !! (cos and sin, n_harmonics, n_law_dofs)
       real(wp), allocatable :: improved_coefficients(:, :, :) !! (cos and sin, harmonics of certificate%wider, n_law_dofs)
-      logical :: is_odd = .false.                       !! sought among motions of odd tuples alone
-      real(wp) :: asymmetry = 0.0_wp                    !! of forces with memory, where only odd tuples are kept
-      logical :: leaves_branch = .false.                !! of the point before it in a chain, hb_chain_check
+      logical :: is_odd = .false.                       !! searched for among motions of odd tuples alone
+      real(wp) :: asymmetry = 0.0_wp                    !! of forces with memory, if only odd tuples are stored
+      logical :: leaves_branch = .false.                !! of the preceding point in a chain, hb_chain_check
       integer :: n_full_stick = 0                       !! friction laws that slip nowhere: one of many solutions
-      type(certificate_t) :: certificate                !! zero and without combination where none was made
+      type(certificate_t) :: certificate                !! zero and without combination if none was computed
       logical :: is_near_commensurate = .false.
       type(curve_position_t), allocatable :: curve      !! of a motion on a curve
       type(stability_t) :: stability

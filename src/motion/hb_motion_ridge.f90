@@ -1,7 +1,7 @@
-!> A located point of curves, such as a maximum, a fold or a bifurcation, continued over a second value of the input.
-!>
-!> At each of its points a curve along the first value is begun next to the point before, and followed to that point, which is
-!> located as on any curve. Steps of the second value grow where that is near and shrink where it is not found, or is another one.
+!> A located point of curves, such as a maximum, a fold or a bifurcation, continued as a function of a second value of
+!> the input.
+!> At each of its points a curve along the first value is begun near the preceding point, and followed to the located
+!> point. Steps of the second value grow if that point is close and shrink if it is not found, or is a different one.
 module hb_motion_ridge
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
@@ -22,10 +22,10 @@ module hb_motion_ridge
    public :: motion_ridge_t, new_motion_curve
 
    real(wp), parameter :: largest_change = 0.5_wp                     ! of the motion on a step, relative
-   integer, parameter :: easy_steps = 4, most_steps = 12              ! of a curve, up to the point that is sought
+   integer, parameter :: easy_steps = 4, most_steps = 12              ! of a curve, up to the point that is searched for
 
-   !> Owner of outside resources: call `destroy`. A variable of this type needs the attribute `target`. Lengths are relative to the
-   !> range of the second value.
+   !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`. Lengths are
+   !> relative to the range of the second value.
    type, extends(motion_curve_t) :: motion_ridge_t
       type(curve_request_t), private :: inner                         ! of the curves along the first value
       class(motion_curve_t), allocatable, private :: short            ! such a curve
@@ -41,7 +41,7 @@ module hb_motion_ridge
 
 contains
 
-   !> A curve as it is requested: of motions, or of points that are located on their curves.
+   !> Creates a curve as requested: of motions, or of points that are located on their curves.
    subroutine new_motion_curve(self, request)
       class(motion_curve_t), allocatable, intent(out) :: self
       type(curve_request_t), intent(in) :: request
@@ -53,8 +53,8 @@ contains
       end if
    end subroutine new_motion_curve
 
-   !> Follows a whole curve along the first value at the start of the second: its highest peak, or first point of another kind, is
-   !> where to begin.
+   !> Follows a whole curve along the first value at the start of the second: the ridge begins at its highest peak, or
+   !> at its first point of another kind.
    subroutine motion_ridge_begin(self, model, document, request, result, error)
       class(motion_ridge_t), intent(inout), target :: self
       type(model_t), intent(inout) :: model                           !! at the start
@@ -82,7 +82,7 @@ contains
             self%is_done = .true.
             return
          end if
-         if (.not. allocated(point%curve)) cycle                      ! where the curve was lost
+         if (.not. allocated(point%curve)) cycle                      ! the curve was lost there
          if (point%curve%kind /= request%over%kind) cycle
          measure = self%short%measure(point%curve%unknowns)
          if (measure <= highest .or. (highest >= 0.0_wp .and. request%over%kind /= curve_kind%peak)) cycle
@@ -100,14 +100,14 @@ contains
       call take(self, request%start, curve_kind%start, result)
    end subroutine motion_ridge_begin
 
-   !> Takes the place of `begin`: the ridge stands where a stored one has been.
+   !> Replaces `begin`: restores the state of a stored ridge.
    subroutine motion_ridge_go_on_from(self, model, document, request, stored, error)
       class(motion_ridge_t), intent(inout), target :: self
       type(model_t), intent(in) :: model
       type(document_t), intent(in) :: document
       type(curve_request_t), intent(in) :: request
       type(curve_position_t), intent(in) :: stored(:)                 !! all points up to the one to continue from
-      type(error_t), allocatable, intent(out) :: error                !! there is none
+      type(error_t), allocatable, intent(out) :: error                !! if there is none
 
       call prepare(self, model, document, request)
       self%last = stored(size(stored))
@@ -148,7 +148,7 @@ contains
       call self%document%set(self%inner%moving%parameter, first_value)
    end subroutine set_values
 
-   !> Makes a point of a curve along the first value the last one of the ridge.
+   !> Makes a point of a curve along the first value the last point of the ridge.
    subroutine take(self, value, kind, result)
       class(motion_ridge_t), intent(inout) :: self
       real(wp), intent(in) :: value
@@ -165,13 +165,13 @@ contains
          place%length = self%length
          place%branch = 0
          place%step = self%step
-         if (all(kind /= [curve_kind%start, curve_kind%regular])) deallocate (place%direction)   ! nothing continues from there
+         if (all(kind /= [curve_kind%start, curve_kind%regular])) deallocate (place%direction)   ! not a point of continuation
       end associate
       self%n_reported = self%n_reported + 1
       self%is_done = kind == curve_kind%end .or. self%n_reported >= self%request%n_points
    end subroutine take
 
-   !> The next point. Its status shows where the curve ends.
+   !> Returns the next point. Its status shows where the curve ends.
    subroutine motion_ridge_next(self, result, error)
       class(motion_ridge_t), intent(inout), target :: self
       type(motion_result_t), intent(out) :: result
@@ -222,7 +222,8 @@ contains
       result%solver_seconds = wall_clock() - started - result%certificate_seconds
    end subroutine motion_ridge_next
 
-   !> Looks for the point at another second value, next to the last one: along the curve there, then the other way.
+   !> Searches for the point at another second value, near the last one: along the curve there, then in the opposite
+   !> direction.
    subroutine try(self, value, result, n_steps, is_found, error)
       class(motion_ridge_t), intent(inout), target :: self
       real(wp), intent(in) :: value
@@ -240,7 +241,7 @@ contains
       call update_model(self%model, self%document, is_new, error, self%request%available_memory)
       if (allocated(error)) return
       place = self%last
-      do attempt = 1, 2                                               ! along the curve, then the other way round
+      do attempt = 1, 2                                               ! along the curve, then in the opposite direction
          call self%short%destroy()
          call self%short%begin_next_to(self%model, self%document, self%inner, place, is_found, error)
          if (allocated(error) .or. .not. is_found) return
@@ -257,7 +258,7 @@ contains
          is_found = distance(motion_at(self, result%curve), motion_at(self, self%last), .false.) <= largest_change
    end subroutine try
 
-   !> Grazes and the like have no direction for curves to continue from; the ridge does.
+   !> Grazes and similar points have no direction for the continuation of curves; the ridge has one.
    subroutine keep_direction(self, result)
       class(motion_ridge_t), intent(in) :: self
       type(motion_result_t), intent(inout) :: result

@@ -1,11 +1,10 @@
-!> Motions apart from all curves followed so far, at the values that the input gives: each starts a curve of its own.
-!>
-!> Other motions at a setting at which some are known: Newton's method with these deflated, from many first guesses.
-!>
-!> The residual is multiplied by the product of s**2/|x - x_i|**2 + 1 over the known motions x_i, with the size s of the largest:
-!> its other zeros are those of the residual, and Newton's method is driven away from the known ones. A step of this is the usual
-!> one, longer, shorter or turned round.
-!> Source: P. E. Farrell, A. Birkisson and S. W. Funke, SIAM J. Sci. Comput. 37 (2015) A2026-A2045.
+!> Separate motions, on none of the curves followed so far, at values given in the input: each is the start of a
+!> curve.
+!> Other motions at values at which some are known: Newton's method with deflation of these, from many first guesses.
+!> The residual is multiplied by the product of s**2/|x - x_i|**2 + 1 over the known motions x_i, with the size s of
+!> the largest: its other zeros are those of the residual, and Newton's method is repelled from the known ones. Its
+!> step is the usual one multiplied by a factor, which may be negative. Source: P. E. Farrell, A. Birkisson and S. W.
+!> Funke, SIAM J. Sci. Comput. 37 (2015) A2026-A2045.
 module hb_motions_apart
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_cancellation, only: work_is_over
@@ -32,16 +31,16 @@ module hb_motions_apart
    integer, parameter :: n_turns = 4                                  ! quarters of a turn of the phases
    integer, parameter :: most_kicked = 4                              ! harmonics, the lowest
 
-   integer, parameter :: most_iterations = 40                         ! from one guess
-   integer, parameter :: most_spurious = 4                            ! motions at a value that a larger set makes known ones
+   integer, parameter :: most_iterations = 40                         ! from one first guess
+   integer, parameter :: most_spurious = 4                            ! motions at a value that are known ones on a larger set
 
 contains
 
-   !> Looks for a motion apart from all that were met at the values at which others are requested, and gives the first one.
+   !> Searches for a separate motion at the requested values, and returns the first one.
    subroutine look_apart(self, met, x, is_found, error)
       class(followed_motion_t), intent(inout), target :: self
       type(origin_t), intent(in) :: met(:)                            !! motions at these values
-      real(wp), allocatable, intent(out) :: x(:)                      !! on the set at hand
+      real(wp), allocatable, intent(out) :: x(:)                      !! on the present set
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
       type(origin_t), allocatable :: known(:), others(:)
@@ -51,7 +50,7 @@ contains
       if (.not. allocated(self%request%others)) return
       do i = 1, size(self%request%others)
          known = pack(met, [(.not. abs(met(k)%x(size(met(k)%x)) - self%request%others(i)) > 0.0_wp, k=1, size(met))])
-         if (size(known) == 0) cycle                                  ! nothing to begin with
+         if (size(known) == 0) cycle                                  ! no motion to start from
          others = known
          do n_spurious = 0, most_spurious
             call look_at(self, self%request%others(i), others, x, is_found, error)
@@ -65,7 +64,7 @@ contains
       end do
    end subroutine look_apart
 
-   !> Looks for a motion at a value beside those that are known there, on a set that has the tuples of all of them.
+   !> Searches for a motion at a value other than the known ones, on a set that has the tuples of all of them.
    subroutine look_at(self, value, known, x, is_found, error)
       class(followed_motion_t), intent(inout), target :: self
       real(wp), intent(in) :: value
@@ -101,7 +100,7 @@ contains
       config = self%problem%model%solver
       config%tolerance = max(config%tolerance, 2.0_wp*self%problem%rounding_level(motions(:self%problem%n_unknowns, 1)))
       config%max_iterations = most_iterations
-      if (self%model%accuracy%is_on) then                             ! what is driven away from must be a zero of this problem
+      if (self%model%accuracy%is_on) then                             ! the deflated motion must be a zero of this problem
          do i = 1, size(motions, 2)
             solved = motions(:, i)
             call solve_newton(held, config, solved, report)
@@ -113,7 +112,7 @@ contains
       x(size(x)) = value
    end subroutine look_at
 
-   !> Brings a motion to the tolerance; not accepted is one that is another then no more.
+   !> Refines a motion to the tolerance; it is not accepted if it is then a known one.
    subroutine accept(self, known, x, is_accepted, error)
       class(followed_motion_t), intent(inout), target :: self
       type(origin_t), intent(in) :: known(:)
@@ -135,7 +134,7 @@ contains
                              safety*self%model%accuracy%tolerance)
    end subroutine accept
 
-   !> Motions on the set at hand, and the same ones shifted by periods of what drives them.
+   !> Motions on the present set, and their shifts by periods of the loads.
    function motions_of(self, known) result(motions)
       class(followed_motion_t), intent(in) :: self
       type(origin_t), intent(in) :: known(:)
@@ -159,9 +158,9 @@ contains
       end associate
    end function motions_of
 
-   !> Looks for a zero of the residual that is none of the known ones, from as many guesses as it takes.
+   !> Searches for a zero of the residual other than the known ones, from all first guesses in turn.
    subroutine find_other(problem, config, harmonics, known, x, is_found)
-      class(problem_t), intent(inout) :: problem                      !! unknowns of a balance, and what is held by equations
+      class(problem_t), intent(inout) :: problem                      !! unknowns of a balance, and equations that hold further ones
       type(solver_config_t), intent(in) :: config
       type(harmonics_t), intent(in) :: harmonics
       real(wp), intent(in) :: known(:, :)                             !! (n_unknowns, any, at least 1)
@@ -181,7 +180,7 @@ contains
             x = known(:, i)
             call disturb(guess, scale, harmonics, lowest, x)
             guessed = x
-            call solve_newton(problem, config, x, report)             ! many guesses lead elsewhere by themselves
+            call solve_newton(problem, config, x, report)             ! without deflation many guesses already lead to other motions
             is_found = report%status == outcome%converged .and. is_apart(x, known, scale, faint)
             if (is_found) return
             x = guessed
@@ -191,7 +190,7 @@ contains
       end do
    end subroutine find_other
 
-   !> Newton's method from x, driven away from the known zeros.
+   !> Newton's method from x with deflation of the known zeros.
    subroutine follow_deflated(problem, config, known, scale, x, is_found)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
@@ -225,7 +224,7 @@ contains
       is_found = report%status == outcome%converged .and. is_apart(x, known, scale, faint)
    end subroutine follow_deflated
 
-   !> Whether x is none of the known motions, which may be off by a share of themselves.
+   !> Whether x is none of the known motions, which may have an error of a share of themselves.
    pure logical function is_other(x, known, harmonics, x_scale, share)
       real(wp), intent(in) :: x(:)
       real(wp), intent(in) :: known(:, :)                             !! (n_unknowns, any)
@@ -247,7 +246,7 @@ contains
       is_apart = all([(norm2((x - known(:, i))/scale) >= least*norm2(known(:, i)/scale), i=1, size(known, 2))])
    end function is_apart
 
-   !> The step of the deflated problem, as a share of that of the problem itself.
+   !> The step of the deflated problem, relative to that of the problem itself.
    pure real(wp) function deflated_share(step, x, known, size_of_motion) result(share)
       real(wp), intent(in) :: step(:), x(:)
       real(wp), intent(in) :: known(:, :)                             !! (n_unknowns, any)
@@ -269,7 +268,7 @@ contains
    pure function scale_of(known, harmonics, x_scale) result(scale)
       real(wp), intent(in) :: known(:, :)                             !! (n_unknowns, any)
       type(harmonics_t), intent(in) :: harmonics
-      real(wp), intent(in) :: x_scale(:)                              !! of what is no coefficient
+      real(wp), intent(in) :: x_scale(:)                              !! of unknowns that are not coefficients
       real(wp) :: scale(size(x_scale))
       integer :: d, i
 
@@ -284,7 +283,8 @@ contains
       end associate
    end function scale_of
 
-   !> Makes a guess of a known motion, by its number from 0: a multiple with other phases, or a kick in a low harmonic.
+   !> Creates a first guess from a known motion, by its number from 0: a multiple with other phases, or a perturbation
+   !> of a low harmonic.
    pure subroutine disturb(guess, scale, harmonics, lowest, x)
       integer, intent(in) :: guess
       real(wp), intent(in) :: scale(:)                                !! amplitudes of known motions, (n_unknowns)
@@ -294,7 +294,7 @@ contains
       real(wp) :: angle
       integer :: d, first, k, n
 
-      n = (size(x)/harmonics%n_coefficients)*harmonics%n_coefficients  ! further unknowns are held
+      n = (size(x)/harmonics%n_coefficients)*harmonics%n_coefficients  ! further unknowns are fixed
       angle = modulo(guess, n_turns)*two_pi/n_turns
       k = guess/n_turns
       if (k < size(factors)) then
@@ -313,7 +313,7 @@ contains
       end associate
    end subroutine disturb
 
-   !> The motion with phases moved on, x(tau + phases).
+   !> The motion with shifted phases, x(tau + phases).
    pure function shifted(x, harmonics, phases) result(y)
       real(wp), intent(in) :: x(:)                                    !! (n_coefficients*n_dofs)
       type(harmonics_t), intent(in) :: harmonics
@@ -325,7 +325,7 @@ contains
       end associate
    end function shifted
 
-   !> Numbers of the harmonics whose tuples are lowest, the zero tuple apart.
+   !> Numbers of the harmonics with the lowest tuples, except the zero tuple.
    pure function lowest_harmonics(harmonics) result(lowest)
       type(harmonics_t), intent(in) :: harmonics
       integer, allocatable :: lowest(:)

@@ -1,11 +1,10 @@
-!> Interface of the time-domain solver: the motion after the transient, and whether tones lock.
-!>
-!> The primary method for a motion, balance or time integration: given, or decided from counts and never from a clock.
-!>
-!> The balance is cheaper nearly everywhere. The exceptions are rigid friction and walls to many
-!> digits: its error falls with less than the second power of the order, that of the series of the motion itself with 2.5,
-!> and with 1.5 where a wall turns it back.
-!> Counts of both, fitted to measurements: docs/user/time_integration.md.
+!> Interface of the time-domain solver: the motion after the transient, and locked tones.
+!> The primary method for a motion, balance or time integration: given, or chosen from counts, independently of
+!> measured times.
+!> The balance is cheaper in nearly all cases. The exceptions are rigid friction and walls with small tolerances: the
+!> error of the balance decreases with less than the second power of the order, that of the Fourier series of the
+!> motion with the power 2.5, or 1.5 if a wall is struck. Counts of both, fitted to measurements:
+!> docs/user/time_integration.md.
 !>
 !> The group `&integration`: settings of time integration.
 module hb_time_domain
@@ -42,18 +41,18 @@ module hb_time_domain
       integer :: decimation = 1                                       !! steps from one stored sample to the next
       real(wp) :: tolerance = 1.0e-10_wp                              !! of cvode and of Newton, relative
       logical :: is_stiff = .false.                                   !! cvode: backward differentiation instead of Adams
-      real(wp) :: restitution = -1.0_wp                               !! of walls that have none of their own; < 0: not given
+      real(wp) :: restitution = -1.0_wp                               !! of walls without their own; < 0: not given
       real(wp) :: spectral_radius = 0.8_wp                            !! of generalized_alpha at infinite frequency
       integer :: start = integration_start%rest
       character(:), allocatable :: record                             !! file with the record to be continued
       integer :: starts = 1                                           !! states from which to integrate
       integer :: n_peaks = 0                                          !! frequencies searched for, per degree of freedom
-      real(wp) :: largest = huge(1.0_wp)                              !! displacement at which to give up [m], no key
+      real(wp) :: largest = huge(1.0_wp)                              !! displacement at which the integration ends [m], no key
       integer(int64) :: most_looks = huge(1_int64)                    !! at the motion, after which to give up, no key
-      real(wp) :: work_limit = huge(1.0_wp)                           !! of one method on the way to an answer, no key
+      real(wp) :: work_limit = huge(1.0_wp)                           !! of one method, no key
       integer :: substeps = 1                                         !! of the method, from one step to the next, no key
-      real(wp) :: aim = 0.0_wp                                        !! error of the motion at which to end, its tuples many
-                                                                      !! candidates; 0: the set is what is requested. No key
+      real(wp) :: aim = 0.0_wp                                        !! error of the motion at which to end, with many
+                                                                      !! candidate tuples; 0: the requested set is used. No key
    end type integration_config_t
 
    type :: primary_method_t
@@ -63,7 +62,7 @@ module hb_time_domain
    end type primary_method_t
    type(primary_method_t), parameter :: primary_method = primary_method_t()
 
-   !> What is counted, of a model with rigid laws and one tone.
+   !> Counts of a model with rigid laws and one tone.
    type :: integration_counts_t
       integer :: n_dofs = 1, n_coordinates = 1
       integer :: max_harmonics = 2000
@@ -74,10 +73,10 @@ module hb_time_domain
       real(wp) :: fastest = 0.0_wp                                    !! frequency of the structure [rad/s]
    end type integration_counts_t
 
-   integer, parameter :: highest_part = 6                             !! of a tone that a common base frequency is
+   integer, parameter :: highest_part = 6                             !! of a tone: lowest common base frequency
    real(wp), parameter :: close = 0.05_wp                             ! |q w_m - p w_l| relative to the larger tone
 
-   !> Whether several tones are multiples of one.
+   !> Whether several tones are multiples of one frequency.
    type :: locking_t
       logical :: is_locked = .false.
       real(wp) :: base = 0.0_wp                                       !! common frequency [rad/s]
@@ -86,18 +85,18 @@ module hb_time_domain
       procedure :: message => locking_message
    end type locking_t
 
-   !> Where a model ends that is followed through time.
+   !> The steady motion of a model from time integration.
    type :: steady_motion_t
       integer :: status = outcome%pending                             !! of time integration; pending: not known
-      integer :: n_motions = 0                                        !! in which several starts end; 0: there was one start
-      character(:), allocatable :: message                            !! what was found, or why nothing was
-      complex(wp), allocatable :: amplitudes(:, :)                    !! cos - i sin [m], (n_dofs, n_harmonics); where integrated
+      integer :: n_motions = 0 !! different motions from several starts; 0: there was one start
+      character(:), allocatable :: message                            !! the result, or the cause of a failure
+      complex(wp), allocatable :: amplitudes(:, :) !! cos - i sin [m], (n_dofs, n_harmonics); of the integrated motion
       complex(wp), allocatable :: averages(:, :)                      !! likewise at the coordinates, (n_harmonics, n_coordinates)
-      real(wp) :: amplitude = 0.0_wp                                  !! of the same root mean square, of the largest coordinate [m]
-      real(wp) :: spread = 0.0_wp                                     !! of the coordinates of the laws between windows, relative;
-                                                                      !! of fits to candidates, what they leave of a record
-      real(wp) :: change_by_steps = 0.0_wp                            !! of it, with fixed steps: by the last ones half as long
-      real(wp) :: left_out = 0.0_wp                                   !! of the motion beyond the set, relative; of fits 0
+      real(wp) :: amplitude = 0.0_wp                                  !! of equal root mean square, of the largest coordinate [m]
+      real(wp) :: spread = 0.0_wp                                     !! difference of the coordinates of the laws between
+                                                                      !! windows, relative; for fits to candidates, the misfit
+      real(wp) :: change_by_steps = 0.0_wp                            !! of it, with fixed steps: effect of halving the steps
+      real(wp) :: left_out = 0.0_wp                                   !! part of the motion outside the set, relative; for fits 0
       integer :: n_periods = 0                                        !! of the slowest tone, in all
       logical :: is_out_of_work = .false.                             !! before its end
       real(wp) :: work = 0.0_wp                                       !! from counts, see hb_solver_types
@@ -105,7 +104,7 @@ module hb_time_domain
 
 contains
 
-   !> Whether two tones, one of them unknown, are close to a ratio of small numbers.
+   !> Whether two tones, one of them unknown, are close to a ratio of small integers.
    pure logical function may_be_locked(omega, is_unknown)
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
       logical, intent(in) :: is_unknown(:)                            !! (n_tones)
@@ -124,7 +123,7 @@ contains
       end do
    end function may_be_locked
 
-   !> Describes what to do about it.
+   !> The message with the suggested remedy.
    pure function locking_message(self) result(text)
       class(locking_t), intent(in) :: self
       character(200) :: text
@@ -138,11 +137,11 @@ contains
          to_text(self%base)//" rad/s"
    end function locking_message
 
-   !> Whether time integration takes clearly less work to the tolerance than the balance.
+   !> Whether time integration clearly needs less work to the tolerance than the balance.
    pure logical function integration_is_cheaper(counts)
       type(integration_counts_t), intent(in) :: counts
       real(wp), parameter :: fewest_periods = 150.0_wp                ! of the windows of a time integration
-      real(wp), parameter :: decays = 3.0_wp                          ! of its transient, until two windows agree
+      real(wp), parameter :: decays = 3.0_wp                          ! decay times of its transient, until two windows agree
       real(wp), parameter :: samples_of_harmonic = 16.0_wp, steps_of_mode = 30.0_wp, looks_of_step = 2.0_wp
       real(wp), parameter :: of_pair = 500.0_wp                       ! [ns] of a balance, for each pair of unknowns
       real(wp) :: n_balance, n_integration, periods, samples, steps, work_of_integration
@@ -162,7 +161,7 @@ contains
       end associate
    end function integration_is_cheaper
 
-   !> What one evaluation of the equations of motion takes [ns]; in implicit steps with a dense tangent of the laws.
+   !> Work of one evaluation of the equations of motion [ns]; for implicit steps with a dense tangent of the laws.
    pure real(wp) function work_of_look(n_dofs, n_coordinates, is_implicit) result(work)
       integer, intent(in) :: n_dofs
       integer, intent(in) :: n_coordinates                            !! of the laws
