@@ -9,7 +9,7 @@ module console
    use hb_text, only: split, string_t
    implicit none
    private
-   public :: complain, finish_output, say, say_entry
+   public :: print_error, finish_output, say, say_entry
 
    integer, parameter :: width = 118
 
@@ -68,11 +68,11 @@ contains
    end subroutine say_entry
 
    !> Writes a message of the program to standard error.
-   subroutine complain(text)
+   subroutine print_error(text)
       character(*), intent(in) :: text
 
       write (error_unit, "(a)") "nhbm: "//printable(text)
-   end subroutine complain
+   end subroutine print_error
 
    !> Flushes all output; fails if some of it was lost. A pipe closed by its reader is not an error.
    subroutine finish_output(error)

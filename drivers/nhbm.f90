@@ -5,7 +5,7 @@ program nhbm
    use arguments, only: argument_list, arguments_t, read_arguments
    use build_description, only: description
    use command_table, only: verb_names, write_completion, write_help, write_manual
-   use console, only: complain, finish_output, say
+   use console, only: print_error, finish_output, say
    use exit_status, only: bad_input, incomplete, not_all_right, success
    use hb_blas_threads, only: take_blas_memory, use_one_blas_thread
    use hb_closest_word, only: closest_word
@@ -26,7 +26,7 @@ program nhbm
    use verb_plan, only: run_plan
    use verb_solve, only: run_resume, run_solve
    use verb_verify, only: run_verify
-   use verb_why, only: run_why, tell_statuses
+   use verb_why, only: run_why, print_statuses
    implicit none
 
    interface
@@ -37,10 +37,10 @@ program nhbm
       end subroutine hb_exit
 
       !> Ends the process with a status immediately.
-      subroutine hb_leave(status) bind(c, name="hb_leave")
+      subroutine hb_exit_at_once(status) bind(c, name="hb_exit_at_once")
          import :: c_int
          integer(c_int), value :: status
-      end subroutine hb_leave
+      end subroutine hb_exit_at_once
 
       !> Ends the process with a text and a status if other code calls exit().
       subroutine hb_refuse_exit(text, status) bind(c, name="hb_refuse_exit")
@@ -72,7 +72,7 @@ program nhbm
    call report_error(max(status, bad_input))
    call wait_for_points()                                             ! a signal to mpirun does not change the status any more
    flush (error_unit)
-   if (.not. can_end_library()) call hb_leave(int(max(status, bad_input), c_int))   ! HDF5 would crash when MPI ends
+   if (.not. can_end_library()) call hb_exit_at_once(int(max(status, bad_input), c_int)) ! HDF5 would crash when MPI ends
    call stop_mpi()
    flush (error_unit)
    call hb_exit(int(status, c_int))
@@ -93,7 +93,7 @@ contains
 
       if (.not. allocated(error)) return
       status = status_of_error
-      if (rank_of(comm) == 0) call complain(error%message)
+      if (rank_of(comm) == 0) call print_error(error%message)
    end subroutine report_error
 
    subroutine run_verb()
@@ -114,9 +114,9 @@ contains
          call say("nhbm "//program_version//" ("//git_commit//")")
          call say(description)
       else if (verb == "keys") then
-         if (rank_of(comm) == 0) call tell_keys()
+         if (rank_of(comm) == 0) call print_keys()
       else if (verb == "new") then
-         if (rank_of(comm) == 0) call tell_starter()
+         if (rank_of(comm) == 0) call print_starter()
       else if (verb == "completion") then
          if (rank_of(comm) == 0) call tell_completion()
       else if (verb == "") then
@@ -126,7 +126,7 @@ contains
          if (len(closest) > 0) closest = " did you mean '"//closest//"'?"
          call fail(error, "unknown verb '"//verb//"';"//closest//" known: "//join(verb_names(), ", "))
       else if (verb == "why" .and. .not. allocated(options%input)) then
-         if (rank_of(comm) == 0) call tell_statuses()
+         if (rank_of(comm) == 0) call print_statuses()
       else if ((verb == "resume" .or. verb == "info") .and. .not. allocated(options%input)) then
          call fail(error, verb//" needs a result file, such as nhbm "//verb//" result.h5")
       else if (.not. allocated(options%input)) then
@@ -139,7 +139,7 @@ contains
    end subroutine run_verb
 
    !> Prints the rows of the table of input keys, or those that contain a word.
-   subroutine tell_keys()
+   subroutine print_keys()
       integer :: i
       logical :: is_reported
 
@@ -152,10 +152,10 @@ contains
          is_reported = .true.
       end do
       if (.not. is_reported) call fail(error, "no row of the table of keys has '"//options%input//"'; nhbm keys prints all")
-   end subroutine tell_keys
+   end subroutine print_keys
 
    !> Prints a starter input, or the names of all of them.
-   subroutine tell_starter()
+   subroutine print_starter()
       character(:), allocatable :: closest
 
       if (.not. allocated(options%input)) then
@@ -168,7 +168,7 @@ contains
          call fail(error, "there is no input '"//options%input//"' to begin with;"//closest//" known: "// &
                    join(starter_names(), ", "))
       end if
-   end subroutine tell_starter
+   end subroutine print_starter
 
    subroutine tell_completion()
       character(*), parameter :: shells(2) = ["bash", "zsh "]

@@ -1,7 +1,7 @@
 !> `nhbm solve`: solves all points of an input and writes the result file. `nhbm resume`: continues a result file.
 module verb_solve
    use arguments, only: arguments_t
-   use console, only: complain, say
+   use console, only: print_error, say
    use exit_status, only: incomplete, not_all_right, success
    use hb_curve_request, only: curve_kind
    use hb_curve_table, only: curve_lines, find_leaving, leaving_t, note_curve_values
@@ -105,7 +105,7 @@ contains
       if (present(n_rows)) n_rows = summary%n_points - summary%counts(outcome%unused)
       if (is_reported) call write_summary(summary, study, path)
       if (is_reported .and. options%level >= log_level%verbose) call write_times(summary)
-      if (rank_of(comm) == 0 .and. status == incomplete) call complain(reason(summary)//": "// &
+      if (rank_of(comm) == 0 .and. status == incomplete) call print_error(reason(summary)//": "// &
          number_of(summary%n_left, "point")//trim(merge(" is ", " are", summary%n_left == 1))// &
          " left; nhbm resume "//path//" solves "//merge("it  ", "them", summary%n_left == 1))
    end subroutine run
@@ -134,7 +134,7 @@ contains
          if (allocated(error)) return
          status = max(status, its_status)
          if (status /= incomplete) cycle
-         if (rank_of(comm) == 0) call complain("nhbm resume "//path//" also follows the motions that bifurcate from its curves")
+         if (rank_of(comm) == 0) call print_error("nhbm resume "//path//" also follows the motions that bifurcate from its curves")
          return
       end do
 

@@ -16,7 +16,7 @@ module verb_why
    use verb_info, only: read_result
    implicit none
    private
-   public :: run_why, tell_statuses
+   public :: run_why, print_statuses
 
 contains
 
@@ -77,7 +77,7 @@ contains
    end subroutine write_paragraph
 
    !> Prints the table of all statuses: the meaning and the remedy of each.
-   subroutine tell_statuses()
+   subroutine print_statuses()
       character(:), allocatable :: text
       integer :: i
 
@@ -86,5 +86,5 @@ contains
          if (index(text, ": ") > 0) text = text(index(text, ": ") + 2:)   ! the preceding text repeats the name
          call say_entry(trim(outcome_names(i)), text//". "//outcome_remedy(i), 16)
       end do
-   end subroutine tell_statuses
+   end subroutine print_statuses
 end module verb_why

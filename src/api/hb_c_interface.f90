@@ -324,17 +324,17 @@ contains
       code = reported(none, wrong_use, error)
    end function nhbm_ask
 
-   integer(c_int) function nhbm_follow(model, told, context, error) bind(c, name="nhbm_follow") result(code)
+   integer(c_int) function nhbm_follow(model, report, context, error) bind(c, name="nhbm_follow") result(code)
       type(c_ptr), value :: model
-      type(c_funptr), value :: told
+      type(c_funptr), value :: report
       type(c_ptr), value :: context
       type(c_error_t), intent(inout) :: error
       type(handle_t), pointer :: handle
       type(error_t), allocatable :: none
 
       call c_f_pointer(model, handle)
-      handle%session%cancellation%told = told
-      handle%session%cancellation%told_context = context
+      handle%session%cancellation%report = report
+      handle%session%cancellation%report_context = context
       code = reported(none, wrong_use, error)
    end function nhbm_follow
 

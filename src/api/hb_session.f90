@@ -50,8 +50,8 @@ module hb_session
    type, extends(cancellation_t) :: session_cancellation_t
       type(c_funptr) :: ask = c_null_funptr                           !! wants_end(context) of nhbm.h; null: never
       type(c_ptr) :: context = c_null_ptr
-      type(c_funptr) :: told = c_null_funptr                          !! told(context, progress) of nhbm.h; null: no reports
-      type(c_ptr) :: told_context = c_null_ptr
+      type(c_funptr) :: report = c_null_funptr                        !! report(context, progress) of nhbm.h; null: no reports
+      type(c_ptr) :: report_context = c_null_ptr
       type(progress_t), private :: progress
       real(wp), private :: began = 0.0_wp                             ! [s]
       real(wp), private :: asked = -huge(1.0_wp)                      ! [s] time of the last call
@@ -66,11 +66,11 @@ module hb_session
          type(c_ptr), value :: context
       end function ask_caller
 
-      subroutine told(context, progress) bind(c)
+      subroutine report_progress(context, progress) bind(c)
          import :: c_ptr, progress_t
          type(c_ptr), value :: context
          type(progress_t), intent(in) :: progress
-      end subroutine told
+      end subroutine report_progress
    end interface
 
    !> Owner of external resources: call `destroy`. A variable of this type needs the attribute `target`.
@@ -462,18 +462,18 @@ contains
       class(session_cancellation_t), intent(inout) :: self
       real(wp), parameter :: interval = 0.05_wp
       procedure(ask_caller), pointer :: caller
-      procedure(told), pointer :: tell
+      procedure(report_progress), pointer :: report
       real(wp) :: now
 
       wants = .false.
-      if (.not. (c_associated(self%ask) .or. c_associated(self%told))) return
+      if (.not. (c_associated(self%ask) .or. c_associated(self%report))) return
       now = wall_clock()
       if (now - self%asked < interval) return
       self%asked = now
-      if (c_associated(self%told)) then
+      if (c_associated(self%report)) then
          self%progress%seconds = now - self%began
-         call c_f_procpointer(self%told, tell)
-         call tell(self%told_context, self%progress)
+         call c_f_procpointer(self%report, report)
+         call report(self%report_context, self%progress)
       end if
       if (.not. c_associated(self%ask)) return
       call c_f_procpointer(self%ask, caller)

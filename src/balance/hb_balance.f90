@@ -353,7 +353,7 @@ contains
       call balance_sample(self, u)
       call self%law_set%evaluate()
       call self%law_set%transform%to_coefficients(self%law_set%samples%f%values, self%force)
-      if (.not. all(ieee_is_finite(self%force(1, :)))) call self%law_set%listen()
+      if (.not. all(ieee_is_finite(self%force(1, :)))) call self%law_set%find_failure()
       r = self%law_set%factor*self%force - self%reaction
       if (self%stiffness%has_supports) call self%stiffness%add_supports(self%harmonics, u, r)
    end subroutine balance_residual_of

@@ -111,7 +111,7 @@ contains
          by_u = u
          associate (set => balance%harmonics)
             call balance%project(balance%law_set%samples%f%values, by_u) ! of a function of mean f, f_c and f_s: f, f_c/2, f_s/2
-            call balance%stiffness%hand_to_laws(gradient, at_laws)
+            call balance%stiffness%map_to_laws(gradient, at_laws)
             do h = 1, set%n_harmonics
                if (set%sin_at(h) > 0) by_u([set%cos_at(h), set%sin_at(h)], :) = 0.5_wp*by_u([set%cos_at(h), set%sin_at(h)], :)
             end do

@@ -70,7 +70,7 @@ contains
       integer :: h, i
       real(wp) :: stiffest
 
-      call stiffness%hand_over(self)
+      call stiffness%transfer_to(self)
       allocate (self%is_singular(self%n_harmonics), self%free_motion(self%n_law, self%n_harmonics))
       call self%linear_amplitudes(self%free_motion, self%is_singular)
       self%has_supports = any(self%is_singular)

@@ -35,7 +35,7 @@ module hb_sampled_law
       procedure :: gather => sampled_law_gather
       procedure :: evaluate => sampled_law_evaluate
       procedure :: differentiate => sampled_law_differentiate
-      procedure :: listen => sampled_law_listen
+      procedure :: find_failure => sampled_law_find_failure
       procedure :: scatter => sampled_law_scatter
       procedure :: destroy => sampled_law_destroy
    end type sampled_law_t
@@ -152,7 +152,7 @@ contains
    end subroutine sampled_law_differentiate
 
    !> Stores the explanation of the law if its forces or derivatives are not finite, for the message of the point.
-   subroutine sampled_law_listen(self, with_derivatives, error_text, is_given_up)
+   subroutine sampled_law_find_failure(self, with_derivatives, error_text, is_given_up)
       class(sampled_law_t), intent(in) :: self
       logical, intent(in) :: with_derivatives
       character(:), allocatable, intent(inout) :: error_text          !! the first one is kept, unless this law cannot continue
@@ -173,7 +173,7 @@ contains
       if (len(text) == 0) text = "forces or derivatives are not finite"
       if (is_fatal .or. .not. allocated(error_text)) error_text = "law '"//self%law%label//"': "//text
       is_given_up = is_fatal
-   end subroutine sampled_law_listen
+   end subroutine sampled_law_find_failure
 
    !> Whether all values are finite; counting them without an early exit is vectorised.
    pure logical function are_finite(values)

@@ -40,7 +40,7 @@ module hb_sampled_laws
       procedure :: move => sampled_laws_move
       procedure :: coordinates_of => sampled_laws_coordinates_of
       procedure :: evaluate => sampled_laws_evaluate
-      procedure :: listen => sampled_laws_listen
+      procedure :: find_failure => sampled_laws_find_failure
       procedure :: differentiate => sampled_laws_differentiate
       procedure :: force_of => sampled_laws_force_of
       procedure :: make_direction_samples => sampled_laws_make_direction_samples
@@ -164,7 +164,7 @@ contains
       z = matmul(values(:, self%laws(i)%law%dofs), self%laws(i)%law%shape)
    end function sampled_laws_coordinates_of
 
-   !> Computes forces f from the samples q, v and s. If they are not finite, `listen` explains why.
+   !> Computes forces f from the samples q, v and s. If they are not finite, `find_failure` explains why.
    subroutine sampled_laws_evaluate(self)
       class(sampled_laws_t), intent(inout) :: self
 
@@ -173,17 +173,17 @@ contains
 
    !> Stores the explanations of laws for forces that are not finite, after `evaluate`. Callers detect these in the
    !> coefficients, all of which become NaN.
-   subroutine sampled_laws_listen(self)
+   subroutine sampled_laws_find_failure(self)
       class(sampled_laws_t), intent(inout) :: self
       integer :: i
 
       if (self%is_given_up) return
       do i = 1, size(self%laws)
          if (allocated(self%sampled(i)%hysteresis)) cycle
-         call self%sampled(i)%listen(.false., self%error_text, self%is_given_up)
+         call self%sampled(i)%find_failure(.false., self%error_text, self%is_given_up)
          if (self%is_given_up) return
       end do
-   end subroutine sampled_laws_listen
+   end subroutine sampled_laws_find_failure
 
    !> Forces and derivatives of all pairs from the samples.
    subroutine sampled_laws_differentiate(self, error)
@@ -226,7 +226,7 @@ contains
                      if (with_derivatives) then
                         call law%differentiate()
                         call self%jacobian%add(law)
-                        call law%listen(with_derivatives, self%error_text, self%is_given_up)
+                        call law%find_failure(with_derivatives, self%error_text, self%is_given_up)
                      else
                         call law%evaluate()
                      end if

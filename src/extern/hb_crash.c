@@ -140,7 +140,7 @@ static void on_limit(int number)
    if (!is_guarded) return;
    speak_last_words("; it found no end");
    (void)note_crash("SIGVTALRM (no end in sight)");
-   hb_leave(last_status);
+   hb_exit_at_once(last_status);
 }
 
 static void on_crash(int number, siginfo_t *information, void *context)
@@ -150,7 +150,7 @@ static void on_crash(int number, siginfo_t *information, void *context)
    while (i < n_crashes && crashes[i].number != number) i++;
    if (is_guarded) speak_last_words("");
    if (i < n_crashes) (void)note_crash(crashes[i].cause);
-   if (is_guarded) hb_leave(last_status);
+   if (is_guarded) hb_exit_at_once(last_status);
    if (i < n_crashes) sigaction(number, &before[i], NULL);
    if (information->si_code <= 0) raise(number); /* it was sent; a fault occurs again after the return */
 }
@@ -158,7 +158,7 @@ static void on_crash(int number, siginfo_t *information, void *context)
 /* Prevents exit handlers of other libraries, some of which would wait for other ranks. */
 static void on_exit_of_process(void)
 {
-   if (note_crash("exit()") != 0) hb_leave(place.exit_status);
+   if (note_crash("exit()") != 0) hb_exit_at_once(place.exit_status);
 }
 
 int hb_end_within_point(const char *cause)

@@ -34,12 +34,12 @@ static void on_signal(int number)
    if (ends_at_once) {
       static const char words[] = "nhbm: ended by a signal before the first point was begun\n";
       if (unfinished[0] != '\0') (void)unlink(unfinished);
-      if (write(STDERR_FILENO, words, sizeof words - 1) < 0) hb_leave(last_status);
-      hb_leave(last_status);
+      if (write(STDERR_FILENO, words, sizeof words - 1) < 0) hb_exit_at_once(last_status);
+      hb_exit_at_once(last_status);
    }
    if (caught != 0) {
-      if (write(STDERR_FILENO, last_words, n_last_words) < 0) hb_leave(last_status);
-      hb_leave(last_status);
+      if (write(STDERR_FILENO, last_words, n_last_words) < 0) hb_exit_at_once(last_status);
+      hb_exit_at_once(last_status);
    }
    caught = number;
 }
@@ -103,8 +103,8 @@ static void on_exit_by_others(void)
 {
    if (exit_status_of_others == 0) return;
    (void)fflush(stdout);
-   if (write(STDERR_FILENO, exit_words, strnlen(exit_words, MAX_TEXT)) < 0) hb_leave(exit_status_of_others);
-   hb_leave(exit_status_of_others);
+   if (write(STDERR_FILENO, exit_words, strnlen(exit_words, MAX_TEXT)) < 0) hb_exit_at_once(exit_status_of_others);
+   hb_exit_at_once(exit_status_of_others);
 }
 
 void hb_refuse_exit(const char *text, int exit_status)
@@ -114,7 +114,7 @@ void hb_refuse_exit(const char *text, int exit_status)
    if (atexit(on_exit_by_others) == 0 && at_quick_exit(on_exit_by_others) == 0) exit_status_of_others = exit_status;
 }
 
-void hb_leave(int exit_status)
+void hb_exit_at_once(int exit_status)
 {
 #ifdef __linux__
    for (;;) (void)syscall(SYS_exit_group, exit_status);
@@ -128,11 +128,11 @@ void hb_leave(int exit_status)
    the run without a word. Children of the process end as they wish. */
 void _exit(int exit_status)
 {
-   if (exit_status_of_others == 0 || getpid() != this_process) hb_leave(exit_status);
+   if (exit_status_of_others == 0 || getpid() != this_process) hb_exit_at_once(exit_status);
    const int status_within_point = hb_end_within_point("_exit()");
-   if (status_within_point != 0) hb_leave(status_within_point);
+   if (status_within_point != 0) hb_exit_at_once(status_within_point);
    on_exit_by_others();
-   hb_leave(exit_status);
+   hb_exit_at_once(exit_status);
 }
 
 void _Exit(int exit_status)

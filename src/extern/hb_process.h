@@ -34,7 +34,7 @@ void hb_exit(int exit_status);
 #ifdef __GNUC__
 __attribute__((noreturn))
 #endif
-void hb_leave(int exit_status);
+void hb_exit_at_once(int exit_status);
 
 /* Sets an environment variable unless it is set. */
 void hb_set_default(const char *name, const char *value);

@@ -23,7 +23,7 @@ module hb_tuple_choice
       procedure :: list => tuple_union_list
    end type tuple_union_t
 
-   real(wp), parameter :: loyalty = 300.0_wp                          ! weight of the amplitude of a retained tuple
+   real(wp), parameter :: retention = 300.0_wp                        ! weight of the amplitude of a retained tuple
    integer, parameter :: lowest_orders(4) = [7, 5, 3, 2]              ! of the first box, by number of tones
 
 contains
@@ -79,7 +79,7 @@ contains
       integer :: h
 
       others = pack([(h, h=1, around%n_harmonics)], [(kept%index_of(around%tuples(:, h)) == 0, h=1, around%n_harmonics)])
-      amplitudes = [merge(huge(1.0_wp), min(loyalty*carried, huge(1.0_wp)/loyalty), is_needed), neglected(others)]
+      amplitudes = [merge(huge(1.0_wp), min(retention*carried, huge(1.0_wp)/retention), is_needed), neglected(others)]
       chosen = largest_places(amplitudes, tail, room)
       allocate (tuples(kept%n_tones, size(chosen)))
       do h = 1, size(chosen)

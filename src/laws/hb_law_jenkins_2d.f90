@@ -26,7 +26,7 @@ module hb_law_jenkins_2d
    end type jenkins_2d_t
 
    real(wp), parameter :: identity(2, 2) = reshape([1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [2, 2])
-   real(wp), parameter :: no_leash = 1.0e-100_wp                      ! shorter ones belong to an open contact [m]
+   real(wp), parameter :: smallest_leash = 1.0e-100_wp                ! shorter ones belong to an open contact [m]
 
 contains
 
@@ -90,9 +90,9 @@ contains
       integer :: c
 
       by = 0.0_wp
-      if (longest(2) <= no_leash) then
+      if (longest(2) <= smallest_leash) then
          elongation = 0.0_wp
-      else if (longest(1) <= no_leash) then                           ! contact closes within the step, its spring relaxed
+      else if (longest(1) <= smallest_leash) then                     ! contact closes within the step, its spring relaxed
          growth = longest(2) - longest(1)
          share = longest(2)/growth
          elongation = share*displacement

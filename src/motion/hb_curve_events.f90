@@ -21,7 +21,7 @@ module hb_curve_events
    public :: bifurcation_event_t, branch_event_t, count_event_t, extremes_of_switches, find_extremes, find_stability, &
       fold_event_t, function_at, graze_event_t, n_outside, response_event_t, sharp, square_at, value_event_t
 
-   integer, parameter :: most_looks = 4096                            ! size of the grid for the first search of an extreme
+   integer, parameter :: largest_search_grid = 4096                   ! size of the grid for the first search of an extreme
    real(wp), parameter :: far = 0.25_wp                               ! from zero, relative to the range of the values
 
    real(wp), parameter :: sharp = 1.0e-11_wp                          !! tolerance of functions and multipliers at events
@@ -325,7 +325,7 @@ contains
 
       each = max(16, 4*maxval(abs(tuples), dim=2))
       if (size(each) > 1) each = max(12, 2*maxval(abs(tuples), dim=2) + 2)
-      if (product(real(each, wp)) > real(most_looks, wp)) each = 0
+      if (product(real(each, wp)) > real(largest_search_grid, wp)) each = 0
       allocate (phases(size(each), product(each)))
       do i = 1, size(phases, 2)
          quotient = i - 1

@@ -11,7 +11,7 @@ module hb_curve_sets
    use hb_curve_request, only: curve_kind
    use hb_curve_step, only: step
    use hb_error, only: error_t
-   use hb_followed_motion, only: followed_motion_t, standing_t, waiting_t
+   use hb_followed_motion, only: followed_motion_t, curve_state_t, waiting_t
    use hb_harmonics, only: harmonics_t, new_box
    use hb_kinds, only: wp
    use hb_level, only: carry, choose_next, choose_smaller, estimate_of, join, least_goal, level_t, margin
@@ -22,7 +22,7 @@ module hb_curve_sets
    use hb_solver_types, only: report_t
    implicit none
    private
-   public :: settle, step_to_tolerance
+   public :: transfer_motion, step_to_tolerance
 
    integer, parameter :: most_levels = 12                             ! of one step
    integer, parameter :: most_stalled = 3                             ! sets on which one step is tried without success
@@ -45,7 +45,7 @@ module hb_curve_sets
 
    !> A step from a point to the next one.
    type, extends(refined_curve_t) :: refined_step_t
-      type(standing_t) :: here                                        ! at the point, on the level tried last
+      type(curve_state_t) :: here                                     ! at the point, on the level tried last
       integer :: worst = 1                                            ! of the waiting points, the least accurate
       logical :: is_stalled = .false.                                 ! no step is possible on that level
    contains
@@ -72,17 +72,17 @@ contains
       class(followed_motion_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
       type(refined_step_t) :: refined
-      type(standing_t) :: first
+      type(curve_state_t) :: first
       integer :: ending
 
       call refined%prepare(self)
       refined%most_failures = most_stalled + 1
       if (self%estimate <= ample*self%model%accuracy%tolerance) call shrink(self, refined%model, error)
       if (allocated(error)) return
-      first = self%standing_t
+      first = self%curve_state_t
       call refine(refined, ending)
       if (ending == refinement_end%idle) then                         ! no set improves it: the point is reported unchanged
-         call stand_at(self, first, refined%error)
+         call restore_curve(self, first, refined%error)
          self%n_levels = 1
          if (.not. allocated(refined%error)) call step_here(refined)
       end if
@@ -100,7 +100,7 @@ contains
          if (allocated(self%error) .or. .not. is_solved) return
       end if
       self%motion%n_levels = self%n_levels + 1
-      self%here = self%motion%standing_t
+      self%here = self%motion%curve_state_t
       call step_here(self)
       associate (status => self%motion%curve%status)
          self%is_stalled = status == outcome%stalled
@@ -115,7 +115,7 @@ contains
       type(refined_step_t), intent(inout) :: self
       logical, intent(out) :: is_found
 
-      call stand_at(self%motion, self%here, self%error)
+      call restore_curve(self%motion, self%here, self%error)
       if (allocated(self%error)) return
       call change_set(self%motion, self%next, is_found, self%error)
       if (allocated(self%error)) return
@@ -125,7 +125,7 @@ contains
             return
          end if
          self%is_ended = .true.
-         call stand_at(self%motion, self%here, self%error)
+         call restore_curve(self%motion, self%here, self%error)
          if (allocated(self%error)) return
          if (self%is_stalled) then
             curve%status = outcome%stalled
@@ -153,13 +153,13 @@ contains
       associate (motion => self%motion)
          if (self%is_stalled) then
             is_there = .false.
-            call stand_at(motion, self%here, self%error)
+            call restore_curve(motion, self%here, self%error)
             if (allocated(self%error)) return
             call motion%describe(waiting_t(curve_kind%regular, 0.0_wp, motion%curve%x), result, self%error)
             if (allocated(self%error)) return
             call self%choose_for(result, motion%curve%x, 0.0_wp, is_there)
             if (is_there) return
-            call stand_at(motion, self%here, self%error)
+            call restore_curve(motion, self%here, self%error)
             motion%curve%status = outcome%stalled
             return
          end if
@@ -188,7 +188,7 @@ contains
 
    !> Transfers a motion to a set and a grid on which it has the requested accuracy, if there is one, in the plane
    !> across a direction. The problem uses these afterwards.
-   subroutine settle(self, x, direction, error)
+   subroutine transfer_motion(self, x, direction, error)
       class(followed_motion_t), intent(inout), target :: self
       real(wp), allocatable, intent(inout) :: x(:), direction(:)      !! on the present set, before and afterwards
       type(error_t), allocatable, intent(out) :: error
@@ -201,7 +201,7 @@ contains
       call move_alloc(refined%x, x)
       call move_alloc(refined%direction, direction)
       call move_alloc(refined%error, error)
-   end subroutine settle
+   end subroutine transfer_motion
 
    !> Finds the motion on the level chosen last from that on the previous one.
    subroutine refined_crossing_solve(self, is_solved)
@@ -318,7 +318,7 @@ contains
       class(followed_motion_t), intent(inout), target :: self
       type(model_t), intent(in) :: model
       type(error_t), allocatable, intent(out) :: error
-      type(standing_t) :: here
+      type(curve_state_t) :: here
       type(level_t) :: smaller
       real(wp) :: ahead
       logical :: is_filled, is_found, is_smaller
@@ -327,7 +327,7 @@ contains
       call choose_smaller(model, smaller, is_smaller)
       if (is_without_gaps(self%level)) call fill(smaller, is_filled)  ! so the set remains without gaps after a branch point
       if (.not. is_smaller .or. 2*smaller%set%n_harmonics > self%level%set%n_harmonics) return  ! too small a saving
-      here = self%standing_t
+      here = self%curve_state_t
       associate (direction => self%curve%direction)
          ahead = direction(size(direction))
       end associate
@@ -336,7 +336,7 @@ contains
       associate (direction => self%curve%direction)
          if (is_found) is_found = ahead*direction(size(direction)) > 0.0_wp   ! otherwise a fold would be reported twice
       end associate
-      if (.not. is_found) call stand_at(self, here, error)
+      if (.not. is_found) call restore_curve(self, here, error)
    end subroutine shrink
 
    !> Describes all waiting points, and finds the least accurate one.
@@ -363,15 +363,15 @@ contains
    end subroutine describe_all
 
    !> Restores a state of the curve; the work remains counted.
-   subroutine stand_at(self, here, error)
+   subroutine restore_curve(self, here, error)
       class(followed_motion_t), intent(inout), target :: self
-      type(standing_t), intent(in) :: here
+      type(curve_state_t), intent(in) :: here
       type(error_t), allocatable, intent(out) :: error
       type(report_t) :: report
 
       call self%put_on(here%level, error)
       if (allocated(error)) return
-      call self%carry_start()
+      call self%transfer_start()
       report = self%curve%report
       self%curve = here%curve
       self%curve%problem%has_preconditioner = .false.                 ! the balance is another one
@@ -381,7 +381,7 @@ contains
       self%largest = here%largest
       self%known = here%known
       call self%renew()
-   end subroutine stand_at
+   end subroutine restore_curve
 
    !> Changes the set and the grid of the curve at its point; `is_found` is false if the motion is not found there.
    subroutine change_set(self, level, is_found, error)
@@ -418,8 +418,8 @@ contains
       end if
       self%curve%step = step
       self%curve%report = report
-      call self%carry_start()
+      call self%transfer_start()
       call self%renew()
-      call self%look_here(self%known)
+      call self%evaluate_here(self%known)
    end subroutine change_set
 end module hb_curve_sets

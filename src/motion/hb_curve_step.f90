@@ -86,8 +86,8 @@ contains
                end if
                self%waiting = [waiting_t ::]
                self%first_waiting = 1
-               call self%look_here(known)
-               call look_back(self, known, curve%n_branch_points > n_branch_points, is_lost)
+               call self%evaluate_here(known)
+               call find_events(self, known, curve%n_branch_points > n_branch_points, is_lost)
                if (is_short .or. self%is_rough .or. .not. is_lost) exit
                self%waiting = [waiting_t ::]
             end if
@@ -183,7 +183,7 @@ contains
    end function has_leapt
 
    !> Finds folds, peaks, bifurcations, wanted values and ends on the completed step, and lists them in their order.
-   subroutine look_back(self, known, has_branched, is_lost)
+   subroutine find_events(self, known, has_branched, is_lost)
       class(followed_motion_t), intent(inout), target :: self
       type(known_t), intent(in) :: known                              !! at the end of the step
       logical, intent(in) :: has_branched                             !! a branch point was passed
@@ -205,10 +205,10 @@ contains
          call add(self, curve_kind%regular, curve%last_step, curve%x)
          self%waiting(size(self%waiting))%stability = known%stability
       end associate
-      call put_in_order(self%waiting)
+      call sort_by_position(self%waiting)
       call self%renew()                                               ! the tolerance was different: a stored curve has this one
       is_lost = search%is_lost
-   end subroutine look_back
+   end subroutine find_events
 
    !> Finds where the value reverses: at a sharp kink the curve has reversed before its step, so the direction at the
    !> last point is used.
@@ -292,7 +292,7 @@ contains
       real(wp), allocatable :: grazes(:)
       integer :: i, n_before
 
-      call put_in_order(self%waiting)
+      call sort_by_position(self%waiting)
       grazes = pack(self%waiting%place, self%waiting%kind == curve_kind%graze)
       do i = 0, size(grazes)
          piece%ends = [0.0_wp, self%curve%last_step]
@@ -429,7 +429,7 @@ contains
       class(followed_motion_t), intent(in) :: self
       type(search_t), intent(in) :: search
 
-      is_branch_known = search%has_fold .or. search%has_branched .or. tells_all(self)
+      is_branch_known = search%has_fold .or. search%has_branched .or. finds_all_intersections(self)
    end function is_branch_known
 
    !> Adds a bifurcation of the series, if the motion of the time domain has it.
@@ -575,13 +575,13 @@ contains
 
    !> Whether all motions of one period are included, so that the determinant reports all intersections: multipliers
    !> of a truncated motion that pass 1 slightly beside a fold are then no other event.
-   pure logical function tells_all(self)
+   pure logical function finds_all_intersections(self)
       class(followed_motion_t), intent(in) :: self
 
       associate (set => self%problem%model%harmonics)
-         tells_all = abs(self%curve%orientation) > 0.0_wp .and. set%n_harmonics == set%highest(1) + 1
+         finds_all_intersections = abs(self%curve%orientation) > 0.0_wp .and. set%n_harmonics == set%highest(1) + 1
       end associate
-   end function tells_all
+   end function finds_all_intersections
 
    !> Whether both extremes are equal before and after, as for a whirl about the center of a ring.
    pure logical function same_change(before, after)
@@ -609,7 +609,7 @@ contains
    end function is_back
 
    !> Sorts points by their positions on the step, and removes those beyond an end.
-   subroutine put_in_order(points)
+   subroutine sort_by_position(points)
       type(waiting_t), allocatable, intent(inout) :: points(:)
       type(waiting_t), allocatable :: up_to_end(:)
       type(waiting_t) :: point
@@ -630,5 +630,5 @@ contains
       allocate (up_to_end(i))
       up_to_end = points(:i)
       call move_alloc(up_to_end, points)
-   end subroutine put_in_order
+   end subroutine sort_by_position
 end module hb_curve_step

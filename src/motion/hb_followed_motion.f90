@@ -31,7 +31,7 @@ module hb_followed_motion
    implicit none
    private
    public :: followed_motion_t, known_t, most_tolerance_factor, n_further, origin_t, reported_extreme_t
-   public :: standing_t, waiting_t
+   public :: curve_state_t, waiting_t
 
    integer, parameter :: most_corrections = 10
    real(wp), parameter :: most_tolerance_factor = 1.0e4_wp            !! by which a tolerance increases for a rough residual
@@ -68,15 +68,15 @@ module hb_followed_motion
    end type known_t
 
    !> A curve at one of its points, to which it can go back.
-   type :: standing_t
+   type :: curve_state_t
       type(level_t) :: level                                          !! present set and grid
       type(curve_t) :: curve
       type(known_t) :: known                                          !! at its point
       real(wp) :: largest = faint                                     !! motion so far, in units of typical ones
-   end type standing_t
+   end type curve_state_t
 
    !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`.
-   type, extends(standing_t) :: followed_motion_t
+   type, extends(curve_state_t) :: followed_motion_t
       type(curve_request_t) :: request
       type(model_t) :: model                                          !! at the start, as read
       type(document_t) :: document
@@ -92,7 +92,7 @@ module hb_followed_motion
                                                                       !! and 2 k + 2 along the other curve from the k-th branch
                                                                       !! point, or from a separate motion
       type(origin_t), allocatable :: origins(:) !! branch points on the branches from the start, separate motions
-      type(origin_t) :: outset                                        !! start of this branch
+      type(origin_t) :: branch_start                                  !! start of this branch
       type(origin_t) :: start                                         !! the same on the present set
       real(wp) :: length = 0.0_wp                                     !! arc length of this branch so far
       type(reported_extreme_t), allocatable :: reported(:)            !! on this branch
@@ -113,8 +113,8 @@ module hb_followed_motion
       procedure :: is_mirrored => followed_motion_is_mirrored
       procedure :: units_at => followed_motion_units_at
       procedure :: renew => followed_motion_renew
-      procedure :: look_here => followed_motion_look_here
-      procedure :: carry_start => followed_motion_carry_start
+      procedure :: evaluate_here => followed_motion_evaluate_here
+      procedure :: transfer_start => followed_motion_transfer_start
       procedure :: describe => followed_motion_describe
       procedure :: has_left_branch => followed_motion_has_left_branch
       procedure :: sense => followed_motion_sense
@@ -424,7 +424,7 @@ contains
    end subroutine followed_motion_renew
 
    !> Computes the quantities at the point of the curve that events compare.
-   subroutine followed_motion_look_here(self, known)
+   subroutine followed_motion_evaluate_here(self, known)
       class(followed_motion_t), intent(inout), target :: self
       type(known_t), intent(out) :: known
       integer :: i
@@ -435,17 +435,17 @@ contains
          call find_stability(self%problem, x, self%problem%model%stability%tolerance, known%stability)
          call find_extremes(self%problem, x, known%extremes)
       end associate
-   end subroutine followed_motion_look_here
+   end subroutine followed_motion_evaluate_here
 
    !> Transfers the start of this branch to the present set.
-   subroutine followed_motion_carry_start(self)
+   subroutine followed_motion_transfer_start(self)
       class(followed_motion_t), intent(inout) :: self
 
-      associate (outset => self%outset, n => size(self%problem%which))
-         self%start%x = carry(outset%level%set, self%level%set, outset%x, n)
-         self%start%direction = carry(outset%level%set, self%level%set, outset%direction, n)
+      associate (branch_start => self%branch_start, n => size(self%problem%which))
+         self%start%x = carry(branch_start%level%set, self%level%set, branch_start%x, n)
+         self%start%direction = carry(branch_start%level%set, self%level%set, branch_start%direction, n)
       end associate
-   end subroutine followed_motion_carry_start
+   end subroutine followed_motion_transfer_start
 
    !> Computes the results of a motion of the curve.
    subroutine followed_motion_describe(self, point, result, error)

@@ -139,7 +139,7 @@ contains
          keeps_stiffness = self%group == "law" .and. self%has_stiffness
          if (keeps_stiffness) keeps_stiffness = coordinates%equal(self%stiffness%coordinates)
          if (keeps_stiffness) then
-            call self%stiffness%hand_over(stiffness)
+            call self%stiffness%transfer_to(stiffness)
          else
             call new_dynamic_stiffness(stiffness, model%structure, coordinates, &
                model%harmonics%frequencies(model%tones%omega), model%loads, error, &

@@ -12,7 +12,7 @@ module hb_motion_curve
    use hb_curve_events, only: square_at
    use hb_curve_gradient, only: find_curve_gradient
    use hb_curve_request, only: curve_kind, curve_request_t, find_direction, find_null_vector
-   use hb_curve_sets, only: settle, step_to_tolerance
+   use hb_curve_sets, only: transfer_motion, step_to_tolerance
    use hb_curve_step, only: step
    use hb_document, only: document_t
    use hb_doubtful_extremes, only: drop_doubtful
@@ -47,7 +47,7 @@ module hb_motion_curve
    contains
       procedure :: begin => motion_curve_begin
       procedure :: begin_next_to => motion_curve_begin_next_to
-      procedure :: go_on_from => motion_curve_go_on_from
+      procedure :: continue_from => motion_curve_continue_from
       procedure :: next => motion_curve_next
       procedure :: look_for => motion_curve_look_for
       procedure :: measure => motion_curve_measure
@@ -105,8 +105,8 @@ contains
       self%is_done = allocated(error)
       if (self%is_done) return
       self%first%x = [unknowns(:self%problem%n_unknowns), further]
-      call set_out(self, error)
-      if (.not. allocated(error)) call tell(self, waiting_t(curve_kind%start, x=self%first%x), result)
+      call start_branch(self, error)
+      if (.not. allocated(error)) call add_position(self, waiting_t(curve_kind%start, x=self%first%x), result)
       self%n_reported = 1
       self%is_done = allocated(error) .or. self%n_reported >= request%n_points
    end subroutine motion_curve_begin
@@ -131,15 +131,15 @@ contains
          self%is_done = .true.
          return
       end if
-      if (model%accuracy%is_on) call settle(self, self%first%x, self%first%direction, error)
+      if (model%accuracy%is_on) call transfer_motion(self, self%first%x, self%first%direction, error)
       self%is_done = allocated(error)
       if (self%is_done) return
       self%first%level = self%level
-      call set_out(self, error)
+      call start_branch(self, error)
       if (allocated(error)) return
       call put_start(self)
       call self%describe(self%waiting(1), result, error)
-      if (.not. allocated(error)) call tell(self, self%waiting(1), result)
+      if (.not. allocated(error)) call add_position(self, self%waiting(1), result)
       self%first_waiting = 2
       self%n_reported = 1
       self%is_done = allocated(error) .or. self%n_reported >= self%request%n_points
@@ -192,12 +192,12 @@ contains
          self%first%direction = direction
       end associate
       call self%find_on_plane(self%first%x, self%first%direction, is_found)
-      if (is_found) call set_out(self, error)
+      if (is_found) call start_branch(self, error)
       self%first_waiting = 1
    end subroutine motion_curve_begin_next_to
 
    !> Replaces `begin`: restores the state of a stored curve at its last point, a step or the start of a branch.
-   subroutine motion_curve_go_on_from(self, model, document, request, stored, error)
+   subroutine motion_curve_continue_from(self, model, document, request, stored, error)
       class(motion_curve_t), intent(inout), target :: self
       type(model_t), intent(in) :: model                              !! at the start
       type(document_t), intent(in) :: document                        !! from which it was read
@@ -220,13 +220,13 @@ contains
             self%origins = [self%origins, origin_t(.false., stored(i)%unknowns, stored(i)%direction, level)]
          if (stored(i)%kind == curve_kind%start .and. stored(i)%branch > size(self%origins)) &
             self%origins = [self%origins, origin_t(.true., stored(i)%unknowns, 0.0_wp*stored(i)%unknowns, level)]
-         call note_met(self, stored(i)%unknowns, level)
+         call store_met_motion(self, stored(i)%unknowns, level)
       end do
       associate (last => stored(size(stored)))
          self%way = 2*last%branch + merge(2, 1, last%length < 0.0_wp .or. &
                                           (last%branch > 0 .and. count(stored%kind == curve_kind%start .and. &
                                                                        stored%branch == last%branch) > 1))
-         call set_out(self, error)
+         call start_branch(self, error)
          if (allocated(error)) return
          self%n_reported = size(stored)
          self%length = abs(last%length)
@@ -234,7 +234,7 @@ contains
             call self%put_on(level, error)
             if (allocated(error)) return
             call self%make_curve(last%unknowns, last%direction)
-            call self%carry_start()
+            call self%transfer_start()
          end if
          self%curve%x = last%unknowns
          self%curve%direction = last%direction
@@ -248,7 +248,7 @@ contains
          end do
       end associate
       call self%renew()
-      call self%look_here(self%known)
+      call self%evaluate_here(self%known)
       associate (last => stored(size(stored)))
          if (model%accuracy%is_on .and. last%kind == curve_kind%regular) then
             call self%describe(waiting_t(last%kind, x=self%curve%x), result, error)
@@ -256,7 +256,7 @@ contains
          end if
       end associate
       self%is_done = self%n_reported >= request%n_points
-   end subroutine motion_curve_go_on_from
+   end subroutine motion_curve_continue_from
 
    !> The unknowns of a point other than those of the balance.
    pure function further_of(place, model) result(further)
@@ -300,22 +300,22 @@ contains
    ! Branches of the curve
 
    !> Places the curve at the start of this branch.
-   subroutine set_out(self, error)
+   subroutine start_branch(self, error)
       class(motion_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: direction(:)
       logical :: is_possible
 
-      self%outset = self%first
-      if (self%way > 2) self%outset = self%origins((self%way - 1)/2)
-      if (self%model%accuracy%is_on) call self%put_on(self%outset%level, error)
+      self%branch_start = self%first
+      if (self%way > 2) self%branch_start = self%origins((self%way - 1)/2)
+      if (self%model%accuracy%is_on) call self%put_on(self%branch_start%level, error)
       if (allocated(error)) return
       if (self%way <= 2 .and. allocated(self%first%direction)) then
          direction = self%first%direction
       else if (self%has_left_branch()) then
-         direction = self%outset%direction
+         direction = self%branch_start%direction
       else
-         direction = 0.0_wp*self%outset%x
+         direction = 0.0_wp*self%branch_start%x
          direction(size(direction)) = self%first_sense*self%sense()
       end if
       self%has_collapsed = .false.
@@ -323,27 +323,27 @@ contains
       self%reported = [reported_extreme_t ::]
       self%estimate = huge(1.0_wp)
       self%largest = faint
-      call self%problem%move_to_point(self%outset%x, is_possible)
+      call self%problem%move_to_point(self%branch_start%x, is_possible)
       self%tolerance_factor = 1.0_wp
-      self%roughness = self%problem%roughness(self%outset%x(:self%problem%n_unknowns))
+      self%roughness = self%problem%roughness(self%branch_start%x(:self%problem%n_unknowns))
       self%is_rough = 10.0_wp*self%roughness > self%problem%model%solver%tolerance
-      call self%make_curve(self%outset%x, direction)
+      call self%make_curve(self%branch_start%x, direction)
       if (self%has_left_branch()) then
-         call turn_off(self, direction)
+         call switch_curve(self, direction)
          self%curve%direction = self%sense()*direction
          self%curve%orientation = 0.0_wp                              ! not known where the determinant is zero
          self%curve%status = outcome%pending
          call self%keep_symmetry()
       end if
-      self%outset%direction = self%curve%direction
-      self%start = self%outset
+      self%branch_start%direction = self%curve%direction
+      self%start = self%branch_start
       call self%renew()
-      call self%look_here(self%known)
-   end subroutine set_out
+      call self%evaluate_here(self%known)
+   end subroutine start_branch
 
    !> At a branch point the tangent bordered by the direction has a null vector: the direction of the other curve
    !> across this one. Its sign, otherwise determined by rounding, is that of its first large entry.
-   subroutine turn_off(self, direction)
+   subroutine switch_curve(self, direction)
       class(motion_curve_t), intent(inout), target :: self
       real(wp), intent(inout) :: direction(:)                         !! on entry of the curve, on return of the other one
       real(wp), parameter :: large = 0.6_wp                           ! of the largest
@@ -360,7 +360,7 @@ contains
          i = findloc(abs(next/curve%units) > large*maxval(abs(next/curve%units)), .true., dim=1)
          direction = sign(1.0_wp, next(i))*next
       end associate
-   end subroutine turn_off
+   end subroutine switch_curve
 
    !> Ends this branch; the next one follows if there is one, along another curve after a row for its start.
    subroutine leave(self, error)
@@ -383,7 +383,7 @@ contains
       end if
       self%is_done = self%way > 2*(1 + size(self%origins))
       if (self%is_done) return
-      call set_out(self, error)
+      call start_branch(self, error)
       if (self%way > 2 .and. .not. allocated(error)) call put_start(self)
    end subroutine leave
 
@@ -396,7 +396,7 @@ contains
    end subroutine put_start
 
    !> Stores a motion at a value at which others are searched for.
-   subroutine note_met(self, x, level)
+   subroutine store_met_motion(self, x, level)
       class(motion_curve_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)
       type(level_t), intent(in) :: level                              !! its set and grid
@@ -404,7 +404,7 @@ contains
       if (.not. allocated(self%request%others)) return
       if (all(abs(self%request%others - x(size(x))) > 0.0_wp)) return
       self%met = [self%met, origin_t(x=x, level=level)]
-   end subroutine note_met
+   end subroutine store_met_motion
 
    ! Points of the curve
 
@@ -513,18 +513,18 @@ contains
          else
             call self%describe(point, result, error)
          end if
-         if (.not. allocated(error)) call tell(self, point, result)
+         if (.not. allocated(error)) call add_position(self, point, result)
       end associate
    end subroutine report_waiting
 
    !> Adds the position on the curve to the result of a point, and stores the data on which later points depend.
-   subroutine tell(self, point, result)
+   subroutine add_position(self, point, result)
       class(motion_curve_t), intent(inout), target :: self
       type(waiting_t), intent(in) :: point
       type(motion_result_t), intent(inout) :: result
       type(curve_position_t) :: place
 
-      call note_met(self, point%x, self%level)
+      call store_met_motion(self, point%x, self%level)
       place%kind = point%kind
       place%parameter = point%x(size(point%x))
       place%length = self%sense()*(self%length + point%place)
@@ -555,7 +555,7 @@ contains
       end select
       result%curve = place
       call find_curve_gradient(self, point, result)
-   end subroutine tell
+   end subroutine add_position
 
    !> Records the work of a point.
    pure subroutine count_work(report, before, result)

@@ -34,7 +34,7 @@ module hb_motion_ridge
       real(wp), private :: step = 0.0_wp
    contains
       procedure :: begin => motion_ridge_begin
-      procedure :: go_on_from => motion_ridge_go_on_from
+      procedure :: continue_from => motion_ridge_continue_from
       procedure :: next => motion_ridge_next
       procedure :: destroy => motion_ridge_destroy
    end type motion_ridge_t
@@ -101,7 +101,7 @@ contains
    end subroutine motion_ridge_begin
 
    !> Replaces `begin`: restores the state of a stored ridge.
-   subroutine motion_ridge_go_on_from(self, model, document, request, stored, error)
+   subroutine motion_ridge_continue_from(self, model, document, request, stored, error)
       class(motion_ridge_t), intent(inout), target :: self
       type(model_t), intent(in) :: model
       type(document_t), intent(in) :: document
@@ -116,7 +116,7 @@ contains
       self%length = self%last%length
       self%n_reported = size(stored)
       self%is_done = self%n_reported >= request%n_points
-   end subroutine motion_ridge_go_on_from
+   end subroutine motion_ridge_continue_from
 
    subroutine prepare(self, model, document, request)
       class(motion_ridge_t), intent(inout), target :: self

@@ -8,7 +8,7 @@
 module hb_motions_apart
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_cancellation, only: work_is_over
-   use hb_curve_sets, only: settle
+   use hb_curve_sets, only: transfer_motion
    use hb_error, only: error_t
    use hb_followed_motion, only: followed_motion_t, origin_t
    use hb_harmonics, only: harmonics_t
@@ -127,7 +127,7 @@ contains
       value = x(size(x))
       along = 0.0_wp*x
       along(size(x)) = 1.0_wp
-      call settle(self, x, along, error)
+      call transfer_motion(self, x, along, error)
       if (allocated(error)) return
       x(size(x)) = value
       is_accepted = is_other(x, motions_of(self, known), self%problem%model%harmonics, self%problem%x_scale, &

@@ -16,7 +16,7 @@ module hb_time_domain
    implicit none
    private
    public :: highest_part, integration_config_t, integration_counts_t, integration_is_cheaper, integration_method, &
-      integration_start, locking_t, may_be_locked, primary_method, read_integration, steady_motion_t, step_of, work_of_look
+      integration_start, locking_t, may_be_locked, primary_method, read_integration, steady_motion_t, step_of, evaluation_work
 
    type :: integration_method_t
       integer :: cvode = 1
@@ -48,7 +48,7 @@ module hb_time_domain
       integer :: starts = 1                                           !! states from which to integrate
       integer :: n_peaks = 0                                          !! frequencies searched for, per degree of freedom
       real(wp) :: largest = huge(1.0_wp)                              !! displacement at which the integration ends [m], no key
-      integer(int64) :: most_looks = huge(1_int64)                    !! at the motion, after which to give up, no key
+      integer(int64) :: most_evaluations = huge(1_int64)              !! at the motion, after which to give up, no key
       real(wp) :: work_limit = huge(1.0_wp)                           !! of one method, no key
       integer :: substeps = 1                                         !! of the method, from one step to the next, no key
       real(wp) :: aim = 0.0_wp                                        !! error of the motion at which to end, with many
@@ -142,7 +142,7 @@ contains
       type(integration_counts_t), intent(in) :: counts
       real(wp), parameter :: fewest_periods = 150.0_wp                ! of the windows of a time integration
       real(wp), parameter :: decays = 3.0_wp                          ! decay times of its transient, until two windows agree
-      real(wp), parameter :: samples_of_harmonic = 16.0_wp, steps_of_mode = 30.0_wp, looks_of_step = 2.0_wp
+      real(wp), parameter :: samples_of_harmonic = 16.0_wp, steps_of_mode = 30.0_wp, evaluations_of_step = 2.0_wp
       real(wp), parameter :: of_pair = 500.0_wp                       ! [ns] of a balance, for each pair of unknowns
       real(wp) :: n_balance, n_integration, periods, samples, steps, work_of_integration
 
@@ -155,21 +155,21 @@ contains
          periods = max(fewest_periods, decays*log(1.0e2_wp/tolerance)*counts%omega/(two_pi*counts%decay))
          samples = samples_of_harmonic*n_integration
          steps = max(samples, steps_of_mode*counts%fastest/counts%omega)
-         work_of_integration = periods*(looks_of_step*work_of_look(counts%n_dofs, counts%n_coordinates, .false.)*steps + &
+         work_of_integration = periods*(evaluations_of_step*evaluation_work(counts%n_dofs, counts%n_coordinates, .false.)*steps + &
                                         2.0_wp*samples*n_integration*n_coordinates)
          integration_is_cheaper = clearly*work_of_integration < of_pair*(n_balance*n_coordinates)**2
       end associate
    end function integration_is_cheaper
 
    !> Work of one evaluation of the equations of motion [ns]; for implicit steps with a dense tangent of the laws.
-   pure real(wp) function work_of_look(n_dofs, n_coordinates, is_implicit) result(work)
+   pure real(wp) function evaluation_work(n_dofs, n_coordinates, is_implicit) result(work)
       integer, intent(in) :: n_dofs
       integer, intent(in) :: n_coordinates                            !! of the laws
       logical, intent(in) :: is_implicit
 
       work = 600.0_wp + 6.0_wp*real(n_dofs, wp)**2 + 60.0_wp*n_coordinates
       if (is_implicit) work = work + 0.2_wp*real(n_coordinates, wp)**3     ! 28 springs on a beam: 7.5 us
-   end function work_of_look
+   end function evaluation_work
 
    !> Reads `&integration`.
    subroutine read_integration(self, group)

@@ -15,7 +15,7 @@ module hb_floquet
    use hb_kinds, only: two_pi, wp
    use hb_lapack, only: dgeev
    use hb_law, only: law_box_t
-   use hb_monodromy, only: find_monodromy, find_transfer, monodromy_t, n_looks_of, work_of_monodromy, work_of_transfer
+   use hb_monodromy, only: find_monodromy, find_transfer, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
    use hb_piecewise_orbit, only: find_piecewise_orbit, has_piecewise_orbit, piecewise_orbit_t, work_of_piecewise_orbit
    use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, most_multipliers, stability_config_t, &
       stability_finder_t, stability_method, stability_t, verdict
@@ -85,7 +85,7 @@ contains
       if (stability%is_too_costly) return
       call new_variation(variation, structure, laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
       if (allocated(error)) return
-      associate (highest => max(maxval(abs(variation%motion%frequencies)), variation%look_frequency))
+      associate (highest => max(maxval(abs(variation%motion%frequencies)), variation%detection_frequency))
          stability%is_too_costly = highest > most_turns*minval(motion%tones%omega)
       end associate
       if (stability%is_too_costly) return
@@ -373,7 +373,7 @@ contains
       do i = -n_periods, -1
          is_done = .not. work_is_over()
          if (.not. is_done) return
-         call cut_time(self%variation, i*self%length, (i + 1)*self%length, n_looks_of(self%variation, self%length), pieces)
+         call cut_time(self%variation, i*self%length, (i + 1)*self%length, n_instants_of(self%variation, self%length), pieces)
       end do
    end subroutine linear_propagation_settle
 

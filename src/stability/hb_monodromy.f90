@@ -21,14 +21,14 @@ module hb_monodromy
    use hb_variation_pieces, only: cut_time, settle_sliders
    implicit none
    private
-   public :: find_monodromy, find_transfer, monodromy_t, n_looks_of, work_of_monodromy, work_of_transfer
+   public :: find_monodromy, find_transfer, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
 
    real(wp), parameter :: inside = 1.0e-8_wp                          ! fraction of a piece by which its ends are evaluated inside
    real(wp), parameter :: near = 0.25_wp, middle = 1.0_wp/3.0_wp, far = -1.0_wp/12.0_wp   ! weights of the nodes of a half step
 
    integer, parameter :: fewest_steps = 8
-   integer, parameter :: looks_a_harmonic = 8 ! detection times for events in a period of the highest harmonic
-   integer, parameter :: fewest_looks = 128
+   integer, parameter :: instants_per_harmonic = 8 ! detection times for events in a period of the highest harmonic
+   integer, parameter :: fewest_instants = 128
    integer, parameter :: most_doublings = 12
    real(wp), parameter :: slow = 0.1_wp                               ! help more than this: a kink that is not resolved does not
 
@@ -54,7 +54,7 @@ contains
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
 
       associate (finish => start + two_pi/variation%motion%omega(1))
-         call settle_sliders(variation, start, finish, n_looks_of(variation, finish - start))
+         call settle_sliders(variation, start, finish, n_instants_of(variation, finish - start))
          call find_transfer(self, variation, start, finish, tolerance, work_limit)
       end associate
       if (variation%n_states > 0) call drop_stuck(self, variation)
@@ -74,7 +74,7 @@ contains
       real(wp) :: estimate_before
       integer :: doubling, k
 
-      call cut_time(variation, start, finish, n_looks_of(variation, finish - start), pieces)
+      call cut_time(variation, start, finish, n_instants_of(variation, finish - start), pieces)
       if (variation%is_piecewise_linear()) then
          call go_round(variation, pieces, finish - start, 1, self%matrix, self%n_steps)
          if (.not. work_is_over()) self%estimate = rounding_of(variation, pieces)
@@ -143,12 +143,12 @@ contains
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]
       real(wp), parameter :: single = 500.0_wp                        ! additional work of a node evaluated alone
-      integer, parameter :: looks_an_event = 10
+      integer, parameter :: evaluations_per_event = 10
 
       work = 0.0_wp
       if (variation%is_smooth()) return
-      work = looks_an_event*n_events_of(variation, length)*(single + variation%work_of_node())
-      work = work + n_looks_of(variation, length)*variation%work_of_node()
+      work = evaluations_per_event*n_events_of(variation, length)*(single + variation%work_of_node())
+      work = work + n_instants_of(variation, length)*variation%work_of_node()
    end function work_of_cuts
 
    !> Typical number of events: two for each switch, four for each slider in a period of the fastest tone.
@@ -175,12 +175,12 @@ contains
    end function rounding_of
 
    !> Number of detection times for events, from the harmonics that carry the motion.
-   pure integer function n_looks_of(variation, length)
+   pure integer function n_instants_of(variation, length)
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]
 
-      n_looks_of = max(fewest_looks, looks_a_harmonic*(nint(variation%look_frequency*length/two_pi) + 1))
-   end function n_looks_of
+      n_instants_of = max(fewest_instants, instants_per_harmonic*(nint(variation%detection_frequency*length/two_pi) + 1))
+   end function n_instants_of
 
    !> One step per period of the highest harmonic, plus one.
    pure integer function first_steps(variation, length)

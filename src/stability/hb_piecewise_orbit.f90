@@ -17,10 +17,10 @@ module hb_piecewise_orbit
    use hb_variation_pieces, only: bracket_t
    implicit none
    private
-   public :: find_piecewise_orbit, has_piecewise_orbit, n_looks, piecewise_orbit_t, smallest_scale, work_of_piecewise_orbit
+   public :: find_piecewise_orbit, has_piecewise_orbit, n_instants, piecewise_orbit_t, smallest_scale, work_of_piecewise_orbit
 
    integer, parameter :: steps_a_period = 16 ! of the fastest oscillation: a switch reverses at most once in a step
-   integer, parameter :: n_looks = 256                                ! in a period, to find an interval without events
+   integer, parameter :: n_instants = 256                             ! in a period, to find an interval without events
    integer, parameter :: fewest_steps = 64                            ! in a period of the motion
    integer, parameter :: most_terms = 60                              ! of an exponential series within a step
    integer, parameter :: most_events = 1000                           ! in a period: with more, contact chatters
@@ -143,14 +143,14 @@ contains
    function quiet_time(variation) result(time)
       type(variation_t), intent(in) :: variation
       real(wp) :: time                                                !! [s]
-      real(wp), dimension(n_looks, variation%n_coordinates) :: v, z
-      real(wp) :: values(variation%n_switches()), times(n_looks)
-      logical :: is_event(n_looks), is_positive(variation%n_switches(), n_looks)
+      real(wp), dimension(n_instants, variation%n_coordinates) :: v, z
+      real(wp) :: values(variation%n_switches()), times(n_instants)
+      logical :: is_event(n_instants), is_positive(variation%n_switches(), n_instants)
       integer :: i, last, length, longest, middle, n
 
-      times = [(two_pi*i/(n_looks*variation%motion%omega(1)), i=0, n_looks - 1)]
+      times = [(two_pi*i/(n_instants*variation%motion%omega(1)), i=0, n_instants - 1)]
       call variation%motion%at(variation%motion%phases(times), z, v, .false.)
-      do i = 1, n_looks
+      do i = 1, n_instants
          last = 0
          do n = 1, size(variation%laws)
             associate (law => variation%laws(n)%law, place => variation%places(n))
@@ -160,16 +160,16 @@ contains
          end do
          is_positive(:, i) = values > 0.0_wp
       end do
-      is_event = [(any(is_positive(:, i) .neqv. is_positive(:, 1 + modulo(i, n_looks))), i=1, n_looks)]
+      is_event = [(any(is_positive(:, i) .neqv. is_positive(:, 1 + modulo(i, n_instants))), i=1, n_instants)]
       middle = 1
       longest = 0
       length = 0
-      do i = 1, 2*n_looks
+      do i = 1, 2*n_instants
          length = length + 1
-         if (.not. is_event(1 + modulo(i - 1, n_looks))) cycle
-         if (length > longest .and. i > n_looks) then
+         if (.not. is_event(1 + modulo(i - 1, n_instants))) cycle
+         if (length > longest .and. i > n_instants) then
             longest = length
-            middle = 1 + modulo(i - 1 - length/2, n_looks)
+            middle = 1 + modulo(i - 1 - length/2, n_instants)
          end if
          length = 0
       end do

@@ -49,7 +49,7 @@ module hb_variation
       type(place_t), allocatable :: places(:)
       real(wp), allocatable :: constant(:, :)                         !! A of the structure alone, (size, size)
       real(wp), allocatable :: kick(:, :), shape(:, :)                !! M^-1 S and S, (n_dofs, n_coordinates)
-      real(wp) :: look_frequency = 0.0_wp !! highest frequency that carries the motion, for events [rad/s]
+      real(wp) :: detection_frequency = 0.0_wp !! highest frequency that carries the motion, for events [rad/s]
       real(wp), allocatable :: reach(:)                               !! amplitude of the motion of each coordinate [m]
       logical, private :: has_turning = .false.
    contains
@@ -112,7 +112,7 @@ contains
       end do
       call new_motion_series(self%motion, tuples, omega, matmul(transpose(self%shape), amplitudes))
       self%reach = max(sum(abs(self%motion%amplitudes), dim=2), tiny(1.0_wp))
-      self%look_frequency = carrying_frequency(self)
+      self%detection_frequency = carrying_frequency(self)
       allocate (self%slip(self%n_states), source=0)
       allocate (self%held(self%n_states), source=0.0_wp)
       allocate (self%has_slipped(self%n_states), source=.false.)

@@ -49,11 +49,11 @@ module hb_variation_pieces
 
 contains
 
-   !> Divides an interval of time at its events, which are searched for between `n_looks` instants.
-   subroutine cut_time(self, start, finish, n_looks, pieces)
+   !> Divides an interval of time at its events, which are searched for between `n_instants` instants.
+   subroutine cut_time(self, start, finish, n_instants, pieces)
       type(variation_t), intent(inout) :: self
       real(wp), intent(in) :: start, finish                           !! [s]
-      integer, intent(in) :: n_looks
+      integer, intent(in) :: n_instants
       type(piece_t), allocatable, intent(out) :: pieces(:)
       type(event_t), allocatable :: events(:), found(:)
       real(wp), allocatable :: times(:), v(:, :), z(:, :)
@@ -66,7 +66,7 @@ contains
       first_slip = self%slip
       first_held = self%held
       if (.not. self%is_smooth()) then
-         times = [(start + (finish - start)*i/n_looks, i=0, n_looks)]
+         times = [(start + (finish - start)*i/n_instants, i=0, n_instants)]
          allocate (z(size(times), self%n_coordinates), v(size(times), self%n_coordinates))
          call self%motion%at(self%motion%phases(times), z, v, &
                              any([(needs_rates(self%laws(i)%law), i=1, size(self%laws))]))
@@ -93,10 +93,10 @@ contains
    end function needs_rates
 
    !> Propagates sliders round a period until they are periodic.
-   subroutine settle_sliders(self, start, finish, n_looks)
+   subroutine settle_sliders(self, start, finish, n_instants)
       type(variation_t), intent(inout) :: self
       real(wp), intent(in) :: start, finish                           !! [s]
-      integer, intent(in) :: n_looks
+      integer, intent(in) :: n_instants
       type(piece_t), allocatable :: pieces(:)
       real(wp), allocatable :: before(:)
       integer :: period
@@ -105,7 +105,7 @@ contains
       do period = 1, most_periods
          if (work_is_over()) exit
          before = self%held
-         call cut_time(self, start, finish, n_looks, pieces)
+         call cut_time(self, start, finish, n_instants, pieces)
          if (period > 1 .and. all(abs(self%held - before) <= rounding*maxval(self%reach))) exit
       end do
       self%has_slipped = .false.
@@ -365,7 +365,7 @@ contains
          call bracket%narrow(beyond(search, bracket%middle, side, stops))
       end do
       time_of = bracket%middle
-      if (stops) call look(search, time_of)
+      if (stops) call update_bounds(search, time_of)
    end function time_of
 
    !> Distance by which the bound has moved, or would have moved, the slider at a time; with `stops`, its speed away
@@ -376,7 +376,7 @@ contains
       integer, intent(in) :: side
       logical, intent(in) :: stops
 
-      call look(search, time)
+      call update_bounds(search, time)
       associate (s => search%s, held => search%variation%held(search%slider))
          if (stops) then
             beyond = merge(-search%lower_rate(s), search%upper_rate(s), side == 1)
@@ -397,7 +397,7 @@ contains
    end function earliest
 
    !> Computes the bounds at a time.
-   subroutine look(search, time)
+   subroutine update_bounds(search, time)
       type(slip_search_t), intent(inout) :: search
       real(wp), intent(in) :: time
       real(wp), dimension(1, search%variation%n_coordinates) :: v, z
@@ -406,7 +406,7 @@ contains
          call motion%at(motion%phases([time]), z, v)
          call find_bounds(search, z(1, place%first:place%last), v(1, place%first:place%last))
       end associate
-   end subroutine look
+   end subroutine update_bounds
 
    !> Sorts events by time.
    pure subroutine sort(events)

@@ -102,7 +102,7 @@ contains
       self%is_sparse = n >= least_sparse .and. real(min(n_rows, n), wp)*n > emptiness*block%n_entries
       if (self%arrow%is_arrow) self%is_sparse = .false.
       if (2*n_rows > n .and. block%n_entries < n*(n/8) .and. .not. (self%is_sparse .or. self%arrow%is_arrow)) &
-         n_rows = put_in_order(self)
+         n_rows = sort_by_position(self)
       self%is_banded = 2*n_rows <= n .and. .not. (self%is_sparse .or. self%arrow%is_arrow)
       self%is_narrow = self%is_banded .and. self%n_lower + self%n_upper <= widest_narrow
       if (.not. self%is_banded) n_rows = max(1, n)
@@ -127,7 +127,7 @@ contains
    end function find_band
 
    !> Reorders the unknowns if that gives a narrow band, and returns the number of rows of the band.
-   integer function put_in_order(self) result(n_rows)
+   integer function sort_by_position(self) result(n_rows)
       class(block_solver_t), intent(inout) :: self
       integer :: i, place(self%n)
       type(structure_block_t) :: before
@@ -144,7 +144,7 @@ contains
          self%entries = before
          n_rows = find_band(self)
       end if
-   end function put_in_order
+   end function sort_by_position
 
    !> Sorts the entries by columns, and by rows within a column.
    subroutine sort_by_column(self)

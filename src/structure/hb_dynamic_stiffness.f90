@@ -30,7 +30,7 @@ module hb_dynamic_stiffness
       logical :: is_on = .false.                             !! slopes by frequency and drive, and memory for `move`
       logical :: of_motion = .false.                         !! with slopes, also memory for `recover_slope`
       real(wp), allocatable :: drives(:)                     !! [rad**2/s**2], (n_harmonics), otherwise zero
-      logical :: of_interior = .true.                        !! memory for `recover` and `hand_to_laws`
+      logical :: of_interior = .true.                        !! memory for `recover` and `map_to_laws`
       type(amplitudes_t) :: loads                            !! dP/dw [N s] of loads that depend on the frequency, otherwise
                                                              !! zero; `move` does not change the loads
       type(structure_t), allocatable :: change               !! derivative of the structure by a value; slopes are by it
@@ -56,13 +56,13 @@ module hb_dynamic_stiffness
       type(condensation_t), allocatable, private :: condensation  ! stored with slopes
    contains
       procedure :: move => dynamic_stiffness_move
-      procedure :: hand_over => dynamic_stiffness_hand_over
+      procedure :: transfer_to => dynamic_stiffness_transfer_to
       procedure :: take_loads => dynamic_stiffness_take_loads
       procedure :: restricted_to => dynamic_stiffness_restricted_to
       procedure :: linear_amplitudes => dynamic_stiffness_linear_amplitudes
       procedure :: recover => dynamic_stiffness_recover
       procedure :: recover_slope => dynamic_stiffness_recover_slope
-      procedure :: hand_to_laws => dynamic_stiffness_hand_to_laws
+      procedure :: map_to_laws => dynamic_stiffness_map_to_laws
       procedure :: has_interior => dynamic_stiffness_has_interior
    end type dynamic_stiffness_t
 
@@ -170,7 +170,7 @@ contains
    end subroutine dynamic_stiffness_move
 
    !> Moves all data to another object; this one is empty afterwards.
-   subroutine dynamic_stiffness_hand_over(self, to)
+   subroutine dynamic_stiffness_transfer_to(self, to)
       class(dynamic_stiffness_t), intent(inout) :: self
       class(dynamic_stiffness_t), intent(inout) :: to
 
@@ -191,7 +191,7 @@ contains
       to%held_motion = self%held_motion
       call move_alloc(self%motion_slope, to%motion_slope)
       call move_alloc(self%condensation, to%condensation)
-   end subroutine dynamic_stiffness_hand_over
+   end subroutine dynamic_stiffness_transfer_to
 
    !> Copies the loads of some harmonics from a stiffness of only these, of the same structure, coordinates and
    !> frequencies; both without slopes.
@@ -270,7 +270,7 @@ contains
       call self%coordinates%motion_from(coefficients)
    end subroutine dynamic_stiffness_recover
 
-   !> Whether the data for `recover` and `hand_to_laws` exist.
+   !> Whether the data for `recover` and `map_to_laws` exist.
    pure logical function dynamic_stiffness_has_interior(self) result(has_interior)
       class(dynamic_stiffness_t), intent(in) :: self
 
@@ -297,7 +297,7 @@ contains
 
    !> Converts a gradient with respect to the motion of all degrees of freedom to one with respect to that of the
    !> laws, on which the others depend: g_l - T^H g_r, for functions with the differential Re(g^H dx).
-   pure subroutine dynamic_stiffness_hand_to_laws(self, gradient, law_gradient)
+   pure subroutine dynamic_stiffness_map_to_laws(self, gradient, law_gradient)
       class(dynamic_stiffness_t), intent(in) :: self
       complex(wp), intent(in) :: gradient(:, :)                       !! (n_dofs, n_harmonics)
       complex(wp), intent(out) :: law_gradient(:, :)                  !! (n_law, n_harmonics)
@@ -309,7 +309,7 @@ contains
          law_gradient(:, h) = g(self%coordinates%places, h) &
                               - matmul(transpose(conjg(self%transfer(:, :, h))), g(self%interior, h))
       end do
-   end subroutine dynamic_stiffness_hand_to_laws
+   end subroutine dynamic_stiffness_map_to_laws
 
    !> Solves S_c c = P_c: the motion of the law dofs without any law.
    !>

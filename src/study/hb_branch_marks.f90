@@ -10,7 +10,7 @@ module hb_branch_marks
    use hb_sweep_plan, only: sweep_plan_t
    implicit none
    private
-   public :: mark_branches
+   public :: number_branches
 
    integer, parameter :: most_numbers = 4000000                       ! of motions in memory
 
@@ -18,7 +18,7 @@ contains
 
    !> Numbers the branches along each line of the sweep and writes the numbers; collective, and an error is the same
    !> on all ranks. No effect if the fastest parameter has no order.
-   subroutine mark_branches(results, plan, chain, comm, n_jumps, first_jump, error)
+   subroutine number_branches(results, plan, chain, comm, n_jumps, first_jump, error)
       type(results_t), intent(inout) :: results
       type(sweep_plan_t), intent(in) :: plan
       integer, intent(in) :: chain                                    !! largest number of points of a line in a chain
@@ -51,7 +51,7 @@ contains
       if (first_jump == 0) first_jump = huge(1)
       first_jump = -max_over(comm, -first_jump)
       if (n_jumps == 0) first_jump = 0
-   end subroutine mark_branches
+   end subroutine number_branches
 
    !> Numbers the branches of the line that follows a point; the motions are read in pieces.
    subroutine number_line(results, plan, chain, before, branch, error)
@@ -63,27 +63,27 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(line_t) :: line
       real(wp), allocatable :: motion(:, :)
-      integer, allocatable :: status(:), told(:)
+      integer, allocatable :: status(:), known_branch(:)
       integer :: first, i, last, last_branch, n
       logical :: is_jump
 
       n = min(size(branch), max(1, most_numbers/max(1, results%motion_size())))
-      allocate (motion(results%motion_size(), n), status(n), told(n))
+      allocate (motion(results%motion_size(), n), status(n), known_branch(n))
       call new_line(line, size(branch))
       last = -chain
       last_branch = 0
       do first = 1, size(branch), n
          n = min(n, size(branch) - first + 1)
-         call results%read_motions(before + first, status(:n), motion(:, :n), told(:n), error)
+         call results%read_motions(before + first, status(:n), motion(:, :n), known_branch(:n), error)
          if (allocated(error)) return
          do i = 1, n
             if (.not. is_solved(status(i))) cycle
             associate (place => first + i - 2)
-               is_jump = last/chain == place/chain .and. is_reported(last_branch, told(i))
+               is_jump = last/chain == place/chain .and. is_reported(last_branch, known_branch(i))
                call line%add(place + 1, plan%fastest_value(before + place + 1), motion(:, i), is_jump)
                last = place
             end associate
-            last_branch = told(i)
+            last_branch = known_branch(i)
          end do
       end do
       call line%number(branch)

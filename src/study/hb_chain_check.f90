@@ -38,7 +38,7 @@ module hb_chain_check
       type(harmonics_t) :: slope_set
       real(wp), allocatable :: slope(:)                               ! of the coefficients; not allocated: not known
    contains
-      procedure :: look => chain_check_look
+      procedure :: examine => chain_check_examine
    end type chain_check_t
 
    !> The interval between two points of a sweep.
@@ -57,7 +57,7 @@ contains
 
    !> Examines a solved point, which follows the last examined one. Afterwards the document and the model may have
    !> values between the two.
-   subroutine chain_check_look(self, source, point, here, result)
+   subroutine chain_check_examine(self, source, point, here, result)
       class(chain_check_t), intent(inout) :: self
       type(point_source_t), intent(inout), target :: source
       integer, intent(in) :: point
@@ -100,7 +100,7 @@ contains
             end if
             call find_branch(stretch, last, motion, tracking)
             self%work_left = stretch%work_left
-            call tell(tracking, source%plan%describe_between(self%last_point, point, tracking%share), result)
+            call describe(tracking, source%plan%describe_between(self%last_point, point, tracking%share), result)
          end if
          if (allocated(self%slope)) deallocate (self%slope)
          if (.not. result%leaves_branch) then
@@ -113,7 +113,7 @@ contains
       self%last = here
       self%last_value = source%plan%fastest_value(point)
       self%last_point = point
-   end subroutine chain_check_look
+   end subroutine chain_check_examine
 
    !> Computes the motion at one end of the interval in its set; it is unchanged if the result is a different one.
    subroutine find_anew(stretch, share, motion)
@@ -162,7 +162,7 @@ contains
    end function is_doubtful
 
    !> Describes the outcome if there is one to report.
-   subroutine tell(tracking, place, result)
+   subroutine describe(tracking, place, result)
       type(tracking_t), intent(in) :: tracking
       character(*), intent(in) :: place                               !! position at which the tracking ended
       type(motion_result_t), intent(inout) :: result
@@ -181,7 +181,7 @@ contains
          if (len(result%message) > 0) text = result%message//"; "//text
       end if
       result%message = text
-   end subroutine tell
+   end subroutine describe
 
    !> Computes the motion of the model between two points, without further results.
    subroutine swept_stretch_solve(self, share, motion, is_solved)

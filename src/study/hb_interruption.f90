@@ -24,7 +24,7 @@ module hb_interruption
 
    ! The flag is in the memory of one rank; this limits how often all other ranks together read it, and each rank
    ! reads it at most as often as a delay is perceptible.
-   real(wp), parameter :: looks_per_second = 1.0e5_wp, shortest_interval = 0.01_wp
+   real(wp), parameter :: checks_per_second = 1.0e5_wp, shortest_interval = 0.01_wp
 
    type, extends(cancellation_t) :: interruption_t
       integer :: reason = interruption%none
@@ -32,10 +32,10 @@ module hb_interruption
       real(wp), private :: time_limit = huge(1.0_wp)                  !! [s] from the start
       real(wp), private :: longest = 0.0_wp                           !! [s] of the points of this rank so far
       type(work_counter_t), private :: flag                           !! more than 0 points are done: all ranks must stop
-      real(wp), private :: looked = -huge(1.0_wp)                     !! [s] time of the last check by this rank
+      real(wp), private :: last_check = -huge(1.0_wp)                 !! [s] time of the last check by this rank
       real(wp), private :: interval = shortest_interval               !! [s] between two checks
    contains
-      procedure :: ask_all => interruption_ask_all
+      procedure :: request_stop => interruption_request_stop
       procedure :: destroy => interruption_destroy
       procedure :: is_due => interruption_is_due
       procedure :: note_point => interruption_note_point
@@ -55,7 +55,7 @@ contains
       call annotate(error, "MPI cannot make a flag that all ranks share")
       self%started = wall_clock()
       self%time_limit = time_limit
-      self%interval = max(shortest_interval, size_of(comm)/looks_per_second)
+      self%interval = max(shortest_interval, size_of(comm)/checks_per_second)
    end subroutine new_interruption
 
    !> Records the duration of a point.
@@ -72,7 +72,7 @@ contains
    logical function interruption_is_due(self) result(is_due)
       class(interruption_t), intent(inout) :: self
 
-      call look(self, self%longest)
+      call check_reasons(self, self%longest)
       is_due = self%reason /= interruption%none
    end function interruption_is_due
 
@@ -80,34 +80,34 @@ contains
    logical function interruption_wants_end(self)
       class(interruption_t), intent(inout) :: self
 
-      call look(self, 0.0_wp)
+      call check_reasons(self, 0.0_wp)
       interruption_wants_end = self%reason /= interruption%none
    end function interruption_wants_end
 
    !> Checks for a reason to end, given the expected duration of the remaining work.
-   subroutine look(self, seconds)
+   subroutine check_reasons(self, seconds)
       class(interruption_t), intent(inout) :: self
       real(wp), intent(in) :: seconds
       real(wp) :: now
 
       now = wall_clock()
       if (signal_caught()) then
-         if (self%reason /= interruption%signal) call self%ask_all()
+         if (self%reason /= interruption%signal) call self%request_stop()
          self%reason = interruption%signal
       else if (now - self%started + seconds >= self%time_limit) then
          self%reason = interruption%time_limit
-      else if (now - self%looked >= self%interval) then
-         self%looked = now
+      else if (now - self%last_check >= self%interval) then
+         self%last_check = now
          if (self%flag%n_done(1) > 0) self%reason = interruption%other_rank
       end if
-   end subroutine look
+   end subroutine check_reasons
 
    !> Requests that no rank begins another point.
-   subroutine interruption_ask_all(self)
+   subroutine interruption_request_stop(self)
       class(interruption_t), intent(in) :: self
 
       if (self%flag%n_done(1) == 0) call self%flag%add_done(1, 1, 0)
-   end subroutine interruption_ask_all
+   end subroutine interruption_request_stop
 
    !> Frees the shared memory of the ranks; collective, safe to call twice.
    subroutine interruption_destroy(self)

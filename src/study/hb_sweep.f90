@@ -4,7 +4,7 @@
 !> the file contains the same numbers for any number of ranks (with FFTW's planning by estimate, which is the default;
 !> measured plans may differ in the last digit).
 module hb_sweep
-   use hb_branch_marks, only: mark_branches
+   use hb_branch_marks, only: number_branches
    use hb_cancellation, only: verdict
    use hb_chain_check, only: chain_check_t
    use hb_clock, only: wall_clock
@@ -115,7 +115,7 @@ contains
          call end_cancellation()
          call share_error(comm, error)
          if (summary%n_left == 0 .and. .not. allocated(error)) &
-            call mark_branches(run%results, self%plan, length_of_units(self), comm, summary%n_jumps, summary%first_jump, error)
+            call number_branches(run%results, self%plan, length_of_units(self), comm, summary%n_jumps, summary%first_jump, error)
       end if
       if (allocated(error)) then
          call run%results%abandon()                                   ! closing is collective, and fails if writing has failed
@@ -277,7 +277,7 @@ contains
          call run%results%flush(error)
          run%times%writing = run%times%writing + wall_clock() - waited
       end if
-      if (allocated(error)) call run%ending%ask_all()
+      if (allocated(error)) call run%ending%request_stop()
       waited = wall_clock()
       call barrier(comm)
       run%times%idle = wall_clock() - waited

@@ -78,7 +78,7 @@ contains
       if (last == 0) return
       if (.not. (allocated(self%request%origin) .or. allocated(self%request%over))) call go_to(self, places(1)%parameter, failure)
       if (.not. allocated(failure)) &
-         call self%curve%go_on_from(self%model, self%document, self%request, places(:last), failure)
+         call self%curve%continue_from(self%model, self%document, self%request, places(:last), failure)
       self%is_done = self%curve%is_done .or. allocated(failure)
       self%has_begun = .true.
       self%stored = status(:last)

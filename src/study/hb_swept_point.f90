@@ -72,7 +72,7 @@ contains
       end if
       if (.not. allocated(error) .and. allocated(unknowns)) then
          level%unknowns = unknowns
-         if (present(check)) call check%look(source, point, level, result)
+         if (present(check)) call check%examine(source, point, level, result)
          if (result%leaves_branch) call neighbour%forget()
          call neighbour%keep(value, level)
       else

@@ -25,7 +25,7 @@ module hb_integrated_motion
    use hb_structure, only: most_dense, structure_t
    use hb_sundials, only: has_cvode
    use hb_text, only: to_text
-   use hb_time_domain, only: integration_config_t, integration_method, steady_motion_t, step_of, work_of_look
+   use hb_time_domain, only: integration_config_t, integration_method, steady_motion_t, step_of, evaluation_work
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private
@@ -83,7 +83,7 @@ contains
       by_cvode_alone = model%integration%aim <= 0.0_wp .and. any([(model%laws(i)%law%is_multiplier, i=1, size(model%laws))])
       is_fast = model%integration%method == integration_method%cvode .and. .not. by_cvode_alone
       if (is_fast) is_fast = .not. has_bounds_of(model) .or. work_of_mode*fastest_of(model)*periods_of_first(model)* &
-                             two_pi/minval(model%tones%omega)*work_of_look(model%structure%n_dofs, size(law_dofs), .false.) > &
+                             two_pi/minval(model%tones%omega)*evaluation_work(model%structure%n_dofs, size(law_dofs), .false.) > &
                              model%integration%work_limit
       if (.not. is_fast) then
          call follow(model, law_dofs, settled, last, error, start)
@@ -234,9 +234,9 @@ contains
       type(integration_system_t), target :: system
       type(line_fit_t) :: fit
       complex(wp), allocatable :: before(:, :), now(:, :)
-      integer(int64) :: n_looks
+      integer(int64) :: n_evaluations
       real(wp), allocatable :: remainder(:, :), z(:, :)
-      real(wp) :: allowed, look, period, rate, spread, spread_before, step
+      real(wp) :: allowed, cost, period, rate, spread, spread_before, step
       integer :: i, n_first, status_before, window
       logical :: finds_lines, has_forgotten
 
@@ -257,15 +257,15 @@ contains
          config%transient = 0.0_wp
          config%decimation = huge(1)
          config%largest = runaway*max(system%length, maxval(abs(state%q)), tiny(1.0_wp))
-         look = work_of_look(system%n_dofs, system%laws%n_coordinates, config%method == integration_method%generalized_alpha)
+         cost = evaluation_work(system%n_dofs, system%laws%n_coordinates, config%method == integration_method%generalized_alpha)
          allowed = allowed_of(model)
          rate = slowest_decay(system%structure%mass, system%structure%damping, system%structure%stiffness)
          n_first = periods_of_first(model)
          if (present(start)) n_first = max(n_first, other_window)
          spread = huge(1.0_wp)
-         n_looks = 0_int64
+         n_evaluations = 0_int64
          do window = 1, most_windows
-            config%most_looks = n_looks + int(min((model%integration%work_limit - settled%work)/look, 1.0e18_wp), int64)
+            config%most_evaluations = n_evaluations + int(min((model%integration%work_limit - settled%work)/cost, 1.0e18_wp), int64)
             config%duration = n_first*2**(window - 1)*period
             if (config%duration/step*system%n_dofs > largest_record) exit
             if (.not. finds_lines .and. config%duration/step*coordinates%n*size(frequencies) > most_terms) exit
@@ -279,8 +279,8 @@ contains
                exit
             end if
             if (next%is_out_of_work) error%message = error%message//more_work
-            settled%work = settled%work + look*(system%laws%n_looks - n_looks)
-            n_looks = system%laws%n_looks
+            settled%work = settled%work + cost*(system%laws%n_evaluations - n_evaluations)
+            n_evaluations = system%laws%n_evaluations
             if (allocated(error)) return
             call move_alloc(next%every_displacement, record%every_displacement)
             record%start = next%start
@@ -312,7 +312,7 @@ contains
                remainder = remainder_of(z, now, record, frequencies)
             end if
             status_before = settled%status
-            call tell(model, settled, z, remainder, record, allowed, has_forgotten, window == most_windows)
+            call describe_verdict(model, settled, z, remainder, record, allowed, has_forgotten, window == most_windows)
             if (work_is_over()) call fail(error, ended)
             if (allocated(error)) return
             if (is_final(settled, status_before, spread_before, allowed, model%integration%aim)) exit
@@ -363,7 +363,7 @@ contains
 
    !> Describes a steady record. The remainder of a fit to candidates consists of lines beyond them: they are faster
    !> than the resolution of returns. The motion is known to that accuracy.
-   subroutine tell(model, settled, z, remainder, record, allowed, has_forgotten, is_last)
+   subroutine describe_verdict(model, settled, z, remainder, record, allowed, has_forgotten, is_last)
       type(model_t), intent(in) :: model
       type(steady_motion_t), intent(inout) :: settled
       real(wp), intent(in) :: z(:, :)                                 !! [m], (n_samples, n_coordinates)
@@ -413,7 +413,7 @@ contains
          settled%message = integrated_for//": the averages scatter by "//rounded(settled%spread)// &
                            ", too short to decide whether the motion repeats"
       end select
-   end subroutine tell
+   end subroutine describe_verdict
 
    !> Largest root mean square of the remainder of a record, in a part of it, relative to that of its motion without
    !> the mean.

@@ -19,7 +19,7 @@ module hb_integration_difference
 
    integer, parameter :: max_fits = 8                                 ! steps of Gauss and Newton in one period
    integer, parameter :: fewest_periods = 3                           ! for a drift
-   integer, parameter :: fewest_looks = 40                            ! per period of the fastest tone
+   integer, parameter :: fewest_instants = 40                         ! per period of the fastest tone
    real(wp), parameter :: largest_step = 0.5_wp                       ! of a phase in one fit [rad]
    real(wp), parameter :: smallest_motion = 1.0e-3_wp                 ! of a coordinate, relative to the largest motion
    real(wp), parameter :: smallest_part = 5.0e-2_wp                   ! of one tone, relative to the motion of the coordinate
@@ -103,7 +103,7 @@ contains
       n = self%n_periods
       if (n == 0) call find_scale(self, record)
       n_samples = (size(record%time) - 1)/n_new
-      stride = max(1, int(n_samples*minval(self%omega)/(fewest_looks*maxval(self%omega))))
+      stride = max(1, int(n_samples*minval(self%omega)/(fewest_instants*maxval(self%omega))))
       do while (modulo(n_samples, stride) /= 0)
          stride = stride - 1
       end do

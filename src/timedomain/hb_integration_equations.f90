@@ -127,7 +127,7 @@ contains
          end if
          dydt(:n) = y(n + 1:)
          dydt(n + 1:) = a
-         self%is_over = system%laws%n_looks > system%laws%most_looks
+         self%is_over = system%laws%n_evaluations > system%laws%most_evaluations
       end associate
    end subroutine equations_rhs
 

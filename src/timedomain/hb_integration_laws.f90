@@ -39,8 +39,8 @@ module hb_integration_laws
       real(wp), allocatable :: f(:)                                   !! forces [N], (n_coordinates)
       real(wp), allocatable :: s_start(:), s(:)                       !! states at the start of the step and now, (n_states)
       real(wp) :: time_start = 0.0_wp                                 !! of the step [s]
-      integer(int64) :: n_looks = 0_int64 !! number of evaluations of a motion: the cost of a time integration
-      integer(int64) :: most_looks = huge(1_int64)                    !! after which the equations stop
+      integer(int64) :: n_evaluations = 0_int64 !! number of evaluations of a motion: the cost of a time integration
+      integer(int64) :: most_evaluations = huge(1_int64)              !! after which the equations stop
       real(wp), allocatable :: omega(:)                               !! tones whose phases laws need [rad/s]
       logical :: has_turning = .false.                                !! whether a law needs a phase
    contains
@@ -109,7 +109,7 @@ contains
       real(wp), intent(in), contiguous :: q(:), v(:)                  !! [m], [m/s], (n_dofs)
       integer :: c, i, k
 
-      self%n_looks = self%n_looks + 1_int64
+      self%n_evaluations = self%n_evaluations + 1_int64
       do i = 1, size(self%places)
          associate (law => self%laws(i)%law, first => self%places(i)%first)
             do c = 1, size(law%shape, 2)
@@ -189,7 +189,7 @@ contains
       real(wp), intent(out) :: df_dz(:, :), df_dv(:, :)               !! (n_coordinates, n_coordinates)
       integer :: c, i, k
 
-      self%n_looks = self%n_looks + 1_int64
+      self%n_evaluations = self%n_evaluations + 1_int64
       call self%set_time(self%time_start + elapsed)
       df_dz = 0.0_wp
       df_dv = 0.0_wp

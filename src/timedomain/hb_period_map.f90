@@ -21,10 +21,10 @@ module hb_period_map
    use hb_lapack, only: dgeqrf, dgetrf, dgetrs, dorgqr
    use hb_law, only: hold_t
    use hb_motion_series, only: motion_series_t
-   use hb_piecewise_orbit, only: n_looks, smallest_scale
+   use hb_piecewise_orbit, only: n_instants, smallest_scale
    use hb_structure, only: structure_t
    use hb_thresholds, only: same_motion
-   use hb_time_domain, only: integration_config_t, integration_method, work_of_look
+   use hb_time_domain, only: integration_config_t, integration_method, evaluation_work
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private
@@ -34,8 +34,8 @@ module hb_period_map
    real(wp), parameter :: least_accurate = 1.0e-11_wp
    real(wp), parameter :: finer = 1.0e-4_wp ! that of time integration relative to that of what is made of it
    integer, parameter :: steps_a_radian = 20                          ! of the fastest motion, likewise
-   real(wp), parameter :: usual_looks = 1500.0_wp                     ! at the motion in a period, with variable steps
-   real(wp), parameter :: looks_a_radian = 15.0_wp                  ! of the fastest mode, whose stability limits these steps: 15 on
+   real(wp), parameter :: usual_evaluations = 1500.0_wp               ! at the motion in a period, with variable steps
+   real(wp), parameter :: evaluations_per_radian = 15.0_wp          ! of the fastest mode, whose stability limits these steps: 15 on
                                                                       ! a beam of 8 degrees of freedom
                                                                       ! (test_hb_integrated_propagation)
 
@@ -152,13 +152,13 @@ contains
    function farthest_phase(integration) result(phase)
       type(state_map_t), intent(in) :: integration
       real(wp) :: phase
-      real(wp) :: far(n_looks, size(integration%rigid)), phases(1, n_looks)
-      real(wp) :: v(n_looks, integration%motion%n_coordinates), z(n_looks, integration%motion%n_coordinates)
+      real(wp) :: far(n_instants, size(integration%rigid)), phases(1, n_instants)
+      real(wp) :: v(n_instants, integration%motion%n_coordinates), z(n_instants, integration%motion%n_coordinates)
       integer :: i
 
       phase = 0.0_wp
       if (size(integration%rigid) == 0) return
-      phases(1, :) = [(two_pi*i/n_looks, i=0, n_looks - 1)]
+      phases(1, :) = [(two_pi*i/n_instants, i=0, n_instants - 1)]
       call integration%motion%at(phases, z, v)
       do i = 1, size(integration%rigid)
          associate (rigid => integration%rigid(i), shape => integration%system%laws%shape(:, integration%rigid(i)%coordinate))
@@ -504,8 +504,8 @@ contains
       class(state_map_t), intent(inout) :: self
       real(wp), intent(in) :: work                                    !! in about a nanosecond
 
-      self%config%most_looks = self%system%laws%n_looks + &
-         int(min(work/work_of_look(self%system%n_dofs, self%system%laws%n_coordinates, .false.), 1.0e18_wp), int64)
+      self%config%most_evaluations = self%system%laws%n_evaluations + &
+         int(min(work/evaluation_work(self%system%n_dofs, self%system%laws%n_coordinates, .false.), 1.0e18_wp), int64)
    end subroutine state_map_allow
 
    !> Approximate work of a period of the slowest tone in nanoseconds, from counts alone.
@@ -513,10 +513,10 @@ contains
       class(state_map_t), intent(in) :: self
       integer, intent(in) :: level
 
-      work = max(usual_looks*maxval(self%motion%omega), looks_a_radian*two_pi*fastest_mode(self%system%structure))/ &
+      work = max(usual_evaluations*maxval(self%motion%omega), evaluations_per_radian*two_pi*fastest_mode(self%system%structure))/ &
              minval(self%motion%omega)
       if (.not. self%has_own_steps) work = 4.0_wp*n_steps_of(self, level)
-      work = work*work_of_look(self%system%n_dofs, self%system%laws%n_coordinates, .false.)
+      work = work*evaluation_work(self%system%n_dofs, self%system%laws%n_coordinates, .false.)
    end function state_map_work_of
 
    !> Steps of a time integration at a level in a period of the slowest tone; one if the method chooses its own.

@@ -22,7 +22,7 @@ module hb_time_stepping
    private
    public :: assess, integrate_from, integration_assessment_t, integration_record_t
 
-   integer, parameter :: steps_between_looks = 32                     ! a few microseconds at least for the smallest system
+   integer, parameter :: steps_between_checks = 32                    ! a few microseconds at least for the smallest system
 
    !> Stored motion: all samples of the requested displacements, every n-th sample of the others.
    type :: integration_record_t
@@ -117,12 +117,12 @@ contains
 
       call check_length(config, record%step, size(retained_dofs), system%laws%n_coordinates, error)
       if (allocated(error)) return
-      system%laws%most_looks = config%most_looks
+      system%laws%most_evaluations = config%most_evaluations
       n_transient = nint(config%transient/record%step)
       n_steps = max(1, nint(config%duration/record%step))
-      do done = 0, n_transient - 1, steps_between_looks
-         call advance(integrator, state, config%substeps*min(steps_between_looks, n_transient - done), config%largest, error)
-         call look()
+      do done = 0, n_transient - 1, steps_between_checks
+         call advance(integrator, state, config%substeps*min(steps_between_checks, n_transient - done), config%largest, error)
+         call check_budget()
          if (allocated(error)) return
          call note_progress(done, n_transient + n_steps)
       end do
@@ -141,13 +141,13 @@ contains
       do i = 1, n_steps
          call integrator%advance(state, config%substeps, error)
          if (allocated(error)) then
-            call look()
+            call check_budget()
             return
          end if
          call keep(i)
-         if (modulo(i, steps_between_looks) > 0 .and. i < n_steps .and. system%laws%n_looks <= config%most_looks) cycle
+         if (modulo(i, steps_between_checks) > 0 .and. i < n_steps .and. system%laws%n_evaluations <= config%most_evaluations) cycle
          call check_finite(state, config%largest, error)
-         call look()
+         call check_budget()
          if (allocated(error)) return
          call note_progress(n_transient + i, n_transient + n_steps)
       end do
@@ -155,14 +155,14 @@ contains
    contains
 
       !> Checks the budget and the cancellation; either is then the reason of a failure.
-      subroutine look()
-         record%is_out_of_work = system%laws%n_looks > config%most_looks
+      subroutine check_budget()
+         record%is_out_of_work = system%laws%n_evaluations > config%most_evaluations
          if (record%is_out_of_work) then
             call fail(error, "the time integration has used up its budget of work")
          else if (.not. allocated(error) .and. work_is_over()) then
             call fail(error, "the time integration was cancelled")
          end if
-      end subroutine look
+      end subroutine check_budget
 
       subroutine keep(i)
          integer, intent(in) :: i
