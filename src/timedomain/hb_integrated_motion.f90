@@ -230,13 +230,12 @@ contains
       type(integration_state_t), intent(in), optional :: start
       type(coordinates_t) :: coordinates
       type(integration_config_t) :: config
-      type(integration_record_t) :: next, record
+      type(integration_record_t) :: record
       type(integration_system_t), target :: system
       type(line_fit_t) :: fit
       complex(wp), allocatable :: before(:, :), now(:, :)
-      integer(int64) :: n_evaluations
       real(wp), allocatable :: remainder(:, :), z(:, :)
-      real(wp) :: allowed, cost, period, rate, spread, spread_before, step
+      real(wp) :: allowed, period, rate, spread, spread_before, step
       integer :: i, n_first, status_before, window
       logical :: finds_lines, has_forgotten
 
@@ -257,34 +256,18 @@ contains
          config%transient = 0.0_wp
          config%decimation = huge(1)
          config%largest = runaway*max(system%length, maxval(abs(state%q)), tiny(1.0_wp))
-         cost = evaluation_work(system%n_dofs, system%laws%n_coordinates, config%method == integration_method%generalized_alpha)
          allowed = allowed_of(model)
          rate = slowest_decay(system%structure%mass, system%structure%damping, system%structure%stiffness)
          n_first = periods_of_first(model)
          if (present(start)) n_first = max(n_first, other_window)
          spread = huge(1.0_wp)
-         n_evaluations = 0_int64
          do window = 1, most_windows
-            config%most_evaluations = n_evaluations + int(min((model%integration%work_limit - settled%work)/cost, 1.0e18_wp), int64)
             config%duration = n_first*2**(window - 1)*period
             if (config%duration/step*system%n_dofs > largest_record) exit
             if (.not. finds_lines .and. config%duration/step*coordinates%n*size(frequencies) > most_terms) exit
-            call integrate_from(system, config, step, [(i, i=1, system%n_dofs)], state, next, error)
-            settled%is_out_of_work = next%is_out_of_work
-            if (next%is_out_of_work .and. allocated(settled%message)) then
-               deallocate (error)                                     ! the data so far may suffice, unless there is only one window
-               if (settled%status == outcome%time_domain) exit
-               settled%status = outcome%pending
-               settled%message = settled%message//"; the work limit was reached"//more_work
-               exit
-            end if
-            if (next%is_out_of_work) error%message = error%message//more_work
-            settled%work = settled%work + cost*(system%laws%n_evaluations - n_evaluations)
-            n_evaluations = system%laws%n_evaluations
+            call integrate_window(model, system, config, step, state, record, settled, error)
             if (allocated(error)) return
-            call move_alloc(next%every_displacement, record%every_displacement)
-            record%start = next%start
-            record%step = next%step
+            if (settled%is_out_of_work) exit
             settled%n_periods = settled%n_periods + n_first*2**(window - 1)
             z = coordinates%values_of(record%every_displacement(:, law_dofs))
             if (finds_lines) call new_line_fit(fit, size(z, 1), nint(seen*size(z, 1)), record%start, step, frequencies, &
@@ -324,6 +307,42 @@ contains
          call fit%destroy()
       end associate
    end subroutine follow
+
+   !> Integrates one window and counts its work. If the work limit ends it after other windows, these may suffice: the
+   !> status is then `time_domain` or undecided, without an error.
+   subroutine integrate_window(model, system, config, step, state, record, settled, error)
+      type(model_t), intent(in) :: model
+      type(integration_system_t), intent(inout), target :: system
+      type(integration_config_t), intent(inout) :: config             !! with the duration of the window
+      real(wp), intent(in) :: step                                    !! [s], between samples
+      type(integration_state_t), intent(inout) :: state
+      type(integration_record_t), intent(inout) :: record             !! replaced if the window was integrated
+      type(steady_motion_t), intent(inout) :: settled
+      type(error_t), allocatable, intent(out) :: error
+      type(integration_record_t) :: next
+      integer(int64) :: n_before
+      real(wp) :: cost
+      integer :: i
+
+      cost = evaluation_work(system%n_dofs, system%laws%n_coordinates, config%method == integration_method%generalized_alpha)
+      n_before = system%laws%n_evaluations
+      config%most_evaluations = n_before + int(min((model%integration%work_limit - settled%work)/cost, 1.0e18_wp), int64)
+      call integrate_from(system, config, step, [(i, i=1, system%n_dofs)], state, next, error)
+      settled%is_out_of_work = next%is_out_of_work
+      if (next%is_out_of_work .and. allocated(settled%message)) then
+         deallocate (error)
+         if (settled%status == outcome%time_domain) return
+         settled%status = outcome%pending
+         settled%message = settled%message//"; the work limit was reached"//more_work
+         return
+      end if
+      if (next%is_out_of_work) error%message = error%message//more_work
+      settled%work = settled%work + cost*(system%laws%n_evaluations - n_before)
+      if (allocated(error)) return
+      call move_alloc(next%every_displacement, record%every_displacement)
+      record%start = next%start
+      record%step = next%step
+   end subroutine integrate_window
 
    !> Whether a longer window would not change the result: the motion is accurate enough or no longer improves, or
    !> another kind of motion is found twice with a spread that remains above, or within, the permitted one.

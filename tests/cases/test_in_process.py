@@ -188,7 +188,7 @@ def test_time_integration_has_the_bits_of_the_command(text, tmp_path):
     with pytest.raises(ModelError, match="duration"):
         model.integrate()
     assert model.verify()["integration_verdict"] == "agrees"  # of the motion still
-    with pytest.raises(ModelError, match="no motion that `solve` has found"):
+    with pytest.raises(ModelError, match="no motion of `solve` that can be verified"):
         Model.from_namelist(text).verify()
 
 
