@@ -177,7 +177,7 @@ DAMAGES = {
     "'sets/indptr' must rise from 0 to 2": lambda f: f["sets/indptr"].__setitem__(1, 5),
     "load 'wind' names degree of freedom 6, there are 0 to 4": lambda f: f["loads/dofs"].__setitem__(1, 6),
     "value 2 of load 'wind' is not a finite number": lambda f: f["loads/values"].__setitem__(1, np.inf),
-    "is no model file: it has no attribute 'format'": lambda f: f.attrs.__delitem__("format"),
+    "is not a model file: it has no attribute 'format'": lambda f: f.attrs.__delitem__("format"),
     "has schema version 3": lambda f: f.attrs.__setitem__("schema_version", 3),
     "'mass/data' has 2 axes, expected 1": lambda f: replace(f, "mass/data", np.zeros((5, 1))),
     "labels must be unique": lambda f: f["labels"].__setitem__(3, "n1.z"),

@@ -68,7 +68,7 @@ def test_entry_that_is_no_number_is_named(chain):
 @pytest.mark.parametrize(
     "damage, message",
     [
-        (lambda f: f.attrs.__delitem__("format"), "is no model file"),
+        (lambda f: f.attrs.__delitem__("format"), "is not a model file"),
         (lambda f: f.attrs.__setitem__("schema_version", 7), "has schema version 7"),
         (lambda f: f.__delitem__("mass"), "has no matrix 'mass'"),
         (lambda f: f.__delitem__("mass/indices"), "has no 'mass/indices'"),
