@@ -142,8 +142,8 @@ contains
       end function moved
    end subroutine wide_problem_find_two_steps
 
-   !> Continues Newton's method towards the motion of the wide balance. A step is halved unless it reduces the step in blocks, by which
-   !> motions are compared.
+   !> Continues Newton's method towards the motion of the wide balance. A step is halved unless it reduces the step in
+   !> blocks, by which motions are compared.
    subroutine wide_problem_improve(self, n_steps, motion)
       class(wide_problem_t), intent(inout) :: self
       integer, intent(in) :: n_steps                                  !! >= 1, halved ones included
