@@ -11,7 +11,7 @@ module hb_curve_sets
    use hb_curve_request, only: curve_kind
    use hb_curve_step, only: step
    use hb_error, only: error_t
-   use hb_followed_motion, only: followed_motion_t, curve_state_t, waiting_t
+   use hb_followed_motion, only: curve_state_t, followed_motion_t, waiting_t
    use hb_harmonics, only: harmonics_t, new_box
    use hb_kinds, only: wp
    use hb_level, only: carry, choose_next, choose_smaller, estimate_of, join, least_goal, level_t, margin

@@ -12,7 +12,7 @@ module hb_motion_curve
    use hb_curve_events, only: square_at
    use hb_curve_gradient, only: find_curve_gradient
    use hb_curve_request, only: curve_kind, curve_request_t, find_direction, find_null_vector
-   use hb_curve_sets, only: transfer_motion, step_to_tolerance
+   use hb_curve_sets, only: step_to_tolerance, transfer_motion
    use hb_curve_step, only: step
    use hb_document, only: document_t
    use hb_doubtful_extremes, only: drop_doubtful

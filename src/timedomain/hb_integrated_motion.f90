@@ -25,7 +25,7 @@ module hb_integrated_motion
    use hb_structure, only: most_dense, structure_t
    use hb_sundials, only: has_cvode
    use hb_text, only: to_text
-   use hb_time_domain, only: integration_config_t, integration_method, steady_motion_t, step_of, evaluation_work
+   use hb_time_domain, only: evaluation_work, integration_config_t, integration_method, steady_motion_t, step_of
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private

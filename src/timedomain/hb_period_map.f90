@@ -24,7 +24,7 @@ module hb_period_map
    use hb_piecewise_orbit, only: n_instants, smallest_scale
    use hb_structure, only: structure_t
    use hb_thresholds, only: same_motion
-   use hb_time_domain, only: integration_config_t, integration_method, evaluation_work
+   use hb_time_domain, only: evaluation_work, integration_config_t, integration_method
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private
