@@ -364,7 +364,8 @@ def test_check_and_solve_name_doubts(tones, loads, told, tmp_path):
     text += f"&load dof = 'x1', {loads}, cos = 0.1 /\n" if loads else ""
     (tmp_path / "case.nml").write_text(text)
     checked = run("check", "case.nml", cwd=tmp_path)
-    assert checked.status == 0 and checked.stdout.endswith("see the warnings above\n" if told else "the input is valid\n"), checked.stdout
+    ending = "see the warnings above\n" if told else "the input is valid\n"
+    assert checked.status == 0 and checked.stdout.endswith(ending), checked.stdout
     assert (told in checked.stdout) if told else ("warning" not in checked.stdout), checked.stdout
     if told and loads:
         solved = run("solve", "case.nml", cwd=tmp_path)

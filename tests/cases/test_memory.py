@@ -5,8 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from limit_parts.models import MODELS
-from program import BAD_INPUT, command, environment, read, run
+from program import BAD_INPUT, command, environment, run
 
 # Two tones, order 28, three degrees of freedom: the tangent needs almost all of the memory.
 LARGE = """&structure
