@@ -55,8 +55,10 @@ contains
    contains
       subroutine add(line)
          character(*), intent(in) :: line
+         type(string_t) :: last
 
-         lines = [lines, string_t(line)]
+         last%value = line                                            ! gfortran 12 may crash on string_t(line) in the constructor
+         lines = [lines, last]
       end subroutine add
    end subroutine status_lines
 
