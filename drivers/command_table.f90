@@ -16,7 +16,7 @@ module command_table
    type :: option_t
       character(12) :: name
       character(2) :: short
-      character(11) :: value                            !! placeholder of the value; blank: no value
+      character(11) :: value                            !! word for the value in the help; blank: no value
       character(90) :: verbs                            !! that have the option, separated by blanks
       character(200) :: text
    end type option_t
