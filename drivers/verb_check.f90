@@ -16,7 +16,7 @@ module verb_check
    use hb_memory_estimate, only: amount, estimate_memory, memory_estimate_t, memory_text, sizes_of
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of, find_basis
-   use hb_model_warnings, only: commensurate_text, has_no_load
+   use model_warnings, only: commensurate_text, has_no_load
    use hb_modes, only: modes_t, natural_frequencies, new_modes
    use hb_motion_result, only: motion_result_t
    use hb_mpi, only: comm_t, rank_of

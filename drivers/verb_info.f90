@@ -8,11 +8,11 @@ module verb_info
    use hb_curve_table, only: curve_lines, note_curve_values
    use hb_document, only: document_t
    use hb_error, only: error_t
-   use hb_explanation, only: status_lines
+   use explanation, only: status_lines
    use hb_kinds, only: wp
    use hb_model_tones, only: read_tones
    use hb_mpi, only: comm_t, max_over, rank_of, share_error
-   use hb_next_step, only: run_names_t
+   use next_step, only: run_names_t
    use hb_outcome, only: is_solved, outcome, outcome_text
    use hb_results_record, only: fail_where_damaged, message_of, open_points, read_record, read_units, record_t
    use hb_run_summary, only: count_kept, found_frequency, run_summary_t, stability_text

@@ -6,15 +6,15 @@ module verb_solve
    use hb_curve_request, only: curve_kind
    use hb_curve_table, only: curve_lines, find_leaving, leaving_t, note_curve_values
    use hb_error, only: error_t
-   use hb_explanation, only: status_lines
+   use explanation, only: status_lines
    use hb_file_location, only: check_source
    use hb_interruption, only: interruption
    use hb_kinds, only: wp
    use hb_memory, only: available_memory
    use hb_model, only: model_t
-   use hb_model_warnings, only: commensurate_text, frozen_speed_text, model_text
+   use model_warnings, only: commensurate_text, frozen_speed_text, model_text
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
-   use hb_next_step, only: run_names_t, shell_word
+   use next_step, only: run_names_t, shell_word
    use hb_outcome, only: outcome
    use hb_progress, only: log_level
    use hb_results_record, only: read_record, record_t, statuses_of

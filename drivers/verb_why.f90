@@ -6,9 +6,9 @@ module verb_why
    use hb_curve_table, only: note_curve_values
    use hb_document, only: document_t
    use hb_error, only: error_t, fail
-   use hb_explanation, only: explain_failures, explain_point
+   use explanation, only: explain_failures, explain_point
    use hb_mpi, only: comm_t, rank_of, share_error
-   use hb_next_step, only: run_names_t
+   use next_step, only: run_names_t
    use hb_outcome, only: outcome, outcome_names, outcome_remedy, outcome_text
    use hb_results_record, only: record_t
    use hb_sweep_plan, only: sweep_plan_t

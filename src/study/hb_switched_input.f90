@@ -13,7 +13,6 @@ module hb_switched_input
    use hb_model, only: model_t
    use hb_model_reader, only: read_model
    use hb_namelist, only: write_complete_text
-   use hb_next_step, only: list_of
    use hb_properties, only: properties_t
    use hb_run_callbacks, only: run_callbacks
    use hb_study, only: study_t
@@ -22,7 +21,7 @@ module hb_switched_input
    use hb_truncation, only: read_truncation, truncation_t
    implicit none
    private
-   public :: switched_input
+   public :: list_of, switched_input
 
    integer, parameter :: torus_orders(2) = [12, 7]                    ! highest orders of the given tone and of the additional one
 
@@ -221,4 +220,17 @@ contains
          text = text(:first - 1)//text(last + 1:)
       end do
    end function without_sweeps
+
+   !> Formats numbers as the values of a key.
+   pure function list_of(numbers) result(text)
+      integer, intent(in) :: numbers(:)
+      character(:), allocatable :: text
+      integer :: i
+
+      text = ""
+      do i = 1, size(numbers)
+         if (i > 1) text = text//","
+         text = text//to_text(numbers(i))
+      end do
+   end function list_of
 end module hb_switched_input

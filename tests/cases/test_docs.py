@@ -28,10 +28,7 @@ SECTIONS_BY_FILE = {
     "hb_structure_catalogue.f90": ["structure"],
     "hb_sweep_plan.f90": ["sweep"],
     "hb_curve_plan.f90": ["curve"],
-    "hb_explanation.f90": [],  # looks at keys that others read, as the next
-    "hb_next_step.f90": [],  # looks at keys that others read, as the next
-    "hb_switched_input.f90": [],
-    "hb_model_warnings.f90": [],
+    "hb_switched_input.f90": [],  # evaluates keys that others read
 }
 SECTIONS_BY_PROCEDURE = {
     "read_fe_model": ["structure model"],

@@ -1,6 +1,6 @@
 !> Warnings about a model that can be solved: tones with a common period, no load, speeds that stay constant while
 !> tones move, and models that are large or were reduced for lower frequencies.
-module hb_model_warnings
+module model_warnings
    use hb_certificate, only: near_commensurate
    use hb_document, only: document_t, parameter_t
    use hb_kinds, only: wp
@@ -210,4 +210,4 @@ contains
       end do
       text = join(words(:size(omega) - 1), ", ")//" and "//words(size(omega))%value
    end function list_of
-end module hb_model_warnings
+end module model_warnings

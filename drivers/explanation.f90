@@ -1,12 +1,12 @@
 !> Explains the points of a result file: each kind of failure once, with its message, the number of its points and the
 !> command to try next; and one point in sentences: how it ended, what was tried, how close the attempts came, and
 !> what to do next.
-module hb_explanation
+module explanation
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_advice, only: rounded
    use hb_document, only: document_t
    use hb_kinds, only: wp
-   use hb_next_step, only: failure_kind_t, next_step, run_names_t, shell_word
+   use next_step, only: command_to_try, failure_kind_t, run_names_t, shell_word
    use hb_outcome, only: is_solved, outcome, outcome_names, outcome_remedy, outcome_text
    use hb_properties, only: properties_t
    use hb_results_record, only: message_of, messages_of, record_t
@@ -44,7 +44,7 @@ contains
             text = "point "//name_of(kinds(k)%first, plan)
             if (size(kinds) > 1) text = text//others_of(kinds(k))
             if (len(kinds(k)%message) > 0) call add("  "//text//": "//kinds(k)%message)
-            text = next_step(kinds(k), names, plan, document)
+            text = command_to_try(kinds(k), names, plan, document)
             if (len(text) == 0 .or. text == said) cycle
             call add("  try: "//text)
             said = text
@@ -173,7 +173,7 @@ contains
       if (len_trim(advice) > 0) text = text//new_line("a")//"Message: "//trim(advice)
       if (.not. is_solved(kind%status)) text = text//neighbour_text(kind%first, record, plan)
       text = text//new_line("a")//"What to do: "//outcome_remedy(kind%status)
-      command = next_step(kind, names, plan, document)
+      command = command_to_try(kind, names, plan, document)
       if (len(command) > 0) text = text//new_line("a")//"try: "//command
    end function paragraph
 
@@ -313,4 +313,4 @@ contains
          end do
       end do
    end function neighbour_text
-end module hb_explanation
+end module explanation

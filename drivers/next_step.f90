@@ -1,5 +1,5 @@
 !> The command to try after points of a run ended with a given status.
-module hb_next_step
+module next_step
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: two_pi, wp
@@ -7,12 +7,13 @@ module hb_next_step
    use hb_outcome, only: outcome
    use hb_properties, only: properties_t
    use hb_sweep_plan, only: sweep_plan_t
+   use hb_switched_input, only: list_of
    use hb_system, only: file_kind, kind_of_file
    use hb_text, only: lower, parse_integer, string_t, to_text
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: failure_kind_t, list_of, next_step, run_names_t, shell_word
+   public :: command_to_try, failure_kind_t, run_names_t, shell_word
 
    character(*), parameter :: without_bounds(1) = ["jenkins_2d"]      ! laws with states that cvode cannot integrate
    integer, parameter :: more = 10                                    ! times a budget that was insufficient
@@ -43,7 +44,7 @@ module hb_next_step
 contains
 
    !> The command to try after points ended in this way; empty if there is none.
-   function next_step(kind, names, plan, document) result(text)
+   function command_to_try(kind, names, plan, document) result(text)
       type(failure_kind_t), intent(in) :: kind
       type(run_names_t), intent(in) :: names
       type(sweep_plan_t), intent(in) :: plan
@@ -65,7 +66,7 @@ contains
       call read_tones(run%tones, here, error)
       if (.not. allocated(error)) text = solve_or_integrate(run)
       if (.not. allocated(error) .and. len(text) == 0) text = look_into(run)
-   end function next_step
+   end function command_to_try
 
    !> Another run that may find the motion.
    function solve_or_integrate(run) result(text)
@@ -424,19 +425,6 @@ contains
       call group%get(key, value)
    end function real_of
 
-   !> Formats numbers as the values of a key.
-   pure function list_of(numbers) result(text)
-      integer, intent(in) :: numbers(:)
-      character(:), allocatable :: text
-      integer :: i
-
-      text = ""
-      do i = 1, size(numbers)
-         if (i > 1) text = text//","
-         text = text//to_text(numbers(i))
-      end do
-   end function list_of
-
    !> A word quoted for the shell if necessary.
    pure function shell_word(text) result(word)
       character(*), intent(in) :: text
@@ -460,4 +448,4 @@ contains
       end do
       word = word//"'"
    end function shell_word
-end module hb_next_step
+end module next_step
