@@ -203,7 +203,7 @@ contains
       character(*), intent(in) :: shell                 !! bash or zsh
       integer :: i
 
-      if (shell == "zsh") call say("autoload -U +X bashcompinit && bashcompinit")
+      if (shell == "zsh") call say([character(50) :: "#compdef nhbm", "autoload -U +X bashcompinit && bashcompinit"])
       call say([character(80) :: "_nhbm() {", "   local word=${COMP_WORDS[COMP_CWORD]} words=", "   if [ $COMP_CWORD = 1 ]; then"])
       call say("      words='"//join(verb_names(), " ")//"'")
       call say([character(80) :: "   else", "      case ${COMP_WORDS[1]} in"])
@@ -214,6 +214,7 @@ contains
       call say("      new) words='"//join(starter_names(), " ")//"' ;;")
       call say([character(80) :: "      completion) words='bash zsh' ;;", "      esac", "   fi", &
                 "   COMPREPLY=($(compgen -W ""$words"" -- ""$word""))", "}", "complete -o default -F _nhbm nhbm"])
+      if (shell == "zsh") call say("(($#compstate)) && _bash_complete -o default -F _nhbm")  ! the first time, as a file of $fpath
    end subroutine write_completion
 
    !> The verbs of an option, for the help of all verbs if some do not have it.

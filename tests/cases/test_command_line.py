@@ -7,6 +7,8 @@ import shlex
 import subprocess
 from pathlib import Path
 
+import nhbm.command
+import nhbm_post.cli
 import pytest
 from program import ALL_CONVERGED, BAD_INPUT, command, environment, read, run
 
@@ -163,5 +165,58 @@ def test_shells_complete_verbs_and_options(tmp_path):
     script += ask.format("re", 1) + ask.format("solve --time", 2) + ask.format("solve inp", 2) + ask.format("new du", 2)
     found = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True).stdout
     assert found == "resume\n--time-limit\n\nduffing\n"
-    assert run("completion", "zsh", cwd=tmp_path).stdout.startswith("autoload")
+    assert run("completion", "zsh", cwd=tmp_path).stdout.startswith("#compdef nhbm\n")
     assert "bash or zsh" in run("completion", "fish", cwd=tmp_path).stderr
+
+
+PYTHON_COMMANDS = {"nhbm-post": nhbm_post.cli.main, "nhbm-model": nhbm.command.main}
+PAGES = {
+    "man/man1/{}.1": ("help", "man"),
+    "bash-completion/completions/{}": ("completion", "bash"),
+    "zsh/site-functions/_{}": ("completion", "zsh"),
+}
+
+
+@pytest.mark.parametrize("name", PYTHON_COMMANDS)
+@pytest.mark.parametrize("page", PAGES)
+def test_installed_pages_are_those_that_the_command_prints(name, page, capsys):
+    assert PYTHON_COMMANDS[name](PAGES[page]) == 0
+    stored = ROOT / "drivers" / "python" / "share" / page.format(name)
+    words = " ".join((name, *PAGES[page]))
+    assert stored.read_text(encoding="utf-8") == capsys.readouterr().out, f"{words} > {stored.relative_to(ROOT)}"
+
+
+@pytest.mark.parametrize("name", PYTHON_COMMANDS)
+def test_manual_pages_of_the_python_commands_have_what_their_help_has(name, capsys):
+    """Each verb with all its options, and none besides."""
+
+    def printed(*words):
+        PYTHON_COMMANDS[name](words)
+        return capsys.readouterr().out
+
+    sections = re.split(r"^\.SS ", printed("help", "man"), flags=re.M)[1:]
+    verbs = [section.split()[0] for section in sections]
+    assert verbs == re.findall(r"^    ([a-z][\w-]*)(?:  |$)", printed("help").partition("positional arguments:")[2], re.M)
+    for verb, section in zip(verbs, sections):
+        told = re.sub(r"\\(.)", r"\1", "\n".join(re.findall(r"^\.B (.*)", section, re.M)))
+        entries = re.findall(r"^  (-.*?)(?:  |$)", printed("help", verb), re.M)
+        options = {option for entry in entries for option in re.findall(r"(?:^| )(--?[\w-]+)", entry)}
+        assert set(re.findall(r"(?:^| )(--?[\w-]+)", told, re.M)) == options - {"-h", "--help"}, verb
+
+
+def test_shells_complete_the_python_commands():
+    folder = ROOT / "drivers" / "python" / "share" / "bash-completion" / "completions"
+    ask = '\nCOMP_WORDS=({}); COMP_CWORD={}; {}; echo "${{COMPREPLY[@]}}"'
+    script = "".join((folder / name).read_text(encoding="utf-8") for name in PYTHON_COMMANDS)
+    for words, function in (
+        ("nhbm-post resp", "_nhbm_post"),
+        ("nhbm-post orbit --wi", "_nhbm_post"),
+        ("nhbm-post orbit --style p", "_nhbm_post"),
+        ("nhbm-post orbit fil", "_nhbm_post"),
+        ("nhbm-post completion z", "_nhbm_post"),
+        ("nhbm-model reduce --method k", "_nhbm_model"),
+        ("nhbm-model check --", "_nhbm_model"),
+    ):
+        script += ask.format(words, len(words.split()) - 1, function)
+    found = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True).stdout
+    assert found == "response\n--with --width\npaper\n\nzsh\nkrylov\n--help\n"

@@ -8,6 +8,8 @@ import os
 import sys
 from pathlib import Path
 
+from nhbm import shells
+
 from . import __version__, options, verbs
 from .appearance import appearance
 from .errors import NhbmPostError
@@ -485,6 +487,8 @@ def _parser() -> argparse.ArgumentParser:
         "--over", metavar="SIZE", help="n_harmonics, n_tones, ... or the path of a swept parameter (default: what varies)"
     )
     options.add_output(sub)
+
+    shells.add_verbs(parser, commands)
     return parser
 
 

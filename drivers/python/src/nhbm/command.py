@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from nhbm import __version__, assembly, cyclic, examples, importing, reduction, rotors
+from nhbm import __version__, assembly, cyclic, examples, importing, reduction, rotors, shells
 from nhbm.checks import check
 from nhbm.errors import ModelError
 from nhbm.factors import dense_modes, symmetric_part
@@ -68,11 +68,11 @@ def parser() -> argparse.ArgumentParser:
 
     verb = verbs.add_parser("info", help="contents of a model file")
     verb.set_defaults(run=run_info)
-    verb.add_argument("model")
+    verb.add_argument("model", help="model file")
 
     verb = verbs.add_parser("check", help="symmetry, definiteness, rigid body modes, plausible units")
     verb.set_defaults(run=run_check)
-    verb.add_argument("model")
+    verb.add_argument("model", help="model file")
 
     for name, make in (
         ("beam", examples.beam),
@@ -111,7 +111,7 @@ def parser() -> argparse.ArgumentParser:
     verb = verbs.add_parser("wheel", help="the whole wheel of a sector, and its natural frequencies by nodal diameter")
     verb.set_defaults(run=run_wheel)
     verb.add_argument("model", help="sector about the axis z")
-    verb.add_argument("--sectors", type=int, required=True, metavar="N")
+    verb.add_argument("--sectors", type=int, required=True, metavar="N", help="number of sectors of the wheel")
     verb.add_argument("--low", default="low", metavar="SET", help="side that, rotated by 2 pi/N, matches --high (default: low)")
     verb.add_argument("--high", default="high", metavar="SET", help="(default: high)")
     verb.add_argument("--frequencies", type=int, default=0, metavar="K", help="print the K lowest of each nodal diameter")
@@ -136,11 +136,13 @@ def parser() -> argparse.ArgumentParser:
 
     verb = verbs.add_parser("reduce", help="reduce a large model, with error estimate")
     verb.set_defaults(run=run_reduce)
-    verb.add_argument("model")
+    verb.add_argument("model", help="model file")
     verb.add_argument("--keep", required=True,
                       help="retained degrees of freedom and sets: n3.z,contact.z; of a pair its relative motion")  # fmt: skip
     _reduction(verb, 20, methods=reduction.METHODS)
     _output(verb)
+
+    shells.add_verbs(top, verbs)
     return top
 
 

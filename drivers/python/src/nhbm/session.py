@@ -52,7 +52,8 @@ class _Column(ctypes.Structure):
 
 
 def _places() -> Iterator[str]:
-    """Where the shared library may be: NHBM_LIBRARY, beside this package, in the build of this checkout, of the system."""
+    """Where the shared library may be: NHBM_LIBRARY, beside this package, in the build of this checkout, in the folder `lib` of
+    this installation, of the system."""
     if "NHBM_LIBRARY" in os.environ:
         yield os.environ["NHBM_LIBRARY"]
         return
@@ -60,6 +61,8 @@ def _places() -> Iterator[str]:
     for path in (here.parent / "libnhbm.so", *(parent / "build/release/lib/libnhbm.so" for parent in here.parents)):
         if path.is_file():
             yield str(path)
+    for pattern in ("libnhbm.so", "*/libnhbm.so"):
+        yield from map(str, here.parents[3].glob(pattern))
     found = ctypes.util.find_library("nhbm")
     if found:
         yield found
