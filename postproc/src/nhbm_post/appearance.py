@@ -18,6 +18,10 @@ class Appearance:
     width: float | None = None
     is_paper: bool = False
 
+    @property
+    def is_scaled(self) -> bool:
+        return self.is_paper or self.width is not None
+
     def scale(self, width: float, n_columns: int = 1) -> float:
         """Scale factor of a picture with a width in inches."""
         wanted = self.width or (PAPER_WIDTH[n_columns] if self.is_paper else None)

@@ -19,11 +19,11 @@ from .text import number_text
 KERNELS = ("residual", "tangent", "newton_step", "solution", "point")
 # Quantities over which a cost may be drawn, and their axis labels; swept parameters are labelled by their paths.
 SIZES = {
-    "n_unknowns": "unknowns",
-    "n_harmonics": "harmonics",
-    "n_tones": "tones",
-    "bench_n_samples": "samples of the torus",
-    "bench_n_channels": "motions transformed at once",
+    "n_unknowns": "Number of unknowns $n$",
+    "n_harmonics": "Number of harmonics",
+    "n_tones": "Number of tones",
+    "bench_n_samples": "Number of samples of the torus",
+    "bench_n_channels": "Number of motions transformed at once",
 }
 
 

@@ -39,7 +39,7 @@ def draw_bench(times: Bench, over: str | None = None) -> tuple[Figure, list[tupl
                 notes.append(f"{_points(n_lost)} of {kernel.replace('_', ' ')} with a time of 0 not drawn")
             rate = cost_exponent(x, seconds)
             exponents.append((kernel, rate))
-            label = kernel.replace("_", " ") + (f"  {rate.text('n')}" if rate else "")
+            label = kernel.replace("newton_", "Newton ") + (f"  {rate.text('n')}" if rate else "")
             ax.plot(x[order], seconds[order], color=style.COLOURS[i], marker=style.MARKERS[i], label=label)
             least = times.column(f"kernel_{kernel}_seconds_min")
             ax.fill_between(x[order], least[order], seconds[order], color=style.COLOURS[i], alpha=0.2, linewidth=0.0)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.collections import PatchCollection
 from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from ..contact import OPEN, SLIP, STICK, UNITS, Contact, History
@@ -25,12 +26,12 @@ def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarr
     is_line = extent[[first, second]].min() < 1e-3 * max(extent.max(), 1e-300)
     along = int(np.argmax(extent))
     with style.look():
-        n_columns = min(len(values), 3)
+        n_columns = min(len(values), style.most_columns(0.4, 1.3 * _PANEL))
         n_rows = -(-len(values) // n_columns)
         ratio = extent[second] / max(extent[first], 1e-300)
         is_to_scale = 0.2 <= ratio <= 2.0
         ratio = float(np.clip(ratio, 0.25, 1.2)) if is_to_scale and not is_line else 0.8
-        fig = style.figure(0.4 + 1.3 * _PANEL * n_columns, 0.6 + n_rows * (0.75 + _PANEL * ratio))
+        fig = style.panels(0.4 + 1.3 * _PANEL * n_columns, 0.6 + n_rows * (0.65 + _PANEL * ratio))
         axes = fig.subplots(n_rows, n_columns, squeeze=False).ravel()
         for ax in axes[len(values) :]:
             ax.set_axis_off()
@@ -45,11 +46,11 @@ def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarr
                 ax.grid(True)
                 continue
             limits = {"vmin": 0.0, "vmax": max(float(value.max()), 0.01)} if name.endswith("share") else {}
-            drawn = ax.scatter(
-                points[:, first], points[:, second], c=factor * value, s=_size(points[:, [first, second]], ratio), marker="s",
-                cmap=style.COLOUR_MAP, edgecolors=style.INK, linewidths=0.3, **limits,
-            )  # fmt: skip
-            fig.colorbar(drawn, ax=ax, shrink=0.85)
+            unit = np.full(2, extent.max()) if is_to_scale else extent[[first, second]]
+            drawn = ax.add_collection(_squares(points[:, [first, second]], unit))
+            drawn.set(array=factor * value, cmap=style.COLOUR_MAP, edgecolor=style.INK, linewidth=0.3, gid="nodes")
+            drawn.set_clim(**limits)
+            fig.colorbar(drawn, cax=ax.inset_axes((1.05, 0.0, 0.06, 1.0)))
             ax.set_title(style.with_unit(name.capitalize(), units))
             ax.set(xlabel=f"{'xyz'[first]} [m]", ylabel=f"{'xyz'[second]} [m]", aspect="equal" if is_to_scale else "auto")
             for k, set_limits in ((first, ax.set_xlim), (second, ax.set_ylim)):
@@ -60,15 +61,12 @@ def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarr
     return fig
 
 
-def _size(places: np.ndarray, ratio: float) -> float:
-    """Area of a marker [points squared] that leaves a gap between the closest nodes."""
-    if len(places) < 2:
-        return 60.0
-    away = np.hypot(*(places[:, None] - places[None, :]).transpose(2, 0, 1))
+def _squares(places: np.ndarray, unit: np.ndarray) -> PatchCollection:
+    """A square at each node that leaves a gap to the closest one; it is one where lengths of `unit` are drawn alike."""
+    away = np.hypot(*((places[:, None] - places[None, :]) / unit).transpose(2, 0, 1))
     away[np.diag_indices(len(places))] = np.inf
-    nearest = float(np.median(away.min(axis=1)))
-    per_metre = 0.75 * 72.0 * _PANEL * min(1.0, ratio) / max(float(np.ptp(places, axis=0).max()) * min(1.0, ratio), 1e-300)
-    return float(np.clip(0.75 * nearest * per_metre, 2.5, 14.0)) ** 2
+    width, height = min(0.12, 0.75 * float(np.median(away.min(axis=1)))) * unit
+    return PatchCollection([Rectangle((x - width / 2, y - height / 2), width, height) for x, y in places])
 
 
 def draw_contact_time(

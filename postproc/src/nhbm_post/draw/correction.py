@@ -231,8 +231,8 @@ def draw_solid(ax, taus, values, levels, label, touch) -> None:
         rasterized=True,
     )
     ax.set(xlim=(0.0, 2.0 * np.pi), ylim=(0.0, 2.0 * np.pi), zlim=(levels.vmin, levels.vmax))
-    ax.set_xlabel(r"$\tau_1$ [rad]", labelpad=-2)
-    ax.set_ylabel(r"$\tau_2$ [rad]", labelpad=-2)
+    ax.set_xlabel(style.phase(1), labelpad=-2)
+    ax.set_ylabel(style.phase(2), labelpad=-2)
     ax.set_zlabel(label, labelpad=-2)
     style.phase_ticks(ax.xaxis)
     style.phase_ticks(ax.yaxis)
@@ -253,12 +253,11 @@ def _resample(taus, values, touch):
 def draw_level(ax, taus, values, levels, label, touch) -> None:
     """Heat map over (tau_1, tau_2) with contour lines; the boundary of corrected areas is drawn."""
     ax.pcolormesh(*taus, values.T, norm=levels, cmap="cividis", shading="gouraud", rasterized=True)
-    ax.contour(
-        *taus, values.T, levels=np.linspace(levels.vmin, levels.vmax, 9)[1:-1], colors="white", linewidths=0.4
-    )
+    between = np.linspace(levels.vmin, levels.vmax, 9)[1:-1]
+    ax.contour(*taus, values.T, levels=between, colors="white", linewidths=0.4, linestyles=style.STABLE)
     if touch.any():
         ax.contourf(*taus, touch.T, levels=[0.5, 1.5], colors=[style.CORRECTED])
-    ax.set(xlabel=r"$\tau_1$ [rad]", ylabel=r"$\tau_2$ [rad]", aspect="equal")
+    ax.set(xlabel=style.phase(1), ylabel=style.phase(2), aspect="equal")
     ax.spines[["top", "right"]].set_visible(True)
     style.phase_ticks(ax.xaxis)
     style.phase_ticks(ax.yaxis)
@@ -275,6 +274,6 @@ def _draw_curves(axes, tau, motion, corrected, touch, label) -> None:
         )
     axes[1].legend(**style.ABOVE)
     for ax in axes:
-        ax.set(xlabel=r"$\tau_1$ [rad]", ylabel=label, xlim=(0.0, 2.0 * np.pi))
+        ax.set(xlabel=style.phase(1), ylabel=label, xlim=(0.0, 2.0 * np.pi))
         style.phase_ticks(ax.xaxis)
         ax.grid(True)

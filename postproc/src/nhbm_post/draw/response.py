@@ -294,7 +294,7 @@ def _draw_curve(ax, i, curve: Curve, x_factor, factor, scales, is_joined, by_sta
         ax.annotate("", (x_factor * to, factor * end), (x_factor * at, factor * start), arrowprops=arrow, gid="jump")
     known = np.isfinite(y) & np.isfinite(x)
     alone = known & ~np.append(known[1:], False) & ~np.insert(known[:-1], 0, False)
-    dots = is_converged & (known if curve.points.size <= _MANY_POINTS or not is_joined else alone)
+    dots = is_converged & (known if not is_joined or (curve.points.size <= _MANY_POINTS and curve.results.curve is None) else alone)
     ax.plot(x_factor * x[dots], factor * y[dots], "o", color=look["color"], markersize=3.4 if is_joined else 5.0)
     _mark(ax, curve, x_factor * curve.x, factor * curve.y, are_solved=True)
 

@@ -121,8 +121,8 @@ def draw_map(ax, tuples: np.ndarray, amplitudes: np.ndarray, norm: LogNorm, has_
     ax.set(
         xlim=(-n1 - 0.5, n1 + 0.5),
         ylim=(-n2 - 0.5, n2 + 0.5),
-        xlabel=r"$j_1$",
-        ylabel=r"$j_2$",
+        xlabel="Harmonic $j_1$ of tone 1",
+        ylabel="Harmonic $j_2$ of tone 2",
         aspect="equal",
     )
     for axis in (ax.xaxis, ax.yaxis):
@@ -253,8 +253,8 @@ def _draw_bars(fig, tuples: np.ndarray, amplitudes: np.ndarray, norm: LogNorm, l
         xlim=(-n1 - 0.5, n1 + 0.5),
         ylim=(-n2 - 0.5, n2 + 0.5),
         zlim=(0.0, top),
-        xlabel=r"$j_1$",
-        ylabel=r"$j_2$",
+        xlabel="Harmonic $j_1$ of tone 1",
+        ylabel="Harmonic $j_2$ of tone 2",
     )
     ax.xaxis.set_major_locator(MaxNLocator(7, integer=True))
     ax.yaxis.set_major_locator(MaxNLocator(7, integer=True))

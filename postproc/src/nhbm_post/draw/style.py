@@ -27,6 +27,7 @@ WALL = "#8a8f98"
 CORRECTED = "#D55E00"
 FAILURE = "#C00000"
 
+_LEAST_SCALE = 0.7  # of type
 _LEGEND_ROW = 0.19  # [inch]
 # Legend of a few entries outside the data, above the axes on the right.
 ABOVE = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncol": 2, "borderaxespad": 0.2}
@@ -106,6 +107,21 @@ def figure(width: float, height: float, is_arranged: bool = True) -> Figure:
     return fig
 
 
+def most_columns(margin: float, width: float) -> int:
+    """Panels of a width in inches beside each other, three at most, that fit into the chosen width with readable type."""
+    if not chosen().is_scaled:
+        return 3
+    room = chosen().scale(1.0, 2) / _LEAST_SCALE
+    return int(np.clip((room - margin) // width, 1, 3))
+
+
+def panels(width: float, height: float) -> Figure:
+    """Empty figure of many panels, arranged automatically, which a chosen width scales including its type."""
+    fig = Figure(figsize=(width, height), layout="compressed")
+    fig.nhbm_scale, fig.nhbm_later = 1.0, chosen().scale(width, 2)
+    return fig
+
+
 def _of_height(scale: float) -> float:
     return scale**0.5 if scale < 1.0 else scale**0.3
 
@@ -143,7 +159,7 @@ def head(fig: Figure, title: str, *lines: str) -> None:
             )
             top += size * 1.35 / 72.0
     if fig.get_layout_engine() is not None:
-        fig.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 1.0 - (top + 0.05) / height))
+        fig.get_layout_engine().set(rect=(0.0, 0.0, 1.0, 1.0 - (top + 0.05) / height))
 
 
 def legend_columns(labels: list[str], width: float) -> int:
@@ -230,6 +246,11 @@ def relabel(fig: Figure, texts: dict[str, str]) -> None:
             raise UsageError(f"the picture has no {letter} axis with a name, so --label has nothing to rename")
         for axis in named[letter]:
             axis.set_label_text(text)
+
+
+def phase(tone: int) -> str:
+    """Label of a hypertime axis; tones are counted from 1."""
+    return rf"Phase $\tau_{tone}$ [rad]"
 
 
 def phase_ticks(axis) -> None:

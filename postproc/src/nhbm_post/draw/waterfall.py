@@ -119,8 +119,10 @@ def _campbell(ax, found, values, by, factor, norm, results):
     is_given = 0 not in results.unknown_tones() and len(set(tone.values())) > 1
     if is_given:
         at = np.array([values[point] for point in points])
-        for k in range(1, _N_ORDERS + 1):
-            line = k * np.array([tone[point] for point in points])
+        base = np.array([tone[point] for point in points])
+        highest = int(round(max(f / tone[point] for point in points for f in _shown(found[point], by, factor, norm)[0])))
+        for k in range(1, min(_N_ORDERS, highest + 1) + 1):
+            line = k * base
             if line.min() > 1.02 * y.max():
                 break
             is_seen = line <= 1.02 * y.max()
