@@ -1,5 +1,5 @@
-# CVODE of SUNDIALS, by its C interface: target CVODE::cvode. Its indices must have 64 bits and its numbers double precision,
-# as src/extern/hb_cvode.c takes them.
+# CVODE of SUNDIALS, by its C interface: target CVODE::cvode. Its numbers must have double precision; its indices may have 32 bits, as
+# where SUNDIALS is built with LAPACK (conda-forge), or 64.
 find_path(CVODE_INCLUDE_DIR cvode/cvode.h)
 set(CVODE_LIBRARIES)
 foreach(part IN ITEMS cvode nvecserial)
@@ -11,16 +11,14 @@ if(CVODE_INCLUDE_DIR)
    file(READ ${CVODE_INCLUDE_DIR}/sundials/sundials_config.h config)
    string(REGEX MATCH "\n#define SUNDIALS_VERSION \"([^\"]*)\"" CVODE_VERSION "${config}")
    set(CVODE_VERSION "${CMAKE_MATCH_1}")
-   string(REGEX MATCH "\n#define SUNDIALS_INT64_T" CVODE_HAS_64_BIT_INDICES "${config}")
    string(REGEX MATCH "\n#define SUNDIALS_DOUBLE_PRECISION" CVODE_HAS_DOUBLE_PRECISION "${config}")
 endif()
 
 include(FindPackageHandleStandardArgs)
 find_package_handle_standard_args(CVODE HANDLE_VERSION_RANGE VERSION_VAR CVODE_VERSION
-   REQUIRED_VARS CVODE_cvode_LIBRARY CVODE_nvecserial_LIBRARY CVODE_INCLUDE_DIR CVODE_HAS_64_BIT_INDICES
-      CVODE_HAS_DOUBLE_PRECISION
-   REASON_FAILURE_MESSAGE "nhbm calls CVODE 6 of SUNDIALS with 64-bit indices and double precision: libsundials-dev of Debian 12, \
-or SUNDIALS 6.x built with SUNDIALS_INDEX_SIZE=64. -DCMAKE_PREFIX_PATH=... says where it is.")
+   REQUIRED_VARS CVODE_cvode_LIBRARY CVODE_nvecserial_LIBRARY CVODE_INCLUDE_DIR CVODE_HAS_DOUBLE_PRECISION
+   REASON_FAILURE_MESSAGE "nhbm calls CVODE 6 of SUNDIALS in double precision: libsundials-dev of Debian 12. \
+-DCMAKE_PREFIX_PATH=... says where it is.")
 mark_as_advanced(CVODE_INCLUDE_DIR)
 
 if(CVODE_FOUND AND NOT TARGET CVODE::cvode)
