@@ -83,7 +83,7 @@ def test_campbell_has_a_dot_a_harmonic(tmp_path):
     assert x.size == 20 and sorted(set((y / x).round(9))) == [1.0, 3.0]
     assert sorted(set(np.array(dots.get_array()).round(9))) == [0.1, 1.0]
     orders = [line for line in fig.axes[0].lines if line.get_gid() == "order"]
-    assert [float((line.get_ydata() / line.get_xdata())[0].round(9)) for line in orders] == [1.0, 2.0, 3.0, 4.0], "one beyond the harmonics"
+    assert [float((line.get_ydata() / line.get_xdata())[0].round(9)) for line in orders] == [1.0, 2.0, 3.0, 4.0]
     assert {line.get_linestyle() for line in orders} == {"-."}
 
 

@@ -224,10 +224,10 @@ def test_packages_have_one_version_and_one_license():
     places = {
         "pyproject.toml": rf'^version = "{version}"',
         "CITATION.cff": rf"^version: {version}",
-        "packages/conda/meta.yaml": rf"^  version: {version}",
+        "packages/conda/recipe.yaml": rf"^  version: \"{version}\"",
         "drivers/python/src/nhbm/__init__.py": rf'^__version__ = "{version}"',
     }
     for name, line in places.items():
         assert re.search(line, (ROOT / name).read_text(), re.M), name
-    for name in ("pyproject.toml", "CITATION.cff", "packages/conda/meta.yaml", "packages/spack/packages/nhbm/package.py"):
+    for name in ("pyproject.toml", "CITATION.cff", "packages/conda/recipe.yaml", "packages/spack/spack_repo/nhbm/packages/nhbm/package.py"):
         assert "GPL-3.0-or-later" in (ROOT / name).read_text(), name

@@ -1,6 +1,10 @@
-"""Recipe of nhbm for Spack, not run yet by anybody: spack repo add packages/spack && spack develop --path . nhbm@main && spack install nhbm@main."""
+"""Recipe of nhbm for Spack 1.0 or later, not run yet by anybody:
 
-from spack.package import CMakePackage, depends_on, license, variant, version
+spack repo add packages/spack/spack_repo/nhbm && spack develop --path $PWD nhbm@=0.1.0 && spack install nhbm@=0.1.0
+"""
+
+from spack.package import depends_on, license, variant, version
+from spack_repo.builtin.build_systems.cmake import CMakePackage
 
 
 class Nhbm(CMakePackage):
@@ -8,7 +12,7 @@ class Nhbm(CMakePackage):
 
     license("GPL-3.0-or-later")
 
-    version("main", branch="main")
+    version("0.1.0")
 
     variant("cvode", default=True, description="Integrate through time with variable steps")
 
@@ -18,10 +22,12 @@ class Nhbm(CMakePackage):
     depends_on("pkgconfig", type="build")
     depends_on("mpi")
     depends_on("hdf5+mpi+fortran+hl")
-    depends_on("fftw-api@3")
+    depends_on("fftw@3")
     depends_on("lapack")
     depends_on("suite-sparse")
     depends_on("sundials@6", when="+cvode")
+    for package in ("python@3.9:", "py-h5py", "py-matplotlib", "py-numpy", "py-scipy", "py-xarray"):
+        depends_on(package, type="run")
 
     def cmake_args(self):
         return [self.define("HB_BUILD_TESTS", False), self.define_from_variant("HB_CVODE", "cvode")]
