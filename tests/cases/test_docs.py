@@ -229,5 +229,6 @@ def test_packages_have_one_version_and_one_license():
     }
     for name, line in places.items():
         assert re.search(line, (ROOT / name).read_text(), re.M), name
-    for name in ("pyproject.toml", "CITATION.cff", "packages/conda/recipe.yaml", "packages/spack/spack_repo/nhbm/packages/nhbm/package.py"):
+    spack = "packages/spack/spack_repo/nhbm/packages/nhbm/package.py"
+    for name in ("pyproject.toml", "CITATION.cff", "packages/conda/recipe.yaml", spack):
         assert "GPL-3.0-or-later" in (ROOT / name).read_text(), name
