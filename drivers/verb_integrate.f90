@@ -153,7 +153,7 @@ contains
       end associate
    end function amplitude_of
 
-   subroutine shown_progress_note_progress(self, n_done, n_steps)
+   recursive subroutine shown_progress_note_progress(self, n_done, n_steps)
       class(shown_progress_t), intent(inout) :: self
       integer, intent(in) :: n_done, n_steps
 

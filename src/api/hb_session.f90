@@ -449,7 +449,7 @@ contains
       call end_curve(self)
    end subroutine session_destroy
 
-   subroutine session_cancellation_note_progress(self, n_done, n_steps)
+   recursive subroutine session_cancellation_note_progress(self, n_done, n_steps)
       class(session_cancellation_t), intent(inout) :: self
       integer, intent(in) :: n_done, n_steps
 

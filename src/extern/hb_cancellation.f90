@@ -124,10 +124,15 @@ contains
       call outer%cancellation%note_level(level, n_unknowns, estimate)
    end subroutine cancellation_note_level
 
-   !> Records the progress of the work; does nothing here.
-   subroutine cancellation_note_progress(self, n_done, n_steps)
+   !> Records the progress of a time integration; here likewise.
+   recursive subroutine cancellation_note_progress(self, n_done, n_steps)
       class(cancellation_t), intent(inout) :: self
       integer, intent(in) :: n_done, n_steps
+      type(place_t), pointer :: outer
+
+      if (.not. c_associated(self%outer)) return
+      call c_f_pointer(self%outer, outer)
+      call outer%cancellation%note_progress(n_done, n_steps)
    end subroutine cancellation_note_progress
 
    !> Whether an external reason demands the end of the point; never here.
@@ -156,7 +161,7 @@ contains
       call place%cancellation%note_level(level, n_unknowns, estimate)
    end subroutine note_level
 
-   !> Reports the progress of the work of this thread to its current cancellation.
+   !> Reports the progress of a time integration to the current cancellation of this thread.
    subroutine note_progress(n_done, n_steps)
       integer, intent(in) :: n_done, n_steps
       type(c_ptr) :: current

@@ -35,6 +35,7 @@ module hb_progress
       real(wp), private :: started = 0.0_wp, shown = 0.0_wp, interval = log_interval
       integer, private :: done = 0, failed = 0                        ! points of this rank that are not reported yet
       integer, private :: shown_done = 0, shown_failed = 0            ! in the last line
+      logical, private :: ends_log = .false.                          ! the last line is one of a log, about whole points only
       real(wp), private :: reported = 0.0_wp
    contains
       procedure :: note => progress_note
@@ -42,7 +43,6 @@ module hb_progress
       procedure :: is_due => progress_is_due
       procedure :: report_point => progress_report_point
       procedure :: show => progress_show
-      procedure :: show_level => progress_show_level
       procedure :: finish => progress_finish
    end type progress_t
 
@@ -99,32 +99,19 @@ contains
    end function progress_is_due
 
    !> Writes the progress of the run.
-   subroutine progress_show(self, done, failed)
+   subroutine progress_show(self, done, failed, within)
       class(progress_t), intent(inout) :: self
       integer, intent(in) :: done, failed                             !! points, over all ranks
+      character(*), intent(in), optional :: within                    !! what the rank does within a point
 
       if (.not. self%is_shown) return
       self%shown = wall_clock()
       if (.not. self%on_terminal) self%interval = min(log_growth*self%interval, longest_log_interval)
       self%shown_done = done
       self%shown_failed = failed
-      call write_line(self, done, failed, self%shown)
+      self%ends_log = .not. (self%on_terminal .or. present(within))
+      call write_line(self, done, failed, self%shown, within)
    end subroutine progress_show
-
-   !> Writes the progress of a long point of this rank, after the last line on a terminal.
-   subroutine progress_show_level(self, level, n_unknowns, estimate)
-      class(progress_t), intent(inout) :: self
-      integer, intent(in) :: level, n_unknowns
-      real(wp), intent(in) :: estimate                                !! of the error, relative
-      character(8) :: error
-
-      if (.not. self%on_terminal) return
-      if (.not. self%is_due()) return
-      self%shown = wall_clock()
-      write (error, "(es8.1)") min(estimate, 1.0_wp)
-      call write_line(self, self%shown_done, self%shown_failed, self%shown, "; level "//to_text(level)//": "// &
-         to_text(n_unknowns)//" unknowns, estimated error "//trim(adjustl(error)))
-   end subroutine progress_show_level
 
    !> Writes the outcome of one point, at level debug, on the rank that solved it.
    subroutine progress_report_point(self, text)
@@ -134,13 +121,14 @@ contains
       if (self%is_debug) write (error_unit, "(a)") printable(text)
    end subroutine progress_report_point
 
-   !> Writes the final state, and ends the line on a terminal.
+   !> Writes the final state, unless it is the last line of a log, and ends the line on a terminal.
    subroutine progress_finish(self, done, failed)
       class(progress_t), intent(inout) :: self
       integer, intent(in) :: done, failed
 
       if (.not. self%is_shown) return
-      call write_line(self, done, failed, wall_clock())
+      if (.not. (self%ends_log .and. done == self%shown_done .and. failed == self%shown_failed)) &
+         call write_line(self, done, failed, wall_clock())
       if (self%on_terminal) write (error_unit, "()")
    end subroutine progress_finish
 
@@ -164,7 +152,7 @@ contains
       else
          line = line//", "//time_text(seconds)
       end if
-      if (present(within)) line = line//within
+      if (present(within)) line = line//"; "//within
       if (self%on_terminal) then
          filled = nint(bar_width*real(done, wp)/max(self%n_points, 1))
          if (self%n_points > 0) line = "["//repeat("#", filled)//repeat(".", bar_width - filled)//"] "//line

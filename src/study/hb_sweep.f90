@@ -58,8 +58,10 @@ module hb_sweep
    !> An interruption that also shows the progress within a point.
    type, extends(interruption_t) :: watched_t
       type(progress_t), pointer :: progress => null()
+      type(work_counter_t), pointer :: counter => null()
    contains
       procedure :: note_level => watched_note_level
+      procedure :: note_progress => watched_note_progress
    end type watched_t
 
    !> The objects of a rank that solves points.
@@ -103,6 +105,7 @@ contains
       call run%source%layout%forget_values()
       run%schedule%block_seconds = run%results%hold_seconds()
       run%ending%progress => run%progress
+      run%ending%counter => run%counter
       call new_interruption(run%ending%interruption_t, options%time_limit - (wall_clock() - started), comm, error)
       if (.not. allocated(error)) then
          place = run%results%crash_place()
@@ -391,9 +394,30 @@ contains
       class(watched_t), intent(inout) :: self
       integer, intent(in) :: level, n_unknowns
       real(wp), intent(in) :: estimate
+      character(8) :: error
 
-      call self%progress%show_level(level, n_unknowns, estimate)
+      if (.not. self%progress%is_due()) return
+      write (error, "(es8.1)") min(estimate, 1.0_wp)
+      call show_within(self, "level "//to_text(level)//": "//to_text(n_unknowns)//" unknowns, estimated error "// &
+                       trim(adjustl(error)))
    end subroutine watched_note_level
+
+   recursive subroutine watched_note_progress(self, n_done, n_steps)
+      class(watched_t), intent(inout) :: self
+      integer, intent(in) :: n_done, n_steps
+
+      if (self%progress%is_due()) call show_within(self, "time integration")
+   end subroutine watched_note_progress
+
+   !> Writes the progress of the run with that within a point of this rank.
+   subroutine show_within(self, text)
+      type(watched_t), intent(inout) :: self
+      character(*), intent(in) :: text
+      integer :: done, failed
+
+      call self%counter%read_tallies(done, failed)
+      call self%progress%show(done, failed, text)
+   end subroutine show_within
 
    !> Writes the result of a point, and counts it.
    subroutine keep_point(self, run, point, result, group, summary, error)

@@ -168,9 +168,7 @@ def test_check_prints_damping_ratios(tmp_path):
     assert re.search(r"^damping +(\S+) of critical$", said, re.MULTILINE)[1] == "5.00E-02"
 
 
-def test_a_long_point_shows_its_levels_on_a_terminal(tmp_path):
-    """Within a point, only on a terminal: the level of adaptive refinement, its unknowns and the estimated error."""
-    text = """
+TWO_TONES = """
 &structure type = 'chain', n_masses = 4, ends = 'fixed-free', mass = 1.0, coupling_stiffness = 4.0, damping_mass = 0.05 /
 &tones frequency = 1.0, 1.618 /
 &accuracy tolerance = 1e-6 /
@@ -178,6 +176,22 @@ def test_a_long_point_shows_its_levels_on_a_terminal(tmp_path):
 &load dof = 'x4', tuple = 0, 1, cos = 0.3 /
 &law type = 'elastic_stop', label = 'stop', dof = 'x4', stiffness = 20.0, gap = 0.3 /
 """
+IMPACTS = """
+&structure type = 'chain', n_masses = 1, ends = 'fixed-free', mass = 1.0, coupling_stiffness = 1.0, damping_mass = 0.02 /
+&tones frequency = 2.65 /
+&load dof = 'x1', tuple = 1, cos = 1.0 /
+&law type = 'rigid_wall', dof = 'x1', gap = 0.0 /
+&integration restitution = 0.8 /
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "within"),
+    [(TWO_TONES, rb"level \d+: \d+ unknowns, estimated error \d\.\dE-\d\d"), (IMPACTS, rb"time integration")],
+    ids=["levels", "in time"],
+)
+def test_a_long_point_shows_its_work_on_a_terminal(text, within, tmp_path):
+    """Within a point: the level of adaptive refinement, its unknowns and the estimated error, or that it is integrated."""
     words = command("solve", write(tmp_path, text))
     reader, writer = os.openpty()
     with subprocess.Popen(words, cwd=tmp_path, stderr=writer, stdout=subprocess.DEVNULL, env=environment()) as process:
@@ -187,8 +201,8 @@ def test_a_long_point_shows_its_levels_on_a_terminal(tmp_path):
             while text := os.read(reader, 4096):
                 shown += text
     os.close(reader)
-    assert process.returncode == ALL_CONVERGED
-    assert re.search(rb"0/1 points.*; level \d+: \d+ unknowns, estimated error \d\.\dE-\d\d", shown), shown
+    assert re.search(rb"0/1 points, [^\r]*; " + within, shown), shown
+
 
 @pytest.mark.parametrize("is_by_tolerance", [False, True], ids=["given", "tolerance"])
 def test_recipe_reads_files(is_by_tolerance, tmp_path):
