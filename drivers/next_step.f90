@@ -7,10 +7,10 @@ module next_step
    use hb_outcome, only: outcome
    use hb_properties, only: properties_t
    use hb_sweep_plan, only: sweep_plan_t
-   use hb_switched_input, only: list_of
    use hb_system, only: file_kind, kind_of_file
    use hb_text, only: lower, parse_integer, string_t, to_text
    use hb_tones, only: tones_t
+   use switched_inputs, only: list_of
    implicit none
    private
    public :: command_to_try, failure_kind_t, run_names_t, shell_word

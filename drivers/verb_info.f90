@@ -5,7 +5,7 @@ module verb_info
    use console, only: say
    use exit_status, only: incomplete, success
    use hb_branches, only: jumps_between
-   use hb_curve_table, only: curve_lines, note_curve_values
+   use hb_curve_table, only: note_curve_values
    use hb_document, only: document_t
    use hb_error, only: error_t
    use explanation, only: status_lines
@@ -15,11 +15,12 @@ module verb_info
    use next_step, only: run_names_t
    use hb_outcome, only: is_solved, outcome, outcome_text
    use hb_results_record, only: fail_where_damaged, message_of, open_points, read_record, read_units, record_t
-   use hb_run_summary, only: count_kept, found_frequency, run_summary_t, stability_text
+   use hb_run_summary, only: count_kept, run_summary_t
    use hb_study, only: read_input
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
    use hb_text, only: number_of, string_t, to_text
    use hb_tones, only: tones_t
+   use run_texts, only: curve_lines, found_frequency, stability_text
    implicit none
    private
    public :: read_result, run_info

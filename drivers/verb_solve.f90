@@ -4,7 +4,7 @@ module verb_solve
    use console, only: print_error, say
    use exit_status, only: incomplete, not_all_right, success
    use hb_curve_request, only: curve_kind
-   use hb_curve_table, only: curve_lines, find_leaving, leaving_t, note_curve_values
+   use hb_curve_table, only: find_leaving, leaving_t, note_curve_values
    use hb_error, only: error_t
    use explanation, only: status_lines
    use hb_file_location, only: check_source
@@ -18,19 +18,19 @@ module verb_solve
    use hb_outcome, only: outcome
    use hb_progress, only: log_level
    use hb_results_record, only: read_record, record_t, statuses_of
-   use hb_run_summary, only: answers_text, found_frequency, number_answered, number_solved, run_summary_t, stability_text
+   use hb_run_summary, only: number_answered, number_solved, run_summary_t
    use hb_signals, only: signal_caught, signal_name
    use hb_stability, only: stability_method
    use hb_study, only: new_study, study_t
    use hb_sweep, only: run_options_t, run_study
    use hb_sweep_plan, only: sweep_plan_t
-   use hb_switched_input, only: switched_input
    use hb_system, only: file_kind, folder_of, kind_of_file, remove_file
    use hb_text, only: join, number_of, split, string_t, to_text
    use hb_text_file, only: read_text_file
-   use hb_timing, only: timing_lines
    use hb_version, only: git_commit, program_version
    use result_location, only: place_result
+   use run_texts, only: answers_text, curve_lines, found_frequency, stability_text, timing_lines
+   use switched_inputs, only: switched_input
    implicit none
    private
    public :: load_study, run_resume, run_solve

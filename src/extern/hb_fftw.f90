@@ -34,7 +34,7 @@ module hb_fftw
    !> Complex array (n, m) in memory aligned for SIMD transforms.
    type :: complex_block_t
       complex(wp), pointer, contiguous :: values(:, :) => null()
-      type(c_ptr), private :: memory = c_null_ptr
+      type(real_block_t), private :: parts                            ! the same memory, real and imaginary parts in turn
    contains
       procedure :: destroy => complex_block_destroy
    end type complex_block_t
@@ -128,30 +128,15 @@ contains
       integer, intent(in) :: n, m
       type(error_t), allocatable, intent(out) :: error
 
-      call self%destroy()
-      if (int(n, c_size_t)*int(m, c_size_t) <= few) then
-         allocate (self%values(n, m), source=(0.0_wp, 0.0_wp))
-         return
-      end if
-      self%memory = fftw_alloc_complex(int(n, c_size_t)*int(m, c_size_t))
-      if (.not. c_associated(self%memory)) then
-         call fail(error, "out of memory for the spectrum of the torus")
-         return
-      end if
-      call c_f_pointer(self%memory, self%values, [n, m])
-      self%values = (0.0_wp, 0.0_wp)
+      call new_real_block(self%parts, 2*n, m, error)
+      if (.not. allocated(error)) call c_f_pointer(c_loc(self%parts%values), self%values, [n, m])
    end subroutine new_complex_block
 
    !> Frees the array; safe to call twice.
    subroutine complex_block_destroy(self)
       class(complex_block_t), intent(inout) :: self
 
-      if (c_associated(self%memory)) then
-         call fftw_free(self%memory)
-      else if (associated(self%values)) then
-         deallocate (self%values)
-      end if
-      self%memory = c_null_ptr
+      call self%parts%destroy()
       nullify (self%values)
    end subroutine complex_block_destroy
 

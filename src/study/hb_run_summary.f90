@@ -7,13 +7,11 @@ module hb_run_summary
    use hb_mpi, only: comm_t, max_over, sum_over
    use hb_outcome, only: is_solved, outcome, outcome_names
    use hb_results_record, only: record_t
-   use hb_text, only: to_text
    use hb_tones, only: max_tones
    use hb_version, only: git_commit, program_version
    implicit none
    private
-   public :: answers_text, count_kept, count_point, found_frequency, has_answer, number_answered, number_solved, run_summary_t
-   public :: stability_text, sum_up
+   public :: count_kept, count_point, has_answer, number_answered, number_solved, run_summary_t, sum_up
 
    !> The outcome of a run, over all ranks.
    type :: run_summary_t
@@ -112,21 +110,6 @@ contains
       end associate
    end subroutine count_frequency
 
-   !> Text with the frequency, or range of frequencies, of an unknown tone.
-   function found_frequency(summary, tone) result(text)
-      type(run_summary_t), intent(in) :: summary
-      integer, intent(in) :: tone
-      character(:), allocatable :: text
-      character(24) :: lowest, highest
-
-      text = "tone "//to_text(tone)//" was not found"
-      if (summary%highest(tone) < summary%lowest(tone)) return
-      write (lowest, "(g0.8)") summary%lowest(tone)
-      write (highest, "(g0.8)") summary%highest(tone)
-      text = "tone "//to_text(tone)//" at "//trim(lowest)//" rad/s"
-      if (lowest /= highest) text = "tone "//to_text(tone)//" from "//trim(lowest)//" to "//trim(highest)//" rad/s"
-   end function found_frequency
-
    !> Whether a point has an acceptable motion, as exit status 0 requires of all points: from the balance, within its
    !> thresholds, or from time integration if no balance was found.
    elemental logical function has_answer(status)
@@ -143,19 +126,6 @@ contains
       number_answered = sum(summary%counts, mask=has_answer([(status, status=0, ubound(summary%counts, 1))]))
    end function number_answered
 
-   !> Text with the number of points that converged, and of those found by time integration.
-   pure function answers_text(summary) result(text)
-      type(run_summary_t), intent(in) :: summary
-      character(:), allocatable :: text
-      integer :: n
-
-      associate (counts => summary%counts)
-         text = to_text(counts(outcome%converged))//" of "//to_text(summary%n_points - counts(outcome%unused))//" points converged"
-         n = number_answered(summary) - counts(outcome%converged)
-      end associate
-      if (n > 0) text = text//", "//to_text(n)//" found by time integration"
-   end function answers_text
-
    !> Number of points with a motion, within its thresholds or not.
    pure integer function number_solved(summary)
       type(run_summary_t), intent(in) :: summary
@@ -163,15 +133,6 @@ contains
 
       number_solved = sum(summary%counts, mask=is_solved([(status, status=0, ubound(summary%counts, 1))]))
    end function number_solved
-
-   !> Counts motions that are stable, unstable and of unknown stability.
-   pure function stability_text(n_stable, n_unstable, n_solved) result(text)
-      integer, intent(in) :: n_stable, n_unstable, n_solved
-      character(:), allocatable :: text
-
-      text = to_text(n_stable)//" stable, "//to_text(n_unstable)//" unstable"
-      if (n_stable + n_unstable < n_solved) text = text//", "//to_text(n_solved - n_stable - n_unstable)//" not known"
-   end function stability_text
 
    !> Adds up the counts of all ranks.
    subroutine sum_up(summary, comm)

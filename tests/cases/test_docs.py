@@ -28,7 +28,6 @@ SECTIONS_BY_FILE = {
     "hb_structure_catalogue.f90": ["structure"],
     "hb_sweep_plan.f90": ["sweep"],
     "hb_curve_plan.f90": ["curve"],
-    "hb_switched_input.f90": [],  # evaluates keys that others read
 }
 SECTIONS_BY_PROCEDURE = {
     "read_fe_model": ["structure model"],

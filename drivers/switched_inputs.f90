@@ -3,7 +3,7 @@
 !> It is the complete input of the curve at the point, with other tones, harmonics and tuples, and with the point as
 !> its origin: an ordinary input, whose run has its own result file. At a graze multipliers jump, and the motion there
 !> does not determine the other motions: these are found by time integration, slightly beyond the graze.
-module hb_switched_input
+module switched_inputs
    use hb_curve_plan, only: keys_of_responses
    use hb_curve_request, only: curve_kind
    use hb_curve_table, only: leaving_t
@@ -233,4 +233,4 @@ contains
          text = text//to_text(numbers(i))
       end do
    end function list_of
-end module hb_switched_input
+end module switched_inputs

@@ -1,0 +1,205 @@
+!> Texts of the command about a run: its points, the time of its ranks, and the located points of its curves.
+module run_texts
+   use hb_curve_request, only: curve_kind, curve_kind_names
+   use hb_error, only: error_t
+   use hb_hdf5, only: h5_file_t, open_file
+   use hb_kinds, only: wp
+   use hb_outcome, only: is_solved, outcome, outcome_text
+   use hb_results_record, only: message_of
+   use hb_run_summary, only: number_answered, run_summary_t
+   use hb_sweep_plan, only: sweep_plan_t
+   use hb_text, only: number_of, to_text
+   use hb_timing, only: rank_times_t, times_of_row
+   implicit none
+   private
+   public :: answers_text, curve_lines, find_gaps, found_frequency, stability_text, timing_lines
+
+   integer, parameter :: most_points = 60                             ! of curves
+
+contains
+
+   !> Text with the frequency, or range of frequencies, of an unknown tone.
+   function found_frequency(summary, tone) result(text)
+      type(run_summary_t), intent(in) :: summary
+      integer, intent(in) :: tone
+      character(:), allocatable :: text
+      character(24) :: lowest, highest
+
+      text = "tone "//to_text(tone)//" was not found"
+      if (summary%highest(tone) < summary%lowest(tone)) return
+      write (lowest, "(g0.8)") summary%lowest(tone)
+      write (highest, "(g0.8)") summary%highest(tone)
+      text = "tone "//to_text(tone)//" at "//trim(lowest)//" rad/s"
+      if (lowest /= highest) text = "tone "//to_text(tone)//" from "//trim(lowest)//" to "//trim(highest)//" rad/s"
+   end function found_frequency
+
+   !> Text with the number of points that converged, and of those found by time integration.
+   pure function answers_text(summary) result(text)
+      type(run_summary_t), intent(in) :: summary
+      character(:), allocatable :: text
+      integer :: n
+
+      associate (counts => summary%counts)
+         text = to_text(counts(outcome%converged))//" of "//to_text(summary%n_points - counts(outcome%unused))//" points converged"
+         n = number_answered(summary) - counts(outcome%converged)
+      end associate
+      if (n > 0) text = text//", "//to_text(n)//" found by time integration"
+   end function answers_text
+
+   !> Counts motions that are stable, unstable and of unknown stability.
+   pure function stability_text(n_stable, n_unstable, n_solved) result(text)
+      integer, intent(in) :: n_stable, n_unstable, n_solved
+      character(:), allocatable :: text
+
+      text = to_text(n_stable)//" stable, "//to_text(n_unstable)//" unstable"
+      if (n_stable + n_unstable < n_solved) text = text//", "//to_text(n_solved - n_stable - n_unstable)//" not known"
+   end function stability_text
+
+   !> Table of all ranks, one line each, and their sum; of many ranks only those with the least and the most idle
+   !> time.
+   function timing_lines(table) result(lines)
+      real(wp), intent(in) :: table(:, :)                             !! (n_times, n_ranks), of hb_mpi%gather_rows
+      character(112), allocatable :: lines(:)
+      integer, parameter :: most_lines = 32
+      integer, allocatable :: shown(:)
+      integer :: i, n_ranks
+
+      n_ranks = size(table, 2)
+      shown = [(i, i=1, n_ranks)]
+      if (n_ranks > most_lines) shown = [minloc(table(7, :)), maxloc(table(7, :))]
+      lines = [character(112) :: &
+         "    rank    points     draws   reading   solving   writing   drawing      idle     total [s]  overhead/point [s]"]
+      do i = 1, size(shown)
+         lines = [character(112) :: lines, times_line(to_text(shown(i) - 1), times_of_row(table(:, shown(i))))]
+      end do
+      if (n_ranks > 1) lines = [character(112) :: lines, times_line("all", times_of_row(sum(table, dim=2)))]
+      lines = [character(112) :: lines, "idle share "//share_text(sum(table(7, :)), sum(table(8, :)))// &
+               ", solving share "//share_text(sum(table(4, :)), sum(table(8, :)))]
+   end function timing_lines
+
+   function times_line(name, times) result(line)
+      character(*), intent(in) :: name
+      type(rank_times_t), intent(in) :: times
+      character(112) :: line
+
+      write (line, "(a8, 2i10, 6f10.3, es14.3)") name, times%n_points, times%n_draws, times%reading, times%solving, &
+         times%writing, times%drawing, times%idle, times%total, times%overhead_per_point()
+   end function times_line
+
+   function share_text(part, whole) result(text)
+      real(wp), intent(in) :: part, whole
+      character(:), allocatable :: text
+      character(16) :: buffer
+
+      write (buffer, "(f8.2)") 100.0_wp*part/max(whole, tiny(1.0_wp))
+      text = trim(adjustl(buffer))//" %"
+   end function share_text
+
+   !> A line for each special point: its kind, its values, its number. `plan` has the values of the curve.
+   subroutine curve_lines(path, plan, lines, error)
+      character(*), intent(in) :: path
+      type(sweep_plan_t), intent(in) :: plan
+      character(:), allocatable, intent(out) :: lines(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(h5_file_t) :: file
+      type(sweep_plan_t) :: rounded                                   ! to ten digits
+      character(16) :: digits
+      integer, allocatable :: branch(:), is_stable(:), kind(:), n_unstable(:), status(:)
+      integer :: first_gap, i, n
+
+      allocate (character(160) :: lines(0))
+      call open_file(file, path, error)
+      if (allocated(error)) return
+      call file%get("curve_kind", kind, error, [plan%n_points])
+      call file%get("status", status, error, [plan%n_points])
+      call file%get("curve_branch", branch, error, [plan%n_points])
+      call file%get("is_stable", is_stable, error, [plan%n_points])
+      call file%get("n_unstable", n_unstable, error, [plan%n_points])
+      call file%close(error)
+      if (allocated(error)) return
+      rounded = plan
+      n = 0
+      do i = 1, plan%n_points
+         write (digits, "(es16.9)") plan%curve_values(i)
+         read (digits, *) rounded%curve_values(i)
+         if (any(kind(i) == [curve_kind%none, curve_kind%regular])) cycle
+         n = n + 1
+         if (n <= most_points) lines = [character(160) :: lines, line_of(i)]
+      end do
+      if (n > most_points) lines = [character(160) :: lines, "and "//to_text(n - most_points)//" more (see 'curve_kind')"]
+      call find_gaps(merge(kind, curve_kind%none, is_solved(status)), branch, merge(n_unstable, -1, is_stable /= 0), &
+                     plan%n_fastest(), n, first_gap)
+      if (allocated(plan%curve%over)) n = 0                           ! the points are themselves located, along other curves
+      if (n > 0) lines = [character(160) :: lines, number_of(n, "step")//", first at "//rounded%describe(first_gap)// &
+         ", point "//to_text(first_gap - 1)//": 'n_unstable' changes without a located bifurcation"]
+      n = number_cut_short(kind, status, plan%n_fastest())
+      if (n > 0) lines = [character(160) :: lines, number_of(n, "curve")//" reached the limit of "//to_text(plan%n_fastest())// &
+         " points: increase 'points' of &curve"]
+
+   contains
+
+      function line_of(point) result(line)
+         integer, intent(in) :: point
+         character(:), allocatable :: line, message
+
+         associate (name => curve_kind_names(kind(point)))
+            line = name(:max(7, len_trim(name)))
+         end associate
+         line = line//" at "//rounded%describe(point)//", point "//to_text(point - 1)
+         if (.not. is_solved(status(point))) line = line//", "//outcome_text(status(point))
+         if (kind(point) /= curve_kind%start) return
+         message = message_of(path, point)                            ! such as that it begins at the other end
+         if (len(message) > 0) line = line//": "//message
+      end function line_of
+   end subroutine curve_lines
+
+   !> Counts the steps on which the number of growing disturbances changes without a point on the step or next to it
+   !> that explains this. Steps with an unknown number at either end do not count, nor does the start of a branch.
+   pure subroutine find_gaps(kind, branch, n_unstable, n_rows, n_gaps, first)
+      integer, intent(in) :: kind(:), branch(:)                       !! of all points of all curves
+      integer, intent(in) :: n_unstable(:)                            !! likewise, -1: not known
+      integer, intent(in) :: n_rows                                   !! for one curve
+      integer, intent(out) :: n_gaps
+      integer, intent(out) :: first                                   !! point at the end of the first such step; 0: none
+      integer, parameter :: steps(2) = [curve_kind%regular, curve_kind%start]
+      integer, parameter :: reasons(6) = [curve_kind%fold, curve_kind%branch, curve_kind%flip, curve_kind%torus, curve_kind%split, &
+                                          curve_kind%graze]
+      integer :: before, first_row, i, k, next
+
+      n_gaps = 0
+      first = 0
+      before = 0
+      do i = 1, size(kind)
+         if (modulo(i - 1, n_rows) == 0 .or. kind(i) == curve_kind%start) before = 0
+         if (all(steps /= kind(i)) .or. n_unstable(i) < 0) cycle
+         if (before > 0) then
+            if (n_unstable(before) /= n_unstable(i) .and. branch(before) == branch(i)) then
+               next = i                                               ! the end of the following step
+               do k = i + 1, min(size(kind), i + n_rows - 1 - modulo(i - 1, n_rows))
+                  next = k
+                  if (any(steps == kind(k))) exit
+               end do
+               do k = before - 1, i - modulo(i - 1, n_rows), -1       ! the beginning of the previous step
+                  if (any(steps == kind(k))) exit
+               end do
+               first_row = max(k, i - modulo(i - 1, n_rows))
+               if (.not. any([(any(reasons == kind(k)), k=first_row, next)])) then
+                  n_gaps = n_gaps + 1
+                  if (first == 0) first = i
+               end if
+            end if
+         end if
+         before = i
+      end do
+   end subroutine find_gaps
+
+   !> Number of curves whose last row is not an end: they have used all of their points, and could continue.
+   pure integer function number_cut_short(kind, status, n_rows) result(n)
+      integer, intent(in) :: kind(:), status(:)                       !! of all points of all curves
+      integer, intent(in) :: n_rows                                   !! for one curve
+
+      associate (last_kind => kind(n_rows::n_rows), last_status => status(n_rows::n_rows))
+         n = count(is_solved(last_status) .and. last_kind /= curve_kind%end)
+      end associate
+   end function number_cut_short
+end module run_texts
