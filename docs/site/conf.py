@@ -15,7 +15,7 @@ extensions = ["myst_nb", "sphinx_design", "sphinx_copybutton", "sphinx.ext.mathj
 root_doc = "index"
 include_patterns = ["index.md", "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md", "docs/**/*.md", "postproc/README.md", "gallery/*.md", "reference/*.md"]
 
-myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
+myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath", "html_image"]
 myst_heading_anchors = 4
 nb_execution_mode = os.environ.get("NHBM_SITE_NOTEBOOKS", "force")
 nb_execution_in_temp = True
