@@ -20,7 +20,18 @@ in_browser = pytest.mark.skipif(browser.PROGRAM is None, reason="there is no chr
 
 def data_of(page):
     text = re.search(r'<script type="application/json" id="data">(.*?)</script>', page.read_text(encoding="utf-8"), re.DOTALL)[1]
-    return json.loads(text)
+    data = json.loads(text)
+    columns = data["points"]
+    data["points"] = [
+        {
+            "number": number,
+            "kind": columns["kind"][i],
+            **{name: columns[name]["words"][columns[name]["at"][i]] for name in ("status", "message")},
+            "rows": [[label, texts[i]] for label, texts in columns["rows"] if texts[i] is not None],
+        }
+        for i, number in enumerate(columns["number"])
+    ]
+    return data
 
 
 def coefficients_of(data):
@@ -77,6 +88,36 @@ def test_page_stays_below_its_limit(tmp_path, monkeypatch):
     assert 300_000 < (tmp_path / "a.html").stat().st_size < 500_000
     assert "15 of 20 degrees of freedom are in this page" in notes
     assert data_of(tmp_path / "a.html")["dofs"][0]["name"] == "x3"
+
+
+def test_page_of_many_points_is_thinned_by_a_rule_that_it_states(tmp_path, monkeypatch):
+    """Folds and both ends stay, the others are spread evenly; stability and jumps are those of what lies between."""
+    path = curve_file(tmp_path / "a.h5")
+    with Results(path) as results:
+        n = results.used.size
+        whole, _ = page_data(results)
+        monkeypatch.setattr("nhbm_post.page._POINTS", n - 2)
+        data, notes = page_data(results)
+        kinds = results.curve_kind()
+    shown = data["points"]["number"]
+    assert notes[0] == f"{len(shown)} of {n} points are in this page, evenly over the file, located points first"
+    assert len(shown) < n and shown == sorted(shown) and {0, n - 1} <= set(shown)
+    located = [point for point in range(n) if kinds[point] not in ("regular", "none", "start", "end", "value")]
+    assert located and set(located) <= set(shown)
+    for curve, before in zip(data["curves"], whole["curves"]):
+        numbers, all_numbers = ([d["points"]["number"][i] for i in c["points"]] for d, c in ((data, curve), (whole, before)))
+        for between, a, b in zip(curve["between"], numbers, numbers[1:]):
+            i, j = all_numbers.index(a), all_numbers.index(b)
+            assert between == min(before["between"][i:j])
+
+
+def test_page_of_any_size_is_halved_until_it_fits(tmp_path, monkeypatch):
+    monkeypatch.setattr("nhbm_post.page.LARGEST", 60_000)
+    path = single(tmp_path / "a.h5", 1, input_groups="! " + 100_000 * "x" + "\n")
+    with Results(path) as results:
+        write_page(results, tmp_path / "a.html")
+    assert (tmp_path / "a.html").stat().st_size <= 60_000
+    assert data_of(tmp_path / "a.html")["input"].endswith("more characters, in the result file")
 
 
 def test_text_of_the_input_ends_no_script(tmp_path):
@@ -188,6 +229,54 @@ def test_page_fits_its_window_and_paper(tmp_path, chromium, width):
     assert chromium.run("getComputedStyle(document.getElementById('shape')).objectFit") == "contain"  # paper is not as wide
     chromium.call("Emulation.setEmulatedMedia", media="")
     assert not chromium.errors
+
+
+@in_browser
+def test_curves_are_looked_at_closer(tmp_path, chromium):
+    """By buttons around the point, by a frame of the mouse; a click within the part chooses a point, and the whole comes back."""
+    opened(chromium, curve_file(tmp_path / "a.h5"))
+    click = "document.getElementById('{}').click()".format
+    whole = chromium.run("view.shown")
+    before = chromium.run("[ring.getAttribute('cx'), ring.getAttribute('cy')].map(Number)")
+    chromium.run(click("closer"))
+    half = chromium.run("view.shown")
+    for k in (0, 2):
+        assert half[k + 1] - half[k] == pytest.approx(0.5 * (whole[k + 1] - whole[k]))
+    assert chromium.run("[ring.getAttribute('cx'), ring.getAttribute('cy')].map(Number)") == pytest.approx(before), "the point stays"
+    chromium.run(click("wider"))
+    assert chromium.run("view.shown") == pytest.approx(whole)
+    svg = "document.querySelector('#response svg').getBoundingClientRect()"
+    left, top, width = chromium.run(f"(b => [b.x, b.y, b.width])({svg})")
+    start, end = (left + 0.4 * width, top + 60.0), (left + 0.7 * width, top + 200.0)
+    chromium.drag(*start, *end)
+    shown = chromium.run("view.shown")
+    share = (np.array([0.4, 0.7]) * width - 62) / (width - 72)
+    assert shown[:2] == pytest.approx(list(whole[0] + share * (whole[1] - whole[0])), rel=1e-3)
+    assert chromium.run("document.getElementById('frame')") is None
+    place = chromium.run("places.find(p => p[0] > 100 && p[0] < view.width - 40 && p[1] > 20 && p[1] < view.bottom - 20)")
+    if place:
+        chromium.click(left + place[0], top + place[1])
+        assert chromium.run("state.point") == place[2]
+    chromium.run(click("whole"))
+    assert chromium.run("view.shown") == whole
+    chromium.run(click("logarithmic"))
+    chromium.run(click("closer"))
+    logarithmic = chromium.run("view.shown")
+    assert logarithmic[2] > 0 and chromium.run("view.logs[1]")
+    assert not chromium.errors
+
+
+@in_browser
+def test_orbit_of_lengths_has_equal_axes(tmp_path, chromium):
+    opened(chromium, write_sweep(tmp_path / "a.h5"))
+    chromium.run("(e => { e.value = '1'; e.dispatchEvent(new Event('change')); })(document.getElementById('other'))")
+    gaps = chromium.run(
+        "[['middle', 'x'], ['end', 'y']].map(([anchor, axis]) => "
+        "[...document.querySelectorAll(`#orbit text[text-anchor=${anchor}]`)]"
+        ".filter(t => t.textContent && !isNaN(t.textContent)).map(t => [Number(t.textContent), Number(t.getAttribute(axis))]))"
+    )
+    scale = [abs((pairs[1][1] - pairs[0][1]) / (pairs[1][0] - pairs[0][0])) for pairs in gaps]
+    assert scale[0] == pytest.approx(scale[1], rel=1e-3)
 
 
 @in_browser

@@ -24,7 +24,8 @@ from .structure import harmonic_sizes, has_model, motions, structure_of
 from .text import number_text
 
 LARGEST = 5_000_000  # [bytes] of a page
-_COEFFICIENTS = 300_000  # pairs at most, 3.2 MB in the page
+# At most, all halved until the page is small enough: pairs of coefficients, 3.2 MB; points; characters of an input.
+_COEFFICIENTS, _POINTS, _TEXT = 300_000, 6_000, 200_000
 _LEAST = 1e-6  # harmonics that are smaller everywhere, relative to the largest, are omitted
 _N_DOFS = 60
 _N_CURVES = 14
@@ -47,17 +48,21 @@ _CERTIFICATE = (
 )
 
 _GREEK = {"omega": "ω", "Omega": "Ω", "mu": "µ", "alpha": "α", "beta": "β"}
+_ORDINARY = ("regular", "none", "start", "end", "value")  # kinds of points that are no events
 _ONLY_IF_ANY = ("penetration", "impact_estimate", "power_damping")
 
 
 def write_page(results: Results, path: Path, model: Path | None = None) -> list[str]:
     """Writes the page; returns a description of the omitted data."""
-    data, notes = page_data(results, model)
     template = files(__package__).joinpath("page.html").read_text(encoding="utf-8")
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
-    page = template.replace("__TITLE__", _escaped(data["title"])).replace("__DATA__", text)
-    size = len(page.encode())
-    if size > LARGEST:
+    for halved in range(20):
+        data, notes = page_data(results, model, 0.5**halved)
+        text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+        page = template.replace("__TITLE__", _escaped(data["title"])).replace("__DATA__", text)
+        size = len(page.encode())
+        if size <= LARGEST:
+            break
+    else:
         raise UsageError(f"{results.path}: the page would have {size / 1e6:.1f} MB, more than {LARGEST / 1e6:.0f}")
     try:
         with written(path) as name:
@@ -67,10 +72,12 @@ def write_page(results: Results, path: Path, model: Path | None = None) -> list[
     return notes
 
 
-def page_data(results: Results, model: Path | None = None) -> tuple[dict, list[str]]:
-    """The data of the page, and a description of the omitted data."""
-    points = [int(point) for point in results.used]
-    dofs, tuples, kept, coefficients, notes = _coefficients(results, points)
+def page_data(results: Results, model: Path | None = None, share: float = 1.0) -> tuple[dict, list[str]]:
+    """The data of the page, with a share of the largest numbers of points and coefficients, and a description of the omitted
+    data."""
+    kinds = results.curve_kind() if results.curve else np.full(results.n_points, "")
+    points, point_notes = _some_points(results, kinds, int(share * _POINTS))
+    dofs, tuples, kept, coefficients, notes = _coefficients(results, points, int(share * _COEFFICIENTS))
     curves, axis, curve_notes = _curves(results, dofs[0], points)
     factor, hertz = results.frequency_scale()
     sizes = {dof: Measure().values(results, dof) for dof in dofs}
@@ -79,16 +86,15 @@ def page_data(results: Results, model: Path | None = None) -> tuple[dict, list[s
         for m in results.unknown_tones()
         if axis is None or not axis.path.startswith("tones%")
     }
-    kinds = results.curve_kind() if results.curve else np.full(results.n_points, "")
     shapes, shape_notes = _shapes(results, points, model)
     data = {
         "title": results.title or results.path.stem,
         "file": results.path.name,
         "provenance": _provenance(results),
-        "input": results.input_text,
-        "complete": results.input_complete,
+        "input": _cut(results.input_text, int(share * _TEXT)),
+        "complete": _cut(results.input_complete, int(share * _TEXT)),
         "outcome": results.outcome_text(),
-        "notes": [*notes, *curve_notes, *shape_notes],
+        "notes": [*point_notes, *notes, *curve_notes, *shape_notes],
         "frequency": {"factor": factor, "units": hertz},
         "axis": None if axis is None else _axis(results, axis),
         "curves": curves,
@@ -105,7 +111,7 @@ def page_data(results: Results, model: Path | None = None) -> tuple[dict, list[s
         "tones": [{"name": name, "values": _numbers(values[points])} for name, values in tones.items()],
         "measure": len(dofs) if tones and axis and axis.path.startswith("normal_mode%") else 0,
         "tuples": tuples.tolist(),
-        "points": [_point(results, point, kinds[point]) for point in points],
+        "points": _in_columns([_point(results, point, kinds[point]) for point in points]),
         "kept": kept,
         "coefficients": base64.b64encode(coefficients.astype("<f4").tobytes()).decode(),
         "shapes": shapes,
@@ -126,7 +132,43 @@ def _first(results: Results) -> int:
     return int(results.solved[0])
 
 
-def _coefficients(results: Results, points: list[int]):
+def _some_points(results: Results, kinds: np.ndarray, most: int) -> tuple[list[int], list[str]]:
+    """All used points, or so many: located points of curves such as folds, and others evenly over the file."""
+    used = results.used.astype(int)
+    if len(used) <= most:
+        return used.tolist(), []
+    is_located = ~np.isin(kinds[used], ("", *_ORDINARY))
+    located, others = used[is_located], used[~is_located]
+    located = _evenly(located, 3 * most // 4)
+    chosen = sorted({_first(results), *located, *_evenly(others, max(2, most - len(located)))})
+    return chosen, [f"{len(chosen)} of {len(used)} points are in this page, evenly over the file, located points first"]
+
+
+def _evenly(values, most: int) -> list[int]:
+    """So many of the values at most, evenly spread, with both ends."""
+    if len(values) <= most:
+        return [int(value) for value in values]
+    return [int(values[k]) for k in np.unique(np.linspace(0, len(values) - 1, most).round().astype(int))]
+
+
+def _cut(text: str, most: int) -> str:
+    return text if len(text) <= most else f"{text[:most]}\n... {len(text) - most} more characters, in the result file"
+
+
+def _in_columns(points: list[dict]) -> dict:
+    """The points with each word and label once: a list for each value, and a table of the rows."""
+    columns = {name: [point[name] for point in points] for name in points[0] if name not in ("rows", "means")}
+    for name in ("status", "message"):
+        words = list(dict.fromkeys(columns[name]))
+        columns[name] = {"words": words, "at": [words.index(word) for word in columns[name]]}
+    labels = list(dict.fromkeys(label for point in points for label, _ in point["rows"]))
+    rows = [dict(point["rows"]) for point in points]
+    columns["rows"] = [[label, [row.get(label) for row in rows]] for label in labels]
+    columns["means"] = {point["status"]: point["means"] for point in points}
+    return columns
+
+
+def _coefficients(results: Results, points: list[int], most_pairs: int):
     """Degrees of freedom, tuples, row of each point (-1: none) and coefficients (rows, dofs, tuples, 2), NaN for missing ones."""
     _first(results)
     labels = results.labels()
@@ -146,13 +188,13 @@ def _coefficients(results: Results, points: list[int]):
     row_of = np.full(len(by_tuple), -1)
     row_of[shown] = np.arange(shown.size)
     notes = []
-    n_dofs = int(np.clip(_COEFFICIENTS // (len(solved) * shown.size), 1, min(_N_DOFS, len(dofs))))
+    n_dofs = int(np.clip(most_pairs // (len(solved) * shown.size), 1, min(_N_DOFS, len(dofs))))
     if n_dofs < len(dofs):
         notes.append(f"{n_dofs} of {len(dofs)} degrees of freedom are in this page")
-    most = max(1, _COEFFICIENTS // (n_dofs * shown.size))
+    most = max(1, most_pairs // (n_dofs * shown.size))
     if most < len(solved):
         notes.append(f"{most} of {len(solved)} solved points have their motion in this page")
-        solved = [solved[k] for k in np.unique(np.linspace(0, len(solved) - 1, most).round().astype(int))]
+        solved = _evenly(solved, most)
     row = {point: i for i, point in enumerate(solved)}
     values = np.full((len(solved), n_dofs, shown.size, 2), np.nan, dtype=np.float32)
     for d, dof in enumerate(dofs[:n_dofs]):
@@ -175,18 +217,19 @@ def _curves(results: Results, dof: str, points: list[int]) -> tuple[list[dict], 
     except UsageError:
         return [], None, []
     row = {point: i for i, point in enumerate(points)}
-    curves = [
-        {
+    curves = []
+    for curve in found:
+        at = [k for k, point in enumerate(curve.points) if int(point) in row]
+        steps = list(zip(at, at[1:]))
+        curves.append({
             "label": curve.label,
-            "points": [row[int(point)] for point in curve.points],
-            "x": _numbers(curve.x),
-            "between": curve.stability_between.tolist(),
-            "breaks": np.flatnonzero(curve.is_jump).tolist(),
+            "points": [row[int(curve.points[k])] for k in at],
+            "x": _numbers(curve.x[at]),
+            "between": [int(curve.stability_between[a:b].min()) for a, b in steps],
+            "breaks": [k for k, (a, b) in enumerate(steps) if curve.is_jump[a:b].any()],
             "falls": [_numbers(np.array(jump)) for jump in curve.jumps] if results.curve else [],
-        }
-        for curve in found
-    ]
-    return curves, axis, notes
+        })  # fmt: skip
+    return [curve for curve in curves if curve["points"]], axis, notes
 
 
 def _point(results: Results, point: int, kind: str) -> dict:
@@ -212,7 +255,7 @@ def _point(results: Results, point: int, kind: str) -> dict:
         "solved": bool(results.status[point] in SOLVED),
         "means": sentence(name),
         "message": results.message(point),
-        "kind": "" if kind in ("regular", "none", "start", "end", "value") else str(kind),
+        "kind": "" if kind in _ORDINARY else str(kind),
         "stable": int(results.stability()[point]),
         "omega": _numbers(results.frequency(point)),
         "rows": rows,
