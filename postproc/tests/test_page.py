@@ -242,7 +242,7 @@ def test_curves_are_looked_at_closer(tmp_path, chromium):
     half = chromium.run("view.shown")
     for k in (0, 2):
         assert half[k + 1] - half[k] == pytest.approx(0.5 * (whole[k + 1] - whole[k]))
-    assert chromium.run("[ring.getAttribute('cx'), ring.getAttribute('cy')].map(Number)") == pytest.approx(before), "the point stays"
+    assert chromium.run("[ring.getAttribute('cx'), ring.getAttribute('cy')].map(Number)") == pytest.approx(before)
     chromium.run(click("wider"))
     assert chromium.run("view.shown") == pytest.approx(whole)
     svg = "document.querySelector('#response svg').getBoundingClientRect()"
