@@ -9,7 +9,7 @@ module explanation
    use next_step, only: command_to_try, failure_kind_t, run_names_t, shell_word
    use hb_outcome, only: is_solved, outcome, outcome_names, outcome_remedy, outcome_text
    use hb_properties, only: properties_t
-   use hb_results_record, only: message_of, messages_of, record_t
+   use hb_results_record, only: messages_of, numbers_of, record_t
    use hb_solver_types, only: fallback_names, fallback_texts
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, split, string_t, to_text
@@ -91,9 +91,10 @@ contains
       type(sweep_plan_t), intent(in) :: plan
       type(document_t), intent(in) :: document
       character(:), allocatable :: text
+      type(failure_kind_t), allocatable :: kinds(:)
 
-      text = paragraph(failure_kind_t(record%status(point), 1, point, message_of(names%result, point)), &
-                       record, names, plan, document)
+      call kinds_of_points(record%status(point), [point], names%result, kinds)
+      text = paragraph(kinds(1), record, names, plan, document)
    end function explain_point
 
    !> Kinds of the points with a status, none if it is `unused`; of many points only the first are examined.
@@ -102,16 +103,31 @@ contains
       character(*), intent(in) :: path                                !! of the result file
       integer, intent(in) :: most                                     !! points that are examined
       type(failure_kind_t), allocatable, intent(out) :: kinds(:)
-      type(string_t), allocatable :: messages(:)
       integer, allocatable :: points(:)
       integer :: i
 
       points = pack([(i, i=1, size(status))], status == wanted .and. wanted /= outcome%unused)
-      points = points(:min(size(points), most))
+      call kinds_of_points(wanted, points(:min(size(points), most)), path, kinds)
+   end subroutine kinds_of_status
+
+   !> Kinds of points with one status.
+   subroutine kinds_of_points(status, points, path, kinds)
+      integer, intent(in) :: status, points(:)                        !! from 1, ascending
+      character(*), intent(in) :: path                                !! of the result file
+      type(failure_kind_t), allocatable, intent(out) :: kinds(:)
+      type(string_t), allocatable :: messages(:)
+      integer, allocatable :: n_periods(:), reasons(:)
+
       allocate (messages(0))
       if (size(points) > 0) call messages_of(path, points, messages)
-      call find_kinds(wanted, points, messages, kinds)
-   end subroutine kinds_of_status
+      call find_kinds(status, points, messages, kinds)
+      if (size(points) == 0) return
+      reasons = numbers_of(path, "reason")
+      n_periods = numbers_of(path, "n_periods")
+      if (min(size(reasons), size(n_periods)) < maxval(points)) return   ! no such file, or an older one
+      kinds%reason = reasons(kinds%first)
+      kinds%n_periods = n_periods(kinds%first)
+   end subroutine kinds_of_points
 
    !> Groups points of one status by their messages, ignoring numbers.
    pure subroutine find_kinds(status, points, messages, kinds)

@@ -4,11 +4,11 @@ module next_step
    use hb_error, only: error_t
    use hb_kinds, only: two_pi, wp
    use hb_model_tones, only: read_tones
-   use hb_outcome, only: outcome
+   use hb_outcome, only: outcome, reason, reason_names
    use hb_properties, only: properties_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_system, only: file_kind, kind_of_file
-   use hb_text, only: lower, parse_integer, string_t, to_text
+   use hb_text, only: lower, string_t, to_text
    use hb_tones, only: tones_t
    use switched_inputs, only: list_of
    implicit none
@@ -23,7 +23,9 @@ module next_step
       integer :: status = outcome%pending
       integer :: n_points = 0
       integer :: first = 0                                            !! of the points, from 1
-      character(:), allocatable :: message                            !! of that one
+      integer :: reason = reason%none                                 !! hb_outcome; as the next, of that one
+      integer :: n_periods = 0                                        !! after which a subharmonic motion repeats
+      character(:), allocatable :: message
    end type failure_kind_t
 
    !> The names that a command contains.
@@ -74,12 +76,12 @@ contains
       character(:), allocatable :: text
 
       text = ""
-      associate (message => run%kind%message)
+      associate (why => run%kind%reason)
          select case (run%kind%status)
          case (outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%not_finite, outcome%diverged, outcome%timed_out)
-            if (index(message, "rescale the units") == 0) text = with_other_search(run)
+            if (why /= reason%overflow) text = with_other_search(run)
          case (outcome%truncated, outcome%penetrating)
-            if (index(message, "disturbances grow") == 0) then
+            if (why /= reason%growth) then
                text = with_more_harmonics(run)
             else
                text = integrate_from_rest(run)
@@ -98,7 +100,7 @@ contains
          case (outcome%collapsed, outcome%locked, outcome%broadband)
             text = integrate_from_rest(run)
          case (outcome%failed)
-            if (index(message, " returned ") == 0 .and. index(message, run%names%input//":") == 0) text = integrate_from_rest(run)
+            if (why /= reason%error) text = integrate_from_rest(run)
          end select
       end associate
    end function solve_or_integrate
@@ -125,17 +127,17 @@ contains
    function with_other_search(run) result(text)
       type(run_t), intent(in) :: run
       character(:), allocatable :: text
-      character(*), parameter :: raise = "raise &solver "
       type(properties_t), pointer :: group
       character(:), allocatable :: guess
       logical :: fallbacks
 
       text = ""
-      if (index(run%kind%message, "continuation failed") == 1) then
+      select case (run%kind%reason)
+      case (reason%lost_curve)
          text = with_finer_equations(run)
-      else if (index(run%kind%message, raise) > 0) then
-         text = raised(run, run%kind%message(index(run%kind%message, raise) + len(raise):))
-      else
+      case (reason%max_iterations, reason%fallback_work, reason%time_limit)
+         text = raised(run, trim(reason_names(run%kind%reason)))
+      case default
          group => run%here%optional_group("solver")
          call group%get("fallback", fallbacks)
          call group%get("first_guess", guess)
@@ -144,7 +146,7 @@ contains
          else if (guess /= "integration" .and. .not. any(run%tones%is_unknown) .and. run%here%count("dynamic_stiffness") == 0) then
             text = solve_with(run, "solver%first_guess='integration'")
          end if
-      end if
+      end select
       if (len(text) == 0) text = integrate_from_rest(run)
    end function with_other_search
 
@@ -293,14 +295,13 @@ contains
       end do
    end function needs_fixed_steps
 
-   !> The key named in a message, with ten times its value.
-   function raised(run, words) result(command)
+   !> Ten times the value of a key of `&solver`.
+   function raised(run, key) result(command)
       type(run_t), intent(in) :: run
-      character(*), intent(in) :: words
-      character(:), allocatable :: command, key
+      character(*), intent(in) :: key
+      character(:), allocatable :: command
       real(wp) :: before
 
-      key = words(:verify(words//" ", "abcdefghijklmnopqrstuvwxyz_") - 1)
       before = real_of(run, "solver", key)
       command = ""
       if (key == "max_iterations") then
@@ -310,24 +311,19 @@ contains
       end if
    end function raised
 
-   !> The same model with the period multiplied by two, or by the number in the message: tuples of loads and orders
-   !> are multiples of the new tone.
+   !> The same model with the period multiplied by that of the motion: tuples of loads and orders are multiples of the
+   !> new tone.
    function with_lower_tones(run) result(command)
       type(run_t), intent(in) :: run
       character(:), allocatable :: command
       type(string_t), allocatable :: sets(:)
       integer, allocatable :: values(:)
       integer :: i, k, n
-      logical :: ok
       character(5), parameter :: with_tuples(2) = [character(5) :: "load", "start"]
 
       command = ""
-      n = index(run%kind%message, "repeats after ")
-      if (n == 0 .or. any(run%tones%is_unknown)) return
-      associate (rest => run%kind%message(n + 14:))
-         call parse_integer(rest(:index(rest//" ", " ") - 1), n, ok)
-      end associate
-      if (.not. ok .or. n < 2) return
+      n = run%kind%n_periods
+      if (n < 2 .or. any(run%tones%is_unknown)) return
       allocate (sets(0))
       do k = 1, size(with_tuples)
          do i = 1, run%here%count(trim(with_tuples(k)))

@@ -17,7 +17,7 @@ module verb_solve
    use next_step, only: run_names_t, shell_word
    use hb_outcome, only: outcome
    use hb_progress, only: log_level
-   use hb_results_record, only: read_record, record_t, statuses_of
+   use hb_results_record, only: numbers_of, read_record, record_t
    use hb_run_summary, only: number_answered, number_solved, run_summary_t
    use hb_signals, only: signal_caught, signal_name
    use hb_stability, only: stability_method
@@ -347,7 +347,7 @@ contains
       names%result = path
       allocate (names%overrides(0))
       if (len(study%input_overrides) > 0) call split(study%input_overrides, new_line("a"), names%overrides)
-      call status_lines(statuses_of(path), names, plan, study%document, lines)
+      call status_lines(numbers_of(path, "status"), names, plan, study%document, lines)
       do i = 1, size(lines)
          call say(lines(i)%value)
       end do

@@ -30,7 +30,7 @@ module hb_session
    use hb_motion_ridge, only: new_motion_curve
    use hb_namelist, only: read_namelist, set_text, write_complete_text
    use hb_neighbour, only: neighbour_t
-   use hb_outcome, only: is_solved, outcome
+   use hb_outcome, only: is_solved, outcome, reason
    use hb_parameter_path, only: identifier
    use hb_record_columns, only: record_columns, verdict_columns
    use hb_time_integration, only: add_time_integration
@@ -230,6 +230,7 @@ contains
       call self%neighbour%forget()
       if (allocated(failure)) then
          self%result%status = outcome%failed
+         self%result%reason = reason%error
          self%result%message = failure%message
       else if (allocated(unknowns)) then
          level%unknowns = unknowns

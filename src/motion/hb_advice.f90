@@ -8,12 +8,12 @@ module hb_advice
    use hb_kinds, only: wp
    use hb_law, only: law_t
    use hb_model, only: model_t
-   use hb_outcome, only: outcome, outcome_name
+   use hb_outcome, only: outcome, outcome_name, reason
    use hb_solver_types, only: fallback, fallback_names, report_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: advice_on, circumstances_t, find_circumstances, rounded
+   public :: advice_on, circumstances_t, find_circumstances, limit_of, rounded
 
    real(wp), parameter :: stiff = 100.0_wp ! contact relative to the structure: lower limit of a difficult model
    real(wp), parameter :: hardly_sliding = 1.5_wp                     ! motion relative to the sticking displacement of a slider
@@ -133,6 +133,16 @@ contains
          text = text//sentence
       end subroutine add
    end function advice_on
+
+   !> The limit that ended the attempts, of hb_outcome%reason.
+   pure integer function limit_of(report) result(limit)
+      type(report_t), intent(in) :: report
+
+      limit = reason%none
+      if (is_out_of_work(report)) limit = reason%fallback_work
+      if (was_falling(report)) limit = reason%max_iterations
+      if (report%status == outcome%timed_out) limit = reason%time_limit
+   end function limit_of
 
    !> First guesses that were not used.
    pure function guesses(circumstances) result(text)

@@ -18,7 +18,7 @@ module hb_integrate_to_tolerance
    use hb_modes, only: slowest_decay
    use hb_motion, only: forget_motion, start_from, status_of_ended
    use hb_motion_result, only: motion_result_t
-   use hb_outcome, only: outcome
+   use hb_outcome, only: outcome, reason
    use hb_refinement, only: refinable_t, refine
    use hb_structure, only: most_dense, structure_t
    use hb_text, only: to_text
@@ -107,12 +107,14 @@ contains
       call integration(model, settled, integrated, found)
       is_done = work_is_over() .or. settled%status /= outcome%pending
       if (.not. is_done) then
+         if (settled%is_out_of_work) result%reason = reason%fallback_work
          if (allocated(settled%message) .and. allocated(result%message)) result%message = settled%message//"; "//result%message
          return
       end if
       integrated%is_integrated_first = result%work <= 0.0_wp
       integrated%work = integrated%work + result%work
       integrated%status = settled%status
+      integrated%n_periods = settled%n_repeat
       if (allocated(integrated%coefficients)) integrated%status = status_within(model, settled, integrated)
       if (work_is_over()) integrated%status = status_of_ended()
       result = integrated
@@ -144,10 +146,12 @@ contains
       is_struck = model%lacks_impacts_of(result%status)
       if (settled%status == outcome%pending .or. .not. (is_struck .or. allocated(integrated%coefficients))) then
          if (allocated(settled%message)) result%message = settled%message
+         if (settled%is_out_of_work) result%reason = reason%fallback_work
          if (is_struck .and. settled%is_out_of_work) result%status = outcome%out_of_budget
          if (any(settled%status == [outcome%subharmonic, outcome%broadband]) .and. estimate_of(result) >= reliable) then
             call forget_motion(result)                                ! its estimate says that it is no motion
             result%status = settled%status
+            result%n_periods = settled%n_repeat
          end if
          return
       end if

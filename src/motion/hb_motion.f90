@@ -1,7 +1,7 @@
 !> Computes the motion of a model with all derived results.
 module hb_motion
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
-   use hb_advice, only: advice_on, circumstances_t, find_circumstances
+   use hb_advice, only: advice_on, circumstances_t, find_circumstances, limit_of
    use hb_amplitudes, only: amplitudes_t, as_amplitudes
    use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
@@ -21,7 +21,7 @@ module hb_motion
    use hb_model_basis, only: coordinates_of, find_basis
    use hb_motion_description, only: describe_motion, keep_motion
    use hb_motion_result, only: motion_result_t
-   use hb_outcome, only: is_solved, outcome
+   use hb_outcome, only: is_solved, outcome, reason
    use hb_solver, only: solve
    use hb_solver_types, only: fallback, report_t
    use hb_stability, only: stability_method, stability_t
@@ -116,6 +116,7 @@ contains
       result%integration_work = settled%work
       result%n_motions = settled%n_motions
       result%status = settled%status
+      result%n_periods = settled%n_repeat
       if (work_is_over()) result%status = status_of_ended()
       if (allocated(settled%message)) result%message = settled%message
       if (is_solved(result%status)) call keep_integrated(model, coordinates, settled, result)
@@ -158,11 +159,13 @@ contains
       else if (settled%status == outcome%pending) then
          if (allocated(result%message)) settled%message = settled%message//"; "//result%message
          result%message = settled%message
+         if (settled%is_out_of_work) result%reason = reason%fallback_work
          if (is_struck .and. settled%is_out_of_work) result%status = outcome%out_of_budget
       else
          call forget_motion(result)
          if (allocated(unknowns)) deallocate (unknowns)
          result%status = settled%status
+         result%n_periods = settled%n_repeat
          result%message = settled%message
          if (is_solved(settled%status)) call keep_integrated(model, coordinates, settled, result)
       end if
@@ -478,8 +481,10 @@ contains
                                                                      outcome%not_finite, outcome%diverged, outcome%timed_out])) then
          call find_circumstances(model, balance, u, circumstances)
          result%message = trim(advice_on(report, circumstances))
+         result%reason = limit_of(report)
       else if (report%status == outcome%not_finite) then
          result%message = "loads or motion overflow; rescale the units"
+         result%reason = reason%overflow
       end if
    end subroutine keep_report
 

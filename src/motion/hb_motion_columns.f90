@@ -9,7 +9,7 @@ module hb_motion_columns
    use hb_curve_request, only: curve_kind_names
    use hb_kinds, only: wp
    use hb_motion_result, only: curve_position_t, motion_result_t
-   use hb_outcome, only: outcome_names
+   use hb_outcome, only: outcome_names, reason_names
    use hb_solver_types, only: fallback_names
    use hb_stability, only: stability_method_names
    implicit none
@@ -89,6 +89,9 @@ contains
       type(motion_result_t), intent(in) :: m
 
       call t%integer("status", "1", "", "outcome of the point", m%status, outcome_names)
+      call t%integer("reason", "1", "", "what ended the work, where the next step depends on it", m%reason, reason_names)
+      call t%integer("n_periods", "1", "", &
+         "periods of the tones after which a subharmonic motion repeats; 0: not known", m%n_periods)
       call t%text("message", "1", "message_byte", "reason for a failure, and advice", m%message)
       call t%integer("iterations", "1", "", "iterations of the solver", m%iterations)
       call t%integer("fallback", "1", "", "what was needed in addition to the direct attempt", m%fallback, fallback_names)

@@ -24,7 +24,7 @@ module hb_motion_curve
    use hb_motion, only: solve_motion
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_motions_apart, only: look_apart
-   use hb_outcome, only: outcome
+   use hb_outcome, only: outcome, reason
    use hb_solver_types, only: report_t
    use hb_stability, only: angle_of_pair
    use hb_text, only: to_text
@@ -442,7 +442,11 @@ contains
          return
       else if (self%curve%status /= outcome%pending) then
          result%status = self%curve%status
-         if (self%has_collapsed) result%status = outcome%collapsed
+         result%reason = reason%lost_curve
+         if (self%has_collapsed) then
+            result%status = outcome%collapsed
+            result%reason = reason%none
+         end if
          result%message = trim(lost_text(self))
          call count_work(self%curve%report, before, result)
          call leave(self, error)

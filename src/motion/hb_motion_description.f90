@@ -17,7 +17,7 @@ module hb_motion_description
    use hb_model, only: model_t
    use hb_model_basis, only: asymmetry
    use hb_motion_result, only: as_pairs, motion_result_t
-   use hb_outcome, only: is_solved, outcome
+   use hb_outcome, only: is_solved, outcome, reason
    use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, &
       stability_method, stability_t, stability_verdict => verdict
    use hb_structure, only: most_dense
@@ -120,6 +120,7 @@ contains
                                                              hypot(result%certificate%truncation, result%certificate%aliasing)))
       if (result%status /= outcome%converged .or. result%level_estimate <= limit) return
       result%status = outcome%truncated
+      result%reason = reason%growth
       result%message = "disturbances grow "//rounded(result%stability%growth)//" times within a period of the slowest tone "// &
                        "before they decay, and so may errors, up to "//rounded(result%level_estimate)//" of the motion"
    end subroutine allow_for_growth

@@ -3,7 +3,7 @@ module hb_motion_result
    use hb_certificate, only: certificate_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_outcome, only: outcome
+   use hb_outcome, only: outcome, reason
    use hb_stability, only: stability_t
    implicit none
    private
@@ -56,6 +56,8 @@ module hb_motion_result
    !> The result of one model. A component that is not allocated is unknown, and NaN in a file.
    type, extends(effort_t) :: motion_result_t
       integer :: status = outcome%pending               !! hb_outcome
+      integer :: reason = reason%none                   !! hb_outcome
+      integer :: n_periods = 0 !! after which a motion found by time integration repeats, if `subharmonic`
       character(:), allocatable :: message              !! cause of a failure, or a remark; truncated to 400 bytes in a file
       real(wp) :: integration_work = 0.0_wp             !! part of it for time integration
       logical :: is_integrated_first = .false.          !! time integration was tried before the balance, hb_time_domain

@@ -98,6 +98,7 @@ module hb_time_domain
       real(wp) :: change_by_steps = 0.0_wp                            !! of it, with fixed steps: effect of halving the steps
       real(wp) :: left_out = 0.0_wp                                   !! part of the motion outside the set, relative; for fits 0
       integer :: n_periods = 0                                        !! of the slowest tone, in all
+      integer :: n_repeat = 0                                         !! periods after which a subharmonic motion repeats
       logical :: is_out_of_work = .false.                             !! before its end
       real(wp) :: work = 0.0_wp                                       !! from counts, see hb_solver_types
    end type steady_motion_t

@@ -5,7 +5,7 @@
 module hb_outcome
    implicit none
    private
-   public :: is_solved, is_status, outcome, outcome_name, outcome_names, outcome_remedy, outcome_text
+   public :: is_solved, is_status, outcome, outcome_name, outcome_names, outcome_remedy, outcome_text, reason, reason_names
 
    type :: outcome_t
       integer :: pending = 0                           !! not solved yet
@@ -34,6 +34,21 @@ module hb_outcome
    end type outcome_t
 
    type(outcome_t), parameter :: outcome = outcome_t()
+
+   !> What ended the work, where the next step depends on it. The first three are limits, named by their keys of `&solver`.
+   type :: reason_t
+      integer :: none = 0
+      integer :: max_iterations = 1
+      integer :: fallback_work = 2
+      integer :: time_limit = 3
+      integer :: overflow = 4                          !! of loads or motion: wrong units
+      integer :: growth = 5                            !! of disturbances within a period: a larger set does not help
+      integer :: lost_curve = 6                        !! continuation failed
+      integer :: error = 7                             !! of the input, a law or a library: the point cannot be solved as it is
+   end type reason_t
+   type(reason_t), parameter :: reason = reason_t()
+   character(*), parameter :: reason_names(0:7) = [character(14) :: "none", "max_iterations", "fallback_work", "time_limit", &
+      "overflow", "growth", "lost_curve", "error"]
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
    character(*), parameter :: outcome_names(0:21) = [character(13) :: &

@@ -14,8 +14,8 @@ module hb_results_record
    use hb_text, only: join, number_of, split, string_t, to_text
    implicit none
    private
-   public :: count_pending, fail_where_damaged, message_of, messages_of, open_points, read_record, read_units, record_t
-   public :: refuse_damaged_rows, statuses_of
+   public :: count_pending, fail_where_damaged, message_of, messages_of, numbers_of, open_points, read_record, read_units
+   public :: record_t, refuse_damaged_rows
 
    type :: record_t
       character(:), allocatable :: title, program_version, git_commit, created_utc
@@ -82,18 +82,19 @@ contains
       call file%close(error)
    end subroutine messages_of
 
-   !> Reads the statuses of the points of a file; none if they cannot be read.
-   function statuses_of(path) result(status)
+   !> Reads a column of whole numbers, such as the statuses of all points; none if it cannot be read.
+   function numbers_of(path, name) result(numbers)
       character(*), intent(in) :: path                  !! of the result file
-      integer, allocatable :: status(:)
+      character(*), intent(in) :: name                  !! of the column
+      integer, allocatable :: numbers(:)
       type(error_t), allocatable :: error
       type(h5_file_t) :: file
 
       call open_file(file, path, error)
-      if (.not. allocated(error)) call file%get("status", status, error)
-      if (.not. allocated(status)) allocate (status(0))
+      if (.not. allocated(error)) call file%get(name, numbers, error)
+      if (.not. allocated(numbers)) allocate (numbers(0))
       call file%close(error)
-   end function statuses_of
+   end function numbers_of
 
    !> Reads the file, possibly of a run that has not ended.
    subroutine read_record(self, path, error)

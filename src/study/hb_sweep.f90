@@ -19,7 +19,7 @@ module hb_sweep
    use hb_mpi, only: barrier, comm_t, gather_rows, max_over, new_work_counter, rank_of, share_error, size_of, sum_over, &
       work_counter_t
    use hb_neighbour, only: neighbour_t
-   use hb_outcome, only: outcome, outcome_name
+   use hb_outcome, only: outcome, outcome_name, reason
    use hb_padding, only: remove_padding
    use hb_point_source, only: point_source_t
    use hb_progress, only: log_level, new_progress, progress_t
@@ -375,6 +375,7 @@ contains
       end do
       if (allocated(failure)) then
          result%status = outcome%failed
+         result%reason = reason%error
          result%message = failure%message
          call keep_point(self, run, point, result, group, summary, error)
          point = point + 1

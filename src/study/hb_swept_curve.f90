@@ -15,7 +15,7 @@ module hb_swept_curve
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_motion_ridge, only: new_motion_curve
-   use hb_outcome, only: is_solved, outcome
+   use hb_outcome, only: is_solved, outcome, reason
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t, results_t
    use hb_stored_origin, only: request_curve
@@ -128,6 +128,7 @@ contains
       self%is_done = self%curve%is_done
       if (allocated(error)) then
          result%status = outcome%failed
+         result%reason = reason%error
          result%message = error%message
          self%is_done = .true.
       else

@@ -17,7 +17,7 @@ module hb_swept_point
    use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_neighbour, only: neighbour_t
-   use hb_outcome, only: outcome
+   use hb_outcome, only: outcome, reason
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t
    use hb_timing, only: rank_times_t
@@ -66,6 +66,7 @@ contains
       end if
       if (allocated(error)) then
          result%status = outcome%failed
+         result%reason = reason%error
          result%message = error%message
       else
          if (.not. source%layout%has_own_tuples) call spread_result(source%model%harmonics, source%layout, result)

@@ -406,6 +406,7 @@ contains
          if (settled%spread <= allowed .or. (finds_lines .and. has_forgotten)) settled%status = outcome%time_domain
       else if (has_forgotten .and. part > 1) then
          settled%status = outcome%subharmonic
+         settled%n_repeat = part
       else if (has_forgotten .and. (is_last .or. part == repetition%none)) then
          settled%status = merge(outcome%time_domain, outcome%broadband, finds_lines .and. left_out <= largest_spread)
       end if
