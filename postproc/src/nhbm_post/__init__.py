@@ -3,7 +3,8 @@
 from nhbm import __version__
 
 from .errors import NhbmPostError, ReaderError, UsageError
-from .reader import Parameter, Results
+from .parameter import Parameter
+from .reader import Results
 from .series import Series
 
 __all__ = ["NhbmPostError", "Parameter", "ReaderError", "Results", "Series", "UsageError", "__version__"]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 
-from .reader import Parameter, Results
+from .parameter import Parameter
+from .reader import Results
 
 # By path without indices, or by key alone.
 _WORDS = {

@@ -12,8 +12,9 @@ import h5py
 import numpy as np
 
 from .errors import ReaderError, UsageError
+from .hdf5 import open_file, strings_of, text_of
 from .outcome import CONVERGED, SOLVED
-from .reader import SCHEMA_VERSION, _strings, _text, open_file
+from .reader import SCHEMA_VERSION
 from .text import number_text
 
 KERNELS = ("residual", "tangent", "newton_step", "solution", "point")
@@ -67,18 +68,18 @@ class Bench:
                 raise ReaderError(f"{path}: schema version {version}; this nhbm-post reads version {SCHEMA_VERSION}")
             n = file["point"].shape[0]
             columns = {
-                name: dataset[()] if dataset.dtype.kind in "fiu" else np.array(_strings(dataset[()]), dtype=object)
+                name: dataset[()] if dataset.dtype.kind in "fiu" else np.array(strings_of(dataset[()]), dtype=object)
                 for name, dataset in file.items()
                 if isinstance(dataset, h5py.Dataset) and dataset.shape == (n,)
             }
             columns["n_tones"] = np.full(n, file["tone"].shape[0])
-            paths = {_text(file[name].attrs["parameter"]): name for name in columns if "parameter" in file.get(name, file).attrs}
-            dofs, law_dofs = _strings(file["dof"][()]), _strings(file["law_dof"][()])
+            paths = {text_of(file[name].attrs["parameter"]): name for name in columns if "parameter" in file.get(name, file).attrs}
+            dofs, law_dofs = strings_of(file["dof"][()]), strings_of(file["law_dof"][()])
             motions = [_motion(file, dofs, point) for point in range(n)]
             improved = file["improved_coefficients"][()] if "improved_coefficients" in file else np.full((n, 0, 0, 2), np.nan)
-            units = _text(file["coefficients"].attrs.get("units", ""))
+            units = text_of(file["coefficients"].attrs.get("units", ""))
             return (
-                _text(file.attrs.get("title", "")), columns, paths, units, [_at(law_dofs, motion) for motion in motions],
+                text_of(file.attrs.get("title", "")), columns, paths, units, [_at(law_dofs, motion) for motion in motions],
                 [Motion(law_dofs[: len(own)], motion.tuples[: own.shape[1]], own) for motion, own in zip(motions, improved)],
             )  # fmt: skip
 
@@ -219,8 +220,8 @@ def read_reference(text: str) -> Motion:
                 raise UsageError(f"{path} has no point {number}; points: 0 to {len(values) - 1}")
             if "status" in file and int(file["status"][number]) not in SOLVED:
                 raise UsageError(f"{path}: point {number} is not solved")
-            return _motion(file, _strings(file["dof"][()]), number)
-        return Motion(_strings(file["dof"][()]), np.asarray(file["tuple"][()], dtype=int), values)
+            return _motion(file, strings_of(file["dof"][()]), number)
+        return Motion(strings_of(file["dof"][()]), np.asarray(file["tuple"][()], dtype=int), values)
 
 
 def _read_table(path: Path) -> Motion:

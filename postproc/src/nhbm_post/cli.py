@@ -13,7 +13,7 @@ from nhbm import shells
 from . import __version__, options, verbs
 from .appearance import appearance
 from .errors import NhbmPostError
-from .reader import DAMAGES
+from .hdf5 import DAMAGES
 
 _DESCRIPTION = """\
 Draws and prints what is in an HDF5 result file of nhbm.

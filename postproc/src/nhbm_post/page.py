@@ -19,7 +19,8 @@ from .axis_words import axis_words, with_symbol
 from .errors import ReaderError, UsageError
 from .measure import Measure
 from .outcome import SOLVED, sentence
-from .reader import Parameter, Results
+from .parameter import Parameter
+from .reader import Results
 from .structure import harmonic_sizes, has_model, motions, structure_of
 from .text import number_text
 

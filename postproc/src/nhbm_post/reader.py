@@ -12,23 +12,18 @@ import h5py
 import numpy as np
 
 from .errors import ReaderError, UsageError
+from .hdf5 import open_file, strings_of, text_of
 from .outcome import CONVERGED, EMPTY, NAMES, SOLVED, UNUSED, sentence, words
+from .parameter import Parameter
 from .series import Series
-from .text import list_text, number_text, range_text, tuple_text
+from .text import list_text, range_text, tuple_text
 
 SCHEMA_VERSION = 1
 
 _REQUIRED = ("point", "tone", "harmonic", "dof", "status", "frequency", "coefficients")
 
-# Exceptions that h5py and numpy raise in a damaged file.
-DAMAGES = (
-    AttributeError, IndexError, KeyError, MemoryError, OSError, OverflowError, RuntimeError, TypeError, ValueError,
-)  # fmt: skip
-
 _WORDS_OF_UNITS = {"rad": "rotation", "1": "motion", "": "motion"}
 
-# A given parameter value matches a stored one within this relative difference.
-_PARAMETER_TOLERANCE = 1e-6
 # Coefficients this much smaller than the largest of a point are rounding errors.
 _ROUNDING = 1e-14
 # Numbers read together in the search for the largest.
@@ -57,87 +52,6 @@ QUANTITIES = {
         "improved_coefficients", "law_dof", "improved_samples", "improved displacement", "improved {}"
     ),
 }
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One swept parameter: `name` of its dataset, `path` in the input, a float or string for each point."""
-
-    name: str
-    path: str
-    units: str
-    values: np.ndarray
-
-    @property
-    def is_number(self) -> bool:
-        return self.values.dtype.kind == "f"
-
-    @property
-    def label(self) -> str:
-        """Its path in the input, the name in all texts and pictures."""
-        return self.path or self.name
-
-    @property
-    def heading(self) -> str:
-        """`law(1)%gap [m]`, for axes and columns."""
-        return self.label + (f" [{self.units}]" if self.has_unit else "")
-
-    @property
-    def has_unit(self) -> bool:
-        return self.is_number and self.units not in ("", "1")
-
-    def value_text(self, value) -> str:
-        """A value with its unit, a string in quotes, as in the input."""
-        if not self.is_number:
-            return f"'{value}'"
-        return number_text(value) + (f" {self.units}" if self.has_unit else "")
-
-    def text(self, point: int) -> str:
-        """`law(1)%gap = 1.5e-3 m` at a point, for titles and legends."""
-        return f"{self.label} = {self.value_text(self.values[point])}"
-
-    def range_text(self) -> str:
-        """`law(1)%gap: 3 values, 1.0e-3 to 2.0e-3 m`, in the words of `nhbm info`."""
-        different = list(dict.fromkeys(self.values.tolist()))
-        if self.is_number:
-            different = sorted(value for value in different if value == value) or [np.nan]
-            ends = [number_text(different[0]), self.value_text(different[-1])]
-        else:
-            ends = [self.value_text(value) for value in (different[0], different[-1])]
-        number = "1 value" if len(different) == 1 else f"{len(different)} values"
-        return f"{self.label}: {number}, " + (ends[-1] if len(different) == 1 else " to ".join(ends))
-
-    def fits(self, value) -> np.ndarray:
-        """Points (boolean) that have `value`: equal strings, numbers equal to six digits or within a range `1.0:2.5`."""
-        if not self.is_number:
-            return self.values == str(value)
-        first, is_range, last = str(value).partition(":")
-        try:
-            if is_range:
-                ends = float(first or "-inf"), float(last or "inf")
-                reach = _PARAMETER_TOLERANCE * np.abs(self.values)
-                return (self.values >= ends[0] - reach) & (self.values <= ends[1] + reach)
-            wanted = float(value)
-        except ValueError:
-            return np.zeros(self.values.shape, dtype=bool)
-        return np.isclose(self.values, wanted, rtol=_PARAMETER_TOLERANCE, atol=0.0)
-
-    def choice_text(self, value) -> str:
-        """`law(1)%gap = 1.0e-3 to 2.0e-3 m` for a value that `fits` accepts, for titles."""
-        texts = []
-        for wanted in self.alternatives(value):
-            ends = [number_text(float(end)) if end else "" for end in str(wanted).split(":")] if self.is_number else [f"'{wanted}'"]
-            first, last = ends[0], ends[-1]
-            texts.append(first if len(ends) == 1 else f"{first} to {last}" if first and last else f"{first}{last}")
-            if len(ends) == 2 and not (first and last):
-                texts[-1] += " or more" if first else " or less"
-        return f"{self.label} = {', '.join(texts)}" + (f" {self.units}" if self.has_unit else "")
-
-    def alternatives(self, value) -> list:
-        """Values in the list `value`, separated by commas, unless the whole is a string of the sweep."""
-        if not isinstance(value, str) or (not self.is_number and (self.values == value).any()):
-            return [value]
-        return [word.strip() for word in value.split(",")]
 
 
 class Results:
@@ -301,7 +215,7 @@ class Results:
     def curve_kind(self) -> np.ndarray:
         """Kind of each point of a curve, as a word: `regular`, `fold`, `peak`, ..."""
         dataset = self._dataset("curve_kind")
-        names = np.array(_text(dataset.attrs["flag_meanings"]).split())
+        names = np.array(text_of(dataset.attrs["flag_meanings"]).split())
         return names[np.clip(dataset[()], 0, names.size - 1)]
 
     def stability(self) -> np.ndarray:
@@ -330,7 +244,7 @@ class Results:
 
     def message(self, point: int) -> str:
         """Cause of the failure of a point; empty for the others."""
-        return _strings(self._file["message"][point : point + 1])[0] if "message" in self._file else ""
+        return strings_of(self._file["message"][point : point + 1])[0] if "message" in self._file else ""
 
     def branch(self) -> np.ndarray:
         """Number of the branch of each point along the fastest parameter, from 1; 0 if unknown; -1 where a chain left its branch,
@@ -374,7 +288,7 @@ class Results:
                 if not fits_this.any():
                     raise ReaderError(
                         f"{self.path}: no point with {parameter.label} = {wanted}; "
-                        f"{_values_text(parameter, wanted)}"
+                        f"{parameter.nearest_text(wanted)}"
                     )
                 fits_one |= fits_this
             fits &= fits_one
@@ -449,10 +363,10 @@ class Results:
         """Unit of a degree of freedom (its own if the file has `dof_units`), or the common one."""
         attributes = self._dataset(QUANTITIES[quantity].coefficients).attrs
         labels = self.labels(quantity)
-        by_dof = _text(attributes.get("dof_units", "")).split()
+        by_dof = text_of(attributes.get("dof_units", "")).split()
         if dof in labels and len(by_dof) == len(labels):
             return by_dof[labels.index(dof)]
-        return _text(attributes.get("units", ""))
+        return text_of(attributes.get("units", ""))
 
     def frequency(self, point: int) -> np.ndarray:
         """Base frequencies of a point [rad/s], (n_tones)."""
@@ -663,77 +577,26 @@ class Results:
             if not isinstance(dataset, h5py.Dataset) or "parameter" not in dataset.attrs:
                 continue
             raw = dataset[()]
-            values = raw.astype(float) if raw.dtype.kind in "fiu" else np.array(_strings(raw), dtype=object)
+            values = raw.astype(float) if raw.dtype.kind in "fiu" else np.array(strings_of(raw), dtype=object)
             if values.shape == (self._file["status"].size,):
-                path = _text(dataset.attrs["parameter"])
-                yield Parameter(name, path, _text(dataset.attrs.get("units", "")), values)
+                path = text_of(dataset.attrs["parameter"])
+                yield Parameter(name, path, text_of(dataset.attrs.get("units", "")), values)
 
     def _status_names(self) -> dict[int, str]:
         attributes = self._file["status"].attrs
         if "flag_values" not in attributes or "flag_meanings" not in attributes:
             return NAMES
         codes = np.ravel(attributes["flag_values"])
-        return {int(code): word for code, word in zip(codes, _text(attributes["flag_meanings"]).split())}
+        return {int(code): word for code, word in zip(codes, text_of(attributes["flag_meanings"]).split())}
 
     def _labels(self, name: str) -> list[str]:
-        return _strings(self._file[name][()])
+        return strings_of(self._file[name][()])
 
     def _text_attribute(self, name: str) -> str:
-        return _text(self._file.attrs.get(name, ""))
+        return text_of(self._file.attrs.get(name, ""))
 
     def _text_dataset(self, name: str) -> str:
-        return _text(self._dataset(name)[()])
-
-
-def open_file(path: Path) -> h5py.File:
-    """An HDF5 file, open for reading, even while a run writes to it."""
-    if not path.is_file():
-        raise ReaderError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}")
-    try:
-        return h5py.File(path, "r")
-    except OSError as error:
-        first = error
-    if "lock" in str(first):
-        # A run may still be writing. Complete points are readable at any time, so the lock is not used.
-        try:
-            return h5py.File(path, "r", locking=False)
-        except (OSError, TypeError, ValueError):  # the last two: HDF5 library without this option
-            pass
-    raise ReaderError(f"{path}: cannot be read as HDF5 ({_first_line(first)})")
-
-
-def _first_line(error: BaseException) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
-
-
-def _text(value) -> str:
-    """Text of a scalar string of any HDF5 kind, without the padding of Fortran."""
-    if isinstance(value, np.ndarray):
-        value = value.ravel()[0] if value.size else ""
-    if isinstance(value, bytes):
-        value = value.decode("utf-8", "replace")
-    return str(value).rstrip("\0 ")
-
-
-def _strings(values: np.ndarray) -> list[str]:
-    """List of texts from fixed-size strings, variable-length strings, or rows of single characters."""
-    values = np.asarray(values)
-    if values.ndim == 2 and values.dtype == np.dtype("S1"):
-        values = np.ascontiguousarray(values).view(f"S{values.shape[1]}").ravel()
-    return [_text(value) for value in values]
-
-
-def _values_text(parameter: Parameter, wanted: object) -> str:
-    """The existing values; of many numbers those next to the requested one, with their points."""
-    values = sorted({v for v in parameter.values.tolist() if v == v})
-    try:
-        first, second, *more = sorted(values, key=lambda value: abs(value - float(wanted)))
-    except (TypeError, ValueError):
-        more = []
-    if len(more) <= 10:
-        return "values: " + list_text([number_text(v) for v in values])
-    where = parameter.values.tolist().index
-    return "nearest: " + ", ".join(f"{number_text(v)} (point {where(v)})" for v in sorted((first, second)))
+        return text_of(self._dataset(name)[()])
 
 
 def _at_text(at: Mapping[str, object]) -> str:

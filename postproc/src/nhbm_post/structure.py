@@ -12,7 +12,8 @@ from nhbm.guard import written
 
 from .complete_input import groups
 from .errors import ReaderError, UsageError
-from .reader import Results, open_file
+from .hdf5 import open_file
+from .reader import Results
 from .series import Series
 
 _AXES = {"x": 0, "y": 1, "z": 2, "r": 0, "t": 1}  # r and t: along and perpendicular to the node's own radius from the axis z

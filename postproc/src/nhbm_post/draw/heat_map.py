@@ -11,7 +11,8 @@ from ..axis_words import axis_words, with_symbol
 from ..errors import UsageError
 from ..measure import Measure
 from ..outcome import SOLVED
-from ..reader import Parameter, Results
+from ..parameter import Parameter
+from ..reader import Results
 from ..text import list_text
 from . import marks, style
 from .response import is_logarithmic

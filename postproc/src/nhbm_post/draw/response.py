@@ -11,7 +11,8 @@ from ..axis_words import axis_words, with_symbol
 from ..errors import UsageError
 from ..measure import Measure
 from ..outcome import CONVERGED, SOLVED
-from ..reader import Parameter, Results
+from ..parameter import Parameter
+from ..reader import Results
 from ..text import list_text, tuple_text
 from . import marks, style
 from .jumps import jumps_at_folds
