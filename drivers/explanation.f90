@@ -6,7 +6,7 @@ module explanation
    use hb_advice, only: rounded
    use hb_document, only: document_t
    use hb_kinds, only: wp
-   use next_step, only: command_to_try, failure_kind_t, run_names_t, shell_word
+   use next_step, only: command_to_try, failure_kind_t, is_by_tolerance, run_names_t, shell_word
    use hb_outcome, only: is_solved, outcome, outcome_names, outcome_remedy, outcome_text
    use hb_properties, only: properties_t
    use hb_results_record, only: messages_of, numbers_of, record_t
@@ -279,18 +279,26 @@ contains
       subroutine add(value, cause, key)
          real(wp), intent(in) :: value
          character(*), intent(in) :: cause, key
+         character(:), allocatable :: number, most
+         character(9) :: digits
 
          if (.not. ieee_is_finite(value)) return
-         text = text//sign//rounded(value)//cause//" (limit "//rounded(limit("certificate", key))//")"
+         number = rounded(value)
+         most = rounded(limit("certificate", key))
+         if (number == most) then
+            write (digits, "(es9.2)") value
+            number = trim(adjustl(digits))
+         end if
+         text = text//sign//number//cause//" (limit "//most//")"
          sign = ", "
       end subroutine add
 
-      !> Whether a tolerance of the motion is asked for.
+      !> Whether the motion has a tolerance.
       logical function has_tolerance()
          type(document_t) :: copy
 
          copy = document
-         has_tolerance = copy%count("accuracy") > 0
+         has_tolerance = copy%count("accuracy") > 0 .or. is_by_tolerance(document)
       end function has_tolerance
 
       !> The limit in the input: with a tolerance that of the motion.
@@ -301,7 +309,7 @@ contains
 
          copy = document
          value = 0.0_wp
-         if (group_name == "certificate" .and. copy%count("accuracy") > 0) then
+         if (group_name == "certificate" .and. has_tolerance()) then
             group => copy%optional_group("accuracy")
             call group%get("tolerance", value)
          end if

@@ -13,7 +13,7 @@ module next_step
    use switched_inputs, only: list_of
    implicit none
    private
-   public :: command_to_try, failure_kind_t, run_names_t, shell_word
+   public :: command_to_try, failure_kind_t, is_by_tolerance, run_names_t, shell_word
 
    character(*), parameter :: without_bounds(1) = ["jenkins_2d"]      ! laws with states that cvode cannot integrate
    integer, parameter :: more = 10                                    ! times a budget that was insufficient
@@ -81,10 +81,12 @@ contains
          case (outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%not_finite, outcome%diverged, outcome%timed_out)
             if (why /= reason%overflow) text = with_other_search(run)
          case (outcome%truncated, outcome%penetrating)
-            if (why /= reason%growth) then
-               text = with_more_harmonics(run)
-            else
+            if (why == reason%growth) then
                text = integrate_from_rest(run)
+            else if (why == reason%fallback_work) then
+               text = raised(run, trim(reason_names(why)))
+            else
+               text = with_more_harmonics(run)
             end if
          case (outcome%aliased)
             text = with_more_samples(run)
@@ -155,7 +157,7 @@ contains
       type(run_t), intent(in) :: run
       character(:), allocatable :: text
 
-      if (is_by_tolerance(run)) then
+      if (is_by_tolerance(run%here)) then
          text = solve_with(run, "accuracy%tolerance="// &
                            to_text(real_of(run, "accuracy", "tolerance")/more))
       else
@@ -172,7 +174,7 @@ contains
       orders = numbers_of(run, "harmonics", "order")
       if (size(orders) > 0) then
          text = solve_with(run, "harmonics%order="//list_of(2*max(orders, 1)))
-      else if (is_by_tolerance(run)) then
+      else if (is_by_tolerance(run%here)) then
          text = with_more_work(run, "max_harmonics", 1000000)
       end if
    end function with_more_harmonics
@@ -195,11 +197,15 @@ contains
       text = solve_with(run, "accuracy%max_work="//to_text(more*real_of(run, "accuracy", "max_work")), sets)
    end function with_more_work
 
-   !> Whether each point chooses its harmonics.
-   logical function is_by_tolerance(run)
-      type(run_t), intent(in) :: run
+   !> Whether each point chooses its harmonics, as in hb_model_settings.
+   logical function is_by_tolerance(document)
+      type(document_t), intent(in) :: document
+      type(document_t), target :: copy
+      type(properties_t), pointer :: group
 
-      is_by_tolerance = numbers_are_absent(run, "harmonics", "order") .and. numbers_are_absent(run, "harmonics", "tuples")
+      copy = document
+      group => copy%optional_group("harmonics")
+      is_by_tolerance = .not. (group%given("order") .or. group%given("tuples") .or. group%given("set") .or. group%given("odd_only"))
    end function is_by_tolerance
 
    function with_more_samples(run) result(text)
@@ -210,11 +216,11 @@ contains
 
       numbers = numbers_of(run, "sampling", "samples")
       oversampling = real_of(run, "sampling", "oversampling")
-      if (is_by_tolerance(run) .and. any(numbers > 0)) then
+      if (is_by_tolerance(run%here) .and. any(numbers > 0)) then
          text = solve_with(run, "sampling%samples=0")
-      else if (is_by_tolerance(run) .and. oversampling > 0.0_wp) then
+      else if (is_by_tolerance(run%here) .and. oversampling > 0.0_wp) then
          text = solve_with(run, "sampling%oversampling=0")
-      else if (is_by_tolerance(run)) then
+      else if (is_by_tolerance(run%here)) then
          text = with_more_work(run, "max_samples", 100000000)
       else if (any(numbers > 0)) then
          text = solve_with(run, "sampling%samples="//list_of(2*numbers))

@@ -92,12 +92,11 @@ module hb_outcome
       "Look for loads or stiffnesses of a wrong magnitude, the end of a table, or a law that divides by "// &
          "zero; nhbm check tests the derivatives of the laws.", &
       "Remove the cause, then solve the point again with nhbm resume --retry.", &
-      "Give a tolerance (&accuracy), or double the order. If a tolerance is given, raise its limits "// &
-         "max_work and max_harmonics. If the error is acceptable, raise &certificate truncation, or the "// &
-         "tolerance.", &
-      "Give a tolerance (&accuracy), or double the samples at the same order: contact and friction need "// &
-         "many more samples than harmonics. If a tolerance is given, leave out &sampling, or "// &
-         "raise max_work and max_samples.", &
+      "With a given order: double it, or leave it out for a tolerance. With a tolerance, as by default: raise its limits "// &
+         "max_work and max_harmonics. If the error is acceptable, raise the tolerance, or &certificate truncation.", &
+      "With a given order: double the samples, or leave both out for a tolerance; contact and friction need many "// &
+         "more samples than harmonics. With a tolerance, as by default: leave out &sampling, or raise max_work and "// &
+         "max_samples.", &
       "Raise order and samples; hard impacts on a wall need very high orders.", &
       "Solve the model with fewer tones.", &
       "Integrate from a small disturbance: does it grow? If a large motion coexists with a stable "// &
