@@ -344,7 +344,7 @@ contains
    integer function call_evaluate(self, samples, parameters, z, v, f, df_dz, df_dv) result(code)
       class(user_library_t), intent(in) :: self
       type(law_samples_t), intent(in) :: samples                      ! what only some laws get
-      real(wp), intent(inout), contiguous, target :: parameters(:), z(:, :), v(:, :)    ! not to be written, but who knows
+      real(wp), intent(inout), contiguous, target :: parameters(:), z(:, :), v(:, :)    ! copies: the function must not change them, but may
       real(wp), intent(out), contiguous, target :: f(:, :)
       real(wp), intent(out), contiguous, optional, target :: df_dz(:, :, :), df_dv(:, :, :)
       procedure(evaluate_function), pointer :: evaluate
@@ -407,9 +407,9 @@ contains
       if (.not. c_associated(address)) call fail(error, "the library has no function '"//name//"': "//trim(last_reason(name)))
    end subroutine dynamic_library_find
 
-   !> What the loader says about its last failure.
+   !> The reason that the loader gives for its last failure.
    function last_reason(subject) result(text)
-      character(*), intent(in) :: subject                             !! told when the loader says nothing
+      character(*), intent(in) :: subject                             !! returned if the loader gives no reason
       character(1000) :: text
       type(c_ptr) :: message
 

@@ -64,7 +64,7 @@ module hb_period_map
    real(wp), parameter :: enough = 1.0e-9_wp                          ! defect that needs no further step, likewise
    integer, parameter :: most_shots = 30
    integer, parameter :: most_matrices = 4                            ! on the way
-   real(wp), parameter :: slow = 0.3_wp                               ! fall of what is left that asks for a new matrix
+   real(wp), parameter :: slow = 0.3_wp                               ! ratio of two residuals above which a new matrix is needed
    real(wp), parameter :: neutral = 1.0e-2_wp                         ! change of what stays as it is: a push apart slips a little
    integer, parameter :: periods_of_sliders = 3                       ! in which they find their places
    real(wp), parameter :: usual_shots = 6.0_wp

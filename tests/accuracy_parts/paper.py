@@ -50,7 +50,7 @@ def figure_4_table(found: list[Comparison]) -> str:
 
 
 def figure_7(folder: Path) -> list[Comparison]:
-    """Orders 3 to 12 against one time integration by central differences, as the input says."""
+    """Orders 3 to 12 against one time integration by central differences, as in the input."""
     model = Model("paper/wall", **MIDSPAN)
     record = integration(model, folder)
     found = []

@@ -133,7 +133,7 @@ def rms(x: np.ndarray) -> float:
 
 
 def known_methods(folder: Path) -> list[str]:
-    """Solvers that this program knows, from what it says of one that it does not."""
+    """Solvers of this program, from its message about an unknown one."""
     source = folder / "methods.nml"
     source.write_text(Model("order_sequence/paper_cubic", (), ()).text(), encoding="utf-8")
     words = command("solve", source, "-o", folder / "methods.h5", "--set", "solver%method='none'")

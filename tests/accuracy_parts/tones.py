@@ -128,7 +128,7 @@ def verdicts(folder: Path) -> str:
 
 
 def verdict(source: str, point: int, folder: Path) -> tuple[str, str]:
-    """(status of the solution, what `nhbm verify` says) of a point of an input."""
+    """(status of the solution, verdict of `nhbm verify`) of a point of an input."""
     file = INPUTS / f"{source}.nml"
     result = folder / "verified.h5"
     nhbm("solve", file, result, ())

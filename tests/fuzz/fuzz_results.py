@@ -96,8 +96,8 @@ def wrong(program, main, words, good, seconds: float = 1.0, gigabytes: float = 4
     status = os.WEXITSTATUS(ending) if os.WIFEXITED(ending) else -os.WTERMSIG(ending)
     if status in good and not said:
         return ""
-    told = [line for line in said.splitlines() if not line.startswith(LAST_WORDS)]
-    if status == 2 and len(told) == 1 and told[0].startswith(program):
+    reported = [line for line in said.splitlines() if not line.startswith(LAST_WORDS)]
+    if status == 2 and len(reported) == 1 and reported[0].startswith(program):
         return ""
     return f"{words[0]}: status {status}, said {said!r}"
 
@@ -113,9 +113,9 @@ def campaign(path: Path, numbers, seed: int = 1, seconds: float = 1.0, gigabytes
     calls = commands(path)
     for number in numbers:
         path.write_bytes(damaged(good, random.Random(f"{seed} {number}")))
-        told = [text for call in calls if (text := wrong(*call, seconds, gigabytes))]
-        if told:
-            failures[number] = "; ".join(told)
+        reported = [text for call in calls if (text := wrong(*call, seconds, gigabytes))]
+        if reported:
+            failures[number] = "; ".join(reported)
     path.write_bytes(good)
     return failures
 

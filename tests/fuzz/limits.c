@@ -1,4 +1,4 @@
-/* What the fuzz driver asks of the system: time and memory of its own process, and a limit of its memory. */
+/* Time and memory of the process of the fuzz driver, and a limit of its memory. */
 #define _POSIX_C_SOURCE 200809L
 #include <sys/resource.h>
 #include <time.h>

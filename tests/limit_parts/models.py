@@ -73,7 +73,7 @@ MODELS = {
 
 
 def build_laws(folder: Path) -> None:
-    """A law that answers `recoverable` beyond a place, for ever."""
+    """A law that returns `recoverable` at all displacements beyond a limit."""
     source = folder / "electro.c"
     source.write_text(
         """#include "nhbm_user_law.h"

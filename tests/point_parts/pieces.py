@@ -80,7 +80,7 @@ class Integration:
 
     @staticmethod
     def _counted(rate, modes, shape) -> np.ndarray:
-        """How often a mode counts: once or, for its conjugate, twice; not at all where the coordinate does not see it, which is
+        """How often a mode counts: once or, for its conjugate, twice; not at all where the coordinate has a node of it, which is
         a mode then whatever is closed."""
         is_seen = np.abs(shape @ modes[: len(shape)]) > 1e-9 * np.linalg.norm(modes[: len(shape)], axis=0)
         return np.where(is_seen & (rate.imag >= 0), np.where(rate.imag > 0, 2.0, 1.0), 0.0)

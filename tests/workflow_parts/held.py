@@ -40,7 +40,7 @@ PATIENCE = 20.0  # processor seconds of the references of a model, after which o
 
 @dataclass
 class Point:
-    """What a point says and what it is."""
+    """The stored result of a point, and the true one."""
 
     number: int
     status: str
@@ -50,7 +50,7 @@ class Point:
     said: str = ""  # of stability
     leaves: bool = False  # integration in time leaves it since neighbours part
     value: float = np.nan  # of the fastest swept parameter
-    is_passed_over: bool = False  # what only integration in time could say: unstable, or not one of those that were drawn for it
+    is_passed_over: bool = False  # only time integration could show this: unstable, or not one of those that were drawn for it
 
     @property
     def off(self) -> float:
@@ -119,7 +119,7 @@ def _run(workflow: Workflow, source: Path, result: Path, draw) -> tuple[float, s
     """Processor seconds, and what went wrong."""
     if workflow.kind != "resumed":
         return _process("solve", source, "-o", result, "--quiet", ranks=workflow.n_ranks)
-    if draw.random() < 0.5:  # ends by itself, in the order of a user who asks for a limit
+    if draw.random() < 0.5:  # ends by itself, as a user does who sets a limit
         seconds, note = _process("solve", source, "-o", result, "--quiet", "--time-limit", "0.05")
     else:
         after = float(np.exp(draw.uniform(*np.log(RESUMED_AFTER))))

@@ -415,7 +415,7 @@ class Mode:
     energy: float = 0.0
 
     def conditions(self, system: System, q, omega, shift) -> list:
-        """`shift` of the phase against where the motion began; a peak says itself where it is."""
+        """`shift` of the phase against where the motion began; the position of a peak follows from the record itself."""
         if not self.energy:
             return [(1j * system.box.tuples[:, 0] * q[self.dof]).sum(), q[self.dof].sum() - self.amplitude]
         return [shift, (self._energy(system, q, omega) / self.energy - 1) * max(system.box.norm(q), 1e-300)]
