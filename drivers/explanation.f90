@@ -258,7 +258,7 @@ contains
       if (ieee_is_finite(record%residual(point)) .and. record%residual(point) > 0.0_wp) then   ! 0: from time integration
          text = " Its residual is "//rounded(record%residual(point))//" of the forces"
          if (is_solved(record%status(point)) .and. has_tolerance()) then
-            text = text//", enough for the tolerance."                ! hb_accurate_motion, share_of_residual
+            text = text//", enough for the tolerance."                ! hb_thresholds, well_solved
          else
             text = text//" (tolerance: "//rounded(limit("solver", "tolerance"))//")."
          end if

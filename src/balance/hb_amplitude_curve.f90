@@ -6,7 +6,8 @@
 module hb_amplitude_curve
    use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_kinds, only: wp
-   use hb_limit_cycle_search, only: first_amplitude, fundamental, last_amplitude, path_point_t, search_t
+   use hb_limit_cycle_search, only: first_amplitude, fundamental, last_amplitude, most_steps, &
+      path_point_t, search_t
    use hb_outcome, only: outcome
    use hb_phase, only: new_phase_problem, phase_problem_t, shift_form
    use hb_text, only: to_text
@@ -17,7 +18,6 @@ module hb_amplitude_curve
 
    type(curve_config_t), parameter :: steps = curve_config_t( &       ! arc length in units of the amplitude reached
       first_step=0.3_wp, longest_step=2.0_wp, shortest_step=1.0e-6_wp, kink_step=1.0e-3_wp, reduction=0.4_wp, little=0.0_wp)
-   integer, parameter :: most_steps = 600
    real(wp), parameter :: largest_damping = 100.0_wp                  ! xi/omega: permanently damped
 
 contains

@@ -25,7 +25,7 @@ module hb_certificate
    use hb_solver_types, only: report_t, solver_config_t
    use hb_structure, only: structure_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
-   use hb_thresholds, only: agreement
+   use hb_thresholds, only: agreement, well_solved
    use hb_tones, only: new_tones, tones_t
    use hb_torus, only: fast_size, new_torus, samples_for, torus_t
    use hb_tuple_choice, only: new_doubled_set, shifted
@@ -37,7 +37,6 @@ module hb_certificate
 
    real(wp), parameter :: linear = 0.1_wp                             ! largest error for which one linear step is valid
    real(wp), parameter :: unknown = 1.0_wp                            ! an estimate: as large as the motion, perhaps larger
-   real(wp), parameter :: accuracy_of_estimates = 1.0e-4_wp           ! solutions with the tangent from products
    integer, parameter :: most_iterations = 30                         ! of another solution for comparison
    real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set
    real(wp), parameter :: least_density = 1.25_wp                      ! samples per tone of the finer grid, relative to 2 N + 1
@@ -361,7 +360,7 @@ contains
       class is (phase_problem_t)
          self%frequency_error(problem%tones) = balance%omega(problem%tones)
       end select
-      call new_tangent_solver(tangent, problem, x, is_lost, accuracy_of_estimates)
+      call new_tangent_solver(tangent, problem, x, is_lost, well_solved)
       if (is_lost) return
       if (present(bordered)) then
          if (allocated(bordered%units_across)) call tangent%leave_out_null_vector(problem, bordered%units_across)

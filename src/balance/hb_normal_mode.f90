@@ -10,7 +10,8 @@ module hb_normal_mode
    use hb_energy, only: energy_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_limit_cycle_search, only: continue_in_order, first_amplitude, fundamental, path_point_t, search_t
+   use hb_limit_cycle_search, only: continue_in_order, first_amplitude, fundamental, most_steps, &
+      path_point_t, search_t
    use hb_outcome, only: outcome
    use hb_phase, only: coefficient_form, new_phase_problem, peak_form, peak_rate_form, shift_form
    use hb_solver, only: solve
@@ -21,7 +22,6 @@ module hb_normal_mode
    private
    public :: find_mode_of_energy, find_normal_mode, normal_mode_t
 
-   integer, parameter :: most_steps = 400
 
    type :: normal_mode_t
       logical :: is_asked = .false.

@@ -7,10 +7,10 @@ module hb_self_excitation
    use hb_amplitude_curve, only: follow_curve
    use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
-   use hb_limit_cycle_search, only: first_amplitude, last_amplitude, path_point_t, search_t
+   use hb_limit_cycle_search, only: first_amplitude, last_amplitude, most_steps, path_point_t, search_t
    use hb_outcome, only: outcome
    use hb_text, only: to_text
-   use hb_thresholds, only: rounding
+   use hb_thresholds, only: next_to_none, rounding
    implicit none
    private
    public :: search_from_modes
@@ -18,8 +18,6 @@ module hb_self_excitation
    integer, parameter :: n_amplitudes = 13                            ! of the scan, equal ratios
    real(wp), parameter :: largest_amplitude = 1.0e8_wp                ! beyond: grows without bound
    real(wp), parameter :: longest_growth = 1.1_wp                     ! of log(amplitude) in one step
-   real(wp), parameter :: shortest_growth = 1.0e-4_wp
-   integer, parameter :: most_steps = 120
    real(wp), parameter :: nearly_gone = 0.1_wp                        ! largest |xi|/omega at which the motion itself is tried
 
 contains
@@ -145,7 +143,7 @@ contains
             now = last
             growth = 0.3_wp*growth
          end if
-         if (maxval(growth) < shortest_growth) exit
+         if (maxval(growth) < next_to_none) exit
       end do
       self%report%status = outcome%stalled
       self%message = "continuation to the motion failed at amplitude "//to_text(maxval(now%amplitude))//" and damping xi/omega "// &

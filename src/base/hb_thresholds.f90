@@ -3,7 +3,8 @@ module hb_thresholds
    use hb_kinds, only: wp
    implicit none
    private
-   public :: agreement, clearly, difference_step, faint, most_bisections, next_to_none, rounding, safety, same_motion
+   public :: agreement, clearly, difference_step, faint, most_bisections, next_to_none, reliable, rounding, safety, same_motion
+   public :: sharp, well_solved
 
    real(wp), parameter :: rounding = 1.0e-9_wp                     !! smaller differences are rounding: equations solved to the
                                                                    !! last digit leave 1e-13 to 1e-10
@@ -16,6 +17,11 @@ module hb_thresholds
    real(wp), parameter :: clearly = 10.0_wp                        !! times an error estimate: beyond it a verdict is certain
    real(wp), parameter :: difference_step = 1.0e-5_wp              !! relative step of difference quotients: they lose half of
                                                                    !! the digits at most, and their error is of its square
+   real(wp), parameter :: sharp = 1.0e-11_wp                       !! tolerance of located points and of derivatives: rounding
+                                                                   !! leaves 1e-13 to 1e-10
+   real(wp), parameter :: well_solved = 1.0e-4_wp                  !! of a tolerance or an estimate: what the solution of its
+                                                                   !! equations, or the steps in time, may leave of it
+   real(wp), parameter :: reliable = 0.3_wp                        !! largest meaningful error estimate, relative to the motion
    real(wp), parameter :: next_to_none = 1.0e-4_wp                 !! of a step along a curve, or of a range: negligible
    integer, parameter :: most_bisections = 40                      !! of an interval; more would be rounding
 end module hb_thresholds

@@ -14,8 +14,8 @@ module hb_accurate_motion
    use hb_integrate_to_tolerance, only: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples
    use hb_integrated_result, only: is_lost
    use hb_kinds, only: wp
-   use hb_level, only: choose_next, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, &
-      least_goal, level_t, margin, most_failures, put_on_level, reliable, trim_set, with_caution
+   use hb_level, only: choose_next, degree_of, distance, estimate_of, estimate_of_motion, &
+      estimate_of_wanted, is_rigid, least_goal, level_t, margin, most_failures, put_on_level, trim_set, with_caution
    use hb_model, only: accuracy_t, model_t
    use hb_motion, only: solve_motion
    use hb_motion_description, only: allow_for_growth, compare_with_refined
@@ -23,6 +23,7 @@ module hb_accurate_motion
    use hb_outcome, only: is_answer => is_solved, outcome
    use hb_refinement, only: refinable_t, refine
    use hb_stability, only: few_periods, stability_method, stability_verdict => verdict
+   use hb_thresholds, only: reliable, well_solved
    use hb_time_domain, only: primary_method
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order, new_lowest_set
@@ -36,7 +37,6 @@ module hb_accurate_motion
    real(wp), parameter :: share_of_fallback = 0.2_wp                  ! of the work of fallbacks, for each level except the first
    real(wp), parameter :: work_of_stability = 1.5_wp                  ! at most, relative to that of all levels
    integer, parameter :: patience_with_products = 16 ! iterations before the preconditioner becomes stronger: there are many levels
-   real(wp), parameter :: share_of_residual = 1.0e-4_wp ! of the tolerance: residual at which the equations are solved well enough
    integer, parameter :: most_refinements = 2                         ! for a verdict on stability
    real(wp), parameter :: clear_change = 1.0e-4_wp                    ! of multipliers, caused by the errors of the motion
    real(wp), parameter :: work_of_verdict = 4.0_wp ! limit beyond which no level is begun, relative to the work so far
@@ -401,7 +401,7 @@ contains
       type(model_t), intent(in) :: model
 
       tolerance = model%solver%tolerance
-      if (.not. model%solver%has_tolerance) tolerance = max(tolerance, share_of_residual*model%accuracy%tolerance)
+      if (.not. model%solver%has_tolerance) tolerance = max(tolerance, well_solved*model%accuracy%tolerance)
    end function solver_tolerance
 
    !> Whether the point has ended.

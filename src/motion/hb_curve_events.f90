@@ -15,16 +15,14 @@ module hb_curve_events
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_response, only: response_t
    use hb_stability, only: bifurcation_value, stability_t
-   use hb_thresholds, only: most_bisections, rounding
+   use hb_thresholds, only: most_bisections, rounding, sharp
    implicit none
    private
    public :: bifurcation_event_t, branch_event_t, count_event_t, extremes_of_switches, find_extremes, find_stability, &
-      fold_event_t, function_at, graze_event_t, n_outside, response_event_t, sharp, square_at, value_event_t
+      fold_event_t, function_at, graze_event_t, n_outside, response_event_t, square_at, value_event_t
 
    integer, parameter :: largest_search_grid = 4096                   ! size of the grid for the first search of an extreme
    real(wp), parameter :: far = 0.25_wp                               ! from zero, relative to the range of the values
-
-   real(wp), parameter :: sharp = 1.0e-11_wp                          !! tolerance of functions and multipliers at events
 
    !> A fold: the value's component of the tangent is zero.
    type, extends(event_t) :: fold_event_t

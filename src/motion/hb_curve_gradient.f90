@@ -18,6 +18,7 @@ module hb_curve_gradient
    use hb_motion_result, only: gradient_t, motion_result_t
    use hb_outcome, only: is_solved
    use hb_stability, only: bifurcation
+   use hb_thresholds, only: sharp
    implicit none
    private
    public :: find_curve_gradient
@@ -171,7 +172,7 @@ contains
       real(wp), intent(inout) :: x(:)                                 !! near the zero
       logical, intent(out) :: is_found
       integer, parameter :: most_steps = 12
-      real(wp), parameter :: first_step = 1.0e-3_wp, farthest = 0.1_wp, near = 1.0e-11_wp   ! in units of lengths
+      real(wp), parameter :: first_step = 1.0e-3_wp, farthest = 0.1_wp   ! in units of lengths
       real(wp), parameter :: rough = 1.0e-7_wp ! likewise: a step that stops shrinking above it results from a rough residual
       real(wp) :: before, here, direction(size(x)), last_step, step
       integer :: i
@@ -186,7 +187,7 @@ contains
          here = event%value(curve%curve, x)
          last_step = abs(step)
          if (i > 1) step = -here*step/(here - before)
-         is_found = i > 1 .and. (abs(step) <= near .or. (abs(step) <= rough .and. abs(step) >= last_step))
+         is_found = i > 1 .and. (abs(step) <= sharp .or. (abs(step) <= rough .and. abs(step) >= last_step))
          if (is_found) return
          if (.not. abs(step) <= farthest) return
          x = x + step*direction

@@ -14,7 +14,8 @@ module hb_curve_sets
    use hb_followed_motion, only: curve_state_t, followed_motion_t, waiting_t
    use hb_harmonics, only: harmonics_t, new_box
    use hb_kinds, only: wp
-   use hb_level, only: carry, choose_next, choose_smaller, estimate_of, join, least_goal, level_t, margin
+   use hb_level, only: carry, choose_next, choose_smaller, estimate_of, join, least_goal, level_t, &
+      margin, most_failures
    use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
@@ -25,7 +26,6 @@ module hb_curve_sets
    public :: transfer_motion, step_to_tolerance
 
    integer, parameter :: most_levels = 12                             ! of one step
-   integer, parameter :: most_stalled = 3                             ! sets on which one step is tried without success
    integer, parameter :: most_idle = 2                                ! consecutive ones without improvement
    real(wp), parameter :: goal_ahead = 0.3_wp                         ! of the tolerance: sufficient for the following points, too
    real(wp), parameter :: ample = 0.01_wp                             ! of the tolerance: below it a smaller set is sufficient
@@ -76,7 +76,7 @@ contains
       integer :: ending
 
       call refined%prepare(self)
-      refined%most_failures = most_stalled + 1
+      refined%most_failures = most_failures + 1
       if (self%estimate <= ample*self%model%accuracy%tolerance) call shrink(self, refined%model, error)
       if (allocated(error)) return
       first = self%curve_state_t

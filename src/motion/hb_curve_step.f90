@@ -3,14 +3,14 @@
 module hb_curve_step
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use hb_curve, only: event_t
-   use hb_curve_events, only: bifurcation_event_t, branch_event_t, count_event_t, find_stability, fold_event_t, graze_event_t, &
-      n_outside, response_event_t, sharp, square_at, value_event_t
+   use hb_curve_events, only: bifurcation_event_t, branch_event_t, count_event_t, find_stability, &
+      fold_event_t, graze_event_t, n_outside, response_event_t, square_at, value_event_t
    use hb_curve_request, only: curve_kind
    use hb_followed_motion, only: followed_motion_t, known_t, most_tolerance_factor, waiting_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_stability, only: bifurcation, bifurcation_value, is_torus, stability_method, stability_t
-   use hb_thresholds, only: agreement, faint, next_to_none, rounding
+   use hb_thresholds, only: agreement, faint, next_to_none, rounding, sharp
    implicit none
    private
    public :: step

@@ -25,13 +25,11 @@ module hb_gradient
    use hb_phase, only: coefficient_form, shift_form
    use hb_problem, only: problem_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
-   use hb_thresholds, only: difference_step
+   use hb_thresholds, only: difference_step, sharp
    use hb_tuple_choice, only: new_doubled_set
    implicit none
    private
    public :: differentiable_t, find_gradient, keep_slope, refine, zero_gradient
-
-   real(wp), parameter :: accuracy = 1.0e-11_wp                       ! of solutions from products
 
    !> A motion that may be differentiated on any set and grid.
    type, abstract :: differentiable_t
@@ -267,7 +265,7 @@ contains
             if (corrects) call correct(known, problem)
          end if
          call here%residual(known%x(:n), known%residual)
-         call new_tangent_solver(tangent, problem, known%x, is_lost, accuracy)
+         call new_tangent_solver(tangent, problem, known%x, is_lost, sharp)
          do k = 1, size(by)
             if (is_lost .or. work_is_over()) exit
             call document%number_at(by(k), value, is_found)
@@ -314,7 +312,7 @@ contains
       logical :: is_lost
 
       call problem%residual(known%x, r)
-      call new_tangent_solver(tangent, problem, known%x, is_lost, accuracy)
+      call new_tangent_solver(tangent, problem, known%x, is_lost, sharp)
       if (is_lost) return
       step = r
       call tangent%solve(problem, step, is_lost)

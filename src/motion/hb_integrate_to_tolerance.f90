@@ -12,7 +12,7 @@ module hb_integrate_to_tolerance
    use hb_integrated_result, only: guess_from, keep_integrated
    use hb_kinds, only: wp
    use hb_law, only: hold_t
-   use hb_level, only: degree_of, distance, estimate_of, is_rigid, level_t, put_on_level, put_on_set, reliable
+   use hb_level, only: degree_of, distance, estimate_of, is_rigid, level_t, put_on_level, put_on_set
    use hb_model, only: model_t, share_of_integrated
    use hb_model_basis, only: coordinates_of
    use hb_modes, only: slowest_decay
@@ -22,7 +22,7 @@ module hb_integrate_to_tolerance
    use hb_refinement, only: refinable_t, refine
    use hb_structure, only: most_dense, structure_t
    use hb_text, only: to_text
-   use hb_thresholds, only: safety
+   use hb_thresholds, only: reliable, safety, well_solved
    use hb_time_domain, only: integration_counts_t, integration_is_cheaper, primary_method, steady_motion_t
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: largest_places, lowest_order, new_lowest_set
@@ -34,7 +34,6 @@ module hb_integrate_to_tolerance
    real(wp), parameter :: fall = 0.7_wp                               ! power of the tolerance with which orders of candidates grow
    real(wp), parameter :: fall_of_one_tone = 0.4_wp                   ! likewise: with one tone a larger box is cheap
    real(wp), parameter :: nearly = 0.9_wp                             ! of the tolerance: the error at which a time integration ends
-   real(wp), parameter :: share_of_steps = 1.0e-4_wp                  ! of that: tolerance of the steps
    real(wp), parameter :: share_of_tail = 0.3_wp                      ! of that error, in omitted tuples
 
    !> A motion found by time integration whose candidates for a set are refined.
@@ -223,7 +222,7 @@ contains
       record%model => model
       record%here = model
       record%here%integration%aim = nearly*model%accuracy%tolerance
-      record%here%integration%tolerance = max(model%integration%tolerance, share_of_steps*record%here%integration%aim)
+      record%here%integration%tolerance = max(model%integration%tolerance, well_solved*record%here%integration%aim)
       record%here%certificate%truncation = min(model%certificate%truncation, model%accuracy%tolerance)
       record%coordinates = coordinates_of(model)
       record%room = share_of_integrated*model%accuracy%max_harmonics

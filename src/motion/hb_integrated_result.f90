@@ -4,13 +4,13 @@ module hb_integrated_result
    use hb_certificate, only: near_commensurate
    use hb_coordinates, only: coordinates_t
    use hb_kinds, only: wp
-   use hb_level, only: reliable
    use hb_mean_energy, only: new_mean_energy
    use hb_model, only: model_t
    use hb_motion_description, only: ask_for_stability
    use hb_motion_result, only: as_pairs, motion_result_t
    use hb_outcome, only: outcome
    use hb_stability, only: harmonic_motion_t, stability_method, stability_t, verdict
+   use hb_thresholds, only: reliable
    use hb_time_domain, only: steady_motion_t
    implicit none
    private

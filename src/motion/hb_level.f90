@@ -11,19 +11,19 @@ module hb_level
    use hb_memory_estimate, only: check_memory, sizes_of
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t, motion_result_t
+   use hb_thresholds, only: reliable
    use hb_torus, only: fast_size, new_torus, samples_for
    use hb_tuple_choice, only: chosen_tuples, largest_places, tuple_union_t
    implicit none
    private
    public :: carry, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted
-   public :: is_rigid, join, least_goal, level_of, margin, most_failures, needed_samples, put_on_level, put_on_set, reliable
+   public :: is_rigid, join, least_goal, level_of, margin, most_failures, needed_samples, put_on_level, put_on_set
    public :: level_t, same_set, trim_set, with_caution
 
    integer, parameter :: most_failures = 3                            ! consecutive levels
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a level
    real(wp), parameter :: margin = 0.6_wp                             ! of the tolerance: estimates were up to 1.6 times too small
    real(wp), parameter :: least_goal = 0.03_wp !! of the estimate: smallest goal for the error of the next level
-   real(wp), parameter :: reliable = 0.3_wp                           ! largest meaningful estimate
    real(wp), parameter :: near = 0.02_wp                              ! errors of first order that can be removed
    real(wp), parameter :: largest_amplification = 5.0_wp              ! of neglected tuples by the response to them
    real(wp), parameter :: largest_growth = 1.8_wp                     ! of a set, from one level to the next

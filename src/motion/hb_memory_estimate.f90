@@ -15,7 +15,7 @@ module hb_memory_estimate
    use hb_error, only: error_t, fail
    use hb_hysteresis_tangent, only: width
    use hb_hysteretic_law, only: n_path_parts
-   use hb_kinds, only: wp
+   use hb_kinds, only: complex_bytes, gib, integer_bytes, real_bytes, wp
    use hb_law, only: law_box_t
    use hb_law_coordinates, only: laws_at
    use hb_model, only: model_t
@@ -26,7 +26,7 @@ module hb_memory_estimate
    use hb_torus, only: cheap_size, default_samples, torus_t
    implicit none
    private
-   public :: amount, check_memory, estimate_memory, gib, memory_estimate_t, memory_text, sizes_of, sizes_t
+   public :: amount, check_memory, estimate_memory, memory_estimate_t, memory_text, sizes_of, sizes_t
 
    !> The sizes on which the estimate depends; real numbers, because invalid inputs may exceed any integer.
    type :: sizes_t
@@ -50,9 +50,7 @@ module hb_memory_estimate
       type(solver_config_t) :: solver
    end type sizes_t
 
-   real(wp), parameter :: gib = 1024.0_wp**3
    real(wp), parameter :: of_program = 50.0e6_wp                      ! MPI, HDF5 and the program itself, measured
-   real(wp), parameter :: real_bytes = 8.0_wp, complex_bytes = 16.0_wp, integer_bytes = 4.0_wp
    real(wp), parameter :: fill = 40.0_wp                              ! of sparse factors, for each entry; solids have more
    real(wp), parameter :: copies_kept = 9.0_wp                        ! of a matrix: in the study, and while a point is read
 

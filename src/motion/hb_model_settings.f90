@@ -3,8 +3,7 @@ module hb_model_settings
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_fftw, only: planning
-   use hb_kinds, only: wp
-   use hb_memory_estimate, only: gib
+   use hb_kinds, only: gib, wp
    use hb_model, only: accuracy_t, certificate_config_t, model_t
    use hb_properties, only: properties_t
    use hb_response, only: new_response

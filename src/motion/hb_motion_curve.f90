@@ -19,7 +19,7 @@ module hb_motion_curve
    use hb_error, only: error_t
    use hb_followed_motion, only: followed_motion_t, n_further, origin_t, reported_extreme_t, waiting_t
    use hb_kinds, only: wp
-   use hb_level, only: estimate_of, join, level_of, level_t, reliable
+   use hb_level, only: estimate_of, join, level_of, level_t
    use hb_model, only: model_t
    use hb_motion, only: solve_motion
    use hb_motion_result, only: curve_position_t, motion_result_t
@@ -28,7 +28,7 @@ module hb_motion_curve
    use hb_solver_types, only: report_t
    use hb_stability, only: angle_of_pair
    use hb_text, only: to_text
-   use hb_thresholds, only: faint, next_to_none
+   use hb_thresholds, only: faint, next_to_none, reliable
    implicit none
    private
    public :: motion_curve_t

@@ -7,7 +7,7 @@ module hb_structure
    use hb_closest_word, only: closest_word
    use hb_error, only: error_t, fail
    use hb_frequency_part, only: frequency_part_t
-   use hb_kinds, only: wp
+   use hb_kinds, only: gib, wp
    use hb_lapack, only: dpotrf
    use hb_name_table, only: name_table_t
    use hb_node_sets, only: named_vectors_t, node_sets_t
@@ -78,7 +78,6 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: memory_limit                  !! bytes
       integer, intent(in), optional :: n_entries                      !! of all sparse matrices
-      real(wp), parameter :: gib = 1024.0_wp**3
       real(wp), parameter :: bytes_of_entry = 12.0_wp, copies = 4.0_wp, bytes_of_dof = 200.0_wp
       character(20) :: needed, there
       real(wp) :: bytes

@@ -9,7 +9,7 @@ module hb_swept_curve
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_level, only: estimate_of, reliable
+   use hb_level, only: estimate_of
    use hb_model, only: model_t
    use hb_model_reader, only: update_model
    use hb_motion_curve, only: motion_curve_t
@@ -21,6 +21,7 @@ module hb_swept_curve
    use hb_stored_origin, only: request_curve
    use hb_swept_point, only: check_layout, spread_result
    use hb_text, only: to_text
+   use hb_thresholds, only: reliable
    implicit none
    private
    public :: new_swept_curve, swept_curve_t
