@@ -53,6 +53,12 @@ def test_each_failure_is_told_once_with_a_command_that_works(tmp_path):
         words = shlex.split(line)
         assert run("check", *[w for w in words[1:] if not w.endswith(".h5") and w != "-o"], cwd=tmp_path).status == ALL_CONVERGED
     assert commands(run("info", "case.h5", cwd=tmp_path).stdout) == tried
+    with h5py.File(tmp_path / "case.h5") as file:  # the command follows from the stored reason, not from the message
+        names = file["reason"].attrs["flag_meanings"].split()
+        said = [bytes(row).decode().rstrip("\0") for row in file["message"][:]]
+        reasons = [names[reason] for reason in file["reason"][:]]
+    assert [reason == "max_iterations" for reason in reasons] == ["raise &solver max_iterations" in text for text in said]
+    assert "max_iterations" in reasons
 
 
 def test_why_says_what_was_tried_and_what_to_do(tmp_path):
@@ -107,6 +113,8 @@ def test_motion_of_several_periods_leads_to_its_model(tmp_path):
     words = shlex.split(command)
     n = int(re.search(r"repeats after (\d+) periods", done.stdout)[1])
     assert {f"tones%subharmonic={n}", f"load(1)%tuple={n}", f"harmonics%order={5 * n}"} <= set(words)
+    with h5py.File(tmp_path / "case.h5") as file:
+        assert file["n_periods"][:].tolist() == [n]
     assert run(*words, cwd=tmp_path).status in (ALL_CONVERGED, NOT_ALL_CONVERGED)
     with h5py.File(tmp_path / "case_2.h5") as file:
         assert np.isfinite(file["coefficients"][()]).all()
