@@ -45,10 +45,14 @@ def blocks_of(page: Path) -> list[Block]:
 
 def run_page(page: Path, folder: Path) -> None:
     """Runs the blocks of a page in a folder; AssertionError where something fails or prints another thing."""
+    from program import program
+
     blocks = blocks_of(page)
     assert blocks, f"{page.name} has no code"
-    for name in ("inputs", "drivers"):
+    for name in ("inputs", "drivers", "src"):
         (folder / name).symlink_to(ROOT / name)
+    (folder / "build").mkdir()
+    (folder / "build" / "release").symlink_to(Path(program()).parents[1])
     environment, names, printed = _environment(folder), {"__name__": "__main__"}, ""
     with _inside(folder, environment):
         for kind, text in blocks:
@@ -131,27 +135,23 @@ def _commands(text: str) -> list[tuple[str, list[str]]]:
 
 
 def _environment(folder: Path) -> dict[str, str]:
-    """The environment of a reader who has installed the program, its headers and the Python package."""
+    """The environment of a reader who has the program and the Python package on the path."""
     from program import environment, program
 
-    program = Path(program())
+    executable = Path(program())
     bin_folder = folder / ".bin"
     bin_folder.mkdir()
-    (bin_folder / "nhbm").symlink_to(program)
+    (bin_folder / "nhbm").symlink_to(executable)
     for name, code in (("nhbm-post", "-m nhbm_post"), ("nhbm-model", "-m nhbm.command"), ("python", ""), ("python3", "")):
         (bin_folder / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" {code} "$@"\n')
         (bin_folder / name).chmod(0o755)
-    library = program.parents[1] / "lib"
-    headers = os.pathsep.join(str(ROOT / "src" / part) for part in ("api", "laws"))
+    library = executable.parents[1] / "lib"
     packages = os.pathsep.join([str(ROOT / "postproc" / "src"), str(ROOT / "drivers" / "python" / "src")])
     return {
         **environment(),
         "PATH": f"{bin_folder}{os.pathsep}{os.environ['PATH']}",
         "PYTHONPATH": packages,
         "NHBM_LIBRARY": str(library / "libnhbm.so"),
-        "CPATH": headers,
-        "LIBRARY_PATH": str(library),
-        "LD_LIBRARY_PATH": str(library),
         "MPLBACKEND": "Agg",
     }
 
