@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from nhbm.errors import ModelError
+from nhbm.errors import ModelError, imported
 
 if TYPE_CHECKING:
     from nhbm.session import Session
@@ -32,14 +32,15 @@ def open_dataset(path: str | Path) -> xr.Dataset:
     Parameters
     ----------
     path : str or Path
-        A result file of `nhbm solve`. Needs h5netcdf or netCDF4: ``pip install nhbm[xarray]``.
+        A result file of `nhbm solve`. Needs h5netcdf, which is installed with the package.
 
     Returns
     -------
     xarray.Dataset
         All points of the run (docs/user/schema.md), read on demand.
     """
-    return xr.open_dataset(path)
+    imported("h5netcdf", "result files are opened with")
+    return xr.open_dataset(path, engine="h5netcdf")
 
 
 def motion_of(session: Session) -> xr.Dataset:

@@ -1,5 +1,10 @@
 """What goes wrong with a model, said once and with the entry that is wrong."""
 
+import importlib
+from typing import Any
+
+_EXTRAS = {"matplotlib": "plot", "meshio": "fe", "pyNastran": "nastran", "skfem": "fe"}  # of pyproject.toml
+
 
 class ModelError(Exception):
     """A model or a model file is invalid."""
@@ -7,3 +12,14 @@ class ModelError(Exception):
 
 class NotConverged(UserWarning):
     """A motion was not found, or does not satisfy its tolerance."""
+
+
+def imported(module: str, purpose: str, package: str = "") -> Any:
+    """An optional module; ModelError names the package that has it, and the extra of nhbm that installs it."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        top = module.split(".")[0]
+        extra = f", or in the folder of nhbm: pip install '.[{_EXTRAS[top]}]'" if top in _EXTRAS else ""
+        name = package or top
+        raise ModelError(f"{purpose} {name}, which is not installed: pip install {name}{extra}") from None

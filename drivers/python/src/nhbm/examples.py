@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from nhbm.errors import ModelError
+from nhbm.errors import ModelError, imported
 from nhbm.structure import Structure
 
 VTK_LINE, VTK_QUAD, VTK_QUADRATIC_TETRA = 3, 9, 24
@@ -16,11 +16,7 @@ STEEL = {"young": 2.1e11, "poisson": 0.3, "density": 7850.0}
 
 
 def _skfem() -> Any:
-    try:
-        import skfem
-    except ImportError:
-        raise ModelError("examples are made with scikit-fem, which is not installed: pip install scikit-fem") from None
-    return skfem
+    return imported("skfem", "examples are created with", "scikit-fem")
 
 
 def beam(

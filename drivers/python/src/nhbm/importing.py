@@ -15,7 +15,7 @@ import numpy as np
 import scipy.io
 import scipy.sparse as sp
 
-from nhbm.errors import ModelError
+from nhbm.errors import ModelError, imported
 from nhbm.structure import Structure, check_labels
 
 DIRECTIONS = {1: "x", 2: "y", 3: "z", 4: "rx", 5: "ry", 6: "rz"}
@@ -157,10 +157,7 @@ def from_abaqus(paths: dict[str, Path], **more: Any) -> Structure:
 
 def from_nastran(path: Any, names: dict[str, str], **more: Any) -> Structure:
     """Structure of DMIG matrices in a bulk data or punch file (needs pyNastran)."""
-    try:
-        from pyNastran.bdf.bdf import read_bdf
-    except ImportError:
-        raise ModelError("DMIG is read by pyNastran, which is not installed: pip install pyNastran") from None
+    read_bdf = imported("pyNastran.bdf.bdf", "DMIG is read with").read_bdf
     is_punch = "BEGIN BULK" not in _existing(path).read_text(errors="replace").upper()
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # it prints lines that it does not know
@@ -195,9 +192,8 @@ def add_mesh(model: Structure, path: Any) -> None:
     """Takes coordinates, cells and sets of nodes from a mesh (any format of meshio), nodes by their numbers."""
     if (model.dof_node < 0).all():
         raise ModelError(f"no degree of freedom stands at a node of '{path}': --labels gives names such as n12.z")
-    import meshio
-    from meshio._vtk_common import meshio_to_vtk_type
-
+    meshio = imported("meshio", "meshes are read with")
+    meshio_to_vtk_type = imported("meshio._vtk_common", "meshes are read with").meshio_to_vtk_type
     path = _existing(path)
     said = io.StringIO()
     try:

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from nhbm.errors import imported
+
 # The same shapes as in the pictures of nhbm-post.
 _MARKS = {3: ("fold", "o"), 4: ("peak", "^"), 7: ("branch point", "D"), 8: ("period doubling", "s"),
           9: ("Neimark-Sacker point", "h"), 10: ("change of stability", "p"), 11: ("graze", "v"),
@@ -18,8 +20,7 @@ _MOST_LINES = 10  # of one picture with a legend
 def plot(data: xr.Dataset, of: str | None = None, ax: Any = None) -> Any:
     """The motion of a degree of freedom over time, or a response over the points: "x1" the largest |x1|, "x1 (1)" the amplitude of
     a harmonic. Without `of` that which moves most. Returns the axes."""
-    import matplotlib.pyplot as plt
-
+    plt = imported("matplotlib.pyplot", "plots are drawn with")
     if ax is None:
         _, ax = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
     if "coefficients" not in data:
