@@ -106,6 +106,15 @@ def test_a_curve_of_unknown_stability_is_not_drawn_as_stable(tmp_path):
     assert lines(alone, "curve")[0].get_linestyle() == "-" and "stability not known" not in legend_of(alone)
 
 
+def test_a_curve_is_dotted_where_stability_was_sought_in_vain(tmp_path):
+    path = curve_file(tmp_path / "c.h5", stability=[0] * 9)
+    with h5py.File(path, "r+") as file:
+        file["exponent"] = np.full((9, 2), np.nan)
+    with Results(path) as results:
+        fig = draw_response(results, measure=Measure("harmonic", (1,)))
+    assert {line.get_linestyle() for line in lines(fig, "curve")} == {":"} and "stability not known" in legend_of(fig)
+
+
 def arrows(fig):
     return [(a.xyann, a.xy) for ax in fig.axes for a in ax.texts if a.get_gid() == "jump"]
 

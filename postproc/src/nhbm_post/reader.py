@@ -222,6 +222,11 @@ class Results:
         """1 if the motion of a point is stable, -1 if it is unstable, 0 if this is unknown."""
         return self.per_point("is_stable") if "is_stable" in self._file else np.zeros(self.n_points, dtype=int)
 
+    @property
+    def has_stability(self) -> bool:
+        """Whether the run computed stability, or tried to."""
+        return "is_stable" in self._file and "exponent" in self._file
+
     def curve_branch(self) -> np.ndarray:
         """Number of the branch point, or separate motion, from which each part of a curve was followed; 0: from its start."""
         return self.per_point("curve_branch") if "curve_branch" in self._file else np.zeros(self.n_points, dtype=int)

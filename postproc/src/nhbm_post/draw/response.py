@@ -390,10 +390,13 @@ def _curve_keys(curves: list[Curve], is_joined: bool) -> list[Line2D]:
 
 
 def _of_unknown_stability(curves: list[Curve]) -> list[Curve]:
-    """Curves of unknown stability among others of known stability."""
-    if not any(curve.stability.any() for curve in curves):
-        return []
-    return [curve for curve in curves if (curve.kind != "").any() and not curve.stability.any()]
+    """Curves whose stability was sought in vain, or is unknown beside curves of known stability."""
+    is_known_of_others = any(curve.stability.any() for curve in curves)
+    return [
+        curve
+        for curve in curves
+        if not curve.stability.any() and (curve.results.has_stability or (is_known_of_others and (curve.kind != "").any()))
+    ]
 
 
 def _special_keys(curves: list[Curve]) -> list[Line2D]:
