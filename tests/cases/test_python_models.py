@@ -277,6 +277,61 @@ def test_what_is_refused_leaves_the_model_as_it_was():
     assert model.response("x1 (1)", order=3, warm=False) == before
 
 
+CURVE = "&curve parameter = 'tones%frequency', from = 0.5, to = 0.6, peak_of = 'x1 (1)' ! a/b\n /\n"
+
+
+def test_curve_of_an_input_is_replaced():
+    found = [Model.from_namelist(text).curve("tones[0]", 0.8, 1.2, order=3) for text in (DUFFING, DUFFING + CURVE, CURVE + DUFFING)]
+    for other in found[1:]:
+        np.testing.assert_array_equal(found[0]["coefficients"], other["coefficients"])
+
+
+def test_keys_are_set_in_groups_of_an_input():
+    model = Model.from_namelist(DUFFING + "&solver max_iterations = 30, tolerance = 1e-11 /\n&integration duration = 20.0 /\n")
+    model.set("solver", max_iterations=40)
+    assert (model["solver.max_iterations"], model["solver.tolerance"]) == (40, 1e-11)
+    assert float(model.integrate(transient=1.0)["time"][-1]) == pytest.approx(21.0, abs=0.1)
+
+
+def test_values_are_read_by_path():
+    model = duffing()
+    model.law("elastic_stop", "x1", stiffness=20.0, gap=0.1 + 0.2, label="it's a stop")
+    assert model["spring.stiffness"] == model["law[0].stiffness"] == model["law(spring)%stiffness"] == 0.5
+    assert model["law[1].gap"] == 0.1 + 0.2 and model["law[1].label"] == "it's a stop"
+    assert model["tones[0]"] == 0.9 and model["tones.unknown"] is False and model["load[0].tuple"] == 1
+    model["spring.stiffness"] = 1.0 / 3.0
+    assert model["spring.stiffness"] == 1.0 / 3.0
+    matrices = nhbm.Model(nhbm.Matrices([[1.0, 0.0], [0.0, 1.0]], [[2.0, -1.0], [-1.0, 2.0]]), tones=[0.9])
+    assert matrices["structure.stiffness"] == [2.0, -1.0, -1.0, 2.0] and matrices["structure%stiffness(2)"] == -1.0
+    for path, message in {
+        "spring.gap": "there is no such value; known keys: type, label",
+        "stop.gap": "there is no such value; known groups: structure, tones",
+        "law.stiffness": "there are several groups &law",
+        "tones[3]": "frequency has 1 values",
+    }.items():
+        with pytest.raises(ModelError, match=message):
+            model[path]
+
+
+def test_what_was_added_can_be_removed():
+    model, before = duffing(), duffing().response("x1 (1)", order=3)
+    model.load("x9", 1, cos=1.0)
+    with pytest.raises(ModelError, match="x9"):
+        model.response("x1 (1)", order=3)
+    del model["load[1]"]
+    assert model.response("x1 (1)", order=3) == before
+    model.law("elastic_stop", "x1", stiffness=20.0, gap=0.1, label="stop")
+    model.law("cubic_spring", "x1", stiffness=1.0)
+    model["stop.gap"] = 0.2
+    model["law[2].stiffness"] = 0.0
+    assert model.response("x1 (1)", order=3) != before
+    del model["stop"]
+    assert model.response("x1 (1)", order=3) == pytest.approx(before, rel=1e-12) and model["law[1].stiffness"] == 0.0
+    for wrong in ("stop", "load[1]", "tones[0]"):
+        with pytest.raises(ModelError, match="is nothing that was added to the model"):
+            del model[wrong]
+
+
 def test_sparse_matrices_need_no_labels():
     mass, stiffness = sp.identity(2, format="csr"), sp.csr_matrix([[2.0, -1.0], [-1.0, 2.0]])
     found = []

@@ -66,13 +66,62 @@ def identifier(path: str) -> str:
     return re.sub("[^a-z0-9]+", "_", path.lower()).strip("_")
 
 
+_PLACE = re.compile(r"(\w+)(?:\(([^()]*)\))?%(\w+)(?:\((\d+)\))?")
+_WORD = re.compile(r"(?:(\d+)\*)?('(?:[^']|'')*'|[^\s,']+)")
+
+
+def _bodies(text: str, group: str) -> list[str]:
+    """The groups of a name in a complete input, one key in a line."""
+    return [body for name, body in re.findall(r"^&(\w+)\n(.*?)^/", text, re.DOTALL | re.MULTILINE) if name == group]
+
+
+def value_of(path: str, text: str) -> Any:
+    """The value at a path in a complete input: a number, text, truth or list of them."""
+    place = _PLACE.fullmatch(path)
+    group, which, key, element = place.groups() if place else ("", None, "", None)
+    bodies = _bodies(text, group)
+    if which is not None:
+        bodies = bodies[int(which) - 1 : int(which)] if which.isdigit() else [b for b in bodies if f"label = '{which}'\n" in b]
+    lines = [re.search(rf"^ *{key} = ((?:[^\n]*,\n)*[^\n]*)$", body, re.MULTILINE) for body in bodies]
+    if len(lines) != 1 or lines[0] is None:
+        if len(bodies) > 1:
+            raise ModelError(f"'{path}': there are several groups &{group}; a number, 'law[0].gap', or a label says which")
+        raise ModelError(f"'{path}': there is no such value; {_known(text, bodies)}")
+    values = [_value(word) for times, word in _WORD.findall(lines[0][1]) for _ in range(int(times or 1))]
+    if element is not None:
+        if not 1 <= int(element) <= len(values):
+            raise ModelError(f"'{path}': {key} has {len(values)} values")
+        return values[int(element) - 1]
+    return values[0] if len(values) == 1 else values
+
+
+def _known(text: str, bodies: list[str]) -> str:
+    if bodies:
+        return "known keys: " + ", ".join(re.findall(r"^ *(\w+) = ", bodies[0], re.MULTILINE))
+    return "known groups: " + ", ".join(dict.fromkeys(re.findall(r"^&(\w+)$", text, re.MULTILINE)))
+
+
+def _value(word: str) -> Any:
+    if word.startswith("'"):
+        return word[1:-1].replace("''", "'")
+    if word in (".true.", ".false."):
+        return word == ".true."
+    return int(word) if re.fullmatch(r"[-+]?\d+", word) else float(word)
+
+
+def without_group(text: str, name: str) -> str:
+    """An input without a group; its lines stay, so that messages name the lines of the others."""
+    group = rf"""^[ \t]*&{name}\b(?:'[^']*'|"[^"]*"|![^\n]*|[^'"!/])*/"""
+    return re.sub(group, lambda match: "\n" * match[0].count("\n"), text, flags=re.IGNORECASE | re.MULTILINE)
+
+
 def described(path: str, text: str, keys: Iterable[Any]) -> dict[str, str]:
     """Name and unit of a value by its path, for axes of pictures; `text` is the complete input and `keys` the table of keys."""
-    place = re.fullmatch(r"(\w+)(?:\(([^()]*)\))?%(\w+)(?:\((\d+)\))?", path)
+    place = _PLACE.fullmatch(path)
     if place is None:
         return {}
     group, which, key, element = place.groups()
-    bodies = [body for name, body in re.findall(r"^&(\w+)\n(.*?)^/", text, re.DOTALL | re.MULTILINE) if name == group]
+    bodies = _bodies(text, group)
     named = [body for body in bodies if f"label = '{which}'" in body]
     if (group, key) == ("tones", "frequency"):
         several = re.search(r"frequency = .*,", bodies[0])

@@ -14,13 +14,14 @@ import xarray as xr
 from nhbm import dataset, sweeps
 from nhbm.docstrings import documented
 from nhbm.errors import ModelError, NotConverged
-from nhbm.groups import GROUPS, Builder, described, group_text, identifier, path_of
+from nhbm.groups import GROUPS, Builder, described, group_text, identifier, path_of, value_of, without_group
 from nhbm.laws import Law
 from nhbm.session import Session, input_keys
 from nhbm.structure import Structure
 from nhbm.sweeps import Progress
 
 _IN_MEMORY = "structure in memory"
+_REPLACED = "curve", "gradient"  # groups that an operation gives complete
 
 
 class Peak(NamedTuple):
@@ -308,6 +309,68 @@ class Model:
         self._values.pop(path, None)
         self._values[path] = (self._n_assignments, value)
         live.n_assignments = self._n_assignments
+
+    def __getitem__(self, path: str) -> Any:
+        """Returns a value by its path.
+
+        Parameters
+        ----------
+        path : str
+            As for assignments: "wall.gap", "tones[0]", "law(wall)%gap".
+
+        Returns
+        -------
+        float, int, bool, str or list
+            In the unit of the input.
+
+        Examples
+        --------
+        >>> import nhbm
+        >>> model = nhbm.Model(nhbm.Chain(n_masses=2, mass=1.0, coupling_stiffness=1.0), tones=[0.9])
+        >>> model["tones[0]"], model["structure.n_masses"], model["stability.method"]
+        (0.9, 2, 'auto')
+        """
+        return value_of(path_of(path), self.to_namelist())
+
+    def __delitem__(self, place: str) -> None:
+        """Removes a load, law or another group that was added to the model.
+
+        Parameters
+        ----------
+        place : str
+            Its group and number, "load[0]", or its label, "wall".
+
+        Examples
+        --------
+        >>> import nhbm
+        >>> model = nhbm.Model(nhbm.Chain(n_masses=2, mass=1.0, coupling_stiffness=1.0), tones=[0.9])
+        >>> model.load("x3", 1, cos=0.1)
+        >>> del model["load[0]"]
+        >>> model
+        <nhbm.Model: structure chain; frequency [0.9]>
+        """
+        match = re.fullmatch(r"(\w+)\[(\d+)\]", place)
+        group, wanted = (match[1], int(match[2])) if match else ("", -1)
+        if match:
+            found = [k for k, (name, _) in enumerate(self._lists) if name == group][wanted : wanted + 1]
+        else:
+            found = [k for k, (_, keys) in enumerate(self._lists) if keys.get("label") == place]
+        if not found:
+            raise ModelError(f"'{place}' is nothing that was added to the model; 'load[0]' or the label of a law may be")
+        k, group = found[0], self._lists[found[0]][0]
+        number = 1 + sum(name == group for name, _ in self._lists[:k])
+        if self._is_in_base(group) and any(re.match(rf"{group}\(\d", path) for path in self._values):
+            raise ModelError(f"a value of &{group} was set by its number, which would change; use labels")
+        label = self._lists.pop(k)[1].get("label")
+        values = {}
+        for path, value in self._values.items():
+            at = re.match(rf"{group}\(([^()]*)\)", path)
+            if at and at[1] in (str(number), label):
+                continue
+            if at and at[1].isdigit() and int(at[1]) > number:
+                path = f"{group}({int(at[1]) - 1}){path[at.end() :]}"
+            values[path] = value
+        self._values, self._sessions = values, {}
 
     # What it does
 
@@ -624,15 +687,23 @@ class Model:
         self._lists.append((name, keys))
         self._sessions = {}
 
-    def _text(self, tolerance: float | None, order: int | None, more: dict[str, dict[str, Any]] | None) -> str:
+    def _given(self, tolerance: float | None, order: int | None, more: Any) -> dict[str, dict[str, Any]]:
+        """The groups that occur once, with what the operation adds."""
         groups = {**self._groups, **{name: {**self._groups.get(name, {}), **keys} for name, keys in (more or {}).items()}}
         if order is not None:
             groups.pop("accuracy", None)
         for name, key, value in (("accuracy", "tolerance", tolerance), ("harmonics", "order", order)):
-            if value is not None and not self._is_in_base(name):
+            if value is not None:
                 groups[name] = {**groups.get(name, {}), key: value}
-        texts = [group_text(name, keys) for name, keys in groups.items()]
-        return self._base + "".join(texts + [group_text(name, keys) for name, keys in self._lists])
+        return groups
+
+    def _text(self, groups: dict[str, dict[str, Any]]) -> str:
+        """The input: &curve and &gradient take the place of those of a text that was read, keys of other groups are set in it."""
+        base = self._base
+        for name in set(groups) & set(_REPLACED):
+            base = without_group(base, name)
+        texts = [group_text(name, keys) for name, keys in groups.items() if name in _REPLACED or not self._is_in_base(name)]
+        return base + "".join(texts + [group_text(name, keys) for name, keys in self._lists])
 
     def _described(self, path: str) -> dict[str, str]:
         return {"parameter": path, **described(path, self._live(*self._used[:2]).session.input(), input_keys())}
@@ -646,10 +717,12 @@ class Model:
         used = tolerance, order, repr(more or "")
         if used not in self._sessions:
             session = Session(self._find_structure)
-            session.read(self._text(tolerance, order, more), self._name)
-            for name, path, value in (("accuracy", "accuracy%tolerance", tolerance), ("harmonics", "harmonics%order", order)):
-                if value is not None and self._is_in_base(name):
-                    session.set(path, value)
+            groups = self._given(tolerance, order, more)
+            session.read(self._text(groups), self._name)
+            for name in groups:
+                if name not in _REPLACED and self._is_in_base(name):
+                    for key, value in groups[name].items():
+                        session.set(f"{name}%{key}", value)
             if more is not None:  # one of them is kept
                 self._sessions = {key: live for key, live in self._sessions.items() if key[2] == repr("")}
             self._sessions[used] = _Live(session)
