@@ -1,6 +1,6 @@
 !> Texts of the command about a run: its points, the time of its ranks, and the located points of its curves.
 module run_texts
-   use hb_curve_request, only: curve_kind, curve_kind_names
+   use hb_curve_request, only: curve_kind, curve_kind_names, curve_request_t
    use hb_error, only: error_t
    use hb_hdf5, only: h5_file_t, open_file
    use hb_kinds, only: wp
@@ -9,6 +9,7 @@ module run_texts
    use hb_run_summary, only: number_answered, run_summary_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, to_text
+   use hb_thresholds, only: agreement
    use hb_timing, only: rank_times_t, times_of_row
    implicit none
    private
@@ -135,6 +136,10 @@ contains
       n = number_cut_short(kind, status, plan%n_fastest())
       if (n > 0) lines = [character(160) :: lines, number_of(n, "curve")//" reached the limit of "//to_text(plan%n_fastest())// &
          " points: increase 'points' of &curve"]
+      n = number_turned_back(plan%curve_values, kind, plan%n_fastest(), plan%curve%curve_request_t)
+      if (n > 0) lines = [character(160) :: lines, number_of(n, "curve")//" returned to "//to_text(plan%curve%start)// &
+         " without reaching the other end of the range: try start = "// &
+         to_text(plan%curve%from + plan%curve%to - plan%curve%start)//" in &curve"]
 
    contains
 
@@ -194,6 +199,26 @@ contains
    end subroutine find_gaps
 
    !> Number of curves whose last row is not an end: they have used all of their points, and could continue.
+   !> Number of curves that start at an end of their range and return to it.
+   pure integer function number_turned_back(values, kind, n_rows, request) result(n)
+      real(wp), intent(in) :: values(:)                               !! of all points of all curves
+      integer, intent(in) :: kind(:)                                  !! likewise
+      integer, intent(in) :: n_rows                                   !! for one curve
+      type(curve_request_t), intent(in) :: request
+      integer :: i
+
+      n = 0
+      associate (start => request%start, from => request%from, to => request%to)
+         if (min(abs(start - from), abs(start - to)) > agreement*abs(to - from)) return
+         do i = 0, size(kind) - n_rows, n_rows
+            associate (ends => pack(values(i + 1:i + n_rows), kind(i + 1:i + n_rows) == curve_kind%end))
+               if (size(ends) > 0 .and. all(abs(ends - start) <= agreement*abs(to - from))) n = n + 1
+            end associate
+         end do
+      end associate
+   end function number_turned_back
+
+   !> Number of curves that need more rows.
    pure integer function number_cut_short(kind, status, n_rows) result(n)
       integer, intent(in) :: kind(:), status(:)                       !! of all points of all curves
       integer, intent(in) :: n_rows                                   !! for one curve

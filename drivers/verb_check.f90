@@ -190,6 +190,8 @@ contains
       write (number, "(es9.1)") seconds
       call say("cost        "//trim(adjustl(number))//" s for the first point ("//outcome_name(result%status)//", "// &
                number_of(result%n_harmonics, "harmonic")//")"//of_all(study, seconds))
+      if (result%status /= outcome%converged .and. result%status /= outcome%time_domain) &
+         call say("            the fallbacks of solve take longer; a small sweep and `nhbm plan --cost-from` tell more")
    end subroutine write_cost
 
    !> What all points of a sweep take at that rate; empty for a single point.

@@ -6,6 +6,7 @@ module hb_model_loads
    use hb_kinds, only: wp
    use hb_model, only: model_t
    use hb_properties, only: properties_t
+   use hb_text, only: to_text
    implicit none
    private
    public :: loaded_tuples, read_loads, read_starts
@@ -45,7 +46,7 @@ contains
       type(amplitudes_t) :: amplitudes
       real(wp), allocatable :: w(:)
       character(4), parameter :: units(0:4) = [character(4) :: "N", "N s", "N s2", "N s3", "N s4"]
-      integer :: h, kind, power                                       ! force, base_acceleration, base_displacement
+      integer :: h, kind, power, tone                                 ! force, base_acceleration, base_displacement
 
       call group%get("frequency_power", power)
       call group%choose("kind", kind)
@@ -59,20 +60,20 @@ contains
          end do
          if (kind == 3) power = power + 2
       end if
+      do h = 1, self%harmonics%n_harmonics
+         if (amplitudes%is_zero_at(h)) cycle
+         tone = findloc(self%tones%is_unknown .and. self%harmonics%tuples(:, h) /= 0, .true., dim=1)
+         if (tone == 0) cycle
+         call group%problem("tuple", "tone "//to_text(tone)//" of &tones is unknown, and a load needs a given frequency; "// &
+                            "a first guess is given by &start")
+         return
+      end do
       if (power == 0) then
          call self%loads%add_scaled(amplitudes, spread(1.0_wp, 1, self%harmonics%n_harmonics))
          return
       end if
       self%has_inertia_loads = .true.
       w = self%harmonics%frequencies(merge(0.0_wp, self%tones%omega, self%tones%is_unknown))
-      do h = 1, size(w)
-         if (amplitudes%is_zero_at(h)) cycle
-         if (any(self%tones%is_unknown .and. self%harmonics%tuples(:, h) /= 0)) then
-            call group%problem(trim(merge("kind           ", "frequency_power", kind == 3)), &
-                               "a load cannot grow with a frequency that is unknown")
-            return
-         end if
-      end do
       call self%loads%add_scaled(amplitudes, abs(w)**power)
       call self%load_slopes%add_scaled(amplitudes, power*abs(w)**(power - 1)*sign(1.0_wp, w))
    end subroutine read_load

@@ -74,12 +74,11 @@ contains
          if (allocated(error)) return
          first = self%document
       end if
-      call refuse_hidden(self%plan, self%document, overrides, error)
-      if (allocated(error)) return
       call self%plan%apply(1, first)
       self%callbacks = run_callbacks(self%plan%n_points, allocated(self%plan%curve))
       call read_model(self%model, first, error, self%available_memory, self%callbacks)
       if (.not. allocated(error)) call self%plan%refuse_tied(first, error)
+      if (.not. allocated(error)) call refuse_hidden(self%plan, first, overrides, error)
       if (allocated(error)) return
       call self%plan%note_units(first)
       if (allocated(self%plan%curve)) then
@@ -162,7 +161,7 @@ contains
       end do
    end subroutine apply_overrides
 
-   !> Rejects an override without effect, because a sweep gives the same key other values.
+   !> Rejects an override without effect, because a sweep, a curve or a tie gives the same key other values.
    subroutine refuse_hidden(plan, document, overrides, error)
       type(sweep_plan_t), intent(in) :: plan
       type(document_t), intent(inout) :: document
@@ -181,6 +180,15 @@ contains
                   " sweeps "//plan%parameters(k)%path//"; change the sweep, such as --set 'sweep("//to_text(k)//")%values=...'")
                return
             end do
+            if (allocated(plan%curve)) then
+               if (plan%curve%moving%parameter%hides(parameter)) then
+                  call fail(error, "--set "//trim(adjustl(path))//": no point would have this value, &curve varies "// &
+                            plan%curve%path//"; change its range, such as --set curve%from=...")
+                  return
+               end if
+            end if
+            call document%refuse_tied(parameter, trim(adjustl(path)), error)
+            if (allocated(error)) return
          end associate
       end do
    end subroutine refuse_hidden

@@ -67,6 +67,17 @@ def family(tmp_path_factory):
     return solve(FAMILY, tmp_path_factory.mktemp("family"))
 
 
+def test_a_curve_that_turns_back_is_reported(tmp_path):
+    """From 1.2 down the lower motions meet a fold at 1.1157; the upper ones lead back to 1.2, and 0.5 is not reached."""
+    curve = DUFFING + "&curve parameter = 'tones%frequency', from = 1.2, to = "
+    line = "1 curve returned to 1.2 without reaching the other end of the range: try start = 0.5 in &curve"
+    for end, is_reported in (("0.5 /", True), ("2.5 /", False)):
+        (tmp_path / "case.nml").write_text(curve + end)
+        done = run("solve", "case.nml", "--overwrite", cwd=tmp_path)
+        assert done.status == ALL_CONVERGED
+        assert (line in done.stdout.splitlines()) == is_reported, done.stdout
+
+
 def test_a_curve_that_turns_at_a_kink_has_a_fold_there(tmp_path):
     """A slider begins to slip a second time in the half period: the curve folds at a corner, and the motions beyond it are unstable
     although the slip is shorter than the distance of the detection times for events."""
