@@ -10,6 +10,7 @@ import types
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -18,7 +19,7 @@ from in_process import DUFFING, ROOT, cubic, duffing, same, session_of
 from program import _ENVIRONMENT
 
 import nhbm
-from nhbm import Model, ModelError
+from nhbm import Model, ModelError, dataset
 
 
 def test_values_are_set_by_path_and_by_handle():
@@ -236,6 +237,32 @@ def test_numbers_of_a_sweep_are_named():
     for of, words in (("x1 (1)", "Amplitude of x1, harmonic 1"), ("x1", "Root mean square of x1")):
         found = duffing().sweep({"tones[0]": [0.6, 0.7]}, of=of, order=3)
         assert found["response"].attrs["long_name"] == words
+
+
+def test_failed_responses_of_a_sweep_are_reported():
+    model = duffing()
+    model.set("solver", max_iterations=1, fallback=False)
+    with pytest.warns(nhbm.NotConverged, match="of 2 points 2 out_of_budget") as warned:
+        found = model.sweep({"tones[0]": [0.9, 1.0]}, of="x1 (1)", order=3)
+    assert len(warned) == 1 and np.isnan(found["response"]).all()
+    assert found.nhbm.status.values.tolist() == 2 * ["out_of_budget"] and all(found["message"].values)
+
+
+def test_points_of_a_curve_are_named(tmp_path):
+    curve = duffing().curve("tones[0]", 0.5, 2.5, order=3, peak_of="x1 (1)")
+    assert curve.nhbm.kind[0] == "start" and (curve.nhbm.kind == "peak").sum() == 1
+    path = tmp_path / "curve.nml"
+    path.write_text(
+        DUFFING + "&harmonics order = 3 /\n&curve parameter = 'tones%frequency', from = 0.5, to = 2.5, peak_of = 'x1 (1)' /\n"
+    )
+    subprocess.run([os.environ["NHBM"], "solve", path, "--quiet"], check=True, cwd=tmp_path, env=_ENVIRONMENT)
+    with h5py.File(tmp_path / "curve.h5") as file:
+        assert file["curve_kind"].attrs["flag_meanings"].split() == dataset.KINDS
+        assert file["status"].attrs["flag_meanings"].split() == list(dataset.STATUSES)
+        assert (file["status"][:] == dataset.UNUSED).any()
+    with nhbm.open_dataset(tmp_path / "curve.h5") as opened:
+        assert opened.nhbm.kind.values.tolist() == curve.nhbm.kind.values.tolist()
+        np.testing.assert_allclose(opened.nhbm.amplitude("x1"), curve.nhbm.amplitude("x1"), rtol=1e-12)
 
 
 def test_sweeps_are_spread_over_processes():

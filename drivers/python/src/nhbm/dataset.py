@@ -21,6 +21,10 @@ STATUSES = (
     "diverged locked timed_out impact unused time_domain subharmonic broadband several"
 ).split()
 SOLVED = (1, 7, 8, 9, 16, 18)  # a motion of the tones is stored, if not always within what was asked for
+UNUSED = STATUSES.index("unused")  # a row of a curve that was not needed
+KINDS = (
+    "none regular start fold peak value end branch flip torus split graze minimum amplitude resonance"
+).split()  # of the points of a curve
 VERDICTS = "not_done", "agrees", "unstable", "differs", "undecided"
 _NAMES = {"tuples": "tuple"}
 AMPLITUDES = "x(t) = sum over h of cos_h cos(j_h.omega t) + sin_h sin(j_h.omega t), j_h = tuple[h, :]"
@@ -37,10 +41,13 @@ def open_dataset(path: str | Path) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        All points of the run (docs/user/schema.md), read on demand.
+        All points of the run (docs/user/schema.md), read on demand, without the unused rows of curves.
     """
     imported("h5netcdf", "result files are opened with")
-    return xr.open_dataset(path, engine="h5netcdf")
+    data = xr.open_dataset(path, engine="h5netcdf")
+    if "status" in data and "point" in data.dims:
+        data = data.isel(point=np.flatnonzero(data["status"].values != UNUSED))
+    return data
 
 
 def motion_of(session: Session) -> xr.Dataset:
@@ -209,6 +216,12 @@ class Accessor:
     def status(self) -> xr.DataArray:
         """Status of each motion as a word: converged, truncated, ... (docs/user/schema.md)."""
         words: xr.DataArray = xr.apply_ufunc(np.array(STATUSES).__getitem__, self._dataset["status"])
+        return words
+
+    @property
+    def kind(self) -> xr.DataArray:
+        """Kind of each point of a curve as a word: regular, fold, peak, ... (docs/user/curves.md)."""
+        words: xr.DataArray = xr.apply_ufunc(np.array(KINDS).__getitem__, self._dataset["curve_kind"])
         return words
 
     @property

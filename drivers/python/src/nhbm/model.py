@@ -592,7 +592,7 @@ class Model:
         Returns
         -------
         xarray.Dataset
-            As for `solve`, with the dimension `point`; `curve_kind` marks folds (3), peaks (4) and bifurcations.
+            As for `solve`, with the dimension `point`; `dataset.nhbm.kind` names folds, peaks and bifurcations.
 
         Examples
         --------
@@ -602,7 +602,7 @@ class Model:
         >>> model.load("x1", 1, cos=0.18)
         >>> model.law("cubic_spring", "x1", stiffness=0.1)
         >>> curve = model.curve("tones[0]", 0.5, 2.0, order=15)
-        >>> print([f"{float(omega):.6f}" for omega in curve["tones_frequency_1"][curve["curve_kind"] == 3]])
+        >>> print([f"{float(omega):.6f}" for omega in curve["tones_frequency_1"][curve.nhbm.kind == "fold"]])
         ['1.269602', '1.115700']
         """
         path = path_of(path)

@@ -56,7 +56,8 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     Returns
     -------
     xarray.Dataset
-        As for `solve`, with the dimension `point`; `status` and `message` report failed points.
+        As for `solve`, with the dimension `point`; `status` and `message` report failed points. With a response as `of`:
+        `response`, NaN where no motion was found, `status` and `message`; with a function, what it returns.
     """
     grid = {path_of(path): list(np.atleast_1d(list(np.atleast_1d(line)))) for path, line in values.items()}
     if not grid or not all(grid.values()):
@@ -85,7 +86,7 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
         found["response"].attrs["long_name"] = dataset.words_of(of)
     for name, path in zip(names, grid):
         found[name].attrs.update(model._described(path))
-    if of is None and not bool(found.nhbm.is_converged.all()):
+    if "status" in found and not bool(found.nhbm.is_converged.all()):
         words, counts = np.unique(found.nhbm.status[~found.nhbm.is_converged], return_counts=True)
         what = ", ".join(f"{count} {word}" for word, count in zip(words, counts))
         warnings.warn(f"of {len(points)} points {what}. {found.nhbm.message}".rstrip(), NotConverged, stacklevel=2)
@@ -110,11 +111,13 @@ class _Line:
             model[path] = value
         if callable(self.of):
             return self.of(model)
-        if self.of is not None:
-            return model.response(self.of, warm=self.warm and k > 0, **wanted)
         session = model._live(**wanted).session
-        session.solve(self.warm and k > 0, points=model._sharing(self.n))
-        return dataset.motion_of(session)
+        session.solve(self.warm and k > 0, points=model._sharing(self.n) if self.of is None else 0)
+        if self.of is None:
+            return dataset.motion_of(session)
+        status = int(dataset.number(session, "status"))
+        response = dataset.response_of(session, self.of) if status in dataset.SOLVED else float("nan")
+        return {"response": response, "status": status, "message": session.message}
 
 
 def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: Any, bar: Progress) -> Iterable[list[Any]]:
