@@ -30,6 +30,12 @@ file(STRINGS ${FOLDER}/${PROGRAM} path REGEX "[$]ORIGIN/\\.\\./|@loader_path/\\.
 if(path STREQUAL "")
    message(FATAL_ERROR "the installed program does not look for libraries beside itself")
 endif()
+if(CONFIG STREQUAL "Release")                      # the same sources give the same bits in every folder
+   file(STRINGS ${FOLDER}/${PROGRAM} named REGEX "^.*${ROOT}/.*$")
+   if(named)
+      message(FATAL_ERROR "the installed program contains the folder of its sources:\n${named}")
+   endif()
+endif()
 find_program(READELF readelf)
 foreach(program IN ITEMS ${BUILD}/bin/nhbm ${FOLDER}/${PROGRAM})   # an entry that is empty or relative is the current folder
    if(NOT READELF)
