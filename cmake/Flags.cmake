@@ -49,7 +49,8 @@ if(HB_COVERAGE)
    target_link_options(hb_flags INTERFACE --coverage)
 endif()
 
-# The same sources give the same bits in every folder: gfortran writes the name of a source, as it is called, into messages of run time.
+# The same sources give the same bits in every folder, where the build is within them: gfortran writes the name of a source, as it is
+# called, into messages of run time.
 if(PROJECT_IS_TOP_LEVEL AND NOT HB_COVERAGE)
    execute_process(COMMAND realpath --relative-to=/ /tmp OUTPUT_QUIET ERROR_QUIET RESULT_VARIABLE has_no_realpath)
    if(has_no_realpath EQUAL 0)
@@ -58,7 +59,8 @@ if(PROJECT_IS_TOP_LEVEL AND NOT HB_COVERAGE)
       endforeach()
    endif()
    target_compile_options(hb_flags INTERFACE
-      $<$<AND:$<CONFIG:Release>,$<COMPILE_LANG_AND_ID:C,GNU,Clang>>:-ffile-prefix-map=${PROJECT_SOURCE_DIR}=.>)
+      $<$<AND:$<CONFIG:Release>,$<COMPILE_LANG_AND_ID:C,GNU,Clang>>:-ffile-prefix-map=${PROJECT_SOURCE_DIR}=.>
+      $<$<AND:$<CONFIG:Release>,$<COMPILE_LANG_AND_ID:Fortran,GNU>>:-ffile-prefix-map=${PROJECT_SOURCE_DIR}=.>)
 endif()
 
 # For generated sources with lines of any length.

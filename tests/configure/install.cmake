@@ -30,7 +30,8 @@ file(STRINGS ${FOLDER}/${PROGRAM} path REGEX "[$]ORIGIN/\\.\\./|@loader_path/\\.
 if(path STREQUAL "")
    message(FATAL_ERROR "the installed program does not look for libraries beside itself")
 endif()
-if(CONFIG STREQUAL "Release")                      # the same sources give the same bits in every folder
+cmake_path(IS_PREFIX ROOT ${BUILD} is_within)
+if(CONFIG STREQUAL "Release" AND is_within)        # the same sources give the same bits in every folder
    file(STRINGS ${FOLDER}/${PROGRAM} named REGEX "^.*${ROOT}/.*$")
    if(named)
       message(FATAL_ERROR "the installed program contains the folder of its sources:\n${named}")
