@@ -16,6 +16,7 @@ module hb_session
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_gradient, only: find_gradient
+   use hb_impact_curve, only: new_curve_of
    use hb_integration, only: integrate_model, integration_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: law_dofs_of
@@ -27,7 +28,6 @@ module hb_session
    use hb_motion, only: solve_motion
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: motion_result_t
-   use hb_motion_ridge, only: new_motion_curve
    use hb_namelist, only: read_namelist, set_text, write_complete_text
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: is_solved, outcome, reason
@@ -260,7 +260,7 @@ contains
       call self%update(error)
       if (.not. allocated(error)) call self%plan%make_request(self%model, self%document, self%request, error)
       if (allocated(error)) return
-      call new_motion_curve(self%curve, self%request)
+      call new_curve_of(self%curve, self%model, self%request)
       self%has_curve = .true.
       self%has_begun = .false.
    end subroutine session_begin_curve

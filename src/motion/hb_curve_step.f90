@@ -13,7 +13,7 @@ module hb_curve_step
    use hb_thresholds, only: agreement, faint, next_to_none, rounding, sharp
    implicit none
    private
-   public :: step
+   public :: add, find, find_fold, find_values, is_back, largest_turn, search_t, short, sort_by_position, step, try_end
 
    real(wp), parameter :: largest_turn = 0.6_wp                       ! [rad] on a step, unless it is short
    real(wp), parameter :: longest_chord = 2.0_wp                      ! of a step, unless it is short: 1.05 with the largest turn

@@ -28,7 +28,7 @@ module hb_integrate_to_tolerance
    use hb_tuple_choice, only: largest_places, lowest_order, new_lowest_set
    implicit none
    private
-   public :: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples
+   public :: integrate_from_balance, integrate_to_tolerance, integrates_first, keep_lines, loaded_tuples, status_within
 
    integer, parameter :: candidates_of_kept = 4                       ! at most, for each tuple of a set
    real(wp), parameter :: fall = 0.7_wp                               ! power of the tolerance with which orders of candidates grow

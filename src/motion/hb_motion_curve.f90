@@ -51,6 +51,9 @@ module hb_motion_curve
       procedure :: next => motion_curve_next
       procedure :: look_for => motion_curve_look_for
       procedure :: measure => motion_curve_measure
+      procedure :: start_branch
+      procedure :: go
+      procedure :: report => report_waiting
    end type motion_curve_t
 
 contains
@@ -105,7 +108,7 @@ contains
       self%is_done = allocated(error)
       if (self%is_done) return
       self%first%x = [unknowns(:self%problem%n_unknowns), further]
-      call start_branch(self, error)
+      call self%start_branch(error)
       if (.not. allocated(error)) call add_position(self, waiting_t(curve_kind%start, x=self%first%x), result)
       self%n_reported = 1
       self%is_done = allocated(error) .or. self%n_reported >= request%n_points
@@ -135,7 +138,7 @@ contains
       self%is_done = allocated(error)
       if (self%is_done) return
       self%first%level = self%level
-      call start_branch(self, error)
+      call self%start_branch(error)
       if (allocated(error)) return
       call put_start(self)
       call self%describe(self%waiting(1), result, error)
@@ -192,7 +195,7 @@ contains
          self%first%direction = direction
       end associate
       call self%find_on_plane(self%first%x, self%first%direction, is_found)
-      if (is_found) call start_branch(self, error)
+      if (is_found) call self%start_branch(error)
       self%first_waiting = 1
    end subroutine motion_curve_begin_next_to
 
@@ -226,7 +229,7 @@ contains
          self%way = 2*last%branch + merge(2, 1, last%length < 0.0_wp .or. &
                                           (last%branch > 0 .and. count(stored%kind == curve_kind%start .and. &
                                                                        stored%branch == last%branch) > 1))
-         call start_branch(self, error)
+         call self%start_branch(error)
          if (allocated(error)) return
          self%n_reported = size(stored)
          self%length = abs(last%length)
@@ -383,7 +386,7 @@ contains
       end if
       self%is_done = self%way > 2*(1 + size(self%origins))
       if (self%is_done) return
-      call start_branch(self, error)
+      call self%start_branch(error)
       if (self%way > 2 .and. .not. allocated(error)) call put_start(self)
    end subroutine leave
 
@@ -417,7 +420,7 @@ contains
 
       type(cancellation_t), target :: cancellation
 
-      call cancellation%enter(self%problem%model%solver%time_limit)
+      call cancellation%enter(self%model%solver%time_limit)
       call find_next(self, result, error)
       call cancellation%leave()
    end subroutine motion_curve_next
@@ -434,7 +437,7 @@ contains
       started = wall_clock()
       before = self%curve%report
       if (self%first_waiting > size(self%waiting)) then
-         call go(self, error)
+         call self%go(error)
          if (allocated(error)) return
       end if
       if (verdict_on_work() == verdict%interrupted) then             ! the events on the step may be incomplete
@@ -451,7 +454,7 @@ contains
          call count_work(self%curve%report, before, result)
          call leave(self, error)
       else
-         call report_waiting(self, self%first_waiting, result, error)
+         call self%report(self%first_waiting, result, error)
          if (verdict_on_work() == verdict%interrupted) then          ! the results of the point may be incomplete
             result%status = outcome%interrupted
             return
@@ -478,7 +481,7 @@ contains
 
       is_found = .false.
       do n_steps = 1, most_steps
-         call go(self, error)
+         call self%go(error)
          if (allocated(error) .or. self%curve%status /= outcome%pending) return
          i = findloc(self%waiting%kind, kind, dim=1)
          is_found = i > 0
@@ -486,7 +489,7 @@ contains
          self%first_waiting = size(self%waiting) + 1
       end do
       if (.not. is_found) return
-      call report_waiting(self, i, result, error)
+      call self%report(i, result, error)
       call count_work(self%curve%report, report_t(), result)
    end subroutine motion_curve_look_for
 

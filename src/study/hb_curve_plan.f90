@@ -7,6 +7,7 @@ module hb_curve_plan
    use hb_law, only: hold_t
    use hb_model, only: model_t
    use hb_model_reader, only: moving_groups
+   use hb_outcome, only: outcome
    use hb_properties, only: properties_t
    use hb_response, only: new_response
    use hb_stability, only: stability_method
@@ -238,6 +239,24 @@ contains
       end do
    end function has_restitution
 
+   !> Why motions with impacts have no curve along these values; empty if they have one.
+   function refusal_with_impacts(self, model) result(text)
+      class(curve_plan_t), intent(in) :: self
+      type(model_t), intent(in) :: model
+      character(:), allocatable :: text
+      character(*), parameter :: which = "with walls that have a restitution, a curve "
+
+      text = ""
+      if (model%tones%n_tones > 1 .or. any(model%tones%is_unknown)) then
+         text = which//"needs one given tone; a &sweep integrates motions of several tones one by one"
+      else if (.not. model%lacks_impacts_of(outcome%impact)) then
+         text = which//"needs a restitution of every wall"
+      else if (allocated(self%over) .or. self%switches .or. size(self%others) > 0 .or. len(self%origin_path) > 0 .or. &
+               size(self%responses_of(4)%names) > 0) then
+         text = which//"follows the motion from 'start': 'follow', 'switch', 'others', 'origin' and 'resonance_of' need a balance"
+      end if
+   end function refusal_with_impacts
+
    !> Fails if the model has no curve along these values.
    subroutine check_model(self, model, document, error)
       class(curve_plan_t), intent(in) :: self
@@ -263,7 +282,7 @@ contains
       else if (size(model%laws) == 0) then
          error_text = "a curve needs at least one &law; without laws use a &sweep"
       else if (has_restitution(model)) then
-         error_text = "motions that strike a wall with a restitution are no balances to follow; a &sweep finds them one by one"
+         error_text = refusal_with_impacts(self, model)
       end if
       if (is_tones .and. len(error_text) == 0) then
          if (model%tones%is_unknown(max(1, self%moving%parameter%element(1)))) error_text = "this frequency is unknown, not given"

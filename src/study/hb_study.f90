@@ -15,6 +15,7 @@ module hb_study
    use hb_namelist, only: read_namelist, set_text, write_complete_text
    use hb_result_columns, only: measure_row, new_plan, plan_t
    use hb_results_layout, only: results_layout_t
+   use hb_outcome, only: outcome
    use hb_run_callbacks, only: run_callbacks
    use hb_stability, only: n_multipliers_of, stability_method
    use hb_stored_origin, only: request_curve
@@ -290,6 +291,8 @@ contains
             layout%curve_units = plan%curve%units
             coordinates = coordinates_of(model)
             layout%n_curve_unknowns = 2*size(layout%tuples, 2)*coordinates%n + n_further(model)
+            if (model%lacks_impacts_of(outcome%impact)) &                ! the state at a phase, the phase, and the value
+               layout%n_curve_unknowns = 2*model%structure%n_dofs + sum([(model%laws(i)%law%n_states, i=1, size(model%laws))]) + 2
          end if
          allocate (layout%parameters(size(plan%parameters)))
          do i = 1, size(plan%parameters)

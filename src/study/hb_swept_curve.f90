@@ -8,13 +8,13 @@ module hb_swept_curve
    use hb_curve_request, only: curve_kind, curve_request_t
    use hb_document, only: document_t
    use hb_error, only: error_t
+   use hb_impact_curve, only: new_curve_of
    use hb_kinds, only: wp
    use hb_level, only: estimate_of
    use hb_model, only: model_t
    use hb_model_reader, only: update_model
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_position_t, motion_result_t
-   use hb_motion_ridge, only: new_motion_curve
    use hb_outcome, only: is_solved, outcome, reason
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t, results_t
@@ -68,7 +68,7 @@ contains
       self%request%available_memory = source%available_memory
       self%plan = source%plan%curve
       allocate (self%stored(0))
-      call new_motion_curve(self%curve, self%request)
+      call new_curve_of(self%curve, self%model, self%request)
       self%is_done = allocated(failure)
       self%last_parameter = source%plan%curve%start
       if (self%is_done .or. .not. is_resumed) return
@@ -156,7 +156,7 @@ contains
       associate (request => self%request, other => self%request%from + self%request%to - self%request%start)
          if (any(abs(start - [request%from, request%to]) <= 0.0_wp) .and. .not. (allocated(request%origin) .or. &
              allocated(request%over) .or. any(self%model%tones%is_unknown) .or. self%model%start_from_integration .or. &
-             self%model%normal_mode%is_asked)) then
+             self%model%normal_mode%is_asked .or. self%model%lacks_impacts_of(outcome%impact))) then
             self%model%may_integrate = .false.
             call self%curve%begin(self%model, self%document, request, result, error)
             if (has_ended()) return
@@ -193,7 +193,7 @@ contains
 
       if (abs(start - self%request%start) <= 0.0_wp) return
       call self%curve%destroy()
-      call new_motion_curve(self%curve, self%request)
+      call new_curve_of(self%curve, self%model, self%request)
       self%request%start = start
       call self%plan%set(self%document, start)
       call update_model(self%model, self%document, is_new, error, self%request%available_memory)

@@ -24,6 +24,7 @@ module hb_integration_cvode
    integer, parameter :: steps_from_base = 1000
    integer, parameter :: max_events = 100000                          ! from one sample to the next
    real(wp), parameter :: slow = 1.0e-6_wp                            ! relative speed below which there is no bounce
+   integer, parameter :: no_longer_counted = -1
    real(wp), parameter :: smallest_scale = 1.0e-3_wp                  ! of a displacement, relative to the length of the system
 
    type, extends(integrator_t) :: integration_cvode_t
@@ -100,6 +101,7 @@ contains
          equations%scale(n + 1:) = max(equations%scale(n + 1:), smallest_scale**2*fastest*length)
          equations%held = state%s
          equations%mode = 0
+         self%impacts = spread(0, 1, 2*size(equations%rigid))
          call self%equations%hold_active()
          call self%system%accelerations%begin(state%time, 0.0_wp)
          call choose_branches(self, 0.0_wp)                           ! may change velocities, therefore first
@@ -199,6 +201,7 @@ contains
                      equations%mode(i) = 0
                   else
                      call hit_wall(self, i, merge(1, -1, found(k + 1) /= 0))
+                     call count_impact(self, 2*i - merge(1, 0, found(k + 1) /= 0), equations%mode(i) == 0)
                      is_impact = .true.
                   end if
                else if (equations%mode(i) == 0) then
@@ -216,6 +219,15 @@ contains
          if (is_impact) call choose_branches(self, t)
       end associate
    end subroutine change_branches
+
+   !> Counts an impact; bounces that end in contact are not counted, because their number has no effect.
+   subroutine count_impact(self, side, has_bounced)
+      class(integration_cvode_t), intent(inout) :: self
+      integer, intent(in) :: side
+      logical, intent(in) :: has_bounced
+
+      if (self%impacts(side) >= 0) self%impacts(side) = merge(self%impacts(side) + 1, no_longer_counted, has_bounced)
+   end subroutine count_impact
 
    !> Reflects a coordinate at a wall; all others in contact are constrained.
    subroutine hit_wall(self, i, side)

@@ -75,6 +75,8 @@ module hb_integration_system
       real(wp) :: step = 0.0_wp                                       !! [s]
       real(wp) :: origin = 0.0_wp                                     !! [s] where it started
       integer(int64) :: n_steps = 0_int64                             !! since then
+      integer, allocatable :: impacts(:)                              !! since then, on both sides of each rigid law; negative
+                                                                      !! once bounces have ended in contact
    contains
       procedure :: start => integrator_start
       procedure :: advance => integrator_advance

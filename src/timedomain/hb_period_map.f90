@@ -28,7 +28,8 @@ module hb_period_map
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private
-   public :: find_period_map, new_period_map, new_state_map, period_map_t, state_map_t, work_of_period_map
+   public :: far_from_events, farthest_phase, find_period_map, new_period_map, new_state_map, period_map_t, state_map_t, &
+      work_of_period_map
 
    real(wp), parameter :: most_accurate = 1.0e-13_wp                  ! tolerance of time integration with variable steps
    real(wp), parameter :: least_accurate = 1.0e-11_wp
@@ -47,11 +48,13 @@ module hb_period_map
       logical :: has_own_steps = .true.                               !! the method chooses them
       integer :: fewest_steps = 1000                                  !! else, in a period of the fastest tone
       integer :: level = 1                                            !! each has twice the steps of the one before
+      integer, allocatable :: impacts(:)                              !! of the last time integration, as of a record
       type(integration_config_t), private :: config
    contains
       procedure :: state_at => state_map_state_at
       procedure :: rate_at => state_map_rate_at
       procedure :: carry => state_map_carry
+      procedure :: record_from => state_map_record_from
       procedure :: differences => state_map_differences
       procedure :: allow => state_map_allow
       procedure :: work_of => state_map_work_of
@@ -152,7 +155,7 @@ contains
    function farthest_phase(integration) result(phase)
       type(state_map_t), intent(in) :: integration
       real(wp) :: phase
-      real(wp) :: far(n_instants, size(integration%rigid)), phases(1, n_instants)
+      real(wp) :: phases(1, n_instants)
       real(wp) :: v(n_instants, integration%motion%n_coordinates), z(n_instants, integration%motion%n_coordinates)
       integer :: i
 
@@ -160,6 +163,17 @@ contains
       if (size(integration%rigid) == 0) return
       phases(1, :) = [(two_pi*i/n_instants, i=0, n_instants - 1)]
       call integration%motion%at(phases, z, v)
+      phase = phases(1, maxloc(far_from_events(integration, z, v), dim=1))
+   end function farthest_phase
+
+   !> Distance of instants of a motion from its events, the least of all laws, each relative to the largest.
+   pure function far_from_events(integration, z, v) result(least)
+      type(state_map_t), intent(in) :: integration
+      real(wp), intent(in) :: z(:, :), v(:, :)                        !! [m], [m/s], (instants, n_dofs)
+      real(wp) :: least(size(z, 1))
+      real(wp) :: far(size(z, 1), size(integration%rigid))
+      integer :: i
+
       do i = 1, size(integration%rigid)
          associate (rigid => integration%rigid(i), shape => integration%system%laws%shape(:, integration%rigid(i)%coordinate))
             if (.not. rigid%is_wall) then
@@ -172,8 +186,8 @@ contains
          end associate
          far(:, i) = far(:, i)/max(maxval(far(:, i)), tiny(1.0_wp))
       end do
-      phase = phases(1, maxloc(minval(far, dim=2), dim=1))
-   end function farthest_phase
+      least = minval(far, dim=2)
+   end function far_from_events
 
    !> Approximate work in nanoseconds, from counts alone.
    pure real(wp) function work_of_period_map(self) result(work)
@@ -460,9 +474,23 @@ contains
       real(wp), intent(out) :: after(:)                               !! likewise
       logical, intent(out) :: is_done
       type(integration_record_t) :: record
+      integer, parameter :: nothing(0) = 0
+
+      after = x
+      call self%record_from(start, duration, n_steps_of(self, self%level), nothing, after, record, is_done)
+   end subroutine state_map_carry
+
+   !> As `carry`, with a record of some displacements.
+   subroutine state_map_record_from(self, start, duration, n_samples, dofs, x, record, is_done)
+      class(state_map_t), intent(inout) :: self
+      real(wp), intent(in) :: start, duration                         !! [s]
+      integer, intent(in) :: n_samples                                !! after the first
+      integer, intent(in) :: dofs(:)
+      real(wp), intent(inout) :: x(:)                                 !! scaled, on return after the duration
+      type(integration_record_t), intent(out) :: record
+      logical, intent(out) :: is_done
       type(integration_state_t) :: state
       type(error_t), allocatable :: error
-      integer, parameter :: nothing(0) = 0
 
       associate (system => self%system, n => self%system%n_dofs, y => x*self%scale)
          call new_integration_state(state, n, system%laws%n_states)
@@ -471,12 +499,13 @@ contains
          state%v = y(n + 1:2*n)
          state%s = y(2*n + 1:)
          self%config%duration = duration
-         call integrate_from(system, self%config, duration/n_steps_of(self, self%level), nothing, state, record, error)
+         call integrate_from(system, self%config, duration/n_samples, dofs, state, record, error)
       end associate
       is_done = .not. allocated(error)
-      if (is_done) after = [state%q, state%v, state%s]/self%scale
-      if (is_done) is_done = all(ieee_is_finite(after))
-   end subroutine state_map_carry
+      if (is_done) x = [state%q, state%v, state%s]/self%scale
+      if (is_done) is_done = all(ieee_is_finite(x))
+      if (allocated(record%impacts)) self%impacts = record%impacts
+   end subroutine state_map_record_from
 
    !> Remaining changes after a time for changes in some directions, by central differences, per change.
    subroutine state_map_differences(self, start, duration, x, distance, directions, changes, is_done)

@@ -32,6 +32,7 @@ module hb_time_stepping
       real(wp), allocatable :: time(:)                                !! [s], (n_stored)
       real(wp), allocatable :: displacement(:, :), velocity(:, :)     !! (n_stored, n_retained_dofs)
       real(wp), allocatable :: force(:, :)                            !! of the laws [N], (n_stored, n_coordinates)
+      integer, allocatable :: impacts(:)                              !! as of the integrator; not allocated: not counted
       real(wp) :: cpu_seconds = 0.0_wp                                !! processor time, including set-up of the method [s]
       logical :: is_under_way = .false.                               !! the method has started: an error is one of the motion
       logical :: is_out_of_work = .false.                             !! the error is that of the budget
@@ -67,7 +68,10 @@ contains
       if (.not. allocated(error)) call follow(integrator, system, config, retained_dofs, state, record, error)
       call cpu_time(ended)
       record%cpu_seconds = ended - begun
-      if (allocated(integrator)) call integrator%destroy()
+      if (allocated(integrator)) then
+         if (allocated(integrator%impacts)) call move_alloc(integrator%impacts, record%impacts)
+         call integrator%destroy()
+      end if
    end subroutine integrate_from
 
    subroutine new_integrator(self, system, config, step, error)

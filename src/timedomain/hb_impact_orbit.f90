@@ -1,0 +1,377 @@
+!> A periodic motion with impacts on rigid walls, as the state that returns to itself after a period (shooting), and a
+!> value of the input on which it depends.
+!>
+!> The period map is integrated event by event, so that it contains the jumps of the velocities. Its derivatives are
+!> fourth-order differences of states between which the same walls are struck as often: they include the effect of
+!> impacts on a disturbance (saltation). The section of the map is a phase of the tone far from impacts. Sources: S. W. Shaw
+!> and P. J. Holmes, J. Sound Vib. 90 (1983) 129-155; A. H. Nayfeh and B. Balachandran, Applied Nonlinear Dynamics, Wiley
+!> 1995, section 6.5.
+module hb_impact_orbit
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_coordinates, only: coordinates_t
+   use hb_document, only: document_t
+   use hb_error, only: error_t
+   use hb_integration_laws, only: collect_rigid
+   use hb_integration_system, only: integration_system_t, new_integration_system
+   use hb_kinds, only: two_pi, wp
+   use hb_model, only: model_t
+   use hb_model_problem, only: moving_value_t
+   use hb_model_reader, only: update_model
+   use hb_motion_series, only: motion_series_t
+   use hb_period_map, only: far_from_events, farthest_phase, new_state_map, state_map_t
+   use hb_problem, only: problem_t
+   use hb_structure, only: most_dense
+   use hb_time_domain, only: steady_motion_t
+   use hb_time_stepping, only: integration_record_t
+   implicit none
+   private
+   public :: impact_orbit_t, new_impact_orbit
+
+   real(wp), parameter :: accuracy = 1.0e-9_wp                        ! of the integration: all digits
+   real(wp), parameter :: noise = 1.0e-12_wp                          ! of a period map, scaled
+   real(wp), parameter :: farthest = 3.0e-4_wp                        ! of two neighbouring states of a difference, scaled
+   real(wp), parameter :: nearer = 0.3_wp                             ! from one distance to the next
+   integer, parameter :: most_distances = 5
+   real(wp), parameter :: nearly_linear = 3.0e-5_wp ! relative difference of second-order differences over one and two distances:
+                                                                      ! that of fourth order then errs by its square
+   real(wp), parameter :: places(4) = [-2.0_wp, -1.0_wp, 1.0_wp, 2.0_wp]   ! of the difference, and its weights
+   real(wp), parameter :: weights(4) = [1.0_wp, -8.0_wp, 8.0_wp, -1.0_wp]/12.0_wp
+   integer, parameter :: fewest_samples = 8192                        ! in a period: their coefficients err by 1e-8 at impacts
+   integer, parameter :: samples_of_harmonic = 64
+   real(wp), parameter :: too_near = 0.5_wp                           ! to an event, relative to the farthest instant
+
+   !> Owns memory: call `destroy`. Its parameter 1 is the moving value.
+   type, extends(problem_t) :: impact_orbit_t
+      type(model_t) :: model                                          !! at the present value
+      type(document_t) :: document                                    !! likewise
+      type(moving_value_t) :: moving
+      real(wp) :: value = 0.0_wp
+      real(wp) :: section = 0.0_wp                                    !! phase of the map, part of a period
+      integer, allocatable :: impacts(:)                              !! in the period after the last residual, as of a record
+      character(:), allocatable :: error_text                         !! why the last value was rejected
+      type(state_map_t) :: map
+      type(integration_system_t), pointer, private :: system => null()
+      real(wp), allocatable, private :: known_x(:), known_tangent(:, :)   ! the last tangent
+      real(wp), private :: known_value = 0.0_wp
+   contains
+      procedure :: residual => impact_orbit_residual
+      procedure :: tangent => impact_orbit_tangent
+      procedure :: solve_linear => impact_orbit_solve_linear
+      procedure :: rounding_level => impact_orbit_rounding_level
+      procedure :: deform => impact_orbit_deform
+      procedure :: parameters => impact_orbit_parameters
+      procedure :: parameter_scales => impact_orbit_parameter_scales
+      procedure :: set_parameters => impact_orbit_set_parameters
+      procedure :: parameter_derivative => impact_orbit_parameter_derivative
+      procedure :: period => impact_orbit_period
+      procedure :: move_section => impact_orbit_move_section
+      procedure :: better_section => impact_orbit_better_section
+      procedure :: describe => impact_orbit_describe
+      procedure :: destroy => impact_orbit_destroy
+   end type impact_orbit_t
+
+contains
+
+   !> Creates the problem of a model with one given tone near a motion; fails for laws that no integrator supports.
+   subroutine new_impact_orbit(self, model, motion, error)
+      type(impact_orbit_t), intent(out) :: self
+      type(model_t), intent(in) :: model
+      type(motion_series_t), intent(in) :: motion                     !! of all degrees of freedom
+      type(error_t), allocatable, intent(out) :: error
+
+      self%model = model
+      call model%structure%check_matrices("integration", most_dense, error)
+      if (allocated(error)) return
+      allocate (self%system)
+      call put_system(self)
+      call new_state_map(self%map, self%system, motion, model%integration%restitution, accuracy, error)
+      if (allocated(error)) return
+      self%section = farthest_phase(self%map)/two_pi
+      self%n_unknowns = size(self%map%scale)
+      self%x_scale = 0.0_wp*self%map%scale + 1.0_wp
+      self%r_scale = self%x_scale
+      self%residual_work = self%map%work_of(1)
+      self%tangent_work = (size(places)*self%n_unknowns + 1)*self%residual_work
+   end subroutine new_impact_orbit
+
+   !> Creates the equations of motion of the model.
+   subroutine put_system(self)
+      type(impact_orbit_t), intent(inout) :: self
+
+      associate (model => self%model, omega => self%model%tones%omega)
+         call new_integration_system(self%system, model%structure, model%laws, model%loads%whole(), &
+                                     model%harmonics%frequencies(omega), omega)
+      end associate
+   end subroutine put_system
+
+   !> Period [s] at the present value.
+   pure real(wp) function impact_orbit_period(self) result(period)
+      class(impact_orbit_t), intent(in) :: self
+
+      period = two_pi/self%model%tones%omega(1)
+   end function impact_orbit_period
+
+   !> State after a period; NaN if the integration fails.
+   subroutine carry(self, x, after)
+      class(impact_orbit_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)                                    !! scaled
+      real(wp), intent(out) :: after(:)                               !! likewise
+      logical :: is_done
+
+      associate (period => self%period())
+         call self%map%carry(self%section*period, period, x, after, is_done)
+      end associate
+      if (.not. is_done) after = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine carry
+
+   subroutine impact_orbit_residual(self, x, r)
+      class(impact_orbit_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+      real(wp), intent(out), contiguous :: r(:)
+
+      call carry(self, x, r)
+      r = r - x
+      self%impacts = self%map%impacts
+   end subroutine impact_orbit_residual
+
+   subroutine impact_orbit_tangent(self, x, jacobian)
+      class(impact_orbit_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+      real(wp), intent(out), contiguous :: jacobian(:, :)
+      real(wp) :: axis(size(x)), r(size(x))
+      integer :: k
+
+      if (allocated(self%known_x)) then
+         if (all(abs(x - self%known_x) <= 0.0_wp) .and. abs(self%value - self%known_value) <= 0.0_wp) then
+            jacobian = self%known_tangent
+            return
+         end if
+      end if
+      call self%residual(x, r)
+      do k = 1, size(x)
+         axis = 0.0_wp
+         axis(k) = 1.0_wp
+         call differentiate(self, x, axis, 0.0_wp, jacobian(:, k))
+         jacobian(k, k) = jacobian(k, k) - 1.0_wp
+      end do
+      self%known_x = x
+      self%known_value = self%value
+      self%known_tangent = jacobian
+   end subroutine impact_orbit_tangent
+
+   !> Derivative of the map along a change of state and value. If the walls are not struck as often on all sides as in
+   !> `impacts`, or the map is not nearly linear, the states are moved closer; close to a grazing impact the nearest ones
+   !> have to do.
+   subroutine differentiate(self, x, change, of_value, derivative)
+      class(impact_orbit_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:), change(:)
+      real(wp), intent(in) :: of_value                                !! in units of a typical value
+      real(wp), intent(out) :: derivative(:)
+      real(wp) :: after(size(x), size(places)), distance, value
+      integer :: i, k
+      logical :: is_possible, is_same
+
+      value = self%value
+      distance = farthest
+      do k = 1, most_distances
+         is_same = .true.
+         do i = 1, size(places)
+            call self%set_parameters([1], [value + places(i)*distance*of_value*self%moving%typical], is_possible)
+            if (.not. is_possible) exit
+            call carry(self, x + places(i)*distance*change, after(:, i))
+            is_same = is_same .and. all(self%map%impacts == self%impacts)
+         end do
+         if (.not. is_possible) exit
+         derivative = matmul(after, weights)/distance
+         associate (twice => (after(:, 4) - after(:, 1))/(4.0_wp*distance), once => (after(:, 3) - after(:, 2))/(2.0_wp*distance))
+            if (is_same .and. norm2(twice - once) <= nearly_linear*max(1.0_wp, norm2(once))) exit
+         end associate
+         distance = nearer*distance
+      end do
+      if (.not. is_possible) derivative = 0.0_wp                      ! singular: the solver detects it
+      call self%set_parameters([1], [value], is_possible)
+   end subroutine differentiate
+
+   subroutine impact_orbit_parameter_derivative(self, x, which, derivative)
+      class(impact_orbit_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+      integer, intent(in) :: which
+      real(wp), intent(out), contiguous :: derivative(:)
+      real(wp) :: r(size(x))
+
+      call self%residual(x, r)
+      call differentiate(self, x, 0.0_wp*x, 1.0_wp, derivative)
+      derivative = derivative/self%moving%typical
+   end subroutine impact_orbit_parameter_derivative
+
+   !> Disturbances decay: the tangent is approximately -1.
+   subroutine impact_orbit_solve_linear(self, r, step)
+      class(impact_orbit_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: r(:)
+      real(wp), intent(out), contiguous :: step(:)
+
+      step = -r
+   end subroutine impact_orbit_solve_linear
+
+   real(wp) function impact_orbit_rounding_level(self, x)
+      class(impact_orbit_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+
+      impact_orbit_rounding_level = noise*max(1.0_wp, norm2(x))
+   end function impact_orbit_rounding_level
+
+   !> There is no easier problem.
+   subroutine impact_orbit_deform(self, kind, amount)
+      class(impact_orbit_t), intent(inout) :: self
+      integer, intent(in) :: kind
+      real(wp), intent(in) :: amount
+
+   end subroutine impact_orbit_deform
+
+   pure function impact_orbit_parameters(self, which) result(values)
+      class(impact_orbit_t), intent(in) :: self
+      integer, intent(in) :: which(:)
+      real(wp) :: values(size(which))
+
+      values = self%value
+   end function impact_orbit_parameters
+
+   pure function impact_orbit_parameter_scales(self, which) result(scales)
+      class(impact_orbit_t), intent(in) :: self
+      integer, intent(in) :: which(:)
+      real(wp) :: scales(size(which))
+
+      scales = self%moving%typical
+   end function impact_orbit_parameter_scales
+
+   !> Sets the value in the document, and reads the model again.
+   subroutine impact_orbit_set_parameters(self, which, values, is_possible)
+      class(impact_orbit_t), intent(inout) :: self
+      integer, intent(in) :: which(:)
+      real(wp), intent(in) :: values(:)
+      logical, intent(out) :: is_possible
+      type(error_t), allocatable :: error
+      logical :: is_new
+
+      is_possible = .true.
+      if (abs(values(1) - self%value) <= 0.0_wp) return
+      call self%document%set(self%moving%parameter, values(1))
+      call update_model(self%model, self%document, is_new, error)
+      if (.not. allocated(error)) then
+         self%value = values(1)
+         call put_system(self)
+         call collect_rigid(self%system%laws, self%model%integration%restitution, self%map%rigid, error)
+         self%map%motion%omega = self%model%tones%omega
+      end if
+      is_possible = .not. allocated(error)
+      if (.not. is_possible) self%error_text = error%message
+   end subroutine impact_orbit_set_parameters
+
+   !> Moves the section to another phase, and a state on it with a direction along which state and value change.
+   subroutine impact_orbit_move_section(self, section, x, direction, of_value, is_done)
+      class(impact_orbit_t), intent(inout) :: self
+      real(wp), intent(in) :: section                                 !! part of a period
+      real(wp), intent(inout) :: x(:), direction(:)
+      real(wp), intent(in) :: of_value                                !! change of the value along the direction
+      logical, intent(out) :: is_done
+      real(wp) :: after(size(x), 3), value
+      integer :: i
+
+      value = self%value
+      do i = -1, 1
+         call self%set_parameters([1], [value + i*farthest*of_value], is_done)
+         if (.not. is_done) exit
+         associate (period => self%period())
+            call self%map%carry(self%section*period, modulo(section - self%section, 1.0_wp)*period, x + i*farthest*direction, &
+                                after(:, i + 2), is_done)
+         end associate
+         if (.not. is_done) exit
+      end do
+      if (is_done) then
+         x = after(:, 2)
+         direction = (after(:, 3) - after(:, 1))/(2.0_wp*farthest)
+         self%section = section
+         if (allocated(self%known_x)) deallocate (self%known_x)
+      end if
+      call self%set_parameters([1], [value], is_done)
+   end subroutine impact_orbit_move_section
+
+   !> Phase farthest from events of a periodic motion, or the present one if that is far enough.
+   real(wp) function impact_orbit_better_section(self, x) result(section)
+      class(impact_orbit_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp), allocatable :: far(:), q(:, :), v(:, :)
+      logical :: is_done
+
+      section = self%section
+      call sample(self, x, q, is_done)
+      if (.not. is_done) return
+      v = cshift(q, 1) - cshift(q, -1)
+      far = far_from_events(self%map, q, v)
+      if (far(1) > too_near*maxval(far)) return
+      section = modulo(section + (maxloc(far, dim=1) - 1)/real(size(far), wp), 1.0_wp)
+   end function impact_orbit_better_section
+
+   !> Displacements of a period from the section on, (n_samples, n_dofs).
+   subroutine sample(self, x, q, is_done)
+      class(impact_orbit_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp), allocatable, intent(out) :: q(:, :)
+      logical, intent(out) :: is_done
+      type(integration_record_t) :: record
+      real(wp) :: after(size(x))
+      integer :: i, n
+
+      after = x
+      n = max(fewest_samples, samples_of_harmonic*maxval(self%model%harmonics%highest))
+      associate (period => self%period())
+         call self%map%record_from(self%section*period, period, n, [(i, i=1, self%system%n_dofs)], after, record, is_done)
+      end associate
+      if (is_done) q = record%every_displacement(:n, :)
+   end subroutine sample
+
+   !> Coefficients of a periodic motion at the harmonics of a model, with the part of it outside these.
+   subroutine impact_orbit_describe(self, model, coordinates, x, settled, is_done)
+      class(impact_orbit_t), intent(inout) :: self
+      type(model_t), intent(in) :: model                              !! at the same value, with a set of its own
+      type(coordinates_t), intent(in) :: coordinates
+      real(wp), intent(in) :: x(:)
+      type(steady_motion_t), intent(inout) :: settled
+      logical, intent(out) :: is_done
+      complex(wp), allocatable :: wave(:)
+      real(wp), allocatable :: q(:, :), remainder(:, :), z(:, :)
+      integer :: h, i, k
+
+      call sample(self, x, q, is_done)
+      if (.not. is_done) return
+      z = coordinates%values_of(q(:, coordinates%dofs))
+      remainder = z
+      associate (set => model%harmonics, n => size(q, 1))
+         settled%amplitudes = reshape(spread((0.0_wp, 0.0_wp), 1, size(q, 2)*set%n_harmonics), [size(q, 2), set%n_harmonics])
+         settled%averages = reshape(spread((0.0_wp, 0.0_wp), 1, size(z, 2)*set%n_harmonics), [set%n_harmonics, size(z, 2)])
+         do h = 1, set%n_harmonics
+            associate (j => set%tuples(1, h))
+               wave = exp(cmplx(0.0_wp, two_pi*j*(self%section + [(i, i=0, n - 1)]/real(n, wp)), wp))
+               settled%amplitudes(:, h) = matmul(transpose(q), conjg(wave))*merge(1.0_wp, 2.0_wp, j == 0)/n
+               do k = 1, size(z, 2)
+                  settled%averages(h, k) = sum(z(:, k)*conjg(wave))*merge(1.0_wp, 2.0_wp, j == 0)/n
+                  remainder(:, k) = remainder(:, k) - real(settled%averages(h, k)*wave, wp)
+               end do
+            end associate
+         end do
+      end associate
+      settled%left_out = maxval(norm2(remainder, 1)/norm2(z - spread(sum(z, 1)/size(z, 1), 1, size(z, 1)), 1))
+      settled%spread = noise
+      if (model%integration%aim > 0.0_wp) then                        ! as for fits to candidates
+         settled%spread = settled%left_out
+         settled%left_out = 0.0_wp
+      end if
+   end subroutine impact_orbit_describe
+
+   !> Frees the equations of motion; safe to call twice.
+   subroutine impact_orbit_destroy(self)
+      class(impact_orbit_t), intent(inout) :: self
+
+      if (associated(self%system)) deallocate (self%system)
+   end subroutine impact_orbit_destroy
+end module hb_impact_orbit
