@@ -87,6 +87,10 @@ contains
       type(steady_motion_t), intent(in) :: settled
       type(stability_t), intent(out) :: stability
 
+      if (allocated(settled%stability%multipliers)) then
+         if (model%stability%method /= stability_method%off) stability = settled%stability
+         return
+      end if
       if (model%tones%n_tones == 1 .and. model%lacks_impacts_of(outcome%impact)) &
          call ask_for_stability(model, model%stability, &
                                 harmonic_motion_t(model%harmonics%tuples, model%tones, settled%amplitudes), settled%work, stability)

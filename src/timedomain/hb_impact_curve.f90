@@ -13,10 +13,9 @@ module hb_impact_curve
    use hb_curve_step, only: add, find, find_fold, find_values, is_back, largest_turn, search_t, short, sort_by_position, try_end
    use hb_document, only: document_t
    use hb_error, only: error_t
-   use hb_floquet, only: assess_matrix
    use hb_harmonics, only: harmonics_t
    use hb_followed_motion, only: known_t, reported_extreme_t, waiting_t
-   use hb_impact_orbit, only: impact_orbit_t, new_impact_orbit
+   use hb_impact_orbit, only: accurate, impact_orbit_t, new_impact_orbit
    use hb_integrate_to_tolerance, only: keep_lines, loaded_tuples, status_within
    use hb_integrated_result, only: keep_integrated
    use hb_kinds, only: wp
@@ -31,15 +30,13 @@ module hb_impact_curve
    use hb_newton, only: solve_newton
    use hb_outcome, only: is_solved, outcome
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_stability, only: angle_of_pair, bifurcation, bifurcation_value, is_torus, stability_method, stability_t
+   use hb_stability, only: angle_of_pair, bifurcation, bifurcation_value, is_torus, stability_t
    use hb_time_domain, only: steady_motion_t
    use hb_tuple_choice, only: new_lowest_set
    implicit none
    private
    public :: impact_curve_t, new_curve_of
 
-   real(wp), parameter :: accurate = 1.0e-10_wp                       ! residual of the period map, scaled
-   real(wp), parameter :: estimate_of_map = 1.0e-8_wp                 ! error of its derivatives, relative
    integer, parameter :: most_corrections = 10
    integer, parameter :: most_candidates = 512                        ! order of the harmonics of a point with a tolerance
 
@@ -305,6 +302,7 @@ contains
       logical, intent(in) :: has_branched                             !! a branch point was passed
       type(search_t) :: search
       type(orbit_event_t) :: event
+      type(stability_t) :: there
       integer, allocatable :: before(:)
       real(wp) :: values(2)
       integer :: i
@@ -335,8 +333,9 @@ contains
             call find(self, search, event, values, is_found)
             if (.not. is_found .or. i == bifurcation%doubling) cycle
             associate (x => self%waiting(size(self%waiting))%x)
-               if (.not. is_torus(multipliers_at(self%orbit, x))) self%waiting = self%waiting(:size(self%waiting) - 1)
+               there = stability_at(self%orbit, x)
             end associate
+            if (.not. is_torus(there%multipliers)) self%waiting = self%waiting(:size(self%waiting) - 1)
          end do
          call find_values(self, search)
          self%is_closed = is_back(self)
@@ -347,43 +346,21 @@ contains
       call self%renew()
    end subroutine find_events
 
-   !> Multipliers of the map at a point of the curve.
-   function multipliers_at(orbit, x) result(multipliers)
-      type(impact_orbit_t), intent(inout) :: orbit
-      real(wp), intent(in) :: x(:)
-      complex(wp), allocatable :: multipliers(:)
-      type(stability_t) :: stability
-
-      stability = stability_at(orbit, x)
-      multipliers = stability%multipliers
-   end function multipliers_at
-
    !> Stability of the motion at a point of the curve.
    type(stability_t) function stability_at(orbit, x) result(stability)
       type(impact_orbit_t), intent(inout) :: orbit
       real(wp), intent(in) :: x(:)
-      real(wp) :: jacobian(orbit%n_unknowns, orbit%n_unknowns)
-      integer :: i
       logical :: is_possible
 
-      associate (n => orbit%n_unknowns)
-         call orbit%set_parameters([1], x(n + 1:), is_possible)
-         call orbit%tangent(x(:n), jacobian)
-         do i = 1, n
-            jacobian(i, i) = jacobian(i, i) + 1.0_wp
-         end do
-      end associate
-      stability%method = stability_method%integration
-      stability%is_integrated = .true.
-      stability%estimate = estimate_of_map
-      call assess_matrix(stability, jacobian, orbit%model%tones%omega(1))
-      if (.not. allocated(stability%multipliers)) allocate (stability%multipliers(0))
+      call orbit%set_parameters([1], x(orbit%n_unknowns + 1:), is_possible)
+      stability = orbit%stability(x(:orbit%n_unknowns))
    end function stability_at
 
    real(wp) function orbit_event_value(self, curve, x) result(value)
       class(orbit_event_t), intent(inout) :: self
       class(curve_t), intent(inout) :: curve
       real(wp), intent(in) :: x(:)
+      type(stability_t) :: there
       real(wp) :: r(self%orbit%n_unknowns)
       logical :: is_possible
 
@@ -393,7 +370,8 @@ contains
             call self%orbit%residual(x(:n), r)
             value = merge(1.0_wp, -1.0_wp, all(self%orbit%impacts == self%impacts))
          else
-            value = bifurcation_value(self%bifurcation, multipliers_at(self%orbit, x))
+            there = stability_at(self%orbit, x)
+            value = bifurcation_value(self%bifurcation, there%multipliers)
          end if
       end associate
    end function orbit_event_value
@@ -422,7 +400,7 @@ contains
             place%orientation = self%curve%orientation
             place%largest_motion = self%largest
          else if (any(point%kind == [curve_kind%flip, curve_kind%torus])) then
-            place%angle = angle_of_pair(result%stability%multipliers)
+            if (allocated(result%stability%multipliers)) place%angle = angle_of_pair(result%stability%multipliers)
          end if
          if (self%model%accuracy%is_on) then
             place%tuples = result%harmonics%tuples
@@ -453,7 +431,6 @@ contains
          fresh%residual = orbit%norm(r)
          fresh%n_unknowns = n
          here = orbit%model
-         if (allocated(here%callbacks%stability_finder)) deallocate (here%callbacks%stability_finder)
          coordinates = coordinates_of(here)
          if (accuracy%is_on) then
             call new_lowest_set(set, 1, loaded_tuples(orbit%model), error, &
@@ -474,7 +451,6 @@ contains
             fresh%status = settled%status
             if (accuracy%is_on) fresh%status = status_within(self%model, settled, fresh)
          end if
-         fresh%stability = stability_at(orbit, x)
          result = fresh
       end associate
    end subroutine describe

@@ -2,7 +2,7 @@
 !> value of the input on which it depends.
 !>
 !> The period map is integrated event by event, so that it contains the jumps of the velocities. Its derivatives are
-!> fourth-order differences of states between which the same walls are struck as often: they include the effect of
+!> differences of sixth order of states from which the same walls are struck as often: they include the effect of
 !> impacts on a disturbance (saltation). The section of the map is a phase of the tone far from impacts. Sources: S. W. Shaw
 !> and P. J. Holmes, J. Sound Vib. 90 (1983) 129-155; A. H. Nayfeh and B. Balachandran, Applied Nonlinear Dynamics, Wiley
 !> 1995, section 6.5.
@@ -11,8 +11,9 @@ module hb_impact_orbit
    use hb_coordinates, only: coordinates_t
    use hb_document, only: document_t
    use hb_error, only: error_t
+   use hb_floquet, only: assess_matrix
    use hb_integration_laws, only: collect_rigid
-   use hb_integration_system, only: integration_system_t, new_integration_system
+   use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_system
    use hb_kinds, only: two_pi, wp
    use hb_model, only: model_t
    use hb_model_problem, only: moving_value_t
@@ -20,22 +21,26 @@ module hb_impact_orbit
    use hb_motion_series, only: motion_series_t
    use hb_period_map, only: far_from_events, farthest_phase, new_state_map, state_map_t
    use hb_problem, only: problem_t
+   use hb_stability, only: stability_method, stability_t
    use hb_structure, only: most_dense
    use hb_time_domain, only: steady_motion_t
    use hb_time_stepping, only: integration_record_t
    implicit none
    private
-   public :: impact_orbit_t, new_impact_orbit
+   public :: accurate, impact_orbit_t, new_impact_orbit
+
+   real(wp), parameter :: accurate = 1.0e-10_wp                       !! residual of a periodic motion, scaled
 
    real(wp), parameter :: accuracy = 1.0e-9_wp                        ! of the integration: all digits
+   real(wp), parameter :: error_of_tangent = 1.0e-8_wp                ! relative
    real(wp), parameter :: noise = 1.0e-12_wp                          ! of a period map, scaled
-   real(wp), parameter :: farthest = 3.0e-4_wp                        ! of two neighbouring states of a difference, scaled
+   real(wp), parameter :: farthest = 3.0e-3_wp                        ! of neighbouring states of a difference, scaled
    real(wp), parameter :: nearer = 0.3_wp                             ! from one distance to the next
-   integer, parameter :: most_distances = 5
-   real(wp), parameter :: nearly_linear = 3.0e-5_wp ! relative difference of second-order differences over one and two distances:
-                                                                      ! that of fourth order then errs by its square
-   real(wp), parameter :: places(4) = [-2.0_wp, -1.0_wp, 1.0_wp, 2.0_wp]   ! of the difference, and its weights
-   real(wp), parameter :: weights(4) = [1.0_wp, -8.0_wp, 8.0_wp, -1.0_wp]/12.0_wp
+   integer, parameter :: most_distances = 6
+   real(wp), parameter :: places(6) = [-3.0_wp, -2.0_wp, -1.0_wp, 1.0_wp, 2.0_wp, 3.0_wp]   ! of the difference, in distances
+   real(wp), parameter :: fourth(6) = [0.0_wp, 1.0_wp, -8.0_wp, 8.0_wp, -1.0_wp, 0.0_wp]/12.0_wp   ! weights, by their order
+   real(wp), parameter :: sixth(6) = [-1.0_wp, 9.0_wp, -45.0_wp, 45.0_wp, -9.0_wp, 1.0_wp]/60.0_wp
+   real(wp), parameter :: enough = 1.0e-8_wp                          ! difference of both orders that needs no other distance
    integer, parameter :: fewest_samples = 8192                        ! in a period: their coefficients err by 1e-8 at impacts
    integer, parameter :: samples_of_harmonic = 64
    real(wp), parameter :: too_near = 0.5_wp                           ! to an event, relative to the farthest instant
@@ -64,9 +69,11 @@ module hb_impact_orbit
       procedure :: set_parameters => impact_orbit_set_parameters
       procedure :: parameter_derivative => impact_orbit_parameter_derivative
       procedure :: period => impact_orbit_period
+      procedure :: state_after => impact_orbit_state_after
       procedure :: move_section => impact_orbit_move_section
       procedure :: better_section => impact_orbit_better_section
       procedure :: describe => impact_orbit_describe
+      procedure :: stability => impact_orbit_stability
       procedure :: destroy => impact_orbit_destroy
    end type impact_orbit_t
 
@@ -124,6 +131,22 @@ contains
       if (.not. is_done) after = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine carry
 
+   !> The state at the section that follows from one at another time.
+   subroutine impact_orbit_state_after(self, state, x, is_done)
+      class(impact_orbit_t), intent(inout) :: self
+      type(integration_state_t), intent(in) :: state
+      real(wp), allocatable, intent(out) :: x(:)                      !! scaled
+      logical, intent(out) :: is_done
+      real(wp) :: after(self%n_unknowns)
+
+      x = [state%q, state%v, state%s]/self%map%scale
+      associate (period => self%period())
+         call self%map%carry(state%time, (1.0_wp - modulo(state%time/period - self%section, 1.0_wp))*period, x, &
+                             after, is_done)
+      end associate
+      if (is_done) x = after
+   end subroutine impact_orbit_state_after
+
    subroutine impact_orbit_residual(self, x, r)
       class(impact_orbit_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
@@ -159,20 +182,21 @@ contains
       self%known_tangent = jacobian
    end subroutine impact_orbit_tangent
 
-   !> Derivative of the map along a change of state and value. If the walls are not struck as often on all sides as in
-   !> `impacts`, or the map is not nearly linear, the states are moved closer; close to a grazing impact the nearest ones
-   !> have to do.
+   !> Derivative of the map along a change of state and value. The states move closer until the walls are struck as often on
+   !> all sides as in `impacts`, and differences of two orders agree; the derivative is the one for which they agree best.
    subroutine differentiate(self, x, change, of_value, derivative)
       class(impact_orbit_t), intent(inout) :: self
       real(wp), intent(in) :: x(:), change(:)
       real(wp), intent(in) :: of_value                                !! in units of a typical value
       real(wp), intent(out) :: derivative(:)
-      real(wp) :: after(size(x), size(places)), distance, value
+      real(wp) :: after(size(x), size(places)), distance, least, value
       integer :: i, k
       logical :: is_possible, is_same
 
       value = self%value
       distance = farthest
+      least = huge(1.0_wp)
+      derivative = 0.0_wp                                             ! singular: the solver detects it
       do k = 1, most_distances
          is_same = .true.
          do i = 1, size(places)
@@ -182,13 +206,15 @@ contains
             is_same = is_same .and. all(self%map%impacts == self%impacts)
          end do
          if (.not. is_possible) exit
-         derivative = matmul(after, weights)/distance
-         associate (twice => (after(:, 4) - after(:, 1))/(4.0_wp*distance), once => (after(:, 3) - after(:, 2))/(2.0_wp*distance))
-            if (is_same .and. norm2(twice - once) <= nearly_linear*max(1.0_wp, norm2(once))) exit
+         associate (apart => norm2(matmul(after, sixth - fourth))/distance)
+            if (apart < least .and. (is_same .or. k == most_distances)) then
+               least = apart
+               derivative = matmul(after, sixth)/distance
+            end if
          end associate
+         if (least <= enough*max(1.0_wp, norm2(derivative))) exit
          distance = nearer*distance
       end do
-      if (.not. is_possible) derivative = 0.0_wp                      ! singular: the solver detects it
       call self%set_parameters([1], [value], is_possible)
    end subroutine differentiate
 
@@ -267,6 +293,24 @@ contains
       if (.not. is_possible) self%error_text = error%message
    end subroutine impact_orbit_set_parameters
 
+   !> Stability of a periodic motion, with the multipliers of the map.
+   type(stability_t) function impact_orbit_stability(self, x) result(stability)
+      class(impact_orbit_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+      real(wp) :: matrix(size(x), size(x))
+      integer :: i
+
+      call self%tangent(x, matrix)
+      do i = 1, size(x)
+         matrix(i, i) = matrix(i, i) + 1.0_wp
+      end do
+      stability%method = stability_method%integration
+      stability%is_integrated = .true.
+      stability%estimate = error_of_tangent
+      call assess_matrix(stability, matrix, self%model%tones%omega(1))
+      if (.not. allocated(stability%multipliers)) allocate (stability%multipliers(0))
+   end function impact_orbit_stability
+
    !> Moves the section to another phase, and a state on it with a direction along which state and value change.
    subroutine impact_orbit_move_section(self, section, x, direction, of_value, is_done)
       class(impact_orbit_t), intent(inout) :: self
@@ -330,7 +374,7 @@ contains
       if (is_done) q = record%every_displacement(:n, :)
    end subroutine sample
 
-   !> Coefficients of a periodic motion at the harmonics of a model, with the part of it outside these.
+   !> Stability and coefficients of a periodic motion at the harmonics of a model, with the part of it outside these.
    subroutine impact_orbit_describe(self, model, coordinates, x, settled, is_done)
       class(impact_orbit_t), intent(inout) :: self
       type(model_t), intent(in) :: model                              !! at the same value, with a set of its own
@@ -362,6 +406,7 @@ contains
       end associate
       settled%left_out = maxval(norm2(remainder, 1)/norm2(z - spread(sum(z, 1)/size(z, 1), 1, size(z, 1)), 1))
       settled%spread = noise
+      settled%stability = self%stability(x)
       if (model%integration%aim > 0.0_wp) then                        ! as for fits to candidates
          settled%spread = settled%left_out
          settled%left_out = 0.0_wp

@@ -13,6 +13,7 @@ module hb_integrated_motion
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t, fail
    use hb_hysteretic_law, only: hysteretic_law_t
+   use hb_impact_orbit, only: accurate, impact_orbit_t, new_impact_orbit
    use hb_integration_starts, only: scattered
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
    use hb_kinds, only: int64, two_pi, wp
@@ -20,11 +21,16 @@ module hb_integrated_motion
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
    use hb_modes, only: modes_t, new_modes, slowest_decay
+   use hb_motion_series, only: motion_series_t, new_motion_series
+   use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_recurrence, only: repetition, turns_to_repeat
+   use hb_solver_types, only: report_t, solver_config_t
    use hb_structure, only: most_dense, structure_t
+   use hb_stability, only: stability_verdict => verdict
    use hb_sundials, only: has_cvode
    use hb_text, only: to_text
+   use hb_thresholds, only: same_motion
    use hb_time_domain, only: evaluation_work, integration_config_t, integration_method, steady_motion_t, step_of
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
@@ -40,6 +46,7 @@ module hb_integrated_motion
    real(wp), parameter :: steps_of_mode = 1.0_wp                      ! of central differences per radian of the fastest mode
    real(wp), parameter :: work_of_mode = 4.0_wp                       ! right-hand sides of cvode, likewise
    integer, parameter :: most_windows = 7
+   integer, parameter :: most_shots = 15                              ! of Newton's method for a periodic motion with impacts
    integer, parameter :: least_windows = 4                            ! before the spread can count as not falling
    integer, parameter :: samples_of_harmonic = 16                     ! of the highest one per period, at least
    integer, parameter :: samples_of_candidate = 4                     ! likewise, if most of the highest ones are negligible
@@ -302,11 +309,45 @@ contains
          end do
          if (.not. allocated(settled%message)) settled%message = "time integration: a window of "//to_text(n_first)// &
             " periods has too many samples"
-         if (settled%status == outcome%time_domain) &
+         if (settled%status == outcome%time_domain) then
             settled%amplitudes = transpose(averages_of(model, record%every_displacement, record, fit))
+            if (model%tones%n_tones == 1 .and. model%lacks_impacts_of(outcome%impact)) &
+               call polish(model, coordinates, state, settled)
+         end if
          call fit%destroy()
       end associate
    end subroutine follow
+
+   !> Replaces a motion with impacts by the periodic one at its end, if Newton's method finds it nearby: its accuracy is
+   !> then not limited by the decay of transients.
+   subroutine polish(model, coordinates, state, settled)
+      type(model_t), intent(in) :: model
+      type(coordinates_t), intent(in) :: coordinates
+      type(integration_state_t), intent(in) :: state                  !! at the end of the record
+      type(steady_motion_t), intent(inout) :: settled
+      type(impact_orbit_t) :: orbit
+      type(motion_series_t) :: motion
+      type(report_t) :: report
+      type(error_t), allocatable :: error
+      type(steady_motion_t) :: polished
+      real(wp), allocatable :: begun(:), x(:)
+      logical :: is_done
+
+      call new_motion_series(motion, model%harmonics%tuples, model%tones%omega, settled%amplitudes)
+      call new_impact_orbit(orbit, model, motion, error)
+      if (.not. allocated(error)) then
+         call orbit%state_after(state, begun, is_done)
+         x = begun
+         if (is_done) call solve_newton(orbit, solver_config_t(tolerance=accurate, max_iterations=most_shots), x, report)
+         settled%work = settled%work + orbit%work_of(report)
+         if (is_done .and. report%status == outcome%converged .and. maxval(abs(x - begun)) <= same_motion) then
+            polished = settled
+            call orbit%describe(model, coordinates, x, polished, is_done)
+            if (is_done .and. polished%stability%verdict /= stability_verdict%unstable) settled = polished   ! it attracts
+         end if
+      end if
+      call orbit%destroy()
+   end subroutine polish
 
    !> Integrates one window and counts its work. If the work limit ends it after other windows, these may suffice: the
    !> status is then `time_domain` or undecided, without an error.
