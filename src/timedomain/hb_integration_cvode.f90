@@ -24,6 +24,7 @@ module hb_integration_cvode
    integer, parameter :: steps_from_base = 1000
    integer, parameter :: max_events = 100000                          ! from one sample to the next
    real(wp), parameter :: slow = 1.0e-6_wp                            ! relative speed below which there is no bounce
+   real(wp), parameter :: short_flight = 0.1_wp                       ! relative speed below which one step may pass over a whole flight
    integer, parameter :: no_longer_counted = -1
    real(wp), parameter :: smallest_scale = 1.0e-3_wp                  ! of a displacement, relative to the length of the system
 
@@ -101,6 +102,7 @@ contains
          equations%scale(n + 1:) = max(equations%scale(n + 1:), smallest_scale**2*fastest*length)
          equations%held = state%s
          equations%mode = 0
+         equations%leaving = 0
          self%impacts = spread(0, 1, 2*size(equations%rigid))
          call self%equations%hold_active()
          call self%system%accelerations%begin(state%time, 0.0_wp)
@@ -173,7 +175,7 @@ contains
       class(integration_cvode_t), intent(inout) :: self
       real(wp), intent(in) :: t
       integer, intent(in) :: found(:)
-      integer :: i, k
+      integer :: i, k, side
       logical :: is_impact
 
       associate (equations => self%equations, y => self%cvode%values)
@@ -197,11 +199,18 @@ contains
          do i = 1, size(equations%rigid)
             if (any(found(k + 1:k + 2) /= 0)) then
                if (equations%rigid(i)%is_wall) then
+                  side = merge(1, -1, found(k + 1) /= 0)
                   if (equations%mode(i) /= 0) then
                      equations%mode(i) = 0
+                  else if (equations%leaving(i) == side) then
+                     equations%leaving(i) = 0
+                     associate (rigid => equations%rigid(i), z => self%system%laws%z(equations%rigid(i)%coordinate))
+                        if (rigid%gap - side*z <= self%tolerance*maxval(equations%scale(:self%system%n_dofs))) &
+                           call hit_wall(self, i, side)               ! lower than the integration is accurate: it remains there
+                     end associate
                   else
-                     call hit_wall(self, i, merge(1, -1, found(k + 1) /= 0))
-                     call count_impact(self, 2*i - merge(1, 0, found(k + 1) /= 0), equations%mode(i) == 0)
+                     call hit_wall(self, i, side)
+                     call count_impact(self, 2*i - merge(1, 0, side == 1), equations%mode(i) == 0)
                      is_impact = .true.
                   end if
                else if (equations%mode(i) == 0) then
@@ -245,6 +254,9 @@ contains
          call equations%hold_active()
          call stop_active(self, merge(back, 0.0_wp, equations%active == i))
          if (abs(back) > 0.0_wp) equations%mode(i) = 0
+         equations%leaving = 0                                        ! the impulse may have turned other coordinates
+         if (abs(back) > 0.0_wp .and. abs(back) <= short_flight*maxval(equations%scale(self%system%n_dofs + 1:))) &
+            equations%leaving(i) = side
       end associate
    end subroutine hit_wall
 

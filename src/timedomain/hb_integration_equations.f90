@@ -33,6 +33,8 @@ module hb_integration_equations
       ! Rigid laws
       type(hold_t), allocatable :: rigid(:)
       integer, allocatable :: mode(:)                                 !! wall: 0 open, otherwise the side; friction: slip, 0 stick
+      integer, allocatable :: leaving(:)                              !! side that a wall was struck on, until the coordinate turns back: one
+                                                                      !! step may pass over a short flight, and the sign of its distance
       integer, allocatable :: active(:)                               !! those with a constrained coordinate
       real(wp), allocatable :: kick(:, :)                             !! M^-1 S of all rigid laws
       real(wp), allocatable :: factor(:, :)                           !! of S^T M^-1 S of the active ones
@@ -67,7 +69,7 @@ contains
          allocate (self%held(m), self%lower(m), self%upper(m), self%lower_rate(m), self%upper_rate(m), source=0.0_wp)
       end associate
       self%rigid = rigid
-      allocate (self%mode(size(self%rigid)), source=0)
+      allocate (self%mode(size(self%rigid)), self%leaving(size(self%rigid)), source=0)
       allocate (self%reaction(size(self%rigid)), self%a(system%n_dofs), self%scale(2*system%n_dofs), source=0.0_wp)
       allocate (self%kick(system%n_dofs, size(self%rigid)), self%active(0))
       do i = 1, size(self%rigid)
@@ -248,6 +250,8 @@ contains
             if (rigid%is_wall .and. self%mode(i) == 0) then
                g(n + 1) = rigid%gap - z
                if (rigid%two_sided) g(n + 2) = rigid%gap + z
+               if (self%leaving(i) == 1) g(n + 1) = -rate
+               if (self%leaving(i) == -1) g(n + 2) = rate
             else if (rigid%is_wall) then
                g(n + 1) = self%mode(i)*self%reaction(i)
             else if (self%mode(i) == 0) then

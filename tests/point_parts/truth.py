@@ -18,6 +18,7 @@ RIGID_STEP = 0.015  # of these, in radians of the fastest motion
 RIGID_STEP_OF_ERRORS = 0.003
 LOOKS = 64  # in a period of the slowest tone, for each tone in it
 NEXT, PARTED = 1e-8, 100.0  # distance of neighbours relative to the motion, and how many times that they are apart when they part
+MOST_PERIODS, REPEATED = 12, 2e-2  # until a motion repeats, and how well, relative to it
 AT_REST = 1e-6  # motion of a coordinate relative to that of all degrees of freedom
 N_PARAMETERS = 6  # of a law in integration.c
 SMALLEST = 2e-2  # motion of a coordinate relative to the largest one: where it sticks it keeps what the second start adds
@@ -81,6 +82,25 @@ def error_of(library: ctypes.CDLL, model: Model, motion: Motion) -> float:
     own, whole = np.linalg.norm(there @ shapes), np.linalg.norm(there)
     at_rest = own < AT_REST * whole  # a slider that never slips keeps its coordinate where it is
     return float(np.linalg.norm((integrated - there) @ shapes) / (whole if at_rest else own))
+
+
+def repeats_after(library: ctypes.CDLL, model: Model) -> int:
+    """Periods of the only tone after which the motion repeats that a time integration from the linear one ends in; 0: not within
+    MOST_PERIODS."""
+    w = float(model.omega[0])
+    static = sum((cosine for harmonic, cosine, _ in model.loads if not any(harmonic)), np.zeros(len(model.mass)))
+    load = sum((cosine - 1j * sine for harmonic, cosine, sine in model.loads if any(harmonic)), np.zeros(len(model.mass)))
+    linear = np.linalg.solve(model.stiffness - w**2 * model.mass + 1j * w * model.damping, load)
+    motion = Motion(np.array([0.0, w]), np.array([np.linalg.solve(model.stiffness, static) + 0j, linear]))
+    start, size = np.zeros(1), np.abs(motion.amplitudes).sum(0).max()
+    _, q = _integration(library, model, motion, motion.at(start)[0], motion.rate_at(start)[0], 1e3 * size, RIGID_STEP_OF_ERRORS)
+    if q is None:
+        return 0
+    moved = np.linalg.norm(q - q.mean(0))
+    for n in range(1, MOST_PERIODS + 1):
+        if np.linalg.norm(q[n * LOOKS :] - q[: -n * LOOKS]) < REPEATED * moved:
+            return n
+    return 0
 
 
 def neighbours_part(library: ctypes.CDLL, model: Model, motion: Motion) -> bool:
