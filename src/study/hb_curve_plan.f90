@@ -245,15 +245,17 @@ contains
       type(model_t), intent(in) :: model
       character(:), allocatable :: text
       character(*), parameter :: which = "with walls that have a restitution, a curve "
+      integer :: i
 
       text = ""
       if (model%tones%n_tones > 1 .or. any(model%tones%is_unknown)) then
          text = which//"needs one given tone; a &sweep integrates motions of several tones one by one"
       else if (.not. model%lacks_impacts_of(outcome%impact)) then
          text = which//"needs a restitution of every wall"
-      else if (allocated(self%over) .or. self%switches .or. size(self%others) > 0 .or. len(self%origin_path) > 0 .or. &
-               size(self%responses_of(4)%names) > 0) then
-         text = which//"follows the motion from 'start': 'follow', 'switch', 'others', 'origin' and 'resonance_of' need a balance"
+      else if (allocated(self%over) .or. self%switches .or. size(self%others) > 0 .or. len(self%origin_path) > 0) then
+         text = which//"follows the motion from 'start' alone: 'follow', 'switch', 'others' and 'origin' need a balance"
+      else if (any([(size(self%responses_of(i)%names) > 0, i=1, size(self%responses_of))])) then
+         text = which//"locates folds, flips, tori, grazes and values; 'peak_of' and other responses need a balance"
       end if
    end function refusal_with_impacts
 

@@ -9,7 +9,7 @@ module hb_impact_curve
    use hb_coordinates, only: coordinates_t
    use hb_curve, only: curve_config_t, curve_t, event_t, new_curve
    use hb_curve_events, only: branch_event_t
-   use hb_curve_request, only: curve_kind, curve_request_t, located_response_t
+   use hb_curve_request, only: curve_kind, curve_request_t
    use hb_curve_step, only: add, find, find_fold, find_values, is_back, largest_turn, search_t, short, sort_by_position, try_end
    use hb_document, only: document_t
    use hb_error, only: error_t
@@ -57,12 +57,11 @@ module hb_impact_curve
       procedure :: destroy => impact_curve_destroy
    end type impact_curve_t
 
-   !> A zero of a function of the orbit: of its multipliers, of a response, or a change of the impacts.
+   !> A zero of a function of the orbit: of its multipliers, or a change of the impacts.
    type, extends(event_t) :: orbit_event_t
       type(impact_orbit_t), pointer :: orbit => null()
       integer :: bifurcation = 0                                      ! hb_stability
       integer, allocatable :: impacts(:)
-      type(located_response_t), allocatable :: response
    contains
       procedure :: value => orbit_event_value
    end type orbit_event_t
@@ -218,7 +217,7 @@ contains
          corrector%line_search = .false.
          config%longest_step = request%longest_step
          config%first_step = 0.1_wp*request%longest_step
-         config%shortest_step = 1.0e-6_wp*request%longest_step
+         config%shortest_step = 1.0e-4_wp*request%longest_step        ! the period map has no derivative at a graze
          config%angle = 0.12_wp
          config%growth = 2.0_wp
          self%curve%x = x
@@ -259,8 +258,28 @@ contains
          end do
       end associate
       if (allocated(self%orbit%error_text)) self%problem%error_text = self%orbit%error_text
-      self%problem%refused = self%orbit%value
+      if (self%curve%status == outcome%stalled .and. grazes_ahead(self)) &
+         self%problem%error_text = "a wall is grazed, and the number of impacts changes"
+      self%problem%refused = self%curve%x(size(self%curve%x))
    end subroutine impact_curve_go
+
+   !> Whether a wall is struck a different number of times shortly behind the point of the curve.
+   logical function grazes_ahead(self)
+      class(impact_curve_t), intent(inout), target :: self
+      real(wp) :: r(self%orbit%n_unknowns)
+      integer :: i
+      logical :: is_possible
+
+      grazes_ahead = .false.
+      do i = 1, 4
+         associate (x => self%curve%x + 0.25_wp*i*self%request%longest_step*self%curve%direction)
+            call self%orbit%set_parameters([1], x(size(x):), is_possible)
+            if (.not. is_possible) exit
+            call self%orbit%residual(x(:size(x) - 1), r)
+         end associate
+         grazes_ahead = grazes_ahead .or. any(self%orbit%impacts /= self%impacts)
+      end do
+   end function grazes_ahead
 
    !> Moves the section of the map, and the curve with it, away from impacts.
    subroutine move_section(self)
@@ -294,7 +313,7 @@ contains
       end associate
    end subroutine move_section
 
-   !> Finds folds, branch points, responses, grazes, bifurcations, wanted values and ends on the completed step, and lists
+   !> Finds folds, branch points, grazes, bifurcations, wanted values and ends on the completed step, and lists
    !> them in their order.
    subroutine find_events(self, known, has_branched)
       class(impact_curve_t), intent(inout), target :: self

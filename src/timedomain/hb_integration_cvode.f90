@@ -141,9 +141,11 @@ contains
          end if
          self%equations%scale = max(self%equations%scale, abs(self%cvode%values))
          if (.not. is_event) exit
-         call change_branches(self, t, found)
-         call self%cvode%restart(t, error)
-         if (allocated(error)) return
+         if (any(found(:self%equations%n_branch_events()) /= 0)) then
+            call change_branches(self, t, found)
+            call self%cvode%restart(t, error)
+            if (allocated(error)) return
+         end if
          is_event = time_after - self%base - t > 8.0_wp*epsilon(1.0_wp)*abs(t)
          if (.not. is_event) exit                                     ! it happened at the sample
       end do

@@ -42,6 +42,7 @@ module hb_integration_equations
       real(wp), allocatable :: reaction(:)                            !! of all rigid laws, on the left-hand side [N]
       real(wp), allocatable :: a(:), lower(:), upper(:), lower_rate(:), upper_rate(:)
    contains
+      procedure :: n_branch_events => equations_n_branch_events
       procedure :: n_events => equations_n_events
       procedure :: rhs => equations_rhs
       procedure :: events => equations_events
@@ -81,8 +82,15 @@ contains
    pure integer function equations_n_events(self)
       class(integration_equations_t), intent(in) :: self
 
-      equations_n_events = size(self%is_positive) + 2*size(self%slip) + 2*size(self%rigid)
+      equations_n_events = self%n_branch_events() + 2*size(self%rigid)
    end function equations_n_events
+
+   !> Those at which a branch changes, the first ones.
+   pure integer function equations_n_branch_events(self)
+      class(integration_equations_t), intent(in) :: self
+
+      equations_n_branch_events = size(self%is_positive) + 2*size(self%slip) + 2*size(self%rigid)
+   end function equations_n_branch_events
 
    !> Coordinates and rates of the laws in y = (q, v) at a time.
    subroutine equations_gather(self, t, y)
@@ -214,8 +222,9 @@ contains
       end associate
    end subroutine equations_hold_active
 
-   !> In this order: switches, two for each slider, two for each rigid law. All of the latter fall to zero at their
-   !> events.
+   !> In this order: switches, two for each slider, two for each rigid law; then, for each rigid law, two extremes of an open
+   !> wall's coordinate, without which one step could pass over a short time behind the wall. All of these fall to zero at
+   !> their events.
    subroutine equations_events(self, t, y, g)
       class(integration_equations_t), intent(inout) :: self
       real(wp), intent(in) :: t
@@ -260,6 +269,14 @@ contains
                g(n + 1) = self%mode(i)*rate
             end if
          end associate
+         n = n + 2
+      end do
+      do i = 1, size(self%rigid)
+         g(n + 1:n + 2) = 1.0_wp
+         if (self%rigid(i)%is_wall .and. self%mode(i) == 0 .and. self%leaving(i) == 0) then
+            g(n + 1) = self%system%laws%z_rate(self%rigid(i)%coordinate)
+            if (self%rigid(i)%two_sided) g(n + 2) = -g(n + 1)
+         end if
          n = n + 2
       end do
    end subroutine equations_events

@@ -163,3 +163,122 @@ def test_the_period_doubles_as_shaw_and_holmes_say(tmp_path, monkeypatch):
     real, imaginary, stable = (a[0] for a in read(result, "multiplier_real", "multiplier_imag", "is_stable"))
     assert stable == 1
     np.testing.assert_allclose(np.sort_complex((real + 1j * imaginary)[:2]), np.sort_complex(expected), atol=1e-6)
+
+
+GAP, FOLDING = 2.0, 0.7  # of a mass whose orbits with one impact per period fold, in units of the static deflection; its restitution
+
+
+def orbits_to(gap, e, w):
+    """Velocities before the one impact in each turn at a wall in a distance, the larger first, each with the matrix of the turn, as
+    `closed_orbit`: the forced state at the impact is (gap, 0) and a multiple of that velocity; NaN beyond the fold."""
+    flow = expm(np.array([[0.0, 1.0], [-1.0, -D]]) * 2 * np.pi / w)
+    steady = 1 / (1 - w**2 + 1j * w * D)
+    a, b = np.linalg.solve(np.eye(2) - flow, flow @ [0.0, e] + [0.0, 1.0])
+    both, found = a**2 + (b / w) ** 2, []
+    for side in (1, -1):
+        v = (-gap * a + side * np.sqrt(gap**2 * a**2 - both * (gap**2 - abs(steady) ** 2))) / both
+        t0 = (np.arctan2(-v * b / w, gap + v * a) - np.angle(steady)) / w
+        before, after = np.cos(w * t0) - gap - D * v, np.cos(w * t0) - gap + D * e * v
+        found.append((v, flow @ np.array([[-e, 0.0], [(after + e * before) / v, -e]])))
+    return found
+
+
+def fold_of(gap, e, low, high):
+    """Where both orbits meet."""
+
+    def distance(w):
+        a, b = np.linalg.solve(
+            (flow := np.eye(2) - expm(np.array([[0.0, 1.0], [-1.0, -D]]) * 2 * np.pi / w)), (np.eye(2) - flow) @ [0.0, e] + [0.0, 1.0]
+        )
+        return gap**2 * a**2 - (a**2 + (b / w) ** 2) * (gap**2 - abs(1 / (1 - w**2 + 1j * w * D)) ** 2)
+
+    return brentq(distance, low, high, xtol=1e-14)
+
+
+KINDS = ("none", "regular", "start", "fold", "peak", "value", "end", "branch", "flip", "torus", "split", "graze", "minimum")
+
+
+def curve(directory, more, gap, e, options=()):
+    path = directory / "curve.nml"
+    path.write_text(MODEL.replace("gap=0.0", f"gap={gap}").format(tone=1.15, tuple=1, law=f", restitution={e}") + more)
+    run("solve", path, "--overwrite", "--quiet", *options, cwd=directory)
+    return path.with_suffix(".h5")
+
+
+def points_of(result):
+    names = ("curve_kind", "status", "frequency", "is_stable", "multiplier_real", "multiplier_imag", "coefficients")
+    kind, status, w, *values = read(result, *names)
+    return [(KINDS[kind[i]], w[i, 0], *(value[i] for value in values)) for i in np.flatnonzero(status == TIME_DOMAIN)]
+
+
+def test_a_curve_passes_the_fold_of_orbits_with_an_impact(tmp_path):
+    """Along stable and unstable orbits multipliers are those of the closed form, and so is the fold, where both kinds meet."""
+    more = "&curve parameter='tones%frequency', from=1.15, to=1.7, values=1.18,1.45, points=70 /\n&harmonics order=12 /\n"
+    found = points_of(curve(tmp_path, more, GAP, FOLDING))
+    fold = fold_of(GAP, FOLDING, 1.5, 1.53)
+    place = [kind for kind, *_ in found].index("fold")
+    assert found[place][1] == pytest.approx(fold, abs=1e-8)
+    for i, (kind, w, stable, real, imaginary, _) in enumerate(found):
+        if kind == "fold":
+            continue
+        expected = np.linalg.eigvals(orbits_to(GAP, FOLDING, w)[i > place][1])
+        np.testing.assert_allclose(np.sort_complex((real + 1j * imaginary)[:2]), np.sort_complex(expected), rtol=1e-6, atol=1e-7)
+        assert stable == (-1 if i > place else 1)
+    values = [point for point in found if point[0] == "value"]
+    assert [stable for _, _, stable, *_ in values] == [1, 1, -1]
+    swept = curve(tmp_path, "&harmonics order=12 /\n&sweep parameter='tones%frequency', values=1.18 /\n", GAP, FOLDING)
+    np.testing.assert_allclose(read(swept, "coefficients")[0], values[0][-1], atol=1e-8)
+
+
+def test_a_curve_locates_the_flip_of_shaw_and_holmes(tmp_path):
+    more = "&curve parameter='tones%frequency', from=2.5, to=2.8, points=30 /\n&harmonics order=12 /\n"
+    found = points_of(curve(tmp_path, more, 0.0, E))
+    flip = brentq(lambda w: np.linalg.eigvals(closed_orbit(w)[2]).real.min() + 1, 2.6, 2.7, xtol=1e-14)
+    place = [kind for kind, *_ in found].index("flip")
+    assert found[place][1] == pytest.approx(flip, abs=1e-8)
+    assert [stable for _, _, stable, *_ in found] == [1] * place + [0] + [-1] * (len(found) - place - 1)
+
+
+@pytest.mark.parametrize("parameter", ["law(1)%gap", "law(1)%restitution", "load(1)%cos"])
+def test_a_curve_moves_what_is_no_frequency(parameter, tmp_path):
+    """Its end is the motion that a point has there."""
+    start, end = {"law(1)%gap": (2.0, 1.8), "law(1)%restitution": (0.7, 0.6), "load(1)%cos": (1.0, 1.1)}[parameter]
+    more = "&harmonics order=12 /\n"
+    found = points_of(curve(tmp_path, more + f"&curve parameter='{parameter}', from={start}, to={end}, points=40 /\n", GAP, FOLDING))
+    assert found[-1][0] == "end"
+    alone = curve(tmp_path, more, GAP, FOLDING, ("--set", f"{parameter}={end}"))
+    np.testing.assert_allclose(found[-1][-1], read(alone, "coefficients")[0], atol=1e-8)
+
+
+def test_an_interrupted_curve_goes_on_where_it_was(tmp_path):
+    more = "&curve parameter='tones%frequency', from=1.15, to=1.3, points=40 /\n&accuracy tolerance=1e-2 /\n"
+    whole = points_of(curve(tmp_path, more, GAP, FOLDING))
+    result = curve(tmp_path, more, GAP, FOLDING, ("--time-limit", "1"))
+    assert len(points_of(result)) < len(whole)
+    assert run("resume", result, "--quiet", cwd=tmp_path).status == 0
+    for one, other in zip(points_of(result), whole, strict=True):
+        assert one[0] == other[0]
+        np.testing.assert_allclose(one[1], other[1], rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ("&tones frequency=1.3,2.1 /", "needs one given tone; a &sweep integrates motions of several tones one by one"),
+        ("&law type='rigid_wall', label='other', dof='x1', gap=3.0 /", "needs a restitution of every wall"),
+        ("switch=.true.", "'switch'"),
+        ("peak_of='x1 (1)'", "'peak_of' and other responses need a balance"),
+    ],
+)
+def test_what_a_curve_with_impacts_cannot_do_is_refused(more, says, tmp_path):
+    path = tmp_path / "refused.nml"
+    of_curve = "" if more.startswith("&") else ", " + more
+    text = MODEL.format(tone=1.3, tuple=1, law=", restitution=0.7") + "&harmonics order=5 /\n"
+    if "tones" in more:
+        text = text.replace("&tones frequency=1.3 /", more).replace("tuple=1", "tuple=1,0").replace("order=5", "order=5,5")
+    elif more.startswith("&"):
+        text += more + "\n"
+    path.write_text(text + f"&curve parameter='law(1)%gap', from=0.0, to=1.0, points=5{of_curve} /\n")
+    ended = run("solve", path, "--overwrite", cwd=tmp_path)
+    assert ended.status == 2
+    assert says in ended.stderr
