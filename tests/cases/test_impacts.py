@@ -165,7 +165,7 @@ def test_the_period_doubles_as_shaw_and_holmes_say(tmp_path, monkeypatch):
     np.testing.assert_allclose(np.sort_complex((real + 1j * imaginary)[:2]), np.sort_complex(expected), atol=1e-6)
 
 
-GAP, FOLDING = 2.0, 0.7  # of a mass whose orbits with one impact per period fold, in units of the static deflection; its restitution
+GAP, FOLDING = 2.0, 0.7  # gap and restitution of a mass whose orbits with one impact per period fold
 
 
 def orbits_to(gap, e, w):
@@ -187,9 +187,8 @@ def fold_of(gap, e, low, high):
     """Where both orbits meet."""
 
     def distance(w):
-        a, b = np.linalg.solve(
-            (flow := np.eye(2) - expm(np.array([[0.0, 1.0], [-1.0, -D]]) * 2 * np.pi / w)), (np.eye(2) - flow) @ [0.0, e] + [0.0, 1.0]
-        )
+        flow = expm(np.array([[0.0, 1.0], [-1.0, -D]]) * 2 * np.pi / w)
+        a, b = np.linalg.solve(np.eye(2) - flow, flow @ [0.0, e] + [0.0, 1.0])
         return gap**2 * a**2 - (a**2 + (b / w) ** 2) * (gap**2 - abs(1 / (1 - w**2 + 1j * w * D)) ** 2)
 
     return brentq(distance, low, high, xtol=1e-14)
@@ -244,7 +243,9 @@ def test_a_curve_moves_what_is_no_frequency(parameter, tmp_path):
     """Its end is the motion that a point has there."""
     start, end = {"law(1)%gap": (2.0, 1.8), "law(1)%restitution": (0.7, 0.6), "load(1)%cos": (1.0, 1.1)}[parameter]
     more = "&harmonics order=12 /\n"
-    found = points_of(curve(tmp_path, more + f"&curve parameter='{parameter}', from={start}, to={end}, points=40 /\n", GAP, FOLDING))
+    found = points_of(
+        curve(tmp_path, more + f"&curve parameter='{parameter}', from={start}, to={end}, points=40 /\n", GAP, FOLDING)
+    )
     assert found[-1][0] == "end"
     alone = curve(tmp_path, more, GAP, FOLDING, ("--set", f"{parameter}={end}"))
     np.testing.assert_allclose(found[-1][-1], read(alone, "coefficients")[0], atol=1e-8)

@@ -156,7 +156,7 @@ def _axes(model: Model, draw, kind: str, lowest: float, own: float, points: dict
 
 def _later(draw, law: str, kinds: tuple[str, ...]) -> Workflow:
     """A workflow of a model with a law or term of LATER."""
-    if law == "restitution":  # motions that strike walls are time-domain solutions, of which there are no curves
+    if law == "restitution":  # two tones take up to a minute a point; curves are held against closed forms, test_impacts.py
         kinds = tuple(kind for kind in kinds if kind not in ("curve", "two_tones"))
     if law == "base":
         kinds = tuple(kind for kind in kinds if kind != "load")
