@@ -3,6 +3,7 @@ module hb_integrated_result
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_certificate, only: near_commensurate
    use hb_coordinates, only: coordinates_t
+   use hb_floquet, only: stability_of_map
    use hb_kinds, only: wp
    use hb_mean_energy, only: new_mean_energy
    use hb_model, only: model_t
@@ -87,8 +88,8 @@ contains
       type(steady_motion_t), intent(in) :: settled
       type(stability_t), intent(out) :: stability
 
-      if (allocated(settled%stability%multipliers)) then
-         if (model%stability%method /= stability_method%off) stability = settled%stability
+      if (allocated(settled%monodromy)) then
+         if (model%stability%method /= stability_method%off) stability = stability_of_map(settled%monodromy, model%tones%omega(1))
          return
       end if
       if (model%tones%n_tones == 1 .and. model%lacks_impacts_of(outcome%impact)) &

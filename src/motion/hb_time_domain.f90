@@ -11,7 +11,6 @@ module hb_time_domain
    use hb_kinds, only: int64, two_pi, wp
    use hb_outcome, only: outcome
    use hb_properties, only: properties_t
-   use hb_stability, only: stability_t
    use hb_text, only: to_text
    use hb_thresholds, only: clearly
    implicit none
@@ -102,7 +101,7 @@ module hb_time_domain
       integer :: n_repeat = 0                                         !! periods after which a subharmonic motion repeats
       logical :: is_out_of_work = .false.                             !! before its end
       real(wp) :: work = 0.0_wp                                       !! from counts, see hb_solver_types
-      type(stability_t) :: stability                                  !! with multipliers if they are known already
+      real(wp), allocatable :: monodromy(:, :)                        !! derivative of the period map, of a motion from shooting
    end type steady_motion_t
 
 contains

@@ -26,8 +26,9 @@ module hb_floquet
    implicit none
    private
    public :: assess_exponents, assess_matrix, deflate, eigenvalues_of, floquet_t, has_to_be_integrated, linear_propagation_t, &
-      new_linear_propagation, work_on_demand
+      new_linear_propagation, stability_of_map, work_on_demand
 
+   real(wp), parameter :: error_of_map = 1.0e-8_wp                    ! of a derivative by differences of high order, relative
    real(wp), parameter :: most_of_usual = 100.0_wp                    ! work of a period
    integer, parameter :: turns_of_part = 4                            ! of the fastest tone
    integer, parameter :: most_parts = 16                              ! of a period
@@ -235,6 +236,18 @@ contains
       end if
       call assess_matrix(self, monodromy%matrix, variation%motion%omega(1))
    end subroutine assess_period
+
+   !> Stability from the derivative of a period map by shooting; without multipliers if LAPACK fails.
+   type(stability_t) function stability_of_map(matrix, omega) result(stability)
+      real(wp), intent(in) :: matrix(:, :)
+      real(wp), intent(in) :: omega                                   !! [rad/s]
+
+      stability%method = stability_method%integration
+      stability%is_integrated = .true.
+      stability%estimate = error_of_map
+      call assess_matrix(stability, matrix, omega)
+      if (.not. allocated(stability%multipliers)) allocate (stability%multipliers(0))
+   end function stability_of_map
 
    !> Stores the multipliers of a monodromy matrix and derives the verdict, with the present estimate.
    subroutine assess_matrix(self, matrix, omega)

@@ -11,7 +11,7 @@ module hb_impact_orbit
    use hb_coordinates, only: coordinates_t
    use hb_document, only: document_t
    use hb_error, only: error_t
-   use hb_floquet, only: assess_matrix
+   use hb_floquet, only: stability_of_map
    use hb_integration_laws, only: collect_rigid
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_system
    use hb_kinds, only: two_pi, wp
@@ -21,7 +21,7 @@ module hb_impact_orbit
    use hb_motion_series, only: motion_series_t
    use hb_period_map, only: far_from_events, farthest_phase, new_state_map, state_map_t
    use hb_problem, only: problem_t
-   use hb_stability, only: stability_method, stability_t
+   use hb_stability, only: stability_t
    use hb_structure, only: most_dense
    use hb_time_domain, only: steady_motion_t
    use hb_time_stepping, only: integration_record_t
@@ -32,7 +32,6 @@ module hb_impact_orbit
    real(wp), parameter :: accurate = 1.0e-10_wp                       !! residual of a periodic motion, scaled
 
    real(wp), parameter :: accuracy = 1.0e-9_wp                        ! of the integration: all digits
-   real(wp), parameter :: error_of_tangent = 1.0e-8_wp                ! relative
    real(wp), parameter :: noise = 1.0e-12_wp                          ! of a period map, scaled
    real(wp), parameter :: farthest = 3.0e-3_wp                        ! of neighbouring states of a difference, scaled
    real(wp), parameter :: nearer = 0.3_wp                             ! from one distance to the next
@@ -297,6 +296,14 @@ contains
    type(stability_t) function impact_orbit_stability(self, x) result(stability)
       class(impact_orbit_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
+
+      stability = stability_of_map(monodromy_at(self, x), self%model%tones%omega(1))
+   end function impact_orbit_stability
+
+   !> Derivative of the period map at a periodic state.
+   function monodromy_at(self, x) result(matrix)
+      type(impact_orbit_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
       real(wp) :: matrix(size(x), size(x))
       integer :: i
 
@@ -304,12 +311,7 @@ contains
       do i = 1, size(x)
          matrix(i, i) = matrix(i, i) + 1.0_wp
       end do
-      stability%method = stability_method%integration
-      stability%is_integrated = .true.
-      stability%estimate = error_of_tangent
-      call assess_matrix(stability, matrix, self%model%tones%omega(1))
-      if (.not. allocated(stability%multipliers)) allocate (stability%multipliers(0))
-   end function impact_orbit_stability
+   end function monodromy_at
 
    !> Moves the section to another phase, and a state on it with a direction along which state and value change.
    subroutine impact_orbit_move_section(self, section, x, direction, of_value, is_done)
@@ -374,7 +376,7 @@ contains
       if (is_done) q = record%every_displacement(:n, :)
    end subroutine sample
 
-   !> Stability and coefficients of a periodic motion at the harmonics of a model, with the part of it outside these.
+   !> Derivative of the map and coefficients of a periodic motion at the harmonics of a model, with the part of it outside these.
    subroutine impact_orbit_describe(self, model, coordinates, x, settled, is_done)
       class(impact_orbit_t), intent(inout) :: self
       type(model_t), intent(in) :: model                              !! at the same value, with a set of its own
@@ -406,7 +408,7 @@ contains
       end associate
       settled%left_out = maxval(norm2(remainder, 1)/norm2(z - spread(sum(z, 1)/size(z, 1), 1, size(z, 1)), 1))
       settled%spread = noise
-      settled%stability = self%stability(x)
+      settled%monodromy = monodromy_at(self, x)
       if (model%integration%aim > 0.0_wp) then                        ! as for fits to candidates
          settled%spread = settled%left_out
          settled%left_out = 0.0_wp

@@ -27,7 +27,7 @@ module hb_integrated_motion
    use hb_recurrence, only: repetition, turns_to_repeat
    use hb_solver_types, only: report_t, solver_config_t
    use hb_structure, only: most_dense, structure_t
-   use hb_stability, only: stability_verdict => verdict
+   use hb_stability, only: stability_t, stability_verdict => verdict
    use hb_sundials, only: has_cvode
    use hb_text, only: to_text
    use hb_thresholds, only: same_motion
@@ -329,6 +329,7 @@ contains
       type(motion_series_t) :: motion
       type(report_t) :: report
       type(error_t), allocatable :: error
+      type(stability_t) :: stability
       type(steady_motion_t) :: polished
       real(wp), allocatable :: begun(:), x(:)
       logical :: is_done
@@ -343,7 +344,8 @@ contains
          if (is_done .and. report%status == outcome%converged .and. maxval(abs(x - begun)) <= same_motion) then
             polished = settled
             call orbit%describe(model, coordinates, x, polished, is_done)
-            if (is_done .and. polished%stability%verdict /= stability_verdict%unstable) settled = polished   ! it attracts
+            stability = orbit%stability(x)
+            if (is_done .and. stability%verdict /= stability_verdict%unstable) settled = polished   ! the motion attracts
          end if
       end if
       call orbit%destroy()

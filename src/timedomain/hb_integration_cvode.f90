@@ -129,11 +129,21 @@ contains
       type(integration_state_t), intent(inout) :: state
       type(error_t), allocatable, intent(out) :: error
       integer :: found(self%equations%n_events()), n_events
+      logical :: goes_on                                              ! after an extreme, without a restart
       logical :: is_event
-      real(wp) :: t                                                   ! from the base
+      real(wp) :: t, t_extreme                                        ! from the base
 
+      goes_on = .false.
+      t_extreme = 0.0_wp
       do n_events = 1, max_events
          call self%cvode%advance(time_after - self%base, t, is_event, found, error)
+         if (allocated(error) .and. goes_on) then                     ! the rate is zero for some time: not to be passed without one
+            deallocate (error)
+            goes_on = .false.
+            call self%cvode%restart(t_extreme, error)
+            if (allocated(error)) return
+            cycle
+         end if
          if (.not. allocated(error) .and. n_events > 1 .and. work_is_over()) call fail(error, "cvode was ended before its time")
          if (allocated(error)) then
             error%message = error%message//", counted from "//to_text(self%base)//" s"
@@ -141,7 +151,10 @@ contains
          end if
          self%equations%scale = max(self%equations%scale, abs(self%cvode%values))
          if (.not. is_event) exit
-         if (any(found(:self%equations%n_branch_events()) /= 0)) then
+         goes_on = all(found(:self%equations%n_branch_events()) == 0)
+         if (goes_on) then
+            t_extreme = t
+         else
             call change_branches(self, t, found)
             call self%cvode%restart(t, error)
             if (allocated(error)) return
