@@ -551,6 +551,7 @@ contains
       if (is_on_curve) call find_stability(self%problem, x, tolerance, stability)
    end subroutine look_at
 
+   !> Adds a point of a kind to the waiting ones.
    subroutine add(self, kind, place, x)
       class(followed_motion_t), intent(inout) :: self
       integer, intent(in) :: kind

@@ -13,9 +13,9 @@ module hb_study
    use hb_model_reader, only: group_names, read_model
    use hb_model_tones, only: read_tones
    use hb_namelist, only: read_namelist, set_text, write_complete_text
+   use hb_outcome, only: outcome
    use hb_result_columns, only: measure_row, new_plan, plan_t
    use hb_results_layout, only: results_layout_t
-   use hb_outcome, only: outcome
    use hb_run_callbacks, only: run_callbacks
    use hb_stability, only: n_multipliers_of, stability_method
    use hb_stored_origin, only: request_curve

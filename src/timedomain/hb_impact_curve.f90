@@ -13,8 +13,8 @@ module hb_impact_curve
    use hb_curve_step, only: add, find, find_fold, find_values, is_back, largest_turn, search_t, short, sort_by_position, try_end
    use hb_document, only: document_t
    use hb_error, only: error_t
-   use hb_harmonics, only: harmonics_t
    use hb_followed_motion, only: known_t, reported_extreme_t, waiting_t
+   use hb_harmonics, only: harmonics_t
    use hb_impact_orbit, only: accurate, impact_orbit_t, new_impact_orbit
    use hb_integrate_to_tolerance, only: keep_lines, loaded_tuples, status_within
    use hb_integrated_result, only: keep_integrated

@@ -26,8 +26,8 @@ module hb_integrated_motion
    use hb_outcome, only: outcome
    use hb_recurrence, only: repetition, turns_to_repeat
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_structure, only: most_dense, structure_t
    use hb_stability, only: stability_t, stability_verdict => verdict
+   use hb_structure, only: most_dense, structure_t
    use hb_sundials, only: has_cvode
    use hb_text, only: to_text
    use hb_thresholds, only: same_motion
