@@ -291,8 +291,9 @@ contains
             layout%curve_units = plan%curve%units
             coordinates = coordinates_of(model)
             layout%n_curve_unknowns = 2*size(layout%tuples, 2)*coordinates%n + n_further(model)
-            if (model%lacks_impacts_of(outcome%impact)) &                ! the state at a phase, the phase, and the value
-               layout%n_curve_unknowns = 2*model%structure%n_dofs + sum([(model%laws(i)%law%n_states, i=1, size(model%laws))]) + 2
+            if (model%lacks_impacts_of(outcome%impact)) &                ! a state and its scales, its phase, and the value
+               layout%n_curve_unknowns = 2 + 2*(2*model%structure%n_dofs + &
+                                             sum([(model%laws(i)%law%n_states, i=1, size(model%laws))]))
          end if
          allocate (layout%parameters(size(plan%parameters)))
          do i = 1, size(plan%parameters)

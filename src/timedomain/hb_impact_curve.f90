@@ -168,20 +168,22 @@ contains
       type(motion_series_t) :: motion
       integer :: n
 
-      n = 2*model%structure%n_dofs
       associate (first => stored(1)%unknowns, last => stored(size(stored)))
+         n = (size(last%unknowns) - 2)/2
          call new_motion_series(motion, reshape([1], [1, 1]), model%tones%omega, &
-                                cmplx(reshape(last%unknowns(n + 1:n + model%structure%n_dofs), [n/2, 1]), 0.0_wp, wp))
+                                reshape(cmplx(last%unknowns(n + 1:n + model%structure%n_dofs), 0.0_wp, wp), &
+                                        [model%structure%n_dofs, 1]))
          call prepare(self, model, document, request, motion, error)
          if (allocated(error)) return
-         self%first_x = [first(:size(first) - 2), first(size(first))]
-         self%first_section = first(size(first) - 1)
+         self%orbit%map%scale = last%unknowns(n + 1:2*n)
+         self%first_x = [first(:n), first(2*n + 2)]
+         self%first_section = first(2*n + 1)
          self%way = merge(2, 1, last%length < 0.0_wp)
          call self%start_branch(error)
          if (allocated(error)) return
-         self%orbit%section = last%unknowns(size(last%unknowns) - 1)
-         self%curve%x = [last%unknowns(:size(last%unknowns) - 2), last%unknowns(size(last%unknowns))]
-         self%curve%direction = [last%direction(:size(last%unknowns) - 2), last%direction(size(last%unknowns))]
+         self%orbit%section = last%unknowns(2*n + 1)
+         self%curve%x = [last%unknowns(:n), last%unknowns(2*n + 2)]
+         self%curve%direction = [last%direction(:n), last%direction(2*n + 2)]
          self%curve%step = last%step
          self%curve%orientation = last%orientation
          self%largest = last%largest_motion
@@ -411,10 +413,10 @@ contains
          place%kind = point%kind
          place%parameter = point%x(n + 1)
          place%length = self%sense()*(self%length + point%place)
-         place%unknowns = [point%x(:n), self%orbit%section, point%x(n + 1)]
+         place%unknowns = [point%x(:n), self%orbit%map%scale, self%orbit%section, point%x(n + 1)]
          if (any(point%kind == [curve_kind%regular, curve_kind%start])) then
             self%length = self%length + point%place
-            place%direction = [self%curve%direction(:n), 0.0_wp, self%curve%direction(n + 1)]
+            place%direction = [self%curve%direction(:n), spread(0.0_wp, 1, n + 1), self%curve%direction(n + 1)]
             place%step = self%curve%step
             place%orientation = self%curve%orientation
             place%largest_motion = self%largest
