@@ -118,7 +118,7 @@ def test_paper_has_its_width_and_no_heading(tmp_path):
     with Results(path) as results, appearance(is_paper=True):
         fig = draw_response(results)
         assert fig.get_figwidth() * 25.4 == pytest.approx(90.0)
-        assert not fig.texts and fig.nhbm_caption.startswith("Peak of v3 over excitation frequency. synthetic")
+        assert not fig.texts and fig.nhbm_caption.startswith("Largest |v3| over excitation frequency. synthetic")
     with Results(path) as results, appearance(title="Mine", width=120.0):
         fig = draw_response(results)
     assert fig.get_figwidth() * 25.4 == pytest.approx(120.0) and fig.texts[0].get_text() == "Mine"
@@ -139,7 +139,7 @@ def test_options_of_all_pictures(tmp_path, capsys):
     path = response(tmp_path / "a.h5")
     assert main(["response", str(path), "--style", "paper", "--label", "x=Speed n [1/min]", "--label", "y=Motion [m]"]) == 0
     said = capsys.readouterr().out
-    assert "caption: Peak of v3" in said and (tmp_path / "a_response.pdf").read_bytes().startswith(b"%PDF")
+    assert "caption: Largest |v3|" in said and (tmp_path / "a_response.pdf").read_bytes().startswith(b"%PDF")
     with Results(path) as results:
         fig = draw_response(results)
     relabel(fig, {"x": "Speed", "y": "Motion"})

@@ -153,7 +153,7 @@ def test_families_and_backbones_share_a_picture(tmp_path):
     drawn = lines(fig, "curve")
     assert [line.get_xdata().tolist() for line in drawn] == [VALUE[:7], VALUE[:7], [1.1, 1.2, 1.5]]
     assert drawn[1].get_ydata().tolist() == [2.0 * y for y in HEIGHT[:7]]
-    assert any("load(1)%cos" in text for text in legend_of(fig))
+    assert any("amplitude of load 1 = 1 N" in text for text in legend_of(fig)), legend_of(fig)
 
 
 def test_peaks_are_a_table(tmp_path, capsys):

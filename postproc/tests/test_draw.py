@@ -79,6 +79,7 @@ def test_map_hatches_the_redundant_half(tmp_path):
 def test_spectrum(tmp_path, n_tones, over, is_normalised):
     with Results(single(tmp_path / "a.h5", n_tones)) as results:
         fig = draw_spectrum(results.series(0), title="a title", over=over, is_normalised=is_normalised)
+    assert not any("|c_j|" in text.get_text() for text in fig.texts)
     assert_picture(fig, tmp_path / "a.png")
 
 

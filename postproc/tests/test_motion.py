@@ -43,6 +43,15 @@ def test_phase_plane_is_an_ellipse():
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("Displacement x1 [m]", "Velocity of x1 [m/s]")
 
 
+def test_orbit_of_two_displacements_has_one_unit_and_scale():
+    large, small = circle(radius=2e-3), circle(radius=4.5e-4)
+    ax = next(ax for ax in draw_orbit(large, small).axes if ax.get_xlabel())
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("Displacement x1 [mm]", "Displacement x1 [mm]")
+    assert ax.get_aspect() == 1.0
+    tiny = next(ax for ax in draw_orbit(large, circle(radius=9e-9)).axes if ax.get_xlabel())
+    assert tiny.get_ylabel() == "Displacement x1 [nm]"
+
+
 def test_section_of_a_torus():
     """At tau_1 = 0: x = 2 + 0.5 cos, v = -1.5 sqrt(2) sin; at tau_2 = 0 the large circle."""
     x = circle(2)
@@ -85,6 +94,21 @@ def test_campbell_has_a_dot_a_harmonic(tmp_path):
     orders = [line for line in fig.axes[0].lines if line.get_gid() == "order"]
     assert [float((line.get_ydata() / line.get_xdata())[0].round(9)) for line in orders] == [1.0, 2.0, 3.0, 4.0]
     assert {line.get_linestyle() for line in orders} == {"-."}
+
+
+def test_labels_of_orders_do_not_overlap(tmp_path):
+    tuples = box(1, 12)
+    coefficients = np.zeros((30, 1, len(tuples), 2))
+    coefficients[:, 0, tuples[:, 0] > 0, 0] = 1.0
+    frequency = np.linspace(1.0, 20.0, 30)
+    coefficients[np.ix_(frequency > 5.0, [0], tuples[:, 0] > 3)] = 0.0
+    parameters = {"tones_frequency": ("tones%frequency", "rad/s", frequency)}
+    with Results(write_results(tmp_path / "a.h5", tuples, frequency[:, None], coefficients, parameters=parameters)) as results:
+        fig = draw_waterfall(results, view="campbell")
+    fig.canvas.draw()
+    boxes = [text.get_window_extent() for text in fig.axes[0].texts]
+    assert len(boxes) > 5
+    assert not any(one.overlaps(other) for k, one in enumerate(boxes) for other in boxes[:k])
 
 
 def test_waterfall_has_stems(tmp_path):

@@ -277,6 +277,16 @@ def test_map_holds_a_cell_a_point(tmp_path):
     assert save(fig, tmp_path / "a.png", 50).stat().st_size > 5000
 
 
+def test_logarithmic_colours_have_several_numbers(tmp_path):
+    with Results(grid_file(tmp_path / "a.h5")) as results:
+        fig = draw_map(results, logarithmic="z")
+    save(fig, tmp_path / "a.png", 50)
+    bar = next(ax for ax in fig.axes if ax.get_label() == "<colorbar>")
+    low, high = bar.get_ylim()
+    shown = [tick for tick in bar.yaxis.get_major_ticks() if low <= tick.get_loc() <= high and tick.label2.get_text()]
+    assert len(shown) >= 3
+
+
 def test_map_hatches_what_is_unstable(tmp_path):
     path = grid_file(tmp_path / "a.h5")
     with Results(path) as results:

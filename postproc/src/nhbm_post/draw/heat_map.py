@@ -107,6 +107,8 @@ def draw_map(
         shown = ax.pcolormesh(*edges, np.ma.masked_invalid(cells), norm=norm, cmap=colours, **seamless)
         bar = fig.colorbar(shown, ax=ax, label=style.with_unit(symbol, units))
         bar.outline.set_linewidth(0.5)
+        if isinstance(norm, LogNorm):
+            style.decade_axis(bar.ax.yaxis, (norm.vmin, norm.vmax))
         centres = [_centres(edge, scale) for edge, scale in zip(edges, scales)]
         if is_unstable.any():
             with rc_context({"hatch.color": "white"}):

@@ -15,6 +15,7 @@ _ORBIT_SAMPLES = 1200
 _ORBIT_PERIODS = 40  # of the slowest of several tones
 _SECTION_SAMPLES = 720
 _STROBES = 2000  # of sections of three tones or more
+_LEAST_SHARE = 1e-3  # of the larger displacement, for the other to have its unit
 _TALLEST = 5.0  # largest ratio of the sides of a picture to scale
 
 
@@ -51,8 +52,11 @@ def draw_orbit(x: Series, y: Series, *, tone: int = 0, about: str = ""):
     times = orbit_times(x)
     along, across = x.evaluate(times), y.evaluate(times)
     factors, names = [], []
-    for series, values in ((x, along), (y, across)):
-        factor, units = style.unit_scale(float(np.abs(values).max()), series.units)
+    sizes = [float(np.abs(values).max()) for values in (along, across)]
+    if x.units == y.units and _LEAST_SHARE * max(sizes) <= min(sizes):
+        sizes = 2 * [max(sizes)]  # one unit
+    for series, size in zip((x, y), sizes):
+        factor, units = style.unit_scale(size, series.units)
         factors.append(factor)
         names.append(style.with_unit(series.axis_label, units))
     is_torus = x.n_tones > 1

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from matplotlib.lines import Line2D
 
-from ..axis_words import axis_words, with_symbol
+from ..axis_words import axis_words, with_symbol, words_of
 from ..errors import UsageError
 from ..measure import Measure
 from ..outcome import CONVERGED, SOLVED
@@ -235,9 +235,14 @@ def curves_of(results, name, dof, measure, over, where, n_curves, axis=None) -> 
     curves = []
     for members in groups:
         members = members[np.argsort(order[members], kind="stable")]
-        label = ", ".join([name] * bool(name) + [p.text(int(members[0])) for p in others])
+        label = ", ".join([name] * bool(name) + [_in_words(p, int(members[0])) for p in others])
         curves.append(Curve(label, results, members, x[members], values[members], branch[members], kind[members]))
     return curves, along, notes
+
+
+def _in_words(parameter: Parameter, point: int) -> str:
+    """`limit of damper = 0.5 N`, for the legend."""
+    return f"{words_of(parameter.label)[0]} = {parameter.value_text(parameter.values[point])}"
 
 
 def _along_the_arc(results: Results) -> np.ndarray:
@@ -291,8 +296,9 @@ def _draw_curve(ax, i, curve: Curve, x_factor, factor, scales, is_joined, by_sta
         at = curve.is_special(kind)
         ax.plot(x_factor * curve.x[at], factor * curve.y[at], **shape, color=look["color"], gid=kind, zorder=5)
     for at, start, to, end in curve.jumps:
-        arrow = {"arrowstyle": "->", "color": look["color"], "linewidth": 0.7, "shrinkA": 3.0, "shrinkB": 0.0}
-        ax.annotate("", (x_factor * to, factor * end), (x_factor * at, factor * start), arrowprops=arrow, gid="jump")
+        arrow = {"arrowstyle": "-|>", "mutation_scale": 9.0, "linewidth": 0.8, "shrinkA": 3.0, "shrinkB": 0.0}
+        arrow["color"] = look["color"]
+        ax.annotate("", (x_factor * to, factor * end), (x_factor * at, factor * start), arrowprops=arrow, gid="jump", zorder=6)
     known = np.isfinite(y) & np.isfinite(x)
     alone = known & ~np.append(known[1:], False) & ~np.insert(known[:-1], 0, False)
     dots = is_converged & (known if not is_joined or (curve.points.size <= _MANY_POINTS and curve.results.curve is None) else alone)
@@ -376,12 +382,12 @@ def _draw_rows(strip, curves, x_factor, has_several) -> None:
 
 
 def _curve_keys(curves: list[Curve], is_joined: bool) -> list[Line2D]:
-    """Legend of the curves, none for a single one; a common beginning, such as `law(1)%gap =`, is written once."""
+    """Legend of the curves, none for a single one; a common beginning, such as `Gap of stop =`, is written once."""
     if len(curves) < 2:
         return []
     first = curves[0].label.partition("= ")[0] + "= "
     is_common = curves[0].label.count("= ") == 1 and all(curve.label.startswith(first) for curve in curves)
-    entries = [Line2D([], [], linestyle="none", label=first.strip())] if is_common else []
+    entries = [Line2D([], [], linestyle="none", label=first[:1].upper() + first[1:].strip())] if is_common else []
     for i, curve in enumerate(curves):
         label = curve.label.removeprefix(first) if is_common else curve.label
         dot = {} if is_joined else {"marker": "o"}

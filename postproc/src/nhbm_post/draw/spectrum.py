@@ -66,7 +66,7 @@ def draw_spectrum(
             fig = style.figure(7.0, 4.0)
             draw_stem(fig.add_subplot(), series, amplitudes, norm, label, over, in_hertz)
         head = f"{what} of the {series.n_harmonics} harmonics of {series.label}"
-        scale = "" if not is_normalised else f"largest |c_j| = {number_text(largest)} {series.units}".rstrip()
+        scale = "" if not is_normalised else f"largest amplitude {number_text(largest)} {series.units}".rstrip()
         style.head(fig, head, title, scale)
     return fig
 
@@ -182,7 +182,7 @@ def draw_stem(
     if n_hidden:
         why = f"below {norm.vmin:.1e} and not shown" if amplitudes[~is_shown].any() else "zero"
         ax.set_title(
-            f"{n_hidden} of {series.n_harmonics} harmonics are {why}",
+            f"{n_hidden} of {series.n_harmonics} harmonics {'is' if n_hidden == 1 else 'are'} {why}",
             color=style.MUTED,
             size=8.0,
             loc="right",

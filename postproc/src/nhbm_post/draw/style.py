@@ -8,7 +8,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from nhbm.guard import written
 
@@ -260,13 +260,13 @@ def phase_ticks(axis) -> None:
 
 
 def decade_axis(axis, limits) -> None:
-    """Labels at the decades, and at 2 and 5 of each if there are few."""
+    """Labels at the decades, at 2 and 5 of each if there are few, and at round numbers within less than a decade."""
     decades = np.log10(limits[1] / limits[0])
     if decades > 2.5:
         axis.set_major_locator(LogLocator(base=10.0, numticks=12))
         axis.set_minor_formatter(NullFormatter())
         return
-    axis.set_major_locator(LogLocator(base=10.0, subs=(1.0, 2.0, 5.0)))
+    axis.set_major_locator(LogLocator(base=10.0, subs=(1.0, 2.0, 5.0)) if decades > 0.8 else MaxNLocator(6))
     axis.set_major_formatter(FuncFormatter(_short))
     axis.set_minor_formatter(NullFormatter())
 
@@ -275,7 +275,7 @@ def _short(value: float, _=None) -> str:
     power = int(np.floor(np.log10(value) + 1e-9))
     if -2 <= power <= 3:
         return f"{value:g}"
-    digit = f"{value / 10.0**power:.0f}"
+    digit = f"{value / 10.0**power:.3g}"
     return rf"$10^{{{power}}}$" if digit == "1" else rf"${digit}\cdot 10^{{{power}}}$"
 
 

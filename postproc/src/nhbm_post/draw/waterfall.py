@@ -15,6 +15,7 @@ from . import style
 _N_SPECTRA = 24  # largest number of spectra in a waterfall, spread evenly
 _HEIGHT = 1.8  # of the tallest stem, in distances between spectra
 _N_ORDERS = 12
+_LABEL = 0.045, 0.035  # width and height of the label of an order, in those of the axes
 
 
 def draw_waterfall(
@@ -121,6 +122,7 @@ def _campbell(ax, found, values, by, factor, norm, results):
         at = np.array([values[point] for point in points])
         base = np.array([tone[point] for point in points])
         highest = int(round(max(f / tone[point] for point in points for f in _shown(found[point], by, factor, norm)[0])))
+        named = np.empty((0, 2))
         for k in range(1, min(_N_ORDERS, highest + 1) + 1):
             line = k * base
             if line.min() > 1.02 * y.max():
@@ -128,7 +130,10 @@ def _campbell(ax, found, values, by, factor, norm, results):
             is_seen = line <= 1.02 * y.max()
             ax.plot(at[is_seen], line[is_seen], linestyle=style.REFERENCE, color=style.WALL, linewidth=0.6, gid="order")
             end = np.flatnonzero(is_seen)[-1]
-            ax.annotate(f"{k}x", (at[end], line[end]), (2, 0), textcoords="offset points", size=7.0, color=style.MUTED)
+            place = np.array([at[end] / (np.ptp(at) or 1.0), line[end] / y.max()])
+            if (np.abs(place - named) > _LABEL).any(axis=1).all():
+                ax.annotate(f"{k}x", (at[end], line[end]), (2, 0), textcoords="offset points", size=7.0, color=style.MUTED)
+                named = np.append(named, [place], axis=0)
     area = 5.0 + 22.0 * np.log10(size / norm.vmin) / np.log10(norm.vmax / norm.vmin)
     drawn = ax.scatter(
         x, y, c=size, s=area, norm=norm, cmap=style.COLOUR_MAP, linewidths=0.0, gid="harmonics", rasterized=x.size > 4000
