@@ -32,7 +32,7 @@ contains
       n_jumps = 0
       first_jump = 0
       if (.not. plan%is_ordered()) return
-      call results%share(error)
+      call results%share(size_of(comm), error)
       call share_error(comm, error)
       if (allocated(error)) return
       call barrier(comm)
