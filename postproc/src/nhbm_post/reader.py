@@ -224,8 +224,9 @@ class Results:
 
     @property
     def has_stability(self) -> bool:
-        """Whether the run computed stability, or tried to."""
-        return "is_stable" in self._file and "exponent" in self._file
+        """Whether the run computed stability, or tried to; normal modes have none."""
+        is_mode = any(path.startswith("normal_mode%") for path in self.swept)
+        return "is_stable" in self._file and "exponent" in self._file and not is_mode
 
     def curve_branch(self) -> np.ndarray:
         """Number of the branch point, or separate motion, from which each part of a curve was followed; 0: from its start."""
