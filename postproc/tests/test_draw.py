@@ -12,6 +12,7 @@ from nhbm_post.draw import draw_correction, draw_rotor, draw_spectrum, draw_time
 from nhbm_post.draw.rotor import CASING, DISK, RotorStator, mean_radius
 from nhbm_post.draw.style import unit_scale
 from nhbm_post.draw.time_history import Record, read_record
+from nhbm_post.series import Series
 
 
 def assert_picture(fig, path):
@@ -81,6 +82,13 @@ def test_spectrum(tmp_path, n_tones, over, is_normalised):
         fig = draw_spectrum(results.series(0), title="a title", over=over, is_normalised=is_normalised)
     assert not any("|c_j|" in text.get_text() for text in fig.texts)
     assert_picture(fig, tmp_path / "a.png")
+
+
+def test_spectrum_of_few_harmonics_far_out_is_no_map(tmp_path):
+    cross = np.array([[j, 0] for j in range(20)] + [[0, j] for j in range(1, 20)])
+    series = Series(cross, np.array([1.0, 1.3]), np.ones(39), np.zeros(39), "x1", "m", "displacement")
+    assert "Frequency" in draw_spectrum(series).axes[0].get_xlabel()
+    assert "Harmonic $j_1$" in draw_spectrum(series, form="map").axes[0].get_xlabel()
 
 
 def test_spectrum_as_bars(tmp_path):

@@ -187,7 +187,7 @@ def _parser() -> argparse.ArgumentParser:
     options.add_quantity(sub)
     options.add_point(sub)
     sub.add_argument(
-        "--form", choices=("map", "bars", "stem"), help="map (default for two tones), 3-D bars, or stems"
+        "--form", choices=("map", "bars", "stem"), help="map (default for two tones if it is well filled), 3-D bars, or stems"
     )
     sub.add_argument(
         "--over", choices=("tuple", "frequency"), default="tuple", help="axis: tuples (default) or frequency"

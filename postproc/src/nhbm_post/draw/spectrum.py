@@ -19,6 +19,7 @@ from . import style
 FORMS = ("map", "bars", "stem")
 # Default number of decades below the largest amplitude; smaller amplitudes of a converged point are rounding errors.
 DECADES = 8.0
+_LEAST_SHARE = 0.3  # of the cells of a map with a harmonic
 
 
 def draw_spectrum(
@@ -33,7 +34,7 @@ def draw_spectrum(
 ):
     """Amplitudes |c_j|, relative to the largest if `is_normalised`.
 
-    form: `map` (default for 2 tones), `bars` (3-D, 2 tones) or `stem` (default otherwise); over: `tuple`, or `frequency` for stems
+    form: `map` (default for 2 tones, unless most of the map would be empty), `bars` (3-D, 2 tones) or `stem` (default otherwise); over: `tuple`, or `frequency` for stems
     over |j . omega|, which `tuple` also means for 3 tones and more.
     """
     if form in ("map", "bars") and (series.n_tones != 2 or over == "frequency"):
@@ -41,7 +42,7 @@ def draw_spectrum(
             f"form '{form}' needs 2 tones and tuples as axes; this file has {series.n_tones} tone(s)"
         )
     if form is None:
-        form = "map" if series.n_tones == 2 and over == "tuple" else "stem"
+        form = "map" if series.n_tones == 2 and over == "tuple" and _share(series.tuples) >= _LEAST_SHARE else "stem"
     amplitudes = series.amplitudes
     largest = amplitudes.max(initial=0.0)
     if largest == 0.0:
@@ -69,6 +70,11 @@ def draw_spectrum(
         scale = "" if not is_normalised else f"largest amplitude {number_text(largest)} {series.units}".rstrip()
         style.head(fig, head, title, scale)
     return fig
+
+
+def _share(tuples: np.ndarray) -> float:
+    """Share of the cells of a map that have a harmonic."""
+    return 2 * len(tuples) / float(np.prod(2 * np.abs(tuples).max(axis=0) + 1))
 
 
 def amplitude_norm(amplitudes: np.ndarray, decades: float = DECADES) -> LogNorm:
