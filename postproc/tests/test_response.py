@@ -287,6 +287,20 @@ def test_logarithmic_colours_have_several_numbers(tmp_path):
     assert len(shown) >= 3
 
 
+def test_map_of_multipliers_shows_where_rest_is_unstable(tmp_path):
+    path = grid_file(tmp_path / "a.h5")
+    size = np.linspace(0.5, 1.5, 15)
+    with h5py.File(path, "r+") as file:
+        file["coefficients"][...] = 0.0
+        file["multiplier_real"], file["multiplier_imag"] = np.stack([-size, 0.1 * size], axis=1), np.zeros((15, 2))
+    with Results(path) as results:
+        assert "all values are equal" in head_of(draw_map(results))
+        fig = draw_map(results, measure=Measure("multiplier"))
+    assert "Largest Floquet multiplier over" in head_of(fig)
+    np.testing.assert_allclose(np.sort(map_of(fig)[1].ravel()), size)
+    assert main(["map", str(path), "--measure", "multiplier", "--dpi", "40"]) == 0
+
+
 def test_map_hatches_what_is_unstable(tmp_path):
     path = grid_file(tmp_path / "a.h5")
     with Results(path) as results:

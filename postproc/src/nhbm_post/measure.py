@@ -9,12 +9,13 @@ import numpy as np
 from .reader import QUANTITIES, Results
 from .text import tuple_text
 
-MEASURES = ("peak", "rms", "harmonic", "frequency")
+MEASURES = ("peak", "rms", "harmonic", "frequency", "multiplier")
 
 
 @dataclass(frozen=True)
 class Measure:
-    """The quantity: `peak`, `rms`, `harmonic` with its tuple `j`, or `frequency` of `tone` (from 0)."""
+    """The quantity: `peak`, `rms`, `harmonic` with its tuple `j`, `frequency` of `tone` (from 0), or the
+    magnitude of the largest Floquet `multiplier`."""
 
     name: str = "peak"
     j: tuple[int, ...] | None = None
@@ -28,6 +29,9 @@ class Measure:
             for point in results.solved:
                 values[point] = results.frequency_scale()[0] * results.frequency(int(point))[self.tone]
             return values
+        if self.name == "multiplier":
+            values[results.solved] = np.abs(results.multipliers()[results.solved, 0])
+            return values
         for point, series in results.all_series(dof, self.quantity):
             series = series.without_noise(results.noise(point, self.quantity, series.units))
             if self.name == "harmonic":
@@ -40,6 +44,8 @@ class Measure:
         return values
 
     def units(self, results: Results, dof: str) -> str:
+        if self.name == "multiplier":
+            return "1"
         return results.frequency_scale()[1] if self.name == "frequency" else results.units(self.quantity, dof)
 
     def words(self, results: Results, dof: str) -> tuple[str, str]:
@@ -51,6 +57,8 @@ class Measure:
             if results.n_tones == 1:
                 return "Frequency of the tone", f"Frequency of the tone ${letter}$"
             return f"Frequency of tone {self.tone + 1}", f"Frequency of tone {self.tone + 1} ${letter}_{{{self.tone + 1}}}$"
+        if self.name == "multiplier":
+            return "Largest Floquet multiplier", r"Largest Floquet multiplier $|\mu|$"
         if self.name == "harmonic":
             j = tuple_text(self.j)
             return f"Amplitude of harmonic {j} of {symbol}", rf"Amplitude $|c_{{{j}}}|$ of {symbol}"

@@ -80,7 +80,8 @@ def add_measure(sub):
     sub.add_argument(
         "--measure",
         choices=MEASURES,
-        help="peak: max|x| over hypertime (default); rms; harmonic: amplitude of --tuple; frequency: that of a tone",
+        help="peak: max|x| over hypertime (default); rms; harmonic: amplitude of --tuple; frequency: that of a tone; "
+        "multiplier: magnitude of the largest Floquet multiplier",
     )
     sub.add_argument("--tuple", type=tuple_of_integers, metavar="J1,J2,...", help="harmonic to draw, for example 1,0")
     sub.add_argument("--tone", type=count(1), metavar="N", help="number of the tone, from 1 (default: the first unknown one)")

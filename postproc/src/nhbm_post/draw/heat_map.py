@@ -71,6 +71,7 @@ def draw_map(
         scales = ["linear", "linear"]
     notes = []
     cells = factor * cells
+    is_flat = np.nanmin(cells) == np.nanmax(cells)
     norm = Normalize(np.nanmin(cells), np.nanmax(cells))
     if logarithmic and "z" in logarithmic:
         n_lost = int((cells <= 0.0).sum())
@@ -107,7 +108,10 @@ def draw_map(
         shown = ax.pcolormesh(*edges, np.ma.masked_invalid(cells), norm=norm, cmap=colours, **seamless)
         bar = fig.colorbar(shown, ax=ax, label=style.with_unit(symbol, units))
         bar.outline.set_linewidth(0.5)
-        if isinstance(norm, LogNorm):
+        if is_flat:
+            bar.set_ticks([np.nanmin(cells)])
+            notes.append("all values are equal")
+        elif isinstance(norm, LogNorm):
             style.decade_axis(bar.ax.yaxis, (norm.vmin, norm.vmax))
         centres = [_centres(edge, scale) for edge, scale in zip(edges, scales)]
         if is_unstable.any():

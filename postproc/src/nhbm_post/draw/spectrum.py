@@ -34,8 +34,8 @@ def draw_spectrum(
 ):
     """Amplitudes |c_j|, relative to the largest if `is_normalised`.
 
-    form: `map` (default for 2 tones, unless most of the map would be empty), `bars` (3-D, 2 tones) or `stem` (default otherwise); over: `tuple`, or `frequency` for stems
-    over |j . omega|, which `tuple` also means for 3 tones and more.
+    form: `map` (default for 2 tones, unless most of the map would be empty), `bars` (3-D, 2 tones) or `stem` (default otherwise);
+    over: `tuple`, or `frequency` for stems over |j . omega|, which `tuple` also means for 3 tones and more.
     """
     if form in ("map", "bars") and (series.n_tones != 2 or over == "frequency"):
         raise UsageError(
