@@ -155,7 +155,7 @@ def test_motion_over_time_is_in_words(tmp_path, n_tones):
     path = single(tmp_path / "a.h5", n_tones)
     with Results(path) as results:
         assert results.series(0, "v3").axis_label == "Displacement v3"
-        assert results.series(0, "v3", "force").axis_label == "law force on v3"
+        assert results.series(0, "v3", "force").axis_label == "Law force on v3"
 
 
 def test_pictures_in_a_plane_need_no_mplot3d():

@@ -34,6 +34,12 @@ def test_velocity_is_the_derivative():
     assert (series.velocity().units, series.velocity().axis_label) == ("m/s", "Velocity of x1")
 
 
+def test_words_of_an_axis_begin_with_a_capital():
+    zero = np.zeros(1)
+    for label, words, axis in (("x1", "", "x1"), ("x1", "displacement", "Displacement x1"), ("law force on x1", "", "Law force on x1")):
+        assert Series(np.ones((1, 1), int), zero, zero, zero, label, "m", words).axis_label == axis
+
+
 def test_phase_plane_is_an_ellipse():
     fig = draw_orbit(circle(), circle().velocity())
     x, v = drawn(fig, "orbit").get_data()

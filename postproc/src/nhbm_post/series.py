@@ -30,8 +30,9 @@ class Series:
 
     @property
     def axis_label(self) -> str:
-        """Description and name of the quantity: `Displacement v3`."""
-        return f"{self.words[:1].upper()}{self.words[1:]} {self.label}" if self.words else self.label
+        """Description and name of the quantity: `Displacement v3`, `Law force on v3`."""
+        text = f"{self.words} {self.label}" if self.words else self.label
+        return text[:1].upper() + text[1:] if " " in text else text
 
     @property
     def n_tones(self) -> int:
