@@ -73,7 +73,7 @@ def test_what_is_wrong_is_said():
         model.set("harmonic", order=3)
     with pytest.raises(ModelError, match="'wall gap!' is no path"):
         model["wall gap!"] = 1.0
-    with pytest.raises(KeyError, match="no column 'amplitude'; known: status message"):
+    with pytest.raises(KeyError, match="no column 'amplitude'; known: status reason n_periods message"):
         session_of(DUFFING).column("amplitude")
     model["tones%frequency"] = -1.0
     with pytest.raises(ModelError, match="frequency"):
