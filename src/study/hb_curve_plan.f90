@@ -240,10 +240,10 @@ contains
    end function has_restitution
 
    !> Why motions with impacts have no curve along these values; empty if they have one.
-   function refusal_with_impacts(self, model) result(text)
+   subroutine find_refusal_with_impacts(self, model, text)
       class(curve_plan_t), intent(in) :: self
       type(model_t), intent(in) :: model
-      character(:), allocatable :: text
+      character(:), allocatable, intent(out) :: text
       character(*), parameter :: which = "with walls that have a restitution, a curve "
       integer :: i
 
@@ -257,7 +257,7 @@ contains
       else if (any([(size(self%responses_of(i)%names) > 0, i=1, size(self%responses_of))])) then
          text = which//"locates folds, flips, tori, grazes and values; 'peak_of' and other responses need a balance"
       end if
-   end function refusal_with_impacts
+   end subroutine find_refusal_with_impacts
 
    !> Fails if the model has no curve along these values.
    subroutine check_model(self, model, document, error)
@@ -284,7 +284,7 @@ contains
       else if (size(model%laws) == 0) then
          error_text = "a curve needs at least one &law; without laws use a &sweep"
       else if (has_restitution(model)) then
-         error_text = refusal_with_impacts(self, model)
+         call find_refusal_with_impacts(self, model, error_text)
       end if
       if (is_tones .and. len(error_text) == 0) then
          if (model%tones%is_unknown(max(1, self%moving%parameter%element(1)))) error_text = "this frequency is unknown, not given"
