@@ -36,7 +36,8 @@ def test_velocity_is_the_derivative():
 
 def test_words_of_an_axis_begin_with_a_capital():
     zero = np.zeros(1)
-    for label, words, axis in (("x1", "", "x1"), ("x1", "displacement", "Displacement x1"), ("law force on x1", "", "Law force on x1")):
+    headings = (("x1", "", "x1"), ("x1", "displacement", "Displacement x1"), ("law force on x1", "", "Law force on x1"))
+    for label, words, axis in headings:
         assert Series(np.ones((1, 1), int), zero, zero, zero, label, "m", words).axis_label == axis
 
 

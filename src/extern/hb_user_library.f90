@@ -344,7 +344,7 @@ contains
    integer function call_evaluate(self, samples, parameters, z, v, f, df_dz, df_dv) result(code)
       class(user_library_t), intent(in) :: self
       type(law_samples_t), intent(in) :: samples                      ! what only some laws get
-      real(wp), intent(inout), contiguous, target :: parameters(:), z(:, :), v(:, :)    ! copies: the function must not change them, but may
+      real(wp), intent(inout), contiguous, target :: parameters(:), z(:, :), v(:, :)  ! copies, which it must leave
       real(wp), intent(out), contiguous, target :: f(:, :)
       real(wp), intent(out), contiguous, optional, target :: df_dz(:, :, :), df_dv(:, :, :)
       procedure(evaluate_function), pointer :: evaluate

@@ -24,7 +24,7 @@ module hb_integration_cvode
    integer, parameter :: steps_from_base = 1000
    integer, parameter :: max_events = 100000                          ! from one sample to the next
    real(wp), parameter :: slow = 1.0e-6_wp                            ! relative speed below which there is no bounce
-   real(wp), parameter :: short_flight = 0.1_wp                       ! relative speed below which one step may pass over a whole flight
+   real(wp), parameter :: short_flight = 0.1_wp                       ! relative speed: slower, a step may pass over a flight
    integer, parameter :: no_longer_counted = -1
    real(wp), parameter :: smallest_scale = 1.0e-3_wp                  ! of a displacement, relative to the length of the system
 

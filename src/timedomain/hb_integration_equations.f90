@@ -33,8 +33,8 @@ module hb_integration_equations
       ! Rigid laws
       type(hold_t), allocatable :: rigid(:)
       integer, allocatable :: mode(:)                                 !! wall: 0 open, otherwise the side; friction: slip, 0 stick
-      integer, allocatable :: leaving(:)                              !! side that a wall was struck on, until the coordinate turns back: one
-                                                                      !! step may pass over a short flight, and the sign of its distance
+      integer, allocatable :: leaving(:)                              !! side on which a wall was struck, until the coordinate
+                                                                      !! turns back: a step may pass over a short flight
       integer, allocatable :: active(:)                               !! those with a constrained coordinate
       real(wp), allocatable :: kick(:, :)                             !! M^-1 S of all rigid laws
       real(wp), allocatable :: factor(:, :)                           !! of S^T M^-1 S of the active ones
