@@ -112,10 +112,10 @@ def changes(start: str, code: str, begin: int):
         at = match.start(match.lastindex)
         yield at, "-", [""], "sign"
     for match in each(r"(?<![\w=<>/*])= (?=[a-z(])"):  # a result with the other sign; does not build where it is no number
-        is_zero = not re.search(r"[^0. ,()]", re.sub(r"_wp", "", code[match.end() :]))  # has no other sign
+        is_zero = not re.search(r"[^0. ,()]", re.sub(r"_wp", "", code[match.end() :]))  # has no other sign, nor has a NaN
         if (
             begin == 0
-            and not is_zero
+            and not (is_zero or "ieee_quiet_nan" in code)
             and not start.startswith(("do ", "if (", "allocate", "where", "forall", "call"))
             and "=>" not in code
         ):
