@@ -369,11 +369,7 @@ contains
       else if (.not. document%is_real(parameter)) then
          problem = "is not a real number; only real numbers have derivatives"
       else if (document%groups%holders(parameter%i_group)%group%name == "tones") then
-         if (parameter%element(1) > size(is_unknown)) then
-            problem = "is not a tone: the highest number is "//to_text(size(is_unknown))
-         else if (is_unknown(max(1, parameter%element(1)))) then
-            problem = "is unknown, not given"
-         end if
+         if (is_unknown(max(1, parameter%element(1)))) problem = "is unknown, not given"
       end if
       if (len(problem) > 0) then
          if (.not. allocated(error)) problem = "'"//trim(shown(path))//"' "//problem
