@@ -217,7 +217,9 @@ contains
       if (allocated(self%verb)) is_resume = self%verb == "resume"
       if (is_resume .and. (allocated(self%output) .or. size(self%overrides) > 0)) then
          call fail(error, "resume takes the input from the result file and continues in it: no --output, no --set")
-      else if ((is_resume .or. self%resumes) .and. self%overwrite) then
+      else if (is_resume .and. self%overwrite) then
+         call fail(error, "resume continues a result file; solve --overwrite makes it anew")
+      else if (self%resumes .and. self%overwrite) then
          call fail(error, "--overwrite makes a new result file and --resume continues one; give one of them")
       else if (self%retries .and. .not. (is_resume .or. self%resumes)) then
          call fail(error, "--retry solves points of an existing result file again; it goes with resume or --resume")

@@ -17,6 +17,7 @@ module explanation
    private
    public :: explain_failures, explain_point, find_kinds, status_lines
 
+   character(*), parameter :: command_mark = new_line("a")//"try: "
    character(*), parameter :: mark = "; least residuals: "            ! of hb_advice, before the residual of each attempt
    integer, parameter :: most_read = 200                              ! messages of a status that are examined for a summary
    integer, parameter :: most_kinds = 3                               ! of a status that are reported there
@@ -31,23 +32,21 @@ contains
       type(document_t), intent(in) :: document                        !! the input of the run
       type(string_t), allocatable, intent(out) :: lines(:)
       type(failure_kind_t), allocatable :: kinds(:)
-      character(:), allocatable :: said, text
+      character(:), allocatable :: text
+      type(string_t), allocatable :: said(:)
       integer :: i, k
 
-      allocate (lines(0))
+      allocate (lines(0), said(0))
       do i = outcome%converged + 1, ubound(outcome_names, 1)
          call kinds_of_status(i, status, names%result, most_read, kinds)
          if (size(kinds) == 0) cycle
          call add(to_text(count(status == i))//" "//outcome_text(i)//" (first: point "//to_text(kinds(1)%first - 1)//")")
-         said = ""
          do k = 1, min(size(kinds), most_kinds)
             text = "point "//name_of(kinds(k)%first, plan)
             if (size(kinds) > 1) text = text//others_of(kinds(k))
             if (len(kinds(k)%message) > 0) call add("  "//text//": "//kinds(k)%message)
             text = command_to_try(kinds(k), names, plan, document)
-            if (len(text) == 0 .or. text == said) cycle
-            call add("  try: "//text)
-            said = text
+            if (len(text) > 0 .and. is_new(text, said)) call add("  try: "//text)
          end do
          if (size(kinds) > most_kinds) call add("  and "//number_of(size(kinds) - most_kinds, "other message")// &
             "; nhbm-post info "//shell_word(names%result)//" has a row for each point")
@@ -71,17 +70,32 @@ contains
       type(string_t), allocatable, intent(out) :: paragraphs(:)
       type(failure_kind_t), allocatable :: kinds(:)
       character(:), allocatable :: text
-      integer :: i, k
+      type(string_t), allocatable :: said(:)
+      integer :: i, k, n
 
-      allocate (paragraphs(0))
+      allocate (paragraphs(0), said(0))
       do i = outcome%converged + 1, ubound(outcome_names, 1)
          call kinds_of_status(i, record%status, names%result, record%n_points, kinds)
          do k = 1, size(kinds)
             text = paragraph(kinds(k), record, names, plan, document)
+            n = index(text, command_mark)
+            if (n > 0) then
+               if (.not. is_new(text(n:), said)) text = text(:n - 1)//" The command is the same as above."
+            end if
             paragraphs = [paragraphs, string_t(text)]
          end do
       end do
    end subroutine explain_failures
+
+   !> Whether a command has not been printed before; it is noted. Each command has one result file.
+   logical function is_new(command, said)
+      character(*), intent(in) :: command
+      type(string_t), allocatable, intent(inout) :: said(:)
+      integer :: i
+
+      is_new = all([(said(i)%value /= command, i=1, size(said))])
+      if (is_new) said = [said, string_t(command)]
+   end function is_new
 
    !> Explains one point in a paragraph.
    function explain_point(point, record, names, plan, document) result(text)
@@ -190,7 +204,7 @@ contains
       if (.not. is_solved(kind%status)) text = text//neighbour_text(kind%first, record, plan)
       text = text//new_line("a")//"What to do: "//outcome_remedy(kind%status)
       command = command_to_try(kind, names, plan, document)
-      if (len(command) > 0) text = text//new_line("a")//"try: "//command
+      if (len(command) > 0) text = text//command_mark//command
    end function paragraph
 
    function name_of(point, plan) result(text)

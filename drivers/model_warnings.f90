@@ -137,17 +137,18 @@ contains
       if (frequency > max(limit, rounding)*maxval(tones%omega)) return
       k = k/common_divisor(k)
       frequency = abs(dot_product(k, tones%omega))
-      text = "tones "//list_of(tones%omega)//" rad/s: their combination "//tuple_text(k)//" has the frequency "
+      text = "tones "//list_of(tones%in_unit(tones%omega))//" "//trim(tones%unit())//": their combination "//tuple_text(k)// &
+             " has the frequency "
       if (frequency > rounding*maxval(tones%omega)) then
-         text = text//to_text(frequency)//" rad/s; such tones are nearly commensurate"
+         text = text//to_text(tones%in_unit(frequency))//" "//trim(tones%unit())//"; such tones are nearly commensurate"
       else
-         text = text//"0; "//model_of_fewer(tones%omega, k)
+         text = text//"0; "//model_of_fewer(tones, k)
       end if
    end function commensurate_text
 
    !> The model of fewer tones with the same loads, for k.omega = 0.
-   function model_of_fewer(omega, k) result(text)
-      real(wp), intent(in) :: omega(:)
+   function model_of_fewer(tones, k) result(text)
+      type(tones_t), intent(in) :: tones
       integer, intent(in) :: k(:)
       character(:), allocatable :: text
       integer, allocatable :: in_it(:)
@@ -157,8 +158,9 @@ contains
       m = findloc(abs(k(in_it)), 1, dim=1, back=.true.)
       if (size(in_it) == 2) then
          associate (a => in_it(1), b => in_it(2))
-            text = "use one tone of "//to_text(rounded(omega(a)/abs(k(b))))//" rad/s instead of both, with tuple "// &
-               to_text(abs(k(b)))//" for loads of tone "//to_text(a)//" and "//to_text(abs(k(a)))//" for those of tone "//to_text(b)
+            text = "use one tone of "//to_text(rounded(tones%in_unit(tones%omega(a)/abs(k(b)))))//" "//trim(tones%unit())// &
+               " instead of both, with tuple "//to_text(abs(k(b)))//" for loads of tone "//to_text(a)//" and "// &
+               to_text(abs(k(a)))//" for those of tone "//to_text(b)
          end associate
       else if (m > 0) then
          m = in_it(m)

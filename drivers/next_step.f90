@@ -246,24 +246,39 @@ contains
       do i = 1, size(sets)
          command = command//" --set "//shell_word(sets(i)%value)
       end do
-      command = command//" -o "//shell_word(beside_result(run, "_2"))
+      command = command//" -o "//shell_word(beside_result(run, "_"//changed(first)))
    end function solve_with
+
+   !> The key of an assignment, with its value if that is a positive integer: for the name of the result.
+   pure function changed(assignment) result(text)
+      character(*), intent(in) :: assignment                          !! path=value
+      character(:), allocatable :: text
+      integer :: equals
+
+      equals = index(assignment, "=")
+      text = assignment(index(assignment, "%") + 1:equals - 1)
+      if (verify(assignment(equals + 1:), "0123456789") == 0) text = text//"_"//assignment(equals + 1:)
+   end function changed
 
    !> Time integration of the point for 200 periods of the slowest tone.
    function integrate_from_rest(run) result(command)
       type(run_t), intent(in) :: run
-      character(:), allocatable :: command
+      character(:), allocatable :: command, ending
       character(10) :: duration
 
       command = ""
+      ending = "_integration"
       if (any(run%tones%is_unknown) .or. run%here%count("dynamic_stiffness") > 0) return
       command = "nhbm integrate "//shell_word(run%names%input)//earlier(run, [string_t ::])
-      if (size(run%plan%parameters) > 0) command = command//" --point "//to_text(run%kind%first - 1)
+      if (size(run%plan%parameters) > 0) then
+         command = command//" --point "//to_text(run%kind%first - 1)
+         ending = ending//"_"//to_text(run%kind%first - 1)
+      end if
       write (duration, "(es8.1e2)") 200.0_wp*two_pi/minval(run%tones%omega)
       if (real_of(run, "integration", "duration") <= 0.0_wp) command = command// &
          " --set integration%duration="//trim(adjustl(duration))
       if (needs_fixed_steps(run)) command = command//" --set "//shell_word("integration%method='generalized_alpha'")
-      command = command//" -o "//shell_word(beside_result(run, "_integration"))
+      command = command//" -o "//shell_word(beside_result(run, ending))
    end function integrate_from_rest
 
    !> Whether the restitution of rigid walls is given.

@@ -11,6 +11,7 @@ module run_texts
    use hb_text, only: number_of, to_text
    use hb_thresholds, only: agreement
    use hb_timing, only: rank_times_t, times_of_row
+   use hb_tones, only: tones_t
    implicit none
    private
    public :: answers_text, curve_lines, find_gaps, found_frequency, stability_text, timing_lines
@@ -20,18 +21,19 @@ module run_texts
 contains
 
    !> Text with the frequency, or range of frequencies, of an unknown tone.
-   function found_frequency(summary, tone) result(text)
+   function found_frequency(summary, tone, tones) result(text)
       type(run_summary_t), intent(in) :: summary
       integer, intent(in) :: tone
+      type(tones_t), intent(in) :: tones                              !! with the unit of the input
       character(:), allocatable :: text
       character(24) :: lowest, highest
 
       text = "tone "//to_text(tone)//" was not found"
       if (summary%highest(tone) < summary%lowest(tone)) return
-      write (lowest, "(g0.8)") summary%lowest(tone)
-      write (highest, "(g0.8)") summary%highest(tone)
-      text = "tone "//to_text(tone)//" at "//trim(lowest)//" rad/s"
-      if (lowest /= highest) text = "tone "//to_text(tone)//" from "//trim(lowest)//" to "//trim(highest)//" rad/s"
+      write (lowest, "(g0.8)") tones%in_unit(summary%lowest(tone))
+      write (highest, "(g0.8)") tones%in_unit(summary%highest(tone))
+      text = "tone "//to_text(tone)//" at "//trim(lowest)//" "//trim(tones%unit())
+      if (lowest /= highest) text = "tone "//to_text(tone)//" from "//trim(lowest)//" to "//trim(highest)//" "//trim(tones%unit())
    end function found_frequency
 
    !> Text with the number of points that converged, and of those found by time integration.

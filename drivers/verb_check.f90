@@ -344,7 +344,7 @@ contains
       integer, intent(in) :: i
       character(:), allocatable :: text
 
-      text = to_text(model%tones%omega(i))//" rad/s"
+      text = to_text(model%tones%in_unit(model%tones%omega(i)))//" "//trim(model%tones%unit())
       if (.not. model%tones%is_unknown(i)) return
       if (model%tones%omega(i) > 0.0_wp) then
          text = "unknown, first guess "//text

@@ -48,7 +48,7 @@ contains
             call write_origin(record, options%input)
             call write_parameters(plan)
             call write_statuses(record, names, plan, document)
-            call write_found(record, tones%is_unknown)
+            call write_found(record, tones)
             call write_stability(record)
             call write_jumps(record, plan, options%input)
             if (allocated(plan%curve) .and. .not. allocated(error)) call write_curves(options%input, plan, error)
@@ -204,16 +204,16 @@ contains
    end subroutine write_curves
 
    !> Writes the frequencies of unknown tones.
-   subroutine write_found(record, is_unknown)
+   subroutine write_found(record, tones)
       type(record_t), intent(in) :: record
-      logical, intent(in) :: is_unknown(:)              !! (n_tones)
+      type(tones_t), intent(in) :: tones
       type(run_summary_t) :: summary
       integer :: i, none(0)
 
-      if (.not. any(is_unknown)) return
+      if (.not. any(tones%is_unknown)) return
       call count_kept(summary, record, none)
-      do i = 1, size(is_unknown)
-         if (is_unknown(i)) call write_fact("unknown", found_frequency(summary, i))
+      do i = 1, tones%n_tones
+         if (tones%is_unknown(i)) call write_fact("unknown", found_frequency(summary, i, tones))
       end do
    end subroutine write_found
 

@@ -301,7 +301,7 @@ contains
       if (summary%n_by_fallback > 0) call say(number_of(summary%n_by_fallback, "point")// &
          " solved by a fallback (see 'fallback' in the results)")
       do i = 1, study%model%tones%n_tones
-         if (study%model%tones%is_unknown(i)) call say("unknown "//found_frequency(summary, i))
+         if (study%model%tones%is_unknown(i)) call say("unknown "//found_frequency(summary, i, study%model%tones))
       end do
       if (summary%n_certified > 0) then
          write (estimates, "(a, es7.1, a, es7.1, a)") "largest estimated relative error: ", summary%truncation, &

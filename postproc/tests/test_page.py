@@ -5,6 +5,7 @@ import json
 import re
 
 import browser
+import h5py
 import numpy as np
 import pytest
 from conftest import random_coefficients, single, write_sweep
@@ -57,6 +58,24 @@ def test_page_holds_the_motions(tmp_path, sweep, capsys):
             assert data["dofs"][d]["size"][3] is None
         assert ["law(1)%gap", "1.5e-3 m"] in data["points"][1]["rows"]
     assert "http" not in re.sub(r"http://www.w3.org/2000/svg", "", page.read_text(encoding="utf-8"))
+
+
+def test_a_page_of_more_points_reads_no_more_often(tmp_path, monkeypatch):
+    """Whole columns are read: 40,000 points take seconds."""
+    tuples, n_reads, read = box(1, 3), [], h5py.Dataset.__getitem__
+    monkeypatch.setattr(h5py.Dataset, "__getitem__", lambda *arguments: (n_reads.append(1), read(*arguments))[1])
+    counts = []
+    for n in (20, 60):
+        omega = np.linspace(1.0, 2.0, n)
+        parameters = {"tones_frequency": ("tones%frequency", "rad/s", omega)}
+        path = write_results(
+            tmp_path / f"{n}.h5", tuples, omega[:, None], random_coefficients(5, n, 1, tuples), parameters=parameters
+        )
+        n_reads.clear()
+        with Results(path) as results:
+            page_data(results)
+        counts.append(len(n_reads))
+    assert counts[0] == counts[1] < 60
 
 
 def test_harmonics_that_are_nothing_are_left_out(tmp_path):
@@ -131,8 +150,6 @@ def test_text_of_the_input_ends_no_script(tmp_path):
 
 def test_a_page_needs_a_solved_point(tmp_path, capsys):
     path = write_sweep(tmp_path / "a.h5")
-    import h5py
-
     with h5py.File(path, "a") as file:
         file["status"][...] = 2
     assert main(["report", str(path)]) == 2 and "no point is solved" in capsys.readouterr().err

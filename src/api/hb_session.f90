@@ -139,8 +139,14 @@ contains
       class(session_t), intent(inout) :: self
       character(*), intent(in) :: path, values                        !! as for `--set`
       type(error_t), allocatable, intent(out) :: error
+      type(parameter_t) :: parameter
 
-      call set_text(self%document, path, values, error)
+      call self%document%resolve(path, parameter, error)
+      if (.not. allocated(error)) then
+         call self%document%refuse_unknown(parameter, path, error)
+         if (allocated(error)) return
+      end if
+      call set_text(self%document, path, values, error)               ! refuses other paths and values
    end subroutine session_set
 
    !> Looks up a number by its path, once; returns its index in `parameters`.
@@ -157,6 +163,8 @@ contains
          error%message = "'"//path//"' "//error%message
          return
       end if
+      call self%document%refuse_unknown(parameter, path, error)
+      if (allocated(error)) return
       self%parameters = [self%parameters, parameter]
       number = size(self%parameters)
    end subroutine session_resolve

@@ -79,6 +79,7 @@ module hb_document
       procedure :: number_at => document_number_at
       procedure :: optional_group => document_optional_group
       procedure :: refuse_tied => document_refuse_tied
+      procedure :: refuse_unknown => document_refuse_unknown
       procedure :: required_group => document_required_group
       procedure :: resolve => document_resolve
       procedure :: unit_of => document_unit_of
@@ -348,6 +349,21 @@ contains
       end do
    end subroutine document_refuse_tied
 
+   !> Fails if the table of keys has no key of this name for the group of a parameter.
+   pure subroutine document_refuse_unknown(self, parameter, path, error)
+      class(document_t), intent(in) :: self
+      type(parameter_t), intent(in) :: parameter
+      character(*), intent(in) :: path                      !! of the parameter, for the message
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable :: text
+
+      associate (group => self%groups%holders(parameter%i_group)%group)
+         if (group%has_key(trim(parameter%key))) return
+         call group%describe_unknown(trim(parameter%key), text)
+      end associate
+      call fail(error, "'"//trim(path)//"' "//text)
+   end subroutine document_refuse_unknown
+
    !> Whether the values of a parameter replace all of those of another: the same key as a whole, or the same element.
    pure logical function parameter_hides(self, other) result(hides)
       class(parameter_t), intent(in) :: self
@@ -520,15 +536,22 @@ contains
       call fail(error, message//";"//close//list//join(known, ", "))
    end subroutine fail_with_advice
 
-   !> Names of the existing groups, the first twenty.
+   !> Names of the groups of the file, at most twenty, without those that readers have added for their defaults.
    pure subroutine names_in_file(self, known)
       class(document_t), intent(in) :: self
       type(string_t), allocatable, intent(out) :: known(:)
-      integer :: i
+      integer :: i, k, n
 
-      allocate (known(min(20, self%groups%names%n)))
-      do i = 1, size(known)
-         known(i)%value = trim(self%groups%names%names(i))
+      allocate (known(20))
+      n = 0
+      do i = 1, self%groups%n
+         associate (group => self%groups%holders(i)%group)
+            if (group%line == 0 .and. .not. any([(group%content%is_given(k), k=1, group%content%names%n)])) cycle
+            if (n == size(known) .or. any([(known(k)%value == group%name, k=1, n)])) cycle
+            n = n + 1
+            known(n)%value = group%name
+         end associate
       end do
+      known = known(:n)
    end subroutine names_in_file
 end module hb_document

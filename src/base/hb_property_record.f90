@@ -30,9 +30,11 @@ module hb_property_record
       type(string_t), allocatable, private :: problems(:)
       integer, private :: n_problems = 0
    contains
+      procedure :: describe_unknown => record_describe_unknown
       procedure :: finish => record_finish
       procedure :: forget => record_forget
       procedure :: given => record_given
+      procedure :: has_key => record_has_key
       procedure :: nobody_reads => record_nobody_reads
       procedure :: place => record_place
       procedure :: pass_over_keys => record_pass_over_keys
@@ -50,6 +52,38 @@ contains
 
       is_given = self%content%is_given(self%content%names%find(lower(trim(key))))
    end function record_given
+
+   !> Whether the table has a key for the group and its type.
+   pure logical function record_has_key(self, key) result(has_key)
+      class(record_t), intent(in) :: self
+      character(*), intent(in) :: key                       !! lower case
+
+      has_key = row_of(self%name, key) > 0
+      if (.not. has_key .and. allocated(self%type)) has_key = row_of(self%name//" "//self%type, key) > 0
+   end function record_has_key
+
+   !> Message on a key that the group does not have, with a suggestion and the keys that were requested.
+   pure subroutine record_describe_unknown(self, key, text)
+      class(record_t), intent(in) :: self
+      character(*), intent(in) :: key
+      character(:), allocatable, intent(out) :: text
+      type(string_t), allocatable :: known(:)
+      character(:), allocatable :: closest, keys, type
+
+      type = ""
+      if (allocated(self%type)) type = self%type
+      call known_keys(self, known)
+      keys = "this group has no keys"
+      if (size(known) > 0) keys = "known keys: "//join(known, ", ")
+      closest = closest_word(key, known)
+      if (closest /= "") then
+         closest = "did you mean '"//closest//"'? "
+      else
+         call find_groups(key, self%name, type, closest)
+         if (closest /= "") closest = "it belongs to "//closest//"; "
+      end if
+      text = "unknown key '"//key//"'; "//closest//keys
+   end subroutine record_describe_unknown
 
    !> Fails because the group, set from outside, is not read.
    pure subroutine record_nobody_reads(self, error)
@@ -125,14 +159,11 @@ contains
    pure subroutine record_finish(self, error)
       class(record_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
-      type(string_t), allocatable :: known(:)
       type(text_builder_t) :: lines
-      character(:), allocatable :: closest, keys, type
+      character(:), allocatable :: text
       integer :: i, n
 
       n = 0
-      type = ""
-      if (allocated(self%type)) type = self%type
       do i = 1, min(self%n_problems, max_problems)
          call add_line(lines, n, self%problems(i)%value)
       end do
@@ -147,20 +178,8 @@ contains
             if (n >= max_problems) then
                n = n + 1
             else
-               if (.not. allocated(known)) then
-                  call known_keys(self, known)
-                  keys = "this group has no keys"
-                  if (size(known) > 0) keys = "known keys: "//join(known, ", ")
-               end if
-               closest = closest_word(trim(content%names%names(i)), known)
-               if (closest /= "") then
-                  closest = "did you mean '"//closest//"'? "
-               else
-                  call find_groups(trim(content%names%names(i)), self%name, type, closest)
-                  if (closest /= "") closest = "it belongs to "//closest//"; "
-               end if
-               call add_line(lines, n, place_at(self, content%keys(i)%line, .true.)//": unknown key '"// &
-                             trim(content%names%names(i))//"'; "//closest//keys)
+               call self%describe_unknown(trim(content%names%names(i)), text)
+               call add_line(lines, n, place_at(self, content%keys(i)%line, .true.)//": "//text)
             end if
          end do
       end associate

@@ -2,7 +2,7 @@
 module hb_tones
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t, fail
-   use hb_kinds, only: wp
+   use hb_kinds, only: two_pi, wp
    use hb_text, only: to_text
    implicit none
    private
@@ -16,6 +16,10 @@ module hb_tones
       real(wp), allocatable :: omega(:)                               !! [rad/s], (n_tones), > 0 of given tones
       logical, allocatable :: is_unknown(:)                           !! (n_tones)
       integer :: subharmonic = 1 !! omega are the frequencies of the input divided by this number
+      logical :: is_in_hertz = .false.                                !! of the input: unit of frequencies in texts
+   contains
+      procedure :: in_unit => tones_in_unit
+      procedure :: unit => tones_unit
    end type tones_t
 
 contains
@@ -47,4 +51,23 @@ contains
       self%n_tones = size(omega)
       self%omega = omega
    end subroutine new_tones
+
+   !> A frequency in the unit of the input, in hertz without rounding errors of its last digit.
+   elemental real(wp) function tones_in_unit(self, omega) result(frequency)
+      class(tones_t), intent(in) :: self
+      real(wp), intent(in) :: omega                                   !! [rad/s]
+      character(24) :: digits
+
+      frequency = omega
+      if (.not. self%is_in_hertz) return
+      write (digits, "(es22.14)") omega/two_pi
+      read (digits, *) frequency
+   end function tones_in_unit
+
+   !> The unit of the input.
+   pure character(5) function tones_unit(self) result(unit)
+      class(tones_t), intent(in) :: self
+
+      unit = merge("Hz   ", "rad/s", self%is_in_hertz)
+   end function tones_unit
 end module hb_tones

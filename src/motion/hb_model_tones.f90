@@ -33,7 +33,8 @@ contains
       if (allocated(error)) return
       if (group%given("hertz")) then
          if (group%given("frequency")) then
-            call group%problem("hertz", "give either 'frequency' [rad/s] or 'hertz', not both")
+            key = trim(merge("hertz    ", "frequency", is_before("frequency", "hertz")))
+            call group%problem(key, "give either 'frequency' [rad/s] or 'hertz', not both")
             call group%get("frequency", omega)
          end if
          call group%get("hertz", omega)
@@ -64,7 +65,21 @@ contains
       if (allocated(error)) return
       call new_tones(self, omega, error, is_unknown)
       self%subharmonic = subharmonic
+      self%is_in_hertz = group%given("hertz")
       if (allocated(error)) call annotate(error, group%place())
+
+   contains
+
+      !> Whether a key is in the file before another one that is there later, or was set by a sweep or an option.
+      pure logical function is_before(first, second)
+         character(*), intent(in) :: first, second
+
+         associate (content => group%content)
+            associate (a => content%keys(content%names%find(first))%line, b => content%keys(content%names%find(second))%line)
+               is_before = a > 0 .and. (b <= 0 .or. b > a)
+            end associate
+         end associate
+      end function is_before
    end subroutine read_tones
 
    !> Rejects a model without laws, and a set of harmonics that lacks the fundamental of an unknown tone.

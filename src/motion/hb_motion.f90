@@ -428,6 +428,7 @@ contains
          if (allocated(guess) .or. .not. model%start%is_zero()) balance%continues_in_order_first = .false.
          begun = wall_clock()
          call solve_unknowns(model, balance, linear_solution, u, report)
+         if (report%status == outcome%converged .and. model%loads%is_zero()) call discard_noise(balance, u, report%residual)
       end if
       if (work_is_over()) report%status = status_of_ended()
       result%setup_seconds = result%setup_seconds + begun - started
@@ -449,6 +450,24 @@ contains
          if (allocated(error)) deallocate (error)                     ! of the partial results
       end if
    end subroutine solve_balance
+
+   !> Sets a motion without loads to zero if zero is an exact solution and the residual grows in proportion to the motion:
+   !> it is then the remainder of an iteration towards zero, whose forces are below the tolerance, and no motion by itself.
+   subroutine discard_noise(balance, u, residual)
+      type(balance_t), intent(inout) :: balance
+      real(wp), intent(inout) :: u(:, :)                              !! (n_coefficients, n_dofs)
+      real(wp), intent(inout) :: residual                             !! its norm
+      real(wp), parameter :: proportional = 3.0_wp                    ! at most, of twice the motion; 2 in theory
+      real(wp) :: r(size(u))
+
+      if (.not. maxval(abs(u)) > 0.0_wp) return
+      call balance%residual([2.0_wp*u], r)
+      if (.not. balance%norm(r) <= proportional*residual) return
+      call balance%residual(spread(0.0_wp, 1, size(u)), r)
+      if (any(abs(r) > 0.0_wp)) return
+      u = 0.0_wp
+      residual = 0.0_wp
+   end subroutine discard_noise
 
    !> Stores the solver's report in the result, with a message if it has found no motion.
    subroutine keep_report(model, balance, u, report, result, error)

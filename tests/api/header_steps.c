@@ -104,6 +104,11 @@ int refusal_step(void)
    CHECK(nhbm_parameter(model, "law(sprung)%stiffness", &handle, &error) == NHBM_INPUT && handle == 0);
    CHECK(strstr(error.text, "'law(sprung)%stiffness'"));
    CHECK(nhbm_set(model, 1, 1.0, &error) == NHBM_USE);
+   CHECK(nhbm_parameter(model, "tones%frequensy", &handle, &error) == NHBM_INPUT && strstr(error.text, "did you mean 'frequency'?"));
+   CHECK(nhbm_set_text(model, "tones%frequensy", "1.0", &error) == NHBM_INPUT && strstr(error.text, "did you mean 'frequency'?"));
+   CHECK(nhbm_set_text(model, "law(1)%stifness", "1.0", &error) == NHBM_INPUT && strstr(error.text, "unknown key 'stifness'"));
+   CHECK(nhbm_set_text(model, "solver%tolerence", "1.0", &error) == NHBM_INPUT && strstr(error.text, "'tolerance'"));
+   CHECK(nhbm_solve(model, NHBM_COLD, &error) == NHBM_OK);
    CHECK(nhbm_parameter(model, "tones%frequency", &handle, &error) == NHBM_OK && handle == 1);
    CHECK(nhbm_set(model, 0, 1.0, &error) == NHBM_USE);
    CHECK(nhbm_set(model, 2, 1.0, &error) == NHBM_USE);

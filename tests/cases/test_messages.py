@@ -116,7 +116,8 @@ def test_motion_of_several_periods_leads_to_its_model(tmp_path):
     with h5py.File(tmp_path / "case.h5") as file:
         assert file["n_periods"][:].tolist() == [n]
     assert run(*words, cwd=tmp_path).status in (ALL_CONVERGED, NOT_ALL_CONVERGED)
-    with h5py.File(tmp_path / "case_2.h5") as file:
+    assert words[-1] == f"case_subharmonic_{n}.h5"
+    with h5py.File(tmp_path / words[-1]) as file:
         assert np.isfinite(file["coefficients"][()]).all()
 
 
@@ -139,6 +140,38 @@ def test_info_counts_points_not_room(tmp_path):
     assert 0 < n < room
     said = run("info", "case.h5", cwd=tmp_path).stdout
     assert re.search(rf"^points     {n}$", said, re.MULTILINE) and "unused" not in said, said
+
+
+def test_frequencies_are_printed_in_the_unit_of_the_input(tmp_path):
+    spring = MASS.replace("0.2 /", "0.5, 1.5 /").replace("tuple = 1", "tuple = 1, 0")
+    spring += "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /\n"
+    said = run("check", write(tmp_path, spring.replace("frequency", "hertz")), cwd=tmp_path).stdout
+    assert "\ntones       0.5 Hz, 1.5 Hz\n" in said
+    assert "tones 0.5 and 1.5 Hz: " in said and "use one tone of 0.5 Hz instead" in said
+    said = run("check", write(tmp_path, spring), cwd=tmp_path).stdout
+    assert "\ntones       0.5 rad/s, 1.5 rad/s\n" in said and "use one tone of 0.5 rad/s instead" in said
+
+
+def test_the_line_is_that_of_the_second_frequency(tmp_path):
+    """The one that contradicts the first: of the curve, the sweep, the option, or of &tones."""
+    model = MASS.replace("frequency = 0.2", "hertz = 0.2") + "&harmonics order = 3 /\n"
+    n = model.count("\n") + 1
+    curve = model + "&curve parameter = 'tones%frequency', from = 0.1, to = 0.5 /\n"
+    assert f"nhbm: case.nml:{n}: &tones: frequency: give either" in run("check", write(tmp_path, curve), cwd=tmp_path).stderr
+    sweep = model + "&sweep parameter = 'tones%frequency', values = 0.1, 0.5 /\n"
+    assert f"case.nml:{n}: &sweep: &tones: frequency: give" in run("check", write(tmp_path, sweep), cwd=tmp_path).stderr
+    sweep = sweep.replace("hertz", "FREQUENCY").replace("tones%frequency", "tones%hertz")
+    assert f"case.nml:{n}: &sweep: &tones: hertz: give" in run("check", write(tmp_path, sweep), cwd=tmp_path).stderr
+    both = MASS.replace("frequency = 0.2", "hertz = 0.2\n   frequency = 0.3")
+    assert "case.nml:5: &tones: frequency: give" in run("check", write(tmp_path, both), cwd=tmp_path).stderr
+    said = run("check", write(tmp_path, model), "--set", "tones%frequency=1", cwd=tmp_path).stderr
+    assert "case.nml (override): &tones: frequency: give" in said
+
+
+def test_messages_name_what_is_in_the_file_and_in_the_command(tmp_path):
+    said = run("solve", write(tmp_path, MASS.replace("&tones", "!")), cwd=tmp_path).stderr
+    assert "missing group &tones; the file has: structure, load" == said.strip().partition("case.nml: ")[2]
+    assert "--resume" not in run("resume", "case.h5", "--overwrite", cwd=tmp_path).stderr
 
 
 def test_check_prints_natural_frequencies(tmp_path):

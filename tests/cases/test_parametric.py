@@ -21,6 +21,16 @@ def multipliers(stiffness: float, q: float, tmp_path, damping: float = 0.0):
     return real[0] + 1j * imaginary[0]
 
 
+@pytest.mark.parametrize("pump, start", [(0.02, 0.1), (0.02, 1e-6), (0.02, 1e-9), (0.03, 1e-3), (0.06, 1e-6)])
+def test_remainder_of_an_iteration_is_no_motion(pump, start, tmp_path):
+    """Without loads zero is a motion. Below the threshold of .04 it is the only one, and stable; a start does not change it."""
+    model = OSCILLATOR.format(0.02, 1.0) + "&tones frequency = 1.0 /\n" + PUMP.format(2, pump)
+    model += "&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /\n"
+    path = solve(model + f"&start dof = 'x1', tuple = 1, cos = {start} /\n", tmp_path, status=ALL_CONVERGED)
+    coefficients, stable = read(path, "coefficients", "is_stable")
+    assert not coefficients.any() and stable[0] == (1 if pump < 0.04 else -1)
+
+
 @pytest.mark.parametrize("q", [0.1, 1.0])
 @pytest.mark.parametrize("r", [1, 2])
 def test_tongues_of_mathieu(r, q, tmp_path):

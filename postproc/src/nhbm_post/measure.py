@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from .reader import QUANTITIES, Results
+from .series import Series, peaks
 from .text import tuple_text
 
 MEASURES = ("peak", "rms", "harmonic", "frequency", "multiplier")
@@ -22,25 +25,29 @@ class Measure:
     tone: int = 0
     quantity: str = "motion"
 
-    def values(self, results: Results, dof: str) -> np.ndarray:
-        """The measure at each point, NaN at points that are not solved or do not have the tuple `j`."""
+    def values(self, results: Results, dof: str, points: Sequence[int] | None = None) -> np.ndarray:
+        """The measure at each point (or at some), NaN at points that are not solved or do not have the tuple `j`."""
         values = np.full(results.n_points, np.nan)
+        solved = results.solved if points is None else np.intersect1d(results.solved, points)
         if self.name == "frequency":
-            for point in results.solved:
-                values[point] = results.frequency_scale()[0] * results.frequency(int(point))[self.tone]
+            values[solved] = results.frequency_scale()[0] * results.column("frequency")[solved, self.tone]
             return values
         if self.name == "multiplier":
-            values[results.solved] = np.abs(results.multipliers()[results.solved, 0])
+            values[solved] = np.abs(results.multipliers()[solved, 0])
             return values
-        for point, series in results.all_series(dof, self.quantity):
+        alike: dict[bytes, list[tuple[int, Series]]] = {}  # by their tuples
+        for point, series in results.all_series(dof, self.quantity, solved):
             series = series.without_noise(results.noise(point, self.quantity, series.units))
             if self.name == "harmonic":
-                try:
+                with contextlib.suppress(KeyError):
                     values[point] = np.hypot(*series.harmonic(self.j))
-                except KeyError:
-                    continue
+            elif self.name == "rms":
+                values[point] = series.rms
             else:
-                values[point] = series.rms if self.name == "rms" else series.peak()
+                alike.setdefault(series.tuples.tobytes(), []).append((point, series))
+        for found in alike.values():
+            cos, sin = (np.array([getattr(series, name) for _, series in found]) for name in ("cos", "sin"))
+            values[[point for point, _ in found]] = peaks(found[0][1].tuples, cos, sin)
         return values
 
     def units(self, results: Results, dof: str) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 
@@ -81,9 +82,9 @@ def page_data(results: Results, model: Path | None = None, share: float = 1.0) -
     dofs, tuples, kept, coefficients, notes = _coefficients(results, points, int(share * _COEFFICIENTS))
     curves, axis, curve_notes = _curves(results, dofs[0], points)
     factor, hertz = results.frequency_scale()
-    sizes = {dof: Measure().values(results, dof) for dof in dofs}
+    sizes = {dof: Measure().values(results, dof, points) for dof in dofs}
     tones = {
-        f"Frequency of tone {m + 1}": Measure("frequency", tone=int(m)).values(results, dofs[0])
+        f"Frequency of tone {m + 1}": Measure("frequency", tone=int(m)).values(results, dofs[0], points)
         for m in results.unknown_tones()
         if axis is None or not axis.path.startswith("tones%")
     }
@@ -112,7 +113,7 @@ def page_data(results: Results, model: Path | None = None, share: float = 1.0) -
         "tones": [{"name": name, "values": _numbers(values[points])} for name, values in tones.items()],
         "measure": len(dofs) if tones and axis and axis.path.startswith("normal_mode%") else 0,
         "tuples": tuples.tolist(),
-        "points": _in_columns([_point(results, point, kinds[point]) for point in points]),
+        "points": _points(results, points, kinds),
         "kept": kept,
         "coefficients": base64.b64encode(coefficients.astype("<f4").tobytes()).decode(),
         "shapes": shapes,
@@ -156,19 +157,6 @@ def _cut(text: str, most: int) -> str:
     return text if len(text) <= most else f"{text[:most]}\n... {len(text) - most} more characters, in the result file"
 
 
-def _in_columns(points: list[dict]) -> dict:
-    """The points with each word and label once: a list for each value, and a table of the rows."""
-    columns = {name: [point[name] for point in points] for name in points[0] if name not in ("rows", "means")}
-    for name in ("status", "message"):
-        words = list(dict.fromkeys(columns[name]))
-        columns[name] = {"words": words, "at": [words.index(word) for word in columns[name]]}
-    labels = list(dict.fromkeys(label for point in points for label, _ in point["rows"]))
-    rows = [dict(point["rows"]) for point in points]
-    columns["rows"] = [[label, [row.get(label) for row in rows]] for label in labels]
-    columns["means"] = {point["status"]: point["means"] for point in points}
-    return columns
-
-
 def _coefficients(results: Results, points: list[int], most_pairs: int):
     """Degrees of freedom, tuples, row of each point (-1: none) and coefficients (rows, dofs, tuples, 2), NaN for missing ones."""
     _first(results)
@@ -179,7 +167,7 @@ def _coefficients(results: Results, points: list[int], most_pairs: int):
     by_tuple = {tuple(int(k) for k in j): i for i, j in enumerate(results.tuples)}
     largest = np.zeros(len(by_tuple))
     for dof in dofs[:3]:
-        for _, series in results.all_series(dof):
+        for _, series in results.all_series(dof, points=solved):
             at = [by_tuple[tuple(int(k) for k in j)] for j in series.tuples]
             whole = series.amplitudes.max(initial=0.0)
             if whole > results.noise(solved[0], units=series.units):
@@ -199,9 +187,7 @@ def _coefficients(results: Results, points: list[int], most_pairs: int):
     row = {point: i for i, point in enumerate(solved)}
     values = np.full((len(solved), n_dofs, shown.size, 2), np.nan, dtype=np.float32)
     for d, dof in enumerate(dofs[:n_dofs]):
-        for point, series in results.all_series(dof):
-            if point not in row:
-                continue
+        for point, series in results.all_series(dof, points=solved):
             series = series.without_noise(results.noise(point, units=series.units))
             at = row_of[[by_tuple[tuple(int(k) for k in j)] for j in series.tuples]]
             values[row[point], d, at[at >= 0], 0] = series.cos[at >= 0]
@@ -233,34 +219,50 @@ def _curves(results: Results, dof: str, points: list[int]) -> tuple[list[dict], 
     return [curve for curve in curves if curve["points"]], axis, notes
 
 
-def _point(results: Results, point: int, kind: str) -> dict:
-    """The data of a point except its motion."""
-    name = results.status_name(point)
-    rows = [[parameter.label, parameter.value_text(parameter.values[point])] for parameter in results.parameters.values()]
-    factor, hertz = results.frequency_scale()
-    if results.status[point] in SOLVED:
-        rows += [[f"Tone {m + 1}", f"{factor * w:.7g} {hertz}"] for m, w in enumerate(results.frequency(point))]
-        for column, text, unit in _CERTIFICATE:
-            value = float(results.per_point(column)[point]) if results.has(column) else np.nan
-            if unit == "rad/s":
-                value, unit = factor * value, hertz
-            if np.isfinite(value) and (value != 0.0 or column not in _ONLY_IF_ANY):
-                rows.append([text, f"{number_text(float(f'{value:.3g}'))} {unit}".rstrip()])
-        if results.has("multiplier_real"):
-            largest = np.abs(results.multipliers()[point])
-            if np.isfinite(largest).any():
-                rows.append(["Largest Floquet multiplier", number_text(float(f"{np.nanmax(largest):.4g}"))])
+def _points(results: Results, points: list[int], kinds: np.ndarray) -> dict:
+    """The data of the points except their motions: a list for each value, a table of the rows; each word once."""
+    is_solved = np.isin(results.status[points], SOLVED)
+    names = [results.status_name(point) for point in points]
+    frequencies = results.column("frequency")[points]
     return {
-        "number": point,
-        "status": name,
-        "solved": bool(results.status[point] in SOLVED),
-        "means": sentence(name),
-        "message": results.message(point),
-        "kind": "" if kind in _ORDINARY else str(kind),
-        "stable": int(results.stability()[point]),
-        "omega": _numbers(results.frequency(point)),
-        "rows": rows,
+        "number": points,
+        "status": _in_words(names),
+        "solved": is_solved.tolist(),
+        "message": _in_words([results.message(point) for point in points]),
+        "kind": ["" if kind in _ORDINARY else str(kind) for kind in kinds[points]],
+        "stable": [int(stable) for stable in results.stability()[points]],
+        "omega": [_numbers(omega) for omega in frequencies],
+        "means": {name: sentence(name) for name in dict.fromkeys(names)},
+        "rows": [[label, texts] for label, texts in _rows(results, points, is_solved, frequencies) if any(texts)],
     }
+
+
+def _in_words(texts: list[str]) -> dict:
+    number = {text: k for k, text in enumerate(dict.fromkeys(texts))}
+    return {"words": list(number), "at": [number[text] for text in texts]}
+
+
+def _rows(results: Results, points: list[int], is_solved: np.ndarray, frequencies: np.ndarray) -> Iterator[tuple[str, list]]:
+    """Label and texts of each value of the certificate, None at points that lack it."""
+    factor, hertz = results.frequency_scale()
+    for parameter in results.parameters.values():
+        yield parameter.label, [parameter.value_text(value) for value in parameter.values[points]]
+    for m, omega in enumerate(factor * frequencies.T):
+        yield f"Tone {m + 1}", [f"{w:.7g} {hertz}" if solved else None for w, solved in zip(omega, is_solved)]
+    for column, label, unit in _CERTIFICATE:
+        if not results.has(column):
+            continue
+        values = (factor if unit == "rad/s" else 1.0) * results.per_point(column)[points]
+        is_shown = is_solved & np.isfinite(values) & ((values != 0.0) | (column not in _ONLY_IF_ANY))
+        yield label, _texts(values, is_shown, ".3g", hertz if unit == "rad/s" else unit)
+    if results.has("multiplier_real"):
+        largest = np.abs(results.multipliers()[points])
+        is_known = is_solved & np.isfinite(largest).any(axis=1)
+        yield "Largest Floquet multiplier", _texts(np.nanmax(largest, axis=1, initial=0.0), is_known, ".4g", "")
+
+
+def _texts(values: np.ndarray, is_shown: np.ndarray, digits: str, unit: str) -> list[str | None]:
+    return [f"{number_text(float(f'{v:{digits}}'))} {unit}".rstrip() if shown else None for v, shown in zip(values, is_shown)]
 
 
 def _shapes(results: Results, points: list[int], model: Path | None) -> tuple[dict | None, list[str]]:

@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import h5py
@@ -65,6 +66,7 @@ class Results:
         self.path = Path(path)
         self._file = open_file(self.path)
         self._noise: dict[tuple[str, str], np.ndarray] = {}
+        self._columns: dict[str, np.ndarray] = {}
         try:
             self._check_schema()
             self.dofs = self._labels("dof")
@@ -128,7 +130,7 @@ class Results:
     def input_complete(self) -> str:
         return self._text_dataset("input_complete")
 
-    @property
+    @cached_property
     def in_hertz(self) -> bool:
         """Whether the input gives frequencies in hertz; pictures then do so too."""
         told = re.sub(r"!.*", "", f"{self.input_text}\n{self.overrides}")
@@ -149,10 +151,8 @@ class Results:
         """The rounding level of a coefficient of a point: 1e-14 of the largest coefficient with that unit."""
         if (quantity, units) not in self._noise:
             alike = [i for i, label in enumerate(self.labels(quantity)) if self.units(quantity, label) == units]
-            dataset = self._coefficients_dataset(quantity)
-            step = max(1, _BLOCK // max(1, int(np.prod(dataset.shape[1:]))))
-            blocks = (dataset[first : first + step][:, alike] for first in range(0, self.n_points, step))
-            largest = [np.nanmax(np.abs(block), axis=(1, 2, 3), initial=0.0) for block in blocks]
+            blocks = _blocks(self._coefficients_dataset(quantity))
+            largest = [np.nanmax(np.abs(block[:, alike]), axis=(1, 2, 3), initial=0.0) for _, block in blocks]
             self._noise[quantity, units] = _ROUNDING * np.concatenate(largest)
         return float(self._noise[quantity, units][point])
 
@@ -177,8 +177,13 @@ class Results:
         """Tuples of all elements of the coefficients of a point, (harmonics, n_tones)."""
         if not self.has_own_tuples:
             return self.tuples
-        n = max(1, int(self._file["n_harmonics"][point]))
-        return np.asarray(self._file["tuples"][point, :n], dtype=int)
+        return np.asarray(self._tuples[point, : max(1, self.column("n_harmonics")[point])], dtype=int)
+
+    @cached_property
+    def _tuples(self) -> np.ndarray | h5py.Dataset:
+        """Those of all points: in memory unless they are many."""
+        tuples = self._dataset("tuples")
+        return tuples[()] if tuples.size <= 8 * _BLOCK else tuples
 
     # Outcome of the points
 
@@ -250,7 +255,7 @@ class Results:
 
     def message(self, point: int) -> str:
         """Cause of the failure of a point; empty for the others."""
-        return strings_of(self._file["message"][point : point + 1])[0] if "message" in self._file else ""
+        return strings_of(self.column("message")[point : point + 1])[0] if "message" in self._file else ""
 
     def branch(self) -> np.ndarray:
         """Number of the branch of each point along the fastest parameter, from 1; 0 if unknown; -1 where a chain left its branch,
@@ -261,7 +266,7 @@ class Results:
         """Floquet multipliers (n_points, n_multipliers), complex, the largest first; NaN for missing ones."""
         if "multiplier_real" not in self._file:
             raise ReaderError(f"{self.path}: there are no multipliers; solve with &stability and one tone")
-        return self._dataset("multiplier_real")[()] + 1j * self._dataset("multiplier_imag")[()]
+        return self.column("multiplier_real") + 1j * self.column("multiplier_imag")
 
     def has(self, name: str) -> bool:
         """Whether the file has a dataset; files of older versions lack some."""
@@ -269,10 +274,16 @@ class Results:
 
     def per_point(self, name: str) -> np.ndarray:
         """A dataset with one number per point: `iterations`, `residual`, `solve_seconds`, `penetration`, ..."""
-        dataset = self._dataset(name)
-        if dataset.shape != (self.n_points,):
-            raise ReaderError(f"{self.path}: '{name}' has shape {dataset.shape}, not one number a point")
-        return dataset[()]
+        column = self.column(name)
+        if column.shape != (self.n_points,):
+            raise ReaderError(f"{self.path}: '{name}' has shape {column.shape}, not one number a point")
+        return column
+
+    def column(self, name: str) -> np.ndarray:
+        """A dataset with a row per point; read once."""
+        if name not in self._columns:
+            self._columns[name] = self._dataset(name)[()]
+        return self._columns[name]
 
     def power_laws(self, point: int) -> np.ndarray:
         """Mean loss in each law [W], (n_laws); NaN without a certificate."""
@@ -376,7 +387,7 @@ class Results:
 
     def frequency(self, point: int) -> np.ndarray:
         """Base frequencies of a point [rad/s], (n_tones)."""
-        return np.asarray(self._file["frequency"][point], dtype=float)
+        return np.asarray(self.column("frequency")[point], dtype=float)
 
     def frequency_estimate(self, point: int) -> np.ndarray:
         """Estimated errors of the base frequencies [rad/s], (n_tones); 0 for given ones, NaN if unknown."""
@@ -407,15 +418,17 @@ class Results:
         self._require_outcome(point, allow_unconverged)
         dof = self.default_dof(quantity) if dof is None else dof
         i_dof = self._dof_index(dof, quantity)
-        return self._series(point, dof, quantity, self._coefficients_dataset(quantity)[point, i_dof])
+        return self._series(point, dof, quantity, self._coefficients_dataset(quantity)[point, i_dof], self.units(quantity, dof))
 
-    def all_series(self, dof: str | None = None, quantity: str = "motion") -> Iterator[tuple[int, Series]]:
-        """(point, series) of each solved point; reads the file once."""
+    def all_series(
+        self, dof: str | None = None, quantity: str = "motion", points: Sequence[int] | None = None
+    ) -> Iterator[tuple[int, Series]]:
+        """(point, series) of each solved point, or of some of them; reads the file once."""
         dof = self.default_dof(quantity) if dof is None else dof
         values = self._coefficients_dataset(quantity)[:, self._dof_index(dof, quantity)]
-        frequency, units = np.asarray(self._file["frequency"][()], dtype=float), self.units(quantity, dof)
-        for point in self.solved:
-            yield int(point), self._series(int(point), dof, quantity, values[point], frequency[point], units)
+        units = self.units(quantity, dof)
+        for point in self.solved if points is None else np.intersect1d(self.solved, points):
+            yield int(point), self._series(int(point), dof, quantity, values[point], units)
 
     def coefficients(
         self,
@@ -470,10 +483,7 @@ class Results:
 
     # Internal functions
 
-    def _series(
-        self, point: int, dof: str, quantity: str, values: np.ndarray, frequency: np.ndarray | None = None, units: str | None = None
-    ) -> Series:
-        units = self.units(quantity, dof) if units is None else units
+    def _series(self, point: int, dof: str, quantity: str, values: np.ndarray, units: str) -> Series:
         tuples = self.tuples_of(point)
         values = values[: len(tuples)]
         is_in_set = ~np.isnan(values).all(axis=-1)
@@ -490,7 +500,7 @@ class Results:
             )
         return Series(
             tuples[is_in_set],
-            self.frequency(point) if frequency is None else frequency,
+            self.frequency(point),
             values[:, 0],
             values[:, 1],
             QUANTITIES[quantity].symbol.format(dof),
@@ -573,8 +583,11 @@ class Results:
 
     def _union(self) -> np.ndarray:
         """Tuples of all points, each once: low orders first."""
-        rows = self._file["tuples"]
-        sets = [rows[i, : max(1, n)] for i, n in enumerate(self._file["n_harmonics"][()])]
+        used = np.maximum(1, self.column("n_harmonics"))
+        sets = []
+        for first, block in _blocks(self._file["tuples"]):
+            is_used = np.arange(block.shape[1]) < used[first : first + len(block), None]
+            sets.append(np.unique(block[is_used], axis=0))
         union = np.unique(np.concatenate(sets), axis=0)
         return union[np.lexsort((*union.T, np.abs(union).sum(axis=1)))]
 
@@ -603,6 +616,12 @@ class Results:
 
     def _text_dataset(self, name: str) -> str:
         return text_of(self._dataset(name)[()])
+
+
+def _blocks(dataset: h5py.Dataset) -> Iterator[tuple[int, np.ndarray]]:
+    """(number of the first row, rows) of a dataset, in pieces that fit the memory."""
+    step = max(1, _BLOCK // max(1, int(np.prod(dataset.shape[1:]))))
+    return ((first, dataset[first : first + step]) for first in range(0, len(dataset), step))
 
 
 def _at_text(at: Mapping[str, object]) -> str:

@@ -21,7 +21,7 @@ STATUSES = (
     "diverged locked timed_out impact unused time_domain subharmonic broadband several"
 ).split()
 SOLVED = (1, 7, 8, 9, 16, 18)  # a motion of the tones is stored, if not always within what was asked for
-UNUSED = STATUSES.index("unused")  # a row of a curve that was not needed
+UNUSED, FAILED = STATUSES.index("unused"), STATUSES.index("failed")  # a row of a curve that was not needed
 KINDS = (
     "none regular start fold peak value end branch flip torus split graze minimum amplitude resonance"
 ).split()  # of the points of a curve
@@ -162,10 +162,14 @@ def words_of(of: str) -> str:
     return f"Amplitude of {dof}, " + (f"harmonic {tuple_[0]}" if len(tuple_) == 1 else f"tuple ({', '.join(map(str, tuple_))})")
 
 
-def table(found: list[Any], coordinates: dict[str, Any]) -> xr.Dataset:
-    """Numbers, or mappings or named tuples of numbers, as the points of one dataset."""
-    rows = [row._asdict() if hasattr(row, "_asdict") else row if isinstance(row, Mapping) else {"response": row} for row in found]
-    variables = {name: ("point", np.array([row[name] for row in rows])) for name in rows[0]}
+def row_of(found: Any) -> dict[str, Any]:
+    """A number, or a mapping or named tuple of numbers, by their names."""
+    return dict(found._asdict() if hasattr(found, "_asdict") else found if isinstance(found, Mapping) else {"response": found})
+
+
+def table(rows: list[dict[str, Any]], coordinates: dict[str, Any]) -> xr.Dataset:
+    """Named numbers as the points of one dataset; NaN where a row lacks one."""
+    variables = {name: ("point", np.array([row.get(name, np.nan) for row in rows])) for name in rows[0]}
     return xr.Dataset(variables, {name: ("point", np.asarray(values)) for name, values in coordinates.items()})
 
 

@@ -22,6 +22,7 @@ from nhbm.sweeps import Progress
 
 _IN_MEMORY = "structure in memory"
 _REPLACED = "curve", "gradient"  # groups that an operation gives complete
+_CHECKED, _CHECKED_DOFS = ("load", "start"), 300  # groups that are checked when they are added; largest structure for it
 
 
 class Peak(NamedTuple):
@@ -66,7 +67,8 @@ class Model:
     Raises
     ------
     ModelError
-        Invalid model, with group, key and a suggestion; raised by the operation that first needs the value.
+        Invalid model, with group, key and a suggestion; loads are checked when they are added, other values by the operation
+        that first needs them.
 
     Examples
     --------
@@ -344,7 +346,7 @@ class Model:
         --------
         >>> import nhbm
         >>> model = nhbm.Model(nhbm.Chain(n_masses=2, mass=1.0, coupling_stiffness=1.0), tones=[0.9])
-        >>> model.load("x3", 1, cos=0.1)
+        >>> model.load("x2", 1, cos=0.1)
         >>> del model["load[0]"]
         >>> model
         <nhbm.Model: structure chain; frequency [0.9]>
@@ -683,9 +685,31 @@ class Model:
         """Points that share the time for stability: none where its work, counted as that of compiled laws, would take minutes."""
         return 0 if any(law.steps_slowly for law in self._laws) else n
 
+    def _ending(self) -> tuple[int, str]:
+        """Status and message of the last solution; converged if there was none."""
+        live = self._sessions.get(self._used)
+        if live is None:
+            return dataset.CONVERGED, ""
+        return int(dataset.number(live.session, "status")) or dataset.CONVERGED, live.session.message
+
     def _add(self, name: str, keys: dict[str, Any]) -> None:
+        if name in _CHECKED:
+            self._check(name, keys)
         self._lists.append((name, keys))
         self._sessions = {}
+
+    def _check(self, name: str, keys: dict[str, Any]) -> None:
+        """Raises what is wrong with a new group by itself, on the structure and the tones; not for large structures, which are
+        read once."""
+        if "structure" not in self._groups or len(self._structure.labels if self._structure else ()) > _CHECKED_DOFS:
+            return
+        groups = [(group, self._groups.get(group, {})) for group in ("structure", "tones")]
+        try:
+            Session(self._find_structure).read("".join(group_text(*group) for group in [*groups, (name, keys)]), self._name)
+        except ModelError as error:
+            wrong = [line for line in str(error).splitlines() if f": &{name}: " in line]
+            if wrong:
+                raise ModelError("\n".join(wrong)) from None
 
     def _given(self, tolerance: float | None, order: int | None, more: Any) -> dict[str, dict[str, Any]]:
         """The groups that occur once, with what the operation adds."""

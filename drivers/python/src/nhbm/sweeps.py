@@ -56,8 +56,9 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     Returns
     -------
     xarray.Dataset
-        As for `solve`, with the dimension `point`; `status` and `message` report failed points. With a response as `of`:
-        `response`, NaN where no motion was found, `status` and `message`; with a function, what it returns.
+        As for `solve`, with the dimension `point`; `status` and `message` report failed points. With `of`: `response`, or what
+        the function returns, NaN where it failed, and `status` and `message` of the last solution of each point. An
+        exception in the function is raised at the first point; later points then have the status `failed`.
     """
     grid = {path_of(path): list(np.atleast_1d(list(np.atleast_1d(line)))) for path, line in values.items()}
     if not grid or not all(grid.values()):
@@ -75,7 +76,7 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     elif not warm:
         length = 1
     lines = [points[k : k + length] for k in range(0, len(points), length)]
-    work = _Line(model, list(grid), of, tolerance, order, warm, len(points))
+    work = _Line(model, list(grid), of, tolerance, order, warm, points)
     with Progress(progress, "sweep", len(points)) as bar:
         rows = list(itertools.chain.from_iterable(_spread(work, lines, workers, executor, comm, bar)))
     names = [identifier(path) for path in grid]
@@ -97,8 +98,9 @@ class _Line:
     """Solves a line of points; a value that processes can be sent."""
 
     def __init__(self, model: Model, paths: list[str], of: Any, tolerance: float | None, order: int | None, warm: bool,
-                 n: int) -> None:  # fmt: skip
-        self.model, self.paths, self.of, self.tolerance, self.order, self.warm, self.n = model, paths, of, tolerance, order, warm, n
+                 points: list[Any]) -> None:  # fmt: skip
+        self.model, self.paths, self.of, self.tolerance, self.order, self.warm = model, paths, of, tolerance, order, warm
+        self.n, self.first = len(points), points[0]
         self.thread = threading.get_ident()
 
     def __call__(self, points: list[Any]) -> list[Any]:
@@ -110,7 +112,7 @@ class _Line:
         for path, value in zip(self.paths, point):
             model[path] = value
         if callable(self.of):
-            return self.of(model)
+            return self._evaluated(model, point)
         session = model._live(**wanted).session
         session.solve(self.warm and k > 0, points=model._sharing(self.n) if self.of is None else 0)
         if self.of is None:
@@ -118,6 +120,17 @@ class _Line:
         status = int(dataset.number(session, "status"))
         response = dataset.response_of(session, self.of) if status in dataset.SOLVED else float("nan")
         return {"response": response, "status": status, "message": session.message}
+
+    def _evaluated(self, model: Model, point: Any) -> dict[str, Any]:
+        """What the function returns, with the status of its last solution; 'failed' where it raises an exception."""
+        try:
+            row = dataset.row_of(self.of(model))
+        except Exception as fault:
+            if point == self.first:
+                raise
+            return {"status": dataset.FAILED, "message": f"{type(fault).__name__}: {fault}"}
+        status, message = model._ending()
+        return {**row, "status": status, "message": message}
 
 
 def _spread(work: _Line, lines: list[Any], workers: int, executor: Any, comm: Any, bar: Progress) -> Iterable[list[Any]]:
