@@ -108,7 +108,7 @@ class Browser:
         path.write_bytes(base64.b64decode(image))
 
     def pdf(self) -> bytes:
-        return base64.b64decode(self.call("Page.printToPDF")["data"])
+        return base64.b64decode(self.call("Page.printToPDF", preferCSSPageSize=True)["data"])
 
     def _read(self) -> dict:
         end = time.monotonic() + self._limit

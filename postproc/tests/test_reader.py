@@ -119,7 +119,7 @@ def test_selection_by_lists_and_ranges(sweep):
         assert results.select({"law(1)%gap": "1.2e-3:2e-3"}) == [1, 2, 4, 5]
         assert results.select({"law_1_gap": ":1.5e-3"}) == [0, 1, 3, 4]
         assert results.where_text({"law_1_gap": "1.2e-3:2e-3", "solver_method": "newton"}) == (
-            "law(1)%gap = 1.2e-3 to 2.0e-3 m, solver%method = 'newton'"
+            "gap of law 1 = 1.2e-3 to 2.0e-3 m, method of the solver = 'newton'"
         )
         with pytest.raises(ReaderError, match="no point with law\\(1\\)%gap = 9"):
             results.select({"law(1)%gap": "1e-3,9"})

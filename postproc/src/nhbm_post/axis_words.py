@@ -1,11 +1,13 @@
-"""Values of the input in words with their symbols, for the axes of pictures; elsewhere a value is named by its path."""
+"""Values of the input in words, with their symbols on axes, for pictures; elsewhere a value is named by its path."""
 
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING
 
-from .parameter import Parameter
-from .reader import Results
+if TYPE_CHECKING:
+    from .parameter import Parameter
+    from .reader import Results
 
 # By path without indices, or by key alone.
 _WORDS = {

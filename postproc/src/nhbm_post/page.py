@@ -78,9 +78,9 @@ def page_data(results: Results, model: Path | None = None, share: float = 1.0) -
     """The data of the page, with a share of the largest numbers of points and coefficients, and a description of the omitted
     data."""
     kinds = results.curve_kind() if results.curve else np.full(results.n_points, "")
-    points, point_notes = _some_points(results, kinds, int(share * _POINTS))
+    found, axis, curve_notes = _curves(results)
+    points, point_notes = _some_points(results, kinds, found, int(share * _POINTS))
     dofs, tuples, kept, coefficients, notes = _coefficients(results, points, int(share * _COEFFICIENTS))
-    curves, axis, curve_notes = _curves(results, dofs[0], points)
     factor, hertz = results.frequency_scale()
     sizes = {dof: Measure().values(results, dof, points) for dof in dofs}
     tones = {
@@ -99,7 +99,7 @@ def page_data(results: Results, model: Path | None = None, share: float = 1.0) -
         "notes": [*point_notes, *notes, *curve_notes, *shape_notes],
         "frequency": {"factor": factor, "units": hertz},
         "axis": None if axis is None else _axis(results, axis),
-        "curves": curves,
+        "curves": _drawn(results, found, points),
         "dofs": [
             {
                 "name": dof,
@@ -134,16 +134,22 @@ def _first(results: Results) -> int:
     return int(results.solved[0])
 
 
-def _some_points(results: Results, kinds: np.ndarray, most: int) -> tuple[list[int], list[str]]:
-    """All used points, or so many: located points of curves such as folds, and others evenly over the file."""
+def _some_points(results: Results, kinds: np.ndarray, curves: list, most: int) -> tuple[list[int], list[str]]:
+    """All used points, or so many: located points of curves such as folds, all of the curves that are shown if they fit, and
+    others evenly over the file."""
     used = results.used.astype(int)
     if len(used) <= most:
         return used.tolist(), []
     is_located = ~np.isin(kinds[used], ("", *_ORDINARY))
     located, others = used[is_located], used[~is_located]
     located = _evenly(located, 3 * most // 4)
+    shown = {int(point) for curve in curves for point in curve.points}
+    if len(located) + len(shown) < most:
+        located, what = [*located, *shown], "those of the curves first"
+    else:
+        what = "located points first"
     chosen = sorted({_first(results), *located, *_evenly(others, max(2, most - len(located)))})
-    return chosen, [f"{len(chosen)} of {len(used)} points are in this page, evenly over the file, located points first"]
+    return chosen, [f"{len(chosen)} of {len(used)} points are in this page, evenly over the file, {what}"]
 
 
 def _evenly(values, most: int) -> list[int]:
@@ -195,14 +201,18 @@ def _coefficients(results: Results, points: list[int], most_pairs: int):
     return dofs[:n_dofs], results.tuples[shown], [row.get(point, -1) for point in points], values, notes
 
 
-def _curves(results: Results, dof: str, points: list[int]) -> tuple[list[dict], Parameter | None, list[str]]:
-    """Points in the order of their curves with positions on the x axis, without jumps; empty without a swept parameter."""
+def _curves(results: Results) -> tuple[list, Parameter | None, list[str]]:
+    """The curves of the file as in pictures; none without a swept parameter."""
     from .draw.response import curves_of
 
     try:
-        found, axis, notes = curves_of(results, "", dof, Measure(), None, None, _N_CURVES)
+        return curves_of(results, "", results.default_dof(), Measure(), None, None, _N_CURVES)
     except UsageError:
         return [], None, []
+
+
+def _drawn(results: Results, found: list, points: list[int]) -> list[dict]:
+    """Points in the order of their curves with positions on the x axis, without jumps."""
     row = {point: i for i, point in enumerate(points)}
     curves = []
     for curve in found:
@@ -216,7 +226,7 @@ def _curves(results: Results, dof: str, points: list[int]) -> tuple[list[dict], 
             "breaks": [k for k, (a, b) in enumerate(steps) if curve.is_jump[a:b].any()],
             "falls": [_numbers(np.array(jump)) for jump in curve.jumps] if results.curve else [],
         })  # fmt: skip
-    return [curve for curve in curves if curve["points"]], axis, notes
+    return [curve for curve in curves if curve["points"]]
 
 
 def _points(results: Results, points: list[int], kinds: np.ndarray) -> dict:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .axis_words import words_of
 from .text import list_text, number_text
 
 # A given parameter value matches a stored one within this relative difference.
@@ -27,7 +28,7 @@ class Parameter:
 
     @property
     def label(self) -> str:
-        """Its path in the input, the name in all texts and pictures."""
+        """Its path in the input, the name in texts; pictures have words."""
         return self.path or self.name
 
     @property
@@ -46,8 +47,8 @@ class Parameter:
         return number_text(value) + (f" {self.units}" if self.has_unit else "")
 
     def text(self, point: int) -> str:
-        """`law(1)%gap = 1.5e-3 m` at a point, for titles and legends."""
-        return f"{self.label} = {self.value_text(self.values[point])}"
+        """`gap of law 1 = 1.5e-3 m` at a point, for titles and legends."""
+        return f"{words_of(self.label)[0]} = {self.value_text(self.values[point])}"
 
     def range_text(self) -> str:
         """`law(1)%gap: 3 values, 1.0e-3 to 2.0e-3 m`, in the words of `nhbm info`."""
@@ -76,7 +77,7 @@ class Parameter:
         return np.isclose(self.values, wanted, rtol=_TOLERANCE, atol=0.0)
 
     def choice_text(self, value) -> str:
-        """`law(1)%gap = 1.0e-3 to 2.0e-3 m` for a value that `fits` accepts, for titles."""
+        """`gap of law 1 = 1.0e-3 to 2.0e-3 m` for a value that `fits` accepts, for titles."""
         texts = []
         for wanted in self.alternatives(value):
             ends = [number_text(float(end)) if end else "" for end in str(wanted).split(":")] if self.is_number else [f"'{wanted}'"]
@@ -84,7 +85,7 @@ class Parameter:
             texts.append(first if len(ends) == 1 else f"{first} to {last}" if first and last else f"{first}{last}")
             if len(ends) == 2 and not (first and last):
                 texts[-1] += " or more" if first else " or less"
-        return f"{self.label} = {', '.join(texts)}" + (f" {self.units}" if self.has_unit else "")
+        return f"{words_of(self.label)[0]} = {', '.join(texts)}" + (f" {self.units}" if self.has_unit else "")
 
     def alternatives(self, value) -> list:
         """Values in the list `value`, separated by commas, unless the whole is a string of the sweep."""

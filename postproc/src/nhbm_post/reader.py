@@ -356,12 +356,12 @@ class Results:
         return [parameter.label for parameter in self.parameters.values()]
 
     def where_text(self, at: Mapping[str, object]) -> str:
-        """`law(1)%gap = 1.5e-3 m`: the selection for `select`, with units, for titles."""
+        """`gap of law 1 = 1.5e-3 m`: the selection for `select`, with units, for titles."""
         return ", ".join(self.parameter(key).choice_text(value) for key, value in at.items())
 
     def point_text(self, point: int) -> str:
-        """`point 3, law(1)%gap = 1.5e-3 m`, for titles."""
-        return ", ".join([f"point {point}", *(p.text(point) for p in self.parameters.values())])
+        """`point 3, gap of law 1 = 1.5e-3 m`, for titles."""
+        return ", ".join([f"point {point}", *(self.shown(p).text(point) for p in self.parameters.values())])
 
     # Solutions
 

@@ -456,7 +456,7 @@ def _legend(results: Results, point: int, points: list[int]) -> str:
     """The values in which the point differs from the others in the picture, or the method if it is the only one."""
     series_text = "time integration" if results.status_name(point) == "time_domain" else "harmonic balance"
     differing = [
-        p.text(point) for p in results.parameters.values() if len({str(v) for v in p.values[points]}) > 1
+        results.shown(p).text(point) for p in results.parameters.values() if len({str(v) for v in p.values[points]}) > 1
     ]
     if len(points) == 1:
         return f"{series_text}, {int(results.per_point('n_harmonics')[point])} harmonics"
@@ -470,7 +470,7 @@ def _with_status(label: str, results: Results, point: int) -> str:
 
 def _common_parameters(results: Results, points: list[int]) -> list[str]:
     return [
-        p.text(points[0]) for p in results.parameters.values() if len({str(v) for v in p.values[points]}) == 1
+        results.shown(p).text(points[0]) for p in results.parameters.values() if len({str(v) for v in p.values[points]}) == 1
     ]
 
 

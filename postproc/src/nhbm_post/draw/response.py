@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from matplotlib.lines import Line2D
 
-from ..axis_words import axis_words, with_symbol, words_of
+from ..axis_words import axis_words, with_symbol
 from ..errors import UsageError
 from ..measure import Measure
 from ..outcome import CONVERGED, SOLVED
@@ -235,14 +235,9 @@ def curves_of(results, name, dof, measure, over, where, n_curves, axis=None) -> 
     curves = []
     for members in groups:
         members = members[np.argsort(order[members], kind="stable")]
-        label = ", ".join([name] * bool(name) + [_in_words(p, int(members[0])) for p in others])
+        label = ", ".join([name] * bool(name) + [p.text(int(members[0])) for p in others])
         curves.append(Curve(label, results, members, x[members], values[members], branch[members], kind[members]))
     return curves, along, notes
-
-
-def _in_words(parameter: Parameter, point: int) -> str:
-    """`limit of damper = 0.5 N`, for the legend."""
-    return f"{words_of(parameter.label)[0]} = {parameter.value_text(parameter.values[point])}"
 
 
 def _along_the_arc(results: Results) -> np.ndarray:
