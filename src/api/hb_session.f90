@@ -7,7 +7,6 @@ module hb_session
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, c_int, c_int64_t, &
       c_null_funptr, c_null_ptr, c_ptr
-   use hb_accurate_motion, only: solve_to_tolerance
    use hb_cancellation, only: cancellation_t, verdict
    use hb_clock, only: wall_clock
    use hb_column_view, only: column_view_t
@@ -25,13 +24,13 @@ module hb_session
    use hb_model, only: callbacks_t, model_t
    use hb_model_reader, only: group_names, read_model, update_model
    use hb_model_tones, only: read_tones
-   use hb_motion, only: solve_motion
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: motion_result_t
    use hb_namelist, only: read_namelist, set_text, write_complete_text
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: is_solved, outcome, reason
    use hb_parameter_path, only: identifier
+   use hb_point, only: solve_point
    use hb_record_columns, only: record_columns, verdict_columns
    use hb_time_integration, only: add_time_integration
    use hb_tones, only: tones_t
@@ -213,7 +212,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: failure
       type(level_t) :: before, level
-      real(wp), allocatable :: start(:), unknowns(:)
+      real(wp), allocatable :: start(:)
       real(wp) :: started
       real(wp), parameter :: here = 0.0_wp                            ! neighbours are not distinguished by a value
 
@@ -226,22 +225,18 @@ contains
       call begin_work(self, self%model%solver%time_limit)
       if (self%model%accuracy%is_on) then
          call self%neighbour%predict_level(here, self%model, before)
-         call solve_to_tolerance(self%model, self%result, failure, level, before)
-         if (allocated(level%unknowns)) unknowns = level%unknowns
-      else
-         if (is_warm) call self%neighbour%predict(here, self%model%harmonics, .false., start)
-         call solve_motion(self%model, self%result, failure, start, unknowns, self%kept)
-         level = level_t(self%model%harmonics, self%model%torus%n_samples)
+      else if (is_warm) then
+         call self%neighbour%predict(here, self%model%harmonics, .false., start)
       end if
-      if (.not. allocated(failure)) call find_gradient(self%model, self%document, level, unknowns, self%result)
+      call solve_point(self%model, self%document, self%result, failure, level, before, start, self%kept)
+      if (.not. allocated(failure)) call find_gradient(self%model, self%document, level, level%unknowns, self%result)
       call self%cancellation%leave()
       call self%neighbour%forget()
       if (allocated(failure)) then
          self%result%status = outcome%failed
          self%result%reason = reason%error
          self%result%message = failure%message
-      else if (allocated(unknowns)) then
-         level%unknowns = unknowns
+      else if (allocated(level%unknowns)) then
          call self%neighbour%keep(here, level)
       end if
       if (self%cancellation%verdict == verdict%interrupted) self%result%status = outcome%interrupted

@@ -14,12 +14,12 @@ module hb_curve_events
    use hb_motion_description, only: stability_of
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_response, only: response_t
-   use hb_stability, only: bifurcation_value, stability_t
-   use hb_thresholds, only: most_bisections, rounding, sharp
+   use hb_stability, only: stability_t
+   use hb_thresholds, only: most_bisections
    implicit none
    private
-   public :: bifurcation_event_t, branch_event_t, count_event_t, extremes_of_switches, find_extremes, find_stability, &
-      fold_event_t, function_at, graze_event_t, n_outside, response_event_t, square_at, value_event_t
+   public :: branch_event_t, extremes_of_switches, find_extremes, find_stability, fold_event_t, function_at, graze_event_t, &
+      response_event_t, square_at, value_event_t
 
    integer, parameter :: largest_search_grid = 4096                   ! size of the grid for the first search of an extreme
    real(wp), parameter :: far = 0.25_wp                               ! from zero, relative to the range of the values
@@ -64,51 +64,7 @@ module hb_curve_events
       procedure :: value => graze_event_value
    end type graze_event_t
 
-   !> A zero of a function of the multipliers.
-   type, extends(motion_event_t) :: bifurcation_event_t
-      integer :: bifurcation = 0                                      ! hb_stability
-      logical :: is_integrated = .false.                              ! of the integrated periodic motion
-   contains
-      procedure :: value => bifurcation_event_value
-   end type bifurcation_event_t
-
-   !> A change in the number of multipliers outside the unit circle: 1 while it is a given one, otherwise -1.
-   type, extends(motion_event_t) :: count_event_t
-      integer :: n = 0
-   contains
-      procedure :: value => count_event_value
-   end type count_event_t
-
 contains
-
-   real(wp) function bifurcation_event_value(self, curve, x) result(value)
-      class(bifurcation_event_t), intent(inout) :: self
-      class(curve_t), intent(inout) :: curve
-      real(wp), intent(in) :: x(:)
-      type(stability_t) :: there
-
-      call find_stability(self%problem, x, sharp, there, self%is_integrated)
-      value = ieee_value(value, ieee_quiet_nan)
-      if (allocated(there%multipliers)) value = bifurcation_value(self%bifurcation, there%multipliers)
-   end function bifurcation_event_value
-
-   real(wp) function count_event_value(self, curve, x) result(value)
-      class(count_event_t), intent(inout) :: self
-      class(curve_t), intent(inout) :: curve
-      real(wp), intent(in) :: x(:)
-      type(stability_t) :: there
-
-      call find_stability(self%problem, x, sharp, there)
-      value = ieee_value(value, ieee_quiet_nan)
-      if (allocated(there%multipliers)) value = merge(1.0_wp, -1.0_wp, n_outside(there) == self%n)
-   end function count_event_value
-
-   !> Number of multipliers outside the unit circle; rounding errors of those on it, as without damping, do not count.
-   pure integer function n_outside(stability)
-      type(stability_t), intent(in) :: stability
-
-      n_outside = count(abs(stability%multipliers) > 1.0_wp + rounding)
-   end function n_outside
 
    !> The motion at a point of the curve, at all degrees of freedom; not allocated if the parameters are rejected.
    subroutine find_motion(problem, x, c)

@@ -6,8 +6,9 @@
 module hb_curve_gradient
    use hb_cancellation, only: work_is_over
    use hb_curve, only: event_t
-   use hb_curve_events, only: bifurcation_event_t, fold_event_t, response_event_t
+   use hb_curve_events, only: fold_event_t, response_event_t
    use hb_curve_request, only: curve_kind
+   use hb_curve_step, only: bifurcation_event_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t
    use hb_followed_motion, only: followed_motion_t, waiting_t
@@ -151,14 +152,16 @@ contains
       type(followed_motion_t), intent(inout), target :: curve
       type(waiting_t), intent(in) :: point
       class(event_t), allocatable, intent(out) :: event
+      type(bifurcation_event_t) :: change
 
       select case (point%kind)
       case (curve_kind%fold)
          allocate (event, source=fold_event_t(point%kind))
-      case (curve_kind%flip)
-         allocate (event, source=bifurcation_event_t(point%kind, .false., 0.0_wp, curve%problem, bifurcation%doubling))
-      case (curve_kind%torus)
-         allocate (event, source=bifurcation_event_t(point%kind, .false., 0.0_wp, curve%problem, bifurcation%torus))
+      case (curve_kind%flip, curve_kind%torus)
+         change%kind = point%kind
+         change%motion => curve
+         change%bifurcation = merge(bifurcation%doubling, bifurcation%torus, point%kind == curve_kind%flip)
+         allocate (event, source=change)
       case default
          allocate (event, source=response_event_t(point%kind, .false., 0.0_wp, curve%problem, &
                                                   curve%request%responses(point%response)))

@@ -1,10 +1,9 @@
 !> A step of a curve of motions. Its length is limited so that the corrector converges and the events on it can be
 !> located: folds, peaks, grazes, bifurcations, wanted values and ends.
 module hb_curve_step
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
-   use hb_curve, only: event_t
-   use hb_curve_events, only: bifurcation_event_t, branch_event_t, count_event_t, find_stability, &
-      fold_event_t, graze_event_t, n_outside, response_event_t, square_at, value_event_t
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
+   use hb_curve, only: curve_t, event_t
+   use hb_curve_events, only: branch_event_t, fold_event_t, graze_event_t, response_event_t, square_at, value_event_t
    use hb_curve_request, only: curve_kind
    use hb_followed_motion, only: followed_motion_t, known_t, most_tolerance_factor, waiting_t
    use hb_kinds, only: wp
@@ -13,7 +12,7 @@ module hb_curve_step
    use hb_thresholds, only: agreement, faint, next_to_none, rounding, sharp
    implicit none
    private
-   public :: add, find, find_fold, find_values, is_back, largest_turn, search_t, short, sort_by_position, step, try_end
+   public :: bifurcation_event_t, step
 
    real(wp), parameter :: largest_turn = 0.6_wp                       ! [rad] on a step, unless it is short
    real(wp), parameter :: longest_chord = 2.0_wp                      ! of a step, unless it is short: 1.05 with the largest turn
@@ -42,6 +41,24 @@ module hb_curve_step
       type(stability_t) :: stability(2)                               ! at the ends
    end type piece_t
 
+   !> A zero of a function of the multipliers.
+   type, extends(event_t) :: bifurcation_event_t
+      class(followed_motion_t), pointer :: motion => null()
+      integer :: bifurcation = 0                                      ! hb_stability
+      logical :: is_integrated = .false.                              ! of the integrated periodic motion
+   contains
+      procedure :: value => bifurcation_event_value
+   end type bifurcation_event_t
+
+   !> A change of a number: 1 while it is a given one, otherwise -1.
+   type, extends(event_t) :: count_event_t
+      class(followed_motion_t), pointer :: motion => null()
+      integer, allocatable :: impacts(:)                              ! those in a period, if given; otherwise:
+      integer :: n = 0                                                ! multipliers outside the unit circle
+   contains
+      procedure :: value => count_event_value
+   end type count_event_t
+
 contains
 
    !> Performs one step, and appends the events on it and its end to the waiting points.
@@ -50,13 +67,11 @@ contains
       type(known_t) :: known
       real(wp) :: largest, units(size(self%curve%x))
       integer :: n_branch_points
-      logical :: is_lost, is_near, is_possible, is_short, is_taken
+      logical :: is_balance, is_lost, is_near, is_short, is_taken
 
       if (allocated(self%problem%error_text)) deallocate (self%problem%error_text)
-      call self%problem%move_to_point(self%curve%x, is_possible)
-      call self%problem%renew()                                       ! so that a stored curve also continues from there
-      self%tolerance_factor = 1.0_wp
-      call self%put_conditions()
+      call self%prepare_step()
+      is_balance = .not. allocated(self%known%impacts)
       associate (curve => self%curve)
          do
             largest = self%largest
@@ -77,9 +92,9 @@ contains
             is_short = curve%last_step <= short*curve%config%longest_step
             is_near = norm2((curve%x - curve%last_x)/curve%units) <= longest_chord*curve%last_step
             is_taken = is_short .or. (curve%angle <= largest_turn .and. is_near)
-            if (is_taken) is_taken = .not. has_leapt(self)
+            if (is_taken .and. is_balance) is_taken = .not. has_leapt(self)
             if (is_taken) then
-               self%has_collapsed = self%is_mirrored()
+               if (is_balance) self%has_collapsed = self%is_mirrored()
                if (self%has_collapsed) then
                   curve%status = outcome%collapsed
                   return
@@ -270,6 +285,12 @@ contains
       logical :: is_found
       real(wp) :: unit
 
+      if (allocated(self%known%impacts)) then
+         if (any(self%known%impacts /= search%known%impacts)) &
+            call find(self, search, count_event_t(curve_kind%graze, .true., 0.0_wp, self, self%known%impacts), [1.0_wp, -1.0_wp], &
+                      is_found)
+         return
+      end if
       if (size(self%known%extremes, 2) /= size(search%known%extremes, 2)) return
       do k = 1, size(search%known%extremes, 2)
          associate (before => self%known%extremes(:, k), behind => search%known%extremes(:, k))
@@ -297,7 +318,7 @@ contains
       do i = 0, size(grazes)
          piece%ends = [0.0_wp, self%curve%last_step]
          piece%stability = [self%known%stability, search%known%stability]
-         associate (tolerance => self%problem%model%stability%tolerance, length => self%curve%last_step)
+         associate (tolerance => self%model%stability%tolerance, length => self%curve%last_step)
             if (i > 0) call look_at(self, grazes(i) + agreement*length, tolerance, piece%ends(1), piece%stability(1))
             if (i < size(grazes)) call look_at(self, grazes(i + 1) - agreement*length, tolerance, piece%ends(2), piece%stability(2))
          end associate
@@ -325,7 +346,7 @@ contains
       type(stability_t) :: better
       real(wp) :: same_place
 
-      if (minval(abs(abs(there%multipliers) - 1.0_wp)) > uncertain*self%problem%model%stability%tolerance) return
+      if (minval(abs(abs(there%multipliers) - 1.0_wp)) > uncertain*self%model%stability%tolerance) return
       call look_at(self, place, sharp, same_place, better)
       if (allocated(better%multipliers)) there%multipliers = better%multipliers
    end subroutine make_certain
@@ -346,12 +367,12 @@ contains
          at_ends(1) = bifurcation_value(kind, piece%stability(1)%multipliers)
          at_ends(2) = bifurcation_value(kind, piece%stability(2)%multipliers)
          if (.not. at_ends(1)*at_ends(2) < 0.0_wp .or. minval(abs(at_ends)) <= rounding) cycle
-         change = bifurcation_event_t(kind_of(kind), .false., rounding, self%problem, kind)
+         change = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind)
          call self%curve%find_zero(change, piece%ends, at_ends, x, place, is_found)
          search%is_lost = search%is_lost .or. .not. is_found
          if (.not. is_found) cycle
          if (kind == bifurcation%torus) then
-            call find_stability(self%problem, x, sharp, there)
+            call self%find_stability(x, sharp, there)
             if (.not. allocated(there%multipliers)) cycle
             if (.not. is_torus(there%multipliers)) cycle
          end if
@@ -377,7 +398,7 @@ contains
       number%n = n_outside(piece%stability(1))
       if (is_explained(self%waiting, piece, n_last - number%n)) return
       self%waiting = self%waiting(:n_before)
-      number%problem => self%problem
+      number%motion => self
       number%may_jump = .true.
       begin = piece%ends(1)
       do i = 1, most_changes
@@ -385,7 +406,7 @@ contains
          call self%curve%find_zero(number, [begin, piece%ends(2)], [1.0_wp, -1.0_wp], x, place, is_found)
          search%is_lost = search%is_lost .or. .not. is_found
          if (.not. is_found) return
-         call find_stability(self%problem, x, sharp, there)
+         call self%find_stability(x, sharp, there)
          if (.not. allocated(there%multipliers)) return
          associate (nearest => there%multipliers(minloc(abs(abs(there%multipliers) - 1.0_wp), dim=1)))
             kind = kind_at(nearest)
@@ -458,12 +479,13 @@ contains
       integer :: i, k
       logical :: is_on_curve
 
-      associate (problem => self%problem, curve => self%curve, found => self%waiting(size(self%waiting)))
-         is_there = problem%model%stability%method /= stability_method%integration .or. problem%model%tones%n_tones > 1
-         if (.not. is_there) is_there = all([(problem%model%laws(i)%law%n_switches + problem%model%laws(i)%law%n_states == 0, &
-                                              i=1, size(problem%model%laws))])
+      associate (model => self%model, curve => self%curve, found => self%waiting(size(self%waiting)))
+         is_there = model%stability%method /= stability_method%integration .or. model%tones%n_tones > 1 .or. &
+                    allocated(self%known%impacts)
+         if (.not. is_there) is_there = all([(model%laws(i)%law%n_switches + model%laws(i)%law%n_states == 0, &
+                                              i=1, size(model%laws))])
          if (is_there) return
-         integrated = bifurcation_event_t(kind_of(kind), .false., rounding, self%problem, kind, .true.)
+         integrated = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind, .true.)
          do i = 1, size(widths)
             ends = min(max(found%place + widths(i)*curve%last_step*[-1.0_wp, 1.0_wp], piece(1)), piece(2))
             do k = 1, 2
@@ -548,7 +570,7 @@ contains
 
       place = there
       call self%curve%point_at(place, x, is_on_curve)
-      if (is_on_curve) call find_stability(self%problem, x, tolerance, stability)
+      if (is_on_curve) call self%find_stability(x, tolerance, stability)
    end subroutine look_at
 
    !> Adds a point of a kind to the waiting ones.
@@ -579,8 +601,10 @@ contains
    pure logical function finds_all_intersections(self)
       class(followed_motion_t), intent(in) :: self
 
+      finds_all_intersections = abs(self%curve%orientation) > 0.0_wp
+      if (allocated(self%known%impacts)) return
       associate (set => self%problem%model%harmonics)
-         finds_all_intersections = abs(self%curve%orientation) > 0.0_wp .and. set%n_harmonics == set%highest(1) + 1
+         finds_all_intersections = finds_all_intersections .and. set%n_harmonics == set%highest(1) + 1
       end associate
    end function finds_all_intersections
 
@@ -608,6 +632,41 @@ contains
          end associate
       end associate
    end function is_back
+
+   real(wp) function bifurcation_event_value(self, curve, x) result(value)
+      class(bifurcation_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
+      real(wp), intent(in) :: x(:)
+      type(stability_t) :: there
+
+      call self%motion%find_stability(x, sharp, there, self%is_integrated)
+      value = ieee_value(value, ieee_quiet_nan)
+      if (allocated(there%multipliers)) value = bifurcation_value(self%bifurcation, there%multipliers)
+   end function bifurcation_event_value
+
+   real(wp) function count_event_value(self, curve, x) result(value)
+      class(count_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
+      real(wp), intent(in) :: x(:)
+      type(stability_t) :: there
+      integer, allocatable :: impacts(:)
+
+      value = ieee_value(value, ieee_quiet_nan)
+      if (allocated(self%impacts)) then
+         call self%motion%count_impacts(x, impacts)
+         value = merge(1.0_wp, -1.0_wp, all(impacts == self%impacts))
+      else
+         call self%motion%find_stability(x, sharp, there)
+         if (allocated(there%multipliers)) value = merge(1.0_wp, -1.0_wp, n_outside(there) == self%n)
+      end if
+   end function count_event_value
+
+   !> Number of multipliers outside the unit circle; rounding errors of those on it, as without damping, do not count.
+   pure integer function n_outside(stability)
+      type(stability_t), intent(in) :: stability
+
+      n_outside = count(abs(stability%multipliers) > 1.0_wp + rounding)
+   end function n_outside
 
    !> Sorts points by their positions on the step, and removes those beyond an end.
    subroutine sort_by_position(points)

@@ -64,6 +64,7 @@ module hb_followed_motion
       real(wp) :: rise = 0.0_wp                                       !! of the value in the direction
       real(wp), allocatable :: functions(:)                           !! of the responses, hb_curve_events
       real(wp), allocatable :: extremes(:, :)                         !! of the switching functions of laws
+      integer, allocatable :: impacts(:) !! of each wall in a period, if the unknowns are a state (hb_impact_curve)
       type(stability_t) :: stability                                  !! without multipliers if none are searched for
    end type known_t
 
@@ -106,14 +107,19 @@ module hb_followed_motion
    contains
       procedure :: put_on => followed_motion_put_on
       procedure :: make_curve => followed_motion_make_curve
+      procedure :: config => followed_motion_config
       procedure :: keep_symmetry => followed_motion_keep_symmetry
       procedure :: find_on_plane => followed_motion_find_on_plane
+      procedure :: find_roughness => followed_motion_find_roughness
       procedure :: land => followed_motion_land
       procedure :: put_conditions => followed_motion_put_conditions
       procedure :: is_mirrored => followed_motion_is_mirrored
       procedure :: units_at => followed_motion_units_at
       procedure :: renew => followed_motion_renew
       procedure :: evaluate_here => followed_motion_evaluate_here
+      procedure :: find_stability => followed_motion_find_stability
+      procedure :: count_impacts => followed_motion_count_impacts
+      procedure :: prepare_step => followed_motion_prepare_step
       procedure :: transfer_start => followed_motion_transfer_start
       procedure :: describe => followed_motion_describe
       procedure :: has_left_branch => followed_motion_has_left_branch
@@ -214,12 +220,9 @@ contains
       type(solver_config_t) :: corrector
       real(wp) :: units(size(x))
 
-      config%longest_step = self%request%longest_step
-      config%first_step = 0.1_wp*config%longest_step
+      config = self%config()
       config%shortest_step = 1.0e-6_wp*config%longest_step
       config%kink_step = 1.0e-4_wp*config%longest_step
-      config%angle = 0.12_wp
-      config%growth = 2.0_wp
       corrector = self%problem%model%solver
       corrector%max_iterations = most_corrections
       corrector%line_search = .false.
@@ -233,6 +236,16 @@ contains
       call new_curve(self%curve, bordered, x, direction, units, config, corrector)
       call self%keep_symmetry()
    end subroutine followed_motion_make_curve
+
+   !> Settings of the step control, without the shortest step.
+   pure type(curve_config_t) function followed_motion_config(self) result(config)
+      class(followed_motion_t), intent(in) :: self
+
+      config%longest_step = self%request%longest_step
+      config%first_step = 0.1_wp*config%longest_step
+      config%angle = 0.12_wp
+      config%growth = 2.0_wp
+   end function followed_motion_config
 
    !> Assigns to the curve a problem with a given last form; the other forms are not set.
    subroutine border(self, form)
@@ -283,10 +296,8 @@ contains
       type(report_t) :: report
       type(solver_config_t) :: corrector
       real(wp) :: units(size(x))
-      logical :: is_possible
 
-      call self%problem%move_to_point(x, is_possible)
-      is_found = is_possible
+      call self%find_roughness(x, is_found)
       if (.not. is_found) return
       units = self%units_at(x)
       self%curve%x = x
@@ -297,13 +308,9 @@ contains
       end associate
       call self%curve%problem%rescale()
       corrector = self%problem%model%solver
-      associate (u => x(:self%problem%n_unknowns))
-         self%roughness = self%problem%roughness(u)
-         self%is_rough = 10.0_wp*self%roughness > corrector%tolerance
-         corrector%tolerance = max(corrector%tolerance, 2.0_wp*self%problem%rounding_level(u), 10.0_wp*self%roughness)
-      end associate
+      corrector%tolerance = max(corrector%tolerance, 2.0_wp*self%problem%rounding_level(x(:self%problem%n_unknowns)), &
+                                10.0_wp*self%roughness)
       corrector%max_iterations = 2*most_corrections
-      self%tolerance_factor = 1.0_wp
       do
          call solve_newton(self%curve%problem, corrector, x, report)
          is_found = report%status == outcome%converged
@@ -313,6 +320,21 @@ contains
          x = self%curve%x
       end do
    end subroutine followed_motion_find_on_plane
+
+   !> Finds the roughness of the residual at a point.
+   subroutine followed_motion_find_roughness(self, x, is_possible)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), intent(in) :: x(:)
+      logical, intent(out), optional :: is_possible
+      logical :: is_there
+
+      call self%problem%move_to_point(x, is_there)
+      if (present(is_possible)) is_possible = is_there
+      if (.not. is_there) return
+      self%roughness = self%problem%roughness(x(:self%problem%n_unknowns))
+      self%is_rough = 10.0_wp*self%roughness > self%problem%model%solver%tolerance
+      self%tolerance_factor = 1.0_wp
+   end subroutine followed_motion_find_roughness
 
    !> Solves for the motion at the value of x, near x.
    subroutine followed_motion_land(self, x, is_there)
@@ -432,10 +454,40 @@ contains
       associate (x => self%curve%x, responses => self%request%responses)
          known%rise = self%curve%direction(size(x))
          known%functions = [(function_at(self%problem, responses(i), x, self%curve%direction), i=1, size(responses))]
-         call find_stability(self%problem, x, self%problem%model%stability%tolerance, known%stability)
+         call self%find_stability(x, self%model%stability%tolerance, known%stability)
          call find_extremes(self%problem, x, known%extremes)
       end associate
    end subroutine followed_motion_evaluate_here
+
+   !> Stability of the motion at a point of the curve.
+   subroutine followed_motion_find_stability(self, x, tolerance, stability, is_integrated)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), intent(in) :: x(:), tolerance
+      type(stability_t), intent(out) :: stability                     !! without multipliers if they are not found
+      logical, intent(in), optional :: is_integrated                  !! of the integrated periodic motion
+
+      call find_stability(self%problem, x, tolerance, stability, is_integrated)
+   end subroutine followed_motion_find_stability
+
+   !> Impacts of each wall in a period, for unknowns that are a state.
+   subroutine followed_motion_count_impacts(self, x, impacts)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), intent(in) :: x(:)
+      integer, allocatable, intent(out) :: impacts(:)
+
+      allocate (impacts(0))
+   end subroutine followed_motion_count_impacts
+
+   !> Prepares the problem at the present point, so that a stored curve also continues from there.
+   subroutine followed_motion_prepare_step(self)
+      class(followed_motion_t), intent(inout), target :: self
+      logical :: is_possible
+
+      call self%problem%move_to_point(self%curve%x, is_possible)
+      call self%problem%renew()
+      self%tolerance_factor = 1.0_wp
+      call self%put_conditions()
+   end subroutine followed_motion_prepare_step
 
    !> Transfers the start of this branch to the present set.
    subroutine followed_motion_transfer_start(self)

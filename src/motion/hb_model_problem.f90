@@ -4,8 +4,9 @@
 !> accordingly. Any other value is set in the document of the model, and the objects that depend on it are created
 !> again; for the amplitude or the energy of a normal mode, the balance is unchanged and an equation is added. The
 !> derivative of the residual with respect to the value is exact for frequencies and for loads, in which the residual
-!> is linear; otherwise it is a central difference, taken of the quantities before condensation. Source:
-!> docs/why/theory.md, section 6.7.
+!> is linear; otherwise it is a central difference, taken of the quantities before condensation. Values that follow the
+!> frequency of an unknown tone move with it in the same way, and the derivative with respect to the frequency includes
+!> them. Source: docs/why/theory.md, section 6.7.
 module hb_model_problem
    use hb_amplitudes, only: amplitudes_t, new_amplitudes
    use hb_balance, only: balance_t, new_balance
@@ -21,6 +22,7 @@ module hb_model_problem
    use hb_model_basis, only: coordinates_of
    use hb_model_loads, only: read_loads
    use hb_model_reader, only: update_model
+   use hb_model_tones, only: put_frequencies, tied_tones
    use hb_structure, only: structure_t
    use hb_thresholds, only: difference_step
    implicit none
@@ -59,6 +61,8 @@ module hb_model_problem
       real(wp), private :: value = 0.0_wp                             ! the present one
       real(wp), allocatable, private :: omega_at_zero(:), omega_slopes(:)  ! base frequencies as functions of the value
       real(wp), allocatable, private :: ratios(:)                     ! of tones to the value, if it moves more than tones
+      integer, allocatable, private :: tied(:)                        ! unknown tones whose frequencies other values follow
+      real(wp), allocatable, private :: followed(:)                   ! frequencies that they follow at present [rad/s], (n_tones)
       logical, private :: has_stiffness = .false.
       real(wp), private :: available_memory = huge(1.0_wp)            ! bytes
       logical, private :: is_sound = .false.                          ! model and balance belong to the value
@@ -113,7 +117,16 @@ contains
          end if
       end if
       if (moving%is_tied) self%ratios = model%tones%omega/model%tones%omega(max(1, moving%parameter%element(1)))
-      call rebuild(self, error)
+      self%tied = tied_tones(document, model%tones)
+      self%followed = model%tones%omega
+      self%omega = model%tones%omega
+      if (size(self%tied) == 0) then
+         call rebuild(self, error)
+      else
+         self%moves_frequency = .false.
+         self%model%is_read = .false.                                 ! its values may follow other frequencies
+         call read_again(self, error)
+      end if
    end subroutine new_model_problem
 
    !> Creates stiffness and balance of the model again; the stiffness remains if only laws have changed.
@@ -136,7 +149,7 @@ contains
             return
          end if
          coordinates = coordinates_of(model)
-         keeps_stiffness = self%group == "law" .and. self%has_stiffness
+         keeps_stiffness = self%group == "law" .and. self%has_stiffness .and. size(self%tied) == 0
          if (keeps_stiffness) keeps_stiffness = coordinates%equal(self%stiffness%coordinates)
          if (keeps_stiffness) then
             call self%stiffness%transfer_to(stiffness)
@@ -215,9 +228,7 @@ contains
       real(wp), intent(in) :: value
       logical, intent(out) :: is_possible
       type(error_t), allocatable :: error
-      type(model_t) :: before, fresh
       integer :: i
-      logical :: is_new
 
       is_possible = .true.
       if (self%is_sound .and. abs(value - self%value) <= 0.0_wp) return
@@ -254,29 +265,63 @@ contains
          end if
       else
          call set_value(self, value)
-         if (self%model%accuracy%is_on) before = self%model
-         call update_model(self%model, self%document, is_new, error, self%available_memory)
-         if (is_new .and. before%accuracy%is_on .and. .not. allocated(error)) then   ! on the set that was chosen
-            self%model%certificate = before%certificate
-            fresh = self%model
-            call put_on_level(self%model, fresh, level_t(before%harmonics, before%torus%n_samples), error)
-         end if
-         if (.not. allocated(error)) then
-            where (self%model%tones%is_unknown) self%model%tones%omega = self%omega   ! unchanged
-         end if
-         if (.not. allocated(error)) call rebuild(self, error)
-         if (allocated(error) .and. before%accuracy%is_on) then       ! a rejected value leaves the chosen set unchanged
-            self%model = before
-            self%model%is_read = .false.
-         end if
+         call read_again(self, error)
       end if
-      if (allocated(error)) then
-         is_possible = .false.
-         self%error_text = error%message
-         self%refused = value
-      end if
+      if (allocated(error)) call refuse(self, error, is_possible)
       self%is_sound = is_possible
    end subroutine move_to
+
+   !> Sets model and balance to the frequencies that other values follow.
+   subroutine follow(self, omega, is_possible)
+      type(model_problem_t), intent(inout) :: self
+      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
+      logical, intent(out) :: is_possible
+      type(error_t), allocatable :: error
+
+      is_possible = .true.
+      if (self%is_sound .and. all(abs(omega(self%tied) - self%followed(self%tied)) <= 0.0_wp)) return
+      self%followed = omega
+      call set_value(self, self%value)
+      call read_again(self, error)
+      if (allocated(error)) call refuse(self, error, is_possible)
+   end subroutine follow
+
+   !> Stores why a value was rejected.
+   subroutine refuse(self, error, is_possible)
+      type(model_problem_t), intent(inout) :: self
+      type(error_t), intent(in) :: error
+      logical, intent(out) :: is_possible
+
+      is_possible = .false.
+      self%error_text = error%message
+      self%refused = self%value
+   end subroutine refuse
+
+   !> Reads the model again from the document, and creates the balance at the present frequencies.
+   subroutine read_again(self, error)
+      type(model_problem_t), intent(inout) :: self
+      type(error_t), allocatable, intent(out) :: error
+      type(model_t) :: before, fresh
+      logical :: is_new
+
+      self%is_sound = .false.
+      if (size(self%tied) > 0) call put_frequencies(self%document, self%model%tones, self%followed)
+      if (self%model%accuracy%is_on) before = self%model
+      call update_model(self%model, self%document, is_new, error, self%available_memory)
+      if (is_new .and. before%accuracy%is_on .and. .not. allocated(error)) then   ! on the set that was chosen
+         self%model%certificate = before%certificate
+         fresh = self%model
+         call put_on_level(self%model, fresh, level_t(before%harmonics, before%torus%n_samples), error)
+      end if
+      if (.not. allocated(error)) then
+         where (self%model%tones%is_unknown) self%model%tones%omega = self%omega   ! unchanged
+      end if
+      if (.not. allocated(error)) call rebuild(self, error)
+      if (allocated(error) .and. before%accuracy%is_on) then          ! a rejected value leaves the chosen set unchanged
+         self%model = before
+         self%model%is_read = .false.
+      end if
+   end subroutine read_again
 
    !> Sets the value in the document, with the tones that keep their ratios to it.
    subroutine set_value(self, value)
@@ -335,6 +380,7 @@ contains
          call self%balance_t%set_parameters(pack(which, which /= self%own), pack(values, which /= self%own), is_possible)
       if (.not. is_possible .or. all(which == self%own)) return
       self%model%tones%omega = self%omega                             ! for a new balance
+      if (size(self%tied) > 0) call follow(self, self%omega, is_possible)
    end subroutine model_problem_set_parameters
 
    !> Moves to the parameters of a point of a curve.
@@ -351,13 +397,14 @@ contains
       real(wp), intent(in), contiguous :: x(:)
       integer, intent(in) :: which
       real(wp), intent(out), contiguous :: derivative(:)
-      type(side_t) :: sides(2)
-      real(wp) :: at(2), other(size(x)), r(size(x), 2), step, value
-      integer :: i, tone
-      logical :: is_condensed, is_here, is_possible(2)
+      real(wp) :: other(size(x))
+      integer :: tone
 
       if (which /= self%own) then
          call self%balance_t%parameter_derivative(x, which, derivative)
+         if (all(self%tied /= which)) return
+         call difference(self, x, which, other)
+         derivative = derivative + other
          return
       end if
       derivative = 0.0_wp
@@ -368,15 +415,36 @@ contains
             call self%balance_t%parameter_derivative(x, tone, other)
             derivative = derivative + self%omega_slopes(tone)*other
          end do
-         return
+      else
+         call difference(self, x, 0, derivative)
       end if
-      is_condensed = any(self%group == [character(17) :: "structure", "bearing", "dynamic_stiffness", several]) .and. &
-                     self%model%structure%n_dofs > self%n_dofs .and. .not. self%law_set%needs_reaction
-      value = self%value
-      step = self%moving%typical*merge(1.0_wp, difference_step, self%group == "load" .and. .not. self%law_set%needs_reaction)
+   end subroutine model_problem_parameter_derivative
+
+   !> Derivative of the residual with respect to the value, or to the frequency that other values follow, by a central
+   !> difference; zero if the value cannot move.
+   subroutine difference(self, x, tone, derivative)
+      type(model_problem_t), intent(inout) :: self
+      real(wp), intent(in), contiguous :: x(:)
+      integer, intent(in) :: tone                                     !! 0: the value
+      real(wp), intent(out) :: derivative(:)
+      type(side_t) :: sides(2)
+      real(wp) :: at(2), r(size(x), 2), step, value
+      integer :: i
+      logical :: is_condensed, is_here, is_possible(2)
+
+      derivative = 0.0_wp
+      is_condensed = (tone > 0 .or. any(self%group == [character(17) :: "structure", "bearing", "dynamic_stiffness", several])) &
+                     .and. self%model%structure%n_dofs > self%n_dofs .and. .not. self%law_set%needs_reaction
+      if (tone > 0) then
+         value = self%followed(tone)
+         step = difference_step*value
+      else
+         value = self%value
+         step = self%moving%typical*merge(1.0_wp, difference_step, self%group == "load" .and. .not. self%law_set%needs_reaction)
+      end if
       call find_side(1, value + step, is_possible(1))
       call find_side(2, value - step, is_possible(2))
-      call move_to(self, value, is_here)
+      call go(value, is_here)
       if (.not. is_here .or. .not. any(is_possible)) return
       do i = 1, 2                                                     ! at the end of the range of the value
          if (.not. is_possible(i)) call find_side(i, value, is_possible(i))
@@ -393,7 +461,7 @@ contains
          logical, intent(out) :: is_possible
          real(wp) :: reaction(self%harmonics%n_coefficients, self%n_dofs)
 
-         call move_to(self, there, is_possible)
+         call go(there, is_possible)
          if (.not. is_possible) return
          at(i) = there
          call self%residual(x, r(:, i))
@@ -402,7 +470,21 @@ contains
          r(:, i) = r(:, i) + [reaction]
          sides(i) = side_t(self%model%structure, self%frequencies, self%model%loads)
       end subroutine find_side
-   end subroutine model_problem_parameter_derivative
+
+      subroutine go(there, is_possible)
+         real(wp), intent(in) :: there
+         logical, intent(out) :: is_possible
+         real(wp) :: omega(size(self%followed))
+
+         if (tone == 0) then
+            call move_to(self, there, is_possible)
+         else
+            omega = self%followed
+            omega(tone) = there
+            call follow(self, omega, is_possible)
+         end if
+      end subroutine go
+   end subroutine difference
 
    !> Derivative of the reaction with respect to the value; zero if the structure is singular.
    function reaction_slope(self, sides, x, weight) result(slope)

@@ -14,7 +14,7 @@ module hb_model_reader
    use hb_model_laws, only: read_laws, update_laws
    use hb_model_loads, only: loaded_tuples, read_loads, read_starts
    use hb_model_settings, only: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
-   use hb_model_tones, only: check_fundamentals, read_normal_mode, read_phase, read_tones
+   use hb_model_tones, only: check_fundamentals, read_normal_mode, read_phase, read_tones, tied_tones
    use hb_properties, only: properties_t
    use hb_solver_types, only: share_of_solver
    use hb_stability, only: stability_method
@@ -129,7 +129,7 @@ contains
          group => document%group("dynamic_stiffness", 1)
          call group%problem("type", "motions with unknown tones cannot have stiffness that depends on the frequency")
       end if
-      call refuse_unknown_tones(document, self%tones%is_unknown)
+      call refuse_unknown_tones(document, self%tones)
       call read_accuracy(self%accuracy, document, self%structure, self%tones%n_tones, self%callbacks%is_followed)
       if (self%accuracy%grows_set) then
          call read_lowest_set(self%harmonics, document, wanted_tuples(self, document), error, self%symmetry)
@@ -395,21 +395,24 @@ contains
       call group%problem(key, "'"//trim(shown(path))//"' "//error%message)
    end subroutine find_value
 
-   !> Reports a problem for each tie to the frequency of an unknown tone.
-   subroutine refuse_unknown_tones(document, is_unknown)
+   !> Reports a problem for each tie of a value that cannot follow an unknown frequency.
+   subroutine refuse_unknown_tones(document, tones)
       type(document_t), intent(inout), target :: document
-      logical, intent(in) :: is_unknown(:)                            !! (n_tones)
+      type(tones_t), intent(in) :: tones
       type(properties_t), pointer :: group
       integer :: i
 
-      if (.not. (allocated(document%ties) .and. any(is_unknown))) return
+      if (size(tied_tones(document, tones)) == 0) return
       do i = 1, size(document%ties)
-         associate (to => document%ties(i)%to)
-            if (document%groups%holders(to%i_group)%group%name /= "tones") cycle
-            if (.not. is_unknown(min(size(is_unknown), max(1, to%element(1))))) cycle
+         associate (tie => document%ties(i), holders => document%groups%holders)
+            if (holders(tie%to%i_group)%group%name /= "tones") cycle
+            if (.not. tones%is_unknown(max(1, tie%to%element(1)))) cycle
+            if (any(holders(tie%parameter%i_group)%group%name == &
+                    [character(9) :: "structure", "bearing", "load", "law"])) cycle
          end associate
          group => document%group("tie", i)
-         call group%problem("to", "is the frequency of a tone that is unknown, not given")
+         call group%problem("parameter", "follows the frequency of an unknown tone, which only values of &structure, &bearing, "// &
+                            "&load and &law can")
       end do
    end subroutine refuse_unknown_tones
 end module hb_model_reader

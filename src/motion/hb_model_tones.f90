@@ -14,7 +14,7 @@ module hb_model_tones
    use hb_tones, only: new_tones, tones_t
    implicit none
    private
-   public :: check_fundamentals, read_normal_mode, read_phase, read_tones
+   public :: check_fundamentals, put_frequencies, read_normal_mode, read_phase, read_tones, tied_tones
 
 contains
 
@@ -81,6 +81,44 @@ contains
          end associate
       end function is_before
    end subroutine read_tones
+
+   !> Unknown tones whose frequencies other values follow by ties.
+   pure function tied_tones(document, tones) result(which)
+      type(document_t), intent(in) :: document
+      type(tones_t), intent(in) :: tones
+      integer, allocatable :: which(:)
+      logical :: is_tied(tones%n_tones)
+      integer :: i
+
+      is_tied = .false.
+      if (allocated(document%ties)) then
+         do i = 1, size(document%ties)
+            associate (to => document%ties(i)%to)
+               if (document%groups%holders(to%i_group)%group%name == "tones") is_tied(max(1, to%element(1))) = .true.
+            end associate
+         end do
+      end if
+      which = pack([(i, i=1, tones%n_tones)], is_tied .and. tones%is_unknown)
+   end function tied_tones
+
+   !> Sets the frequencies of unknown tones in a document where other values follow them.
+   pure subroutine put_frequencies(document, tones, omega)
+      type(document_t), intent(inout) :: document
+      type(tones_t), intent(in) :: tones
+      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
+      integer :: i, tone
+
+      if (.not. allocated(document%ties)) return
+      do i = 1, size(document%ties)
+         associate (to => document%ties(i)%to)
+            tone = max(1, to%element(1))
+            if (document%groups%holders(to%i_group)%group%name /= "tones" .or. tone > size(omega)) cycle
+            if (tones%is_unknown(tone)) call document%set(to, omega(tone)*tones%subharmonic/ &
+                                                              merge(two_pi, 1.0_wp, to%key == "hertz"))
+         end associate
+      end do
+      call document%follow_ties()
+   end subroutine put_frequencies
 
    !> Rejects a model without laws, and a set of harmonics that lacks the fundamental of an unknown tone.
    subroutine check_fundamentals(self, group)

@@ -6,7 +6,6 @@
 !> separate motions. Each point has all results of a motion. Source: docs/user/curves.md; docs/why/theory.md, section
 !> 6.7.
 module hb_motion_curve
-   use hb_accurate_motion, only: solve_to_tolerance
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
    use hb_curve_events, only: square_at
@@ -21,17 +20,17 @@ module hb_motion_curve
    use hb_kinds, only: wp
    use hb_level, only: estimate_of, join, level_of, level_t
    use hb_model, only: model_t
-   use hb_motion, only: solve_motion
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_motions_apart, only: look_apart
    use hb_outcome, only: outcome, reason
+   use hb_point, only: solve_point
    use hb_solver_types, only: report_t
    use hb_stability, only: angle_of_pair
    use hb_text, only: to_text
    use hb_thresholds, only: faint, next_to_none, reliable
    implicit none
    private
-   public :: motion_curve_t
+   public :: motion_curve_continue_from, motion_curve_start_branch, motion_curve_t
 
    real(wp), parameter :: run_up = 0.05_wp                            ! of the longest step, to the next expected point
    real(wp), parameter :: farthest = 2.0_wp                           ! distance from the point of departure, relative to that part
@@ -40,7 +39,7 @@ module hb_motion_curve
    !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`.
    type, extends(followed_motion_t) :: motion_curve_t
       logical :: is_done = .false.                                    !! there is no further point
-      type(origin_t), private :: first                                ! the start itself; a direction if it leaves another curve
+      type(origin_t) :: first                                         ! the start itself; a direction if it leaves another curve
       real(wp), private :: first_sense = 1.0_wp                       ! of the value on the first branch
       type(origin_t), allocatable, private :: met(:)                  ! motions at values at which others are searched for
       integer :: n_reported = 0                                       !! points so far
@@ -51,9 +50,11 @@ module hb_motion_curve
       procedure :: next => motion_curve_next
       procedure :: look_for => motion_curve_look_for
       procedure :: measure => motion_curve_measure
-      procedure :: start_branch
+      procedure :: start_branch => motion_curve_start_branch
       procedure :: go
-      procedure :: report => report_waiting
+      procedure :: pack => motion_curve_pack
+      procedure :: prepare => motion_curve_prepare
+      procedure :: report_start => motion_curve_report_start
    end type motion_curve_t
 
 contains
@@ -68,7 +69,7 @@ contains
       type(curve_request_t), intent(in) :: request
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
-      real(wp), allocatable :: further(:), unknowns(:)
+      real(wp), allocatable :: further(:)
       type(level_t) :: lowest, level
       logical :: is_new
 
@@ -77,20 +78,14 @@ contains
          call begin_at_origin(self, model, document, result, error)
          return
       end if
-      if (model%accuracy%is_on) then
-         model%chain%is_on = .false.                                  ! the point has no neighbour and is none
-         call solve_to_tolerance(model, result, error, level)
-         if (allocated(level%unknowns) .and. model%accuracy%grows_set) then
-            lowest = level
-            call join(lowest, model%harmonics, is_new)                ! without even tuples no loss of symmetry is detected
-            if (is_new) call solve_to_tolerance(model, result, error, level, lowest)
-         end if
-         if (allocated(level%unknowns)) unknowns = level%unknowns
-      else
-         call solve_motion(model, result, error, unknowns=unknowns)
-         level = level_of(model)
+      if (model%accuracy%is_on) model%chain%is_on = .false.          ! the point has no neighbour and is none
+      call solve_point(model, document, result, error, level)
+      if (allocated(level%unknowns) .and. model%accuracy%is_on .and. model%accuracy%grows_set) then
+         lowest = level
+         call join(lowest, model%harmonics, is_new)                   ! without even tuples no loss of symmetry is detected
+         if (is_new) call solve_point(model, document, result, error, level, lowest)
       end if
-      self%is_done = allocated(error) .or. .not. allocated(unknowns)
+      self%is_done = allocated(error) .or. .not. allocated(level%unknowns)
       if (any(result%status == [outcome%time_domain, outcome%several])) then
          result%status = outcome%stalled                              ! a motion, but not a point of a curve
          result%message = "a curve must start from a harmonic balance solution; "//result%message
@@ -104,10 +99,10 @@ contains
       further = [pack(result%frequency, model%tones%is_unknown)]
       if (model%normal_mode%is_asked) further = [further, pack(result%artificial_damping, model%tones%is_unknown)]
       further = [further, request%start]
-      call prepare(self, model, document, further, level, error)
+      call self%prepare(model, document, further, level, error)
       self%is_done = allocated(error)
       if (self%is_done) return
-      self%first%x = [unknowns(:self%problem%n_unknowns), further]
+      self%first%x = [level%unknowns(:self%problem%n_unknowns), further]
       call self%start_branch(error)
       if (.not. allocated(error)) call add_position(self, waiting_t(curve_kind%start, x=self%first%x), result)
       self%n_reported = 1
@@ -124,7 +119,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       logical :: is_found
 
-      call prepare(self, model, document, self%request%origin%further, self%request%origin%level, error)
+      call self%prepare(model, document, self%request%origin%further, self%request%origin%level, error)
       self%is_done = allocated(error)
       if (self%is_done) return
       call find_first(self, is_found)
@@ -138,15 +133,23 @@ contains
       self%is_done = allocated(error)
       if (self%is_done) return
       self%first%level = self%level
+      call self%report_start(result, error)
+   end subroutine begin_at_origin
+
+   !> Starts the first branch, with the results of its start.
+   subroutine motion_curve_report_start(self, result, error)
+      class(motion_curve_t), intent(inout), target :: self
+      type(motion_result_t), intent(inout) :: result
+      type(error_t), allocatable, intent(out) :: error
+
       call self%start_branch(error)
       if (allocated(error)) return
       call put_start(self)
-      call self%describe(self%waiting(1), result, error)
-      if (.not. allocated(error)) call add_position(self, self%waiting(1), result)
+      call report(self, 1, result, error)
       self%first_waiting = 2
       self%n_reported = 1
       self%is_done = allocated(error) .or. self%n_reported >= self%request%n_points
-   end subroutine begin_at_origin
+   end subroutine motion_curve_report_start
 
    !> The first motion of a curve that leaves another one, and the direction there.
    subroutine find_first(self, is_found)
@@ -188,7 +191,7 @@ contains
       self%request = request
       self%way = 1
       is_found = .false.
-      call prepare(self, model, document, further_of(place, model), level_of(model, place), error)
+      call self%prepare(model, document, further_of(place, model), level_of(model, place), error)
       if (allocated(error)) return
       associate (direction => place%direction)
          self%first%x = place%unknowns - run_up*request%longest_step*direction/norm2(direction/self%units_at(place%unknowns))
@@ -212,7 +215,7 @@ contains
       integer :: i
 
       self%request = request
-      call prepare(self, model, document, further_of(stored(1), model), level_of(model, stored(1)), error)
+      call self%prepare(model, document, further_of(stored(1), model), level_of(model, stored(1)), error)
       self%is_done = allocated(error)
       if (self%is_done) return
       self%first%x = stored(1)%unknowns
@@ -271,7 +274,7 @@ contains
    end function further_of
 
    !> Prepares the curve for its start on a set and a grid.
-   subroutine prepare(self, model, document, further, level, error)
+   subroutine motion_curve_prepare(self, model, document, further, level, error)
       class(motion_curve_t), intent(inout), target :: self
       type(model_t), intent(in) :: model
       type(document_t), intent(in) :: document
@@ -298,16 +301,15 @@ contains
       self%first_sense = sign(1.0_wp, self%request%to - self%request%start)
       if (.not. abs(self%request%to - self%request%start) > 0.0_wp) self%first_sense = -sign(1.0_wp, self%first_sense)
       call self%put_on(self%first%level, error)
-   end subroutine prepare
+   end subroutine motion_curve_prepare
 
    ! Branches of the curve
 
    !> Places the curve at the start of this branch.
-   subroutine start_branch(self, error)
+   subroutine motion_curve_start_branch(self, error)
       class(motion_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: direction(:)
-      logical :: is_possible
 
       self%branch_start = self%first
       if (self%way > 2) self%branch_start = self%origins((self%way - 1)/2)
@@ -326,10 +328,7 @@ contains
       self%reported = [reported_extreme_t ::]
       self%estimate = huge(1.0_wp)
       self%largest = faint
-      call self%problem%move_to_point(self%branch_start%x, is_possible)
-      self%tolerance_factor = 1.0_wp
-      self%roughness = self%problem%roughness(self%branch_start%x(:self%problem%n_unknowns))
-      self%is_rough = 10.0_wp*self%roughness > self%problem%model%solver%tolerance
+      call self%find_roughness(self%branch_start%x)
       call self%make_curve(self%branch_start%x, direction)
       if (self%has_left_branch()) then
          call switch_curve(self, direction)
@@ -342,7 +341,7 @@ contains
       self%start = self%branch_start
       call self%renew()
       call self%evaluate_here(self%known)
-   end subroutine start_branch
+   end subroutine motion_curve_start_branch
 
    !> At a branch point the tangent bordered by the direction has a null vector: the direction of the other curve
    !> across this one. Its sign, otherwise determined by rounding, is that of its first large entry.
@@ -454,7 +453,7 @@ contains
          call count_work(self%curve%report, before, result)
          call leave(self, error)
       else
-         call self%report(self%first_waiting, result, error)
+         call report(self, self%first_waiting, result, error)
          if (verdict_on_work() == verdict%interrupted) then          ! the results of the point may be incomplete
             result%status = outcome%interrupted
             return
@@ -489,7 +488,7 @@ contains
          self%first_waiting = size(self%waiting) + 1
       end do
       if (.not. is_found) return
-      call self%report(i, result, error)
+      call report(self, i, result, error)
       call count_work(self%curve%report, report_t(), result)
    end subroutine motion_curve_look_for
 
@@ -508,7 +507,7 @@ contains
    end subroutine go
 
    !> Computes the result of one of the waiting points.
-   subroutine report_waiting(self, i, result, error)
+   subroutine report(self, i, result, error)
       class(motion_curve_t), intent(inout), target :: self
       integer, intent(in) :: i
       type(motion_result_t), intent(inout) :: result
@@ -522,7 +521,7 @@ contains
          end if
          if (.not. allocated(error)) call add_position(self, point, result)
       end associate
-   end subroutine report_waiting
+   end subroutine report
 
    !> Adds the position on the curve to the result of a point, and stores the data on which later points depend.
    subroutine add_position(self, point, result)
@@ -536,13 +535,13 @@ contains
       place%parameter = point%x(size(point%x))
       place%length = self%sense()*(self%length + point%place)
       place%branch = (self%way - 1)/2
-      place%unknowns = point%x
+      place%unknowns = self%pack(point%x)
       if (self%model%accuracy%is_on) then
          place%tuples = self%level%set%tuples
          place%n_samples = self%level%n_samples
       end if
       if (all(point%kind /= [curve_kind%value, curve_kind%end, curve_kind%split, curve_kind%graze])) &
-         place%direction = self%curve%direction
+         place%direction = self%pack(self%curve%direction)
       select case (point%kind)
       case (curve_kind%regular, curve_kind%start)
          self%length = self%length + point%place
@@ -563,6 +562,15 @@ contains
       result%curve = place
       call find_curve_gradient(self, point, result)
    end subroutine add_position
+
+   !> The numbers that store unknowns or a direction of the curve: themselves.
+   pure function motion_curve_pack(self, x) result(packed)
+      class(motion_curve_t), intent(in) :: self
+      real(wp), intent(in) :: x(:)
+      real(wp), allocatable :: packed(:)
+
+      packed = x
+   end function motion_curve_pack
 
    !> Records the work of a point.
    pure subroutine count_work(report, before, result)

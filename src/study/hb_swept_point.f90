@@ -2,7 +2,6 @@
 !> the form of the file, which is the same for all points.
 module hb_swept_point
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use hb_accurate_motion, only: solve_to_tolerance
    use hb_cancellation, only: cancellation_t, verdict
    use hb_chain_check, only: chain_check_t
    use hb_clock, only: wall_clock
@@ -14,10 +13,10 @@ module hb_swept_point
    use hb_level, only: level_t
    use hb_model, only: model_t
    use hb_model_reader, only: update_model
-   use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_neighbour, only: neighbour_t
    use hb_outcome, only: outcome, reason
+   use hb_point, only: solve_point
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t
    use hb_timing, only: rank_times_t
@@ -38,7 +37,7 @@ contains
       type(error_t), allocatable :: error
       type(level_t) :: below, level
       type(cancellation_t), target :: cancellation
-      real(wp), allocatable :: start(:), unknowns(:)
+      real(wp), allocatable :: start(:)
       real(wp) :: read, started, value
       logical :: is_new
 
@@ -54,14 +53,11 @@ contains
             call cancellation%begin(model%solver%time_limit)
             if (model%accuracy%is_on) then
                call neighbour%predict_level(value, model, below)
-               call solve_to_tolerance(model, result, error, level, below)
-               if (allocated(level%unknowns)) unknowns = level%unknowns
-            else
-               if (model%chain%is_on) call neighbour%predict(value, model%harmonics, model%chain%secant, start)
-               call solve_motion(model, result, error, start, unknowns, source%kept)
-               level = level_t(model%harmonics, model%torus%n_samples)
+            else if (model%chain%is_on) then
+               call neighbour%predict(value, model%harmonics, model%chain%secant, start)
             end if
-            if (.not. allocated(error)) call find_gradient(model, source%document, level, unknowns, result)
+            call solve_point(model, source%document, result, error, level, below, start, source%kept)
+            if (.not. allocated(error)) call find_gradient(model, source%document, level, level%unknowns, result)
          end associate
       end if
       if (allocated(error)) then
@@ -71,8 +67,7 @@ contains
       else
          if (.not. source%layout%has_own_tuples) call spread_result(source%model%harmonics, source%layout, result)
       end if
-      if (.not. allocated(error) .and. allocated(unknowns)) then
-         level%unknowns = unknowns
+      if (.not. allocated(error) .and. allocated(level%unknowns)) then
          if (present(check)) call check%examine(source, point, level, result)
          if (result%leaves_branch) call neighbour%forget()
          call neighbour%keep(value, level)

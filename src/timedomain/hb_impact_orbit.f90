@@ -2,10 +2,10 @@
 !> value of the input on which it depends.
 !>
 !> The period map is integrated event by event, so that it contains the jumps of the velocities. Its derivatives are
-!> differences of sixth order of states from which the same walls are struck as often: they include the effect of
-!> impacts on a disturbance (saltation). The section of the map is a phase of the tone far from impacts. Sources: S. W. Shaw
-!> and P. J. Holmes, J. Sound Vib. 90 (1983) 129-155; A. H. Nayfeh and B. Balachandran, Applied Nonlinear Dynamics, Wiley
-!> 1995, section 6.5.
+!> extrapolated differences (hb_period_map) of states from which the same walls are struck as often: they include the
+!> effect of impacts on a disturbance (saltation). The section of the map is a phase of the tone far from impacts.
+!> Sources: S. W. Shaw and P. J. Holmes, J. Sound Vib. 90 (1983) 129-155; A. H. Nayfeh and B. Balachandran, Applied
+!> Nonlinear Dynamics, Wiley 1995, section 6.5.
 module hb_impact_orbit
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_coordinates, only: coordinates_t
@@ -19,7 +19,7 @@ module hb_impact_orbit
    use hb_model_problem, only: moving_value_t
    use hb_model_reader, only: update_model
    use hb_motion_series, only: motion_series_t
-   use hb_period_map, only: far_from_events, farthest_phase, new_state_map, state_map_t
+   use hb_period_map, only: distance_at, far_from_events, farthest_phase, limit_t, new_state_map, state_map_t
    use hb_problem, only: problem_t
    use hb_stability, only: stability_t
    use hb_structure, only: most_dense
@@ -33,13 +33,9 @@ module hb_impact_orbit
 
    real(wp), parameter :: accuracy = 1.0e-9_wp                        ! of the integration: all digits
    real(wp), parameter :: noise = 1.0e-12_wp                          ! of a period map, scaled
-   real(wp), parameter :: farthest = 3.0e-3_wp                        ! of neighbouring states of a difference, scaled
-   real(wp), parameter :: nearer = 0.3_wp                             ! from one distance to the next
-   integer, parameter :: most_distances = 6
-   real(wp), parameter :: places(6) = [-3.0_wp, -2.0_wp, -1.0_wp, 1.0_wp, 2.0_wp, 3.0_wp]   ! of the difference, in distances
-   real(wp), parameter :: fourth(6) = [0.0_wp, 1.0_wp, -8.0_wp, 8.0_wp, -1.0_wp, 0.0_wp]/12.0_wp   ! weights, by their order
-   real(wp), parameter :: sixth(6) = [-1.0_wp, 9.0_wp, -45.0_wp, 45.0_wp, -9.0_wp, 1.0_wp]/60.0_wp
-   real(wp), parameter :: enough = 1.0e-8_wp                          ! difference of both orders that needs no other distance
+   real(wp), parameter :: enough = 1.0e-8_wp                          ! change of a derivative that needs no shorter distance
+   real(wp), parameter :: nearer = 0.5_wp                             ! from one distance to the next: derivatives are large
+   integer, parameter :: most_levels = 10                             ! distances
    integer, parameter :: fewest_samples = 8192                        ! in a period: their coefficients err by 1e-8 at impacts
    integer, parameter :: samples_of_harmonic = 64
    real(wp), parameter :: too_near = 0.5_wp                           ! to an event, relative to the farthest instant
@@ -48,15 +44,14 @@ module hb_impact_orbit
    type, extends(problem_t) :: impact_orbit_t
       type(model_t) :: model                                          !! at the present value
       type(document_t) :: document                                    !! likewise
-      type(moving_value_t) :: moving
+      type(moving_value_t), allocatable :: moving                     !! if present
       real(wp) :: value = 0.0_wp
       real(wp) :: section = 0.0_wp                                    !! phase of the map, part of a period
       integer, allocatable :: impacts(:)                              !! in the period after the last residual, as of a record
       character(:), allocatable :: error_text                         !! why the last value was rejected
       type(state_map_t) :: map
       type(integration_system_t), pointer, private :: system => null()
-      real(wp), allocatable, private :: known_x(:), known_tangent(:, :)   ! the last tangent
-      real(wp), private :: known_value = 0.0_wp
+      real(wp), allocatable, private :: known(:), slopes(:, :)        ! state and value with the last derivatives of the map
    contains
       procedure :: residual => impact_orbit_residual
       procedure :: tangent => impact_orbit_tangent
@@ -69,10 +64,12 @@ module hb_impact_orbit
       procedure :: parameter_derivative => impact_orbit_parameter_derivative
       procedure :: period => impact_orbit_period
       procedure :: state_after => impact_orbit_state_after
+      procedure :: put_section => impact_orbit_put_section
       procedure :: move_section => impact_orbit_move_section
       procedure :: better_section => impact_orbit_better_section
       procedure :: describe => impact_orbit_describe
       procedure :: stability => impact_orbit_stability
+      procedure :: move => impact_orbit_move
       procedure :: destroy => impact_orbit_destroy
    end type impact_orbit_t
 
@@ -97,7 +94,7 @@ contains
       self%x_scale = 0.0_wp*self%map%scale + 1.0_wp
       self%r_scale = self%x_scale
       self%residual_work = self%map%work_of(1)
-      self%tangent_work = (size(places)*self%n_unknowns + 1)*self%residual_work
+      self%tangent_work = (6*self%n_unknowns + 1)*self%residual_work
    end subroutine new_impact_orbit
 
    !> Creates the equations of motion of the model.
@@ -117,18 +114,42 @@ contains
       period = two_pi/self%model%tones%omega(1)
    end function impact_orbit_period
 
-   !> State after a period; NaN if the integration fails.
-   subroutine carry(self, x, after)
+   !> State after a part of a period from the section on, at a value.
+   subroutine carry(self, x, value, part, after, is_done)
       class(impact_orbit_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)                                    !! scaled
-      real(wp), intent(out) :: after(:)                               !! likewise
-      logical :: is_done
+      real(wp), intent(in) :: value, part
+      real(wp), intent(out) :: after(:)                               !! scaled; NaN if the integration fails
+      logical, intent(out) :: is_done
 
-      associate (period => self%period())
-         call self%map%carry(self%section*period, period, x, after, is_done)
-      end associate
+      call self%set_parameters([1], [value], is_done)
+      if (is_done) call self%map%carry(self%section*self%period(), part*self%period(), x, after, is_done)
       if (.not. is_done) after = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine carry
+
+   !> Changes of the state after a part of a period, and the derivative along a change of state and value, by a central
+   !> difference.
+   subroutine differ(self, x, change, of_value, distance, part, slope, is_done)
+      class(impact_orbit_t), intent(inout) :: self
+      real(wp), intent(in) :: x(:), change(:), of_value, distance, part
+      real(wp), intent(out) :: slope(:)
+      logical, intent(out) :: is_done                                 !! and the walls are struck as often on both sides
+      real(wp) :: after(size(x), 2), value
+      integer :: impacts(size(self%map%rigid), 2), side
+      logical :: is_possible
+
+      value = self%value
+      do side = 1, 2
+         associate (step => (3 - 2*side)*distance)
+            call carry(self, x + step*change, value + step*of_value, part, after(:, side), is_done)
+         end associate
+         if (.not. is_done) exit
+         impacts(:, side) = self%map%impacts
+      end do
+      call self%set_parameters([1], [value], is_possible)
+      if (is_done) is_done = all(impacts(:, 1) == impacts(:, 2))
+      slope = (after(:, 1) - after(:, 2))/(2.0_wp*distance)
+   end subroutine differ
 
    !> The state at the section that follows from one at another time.
    subroutine impact_orbit_state_after(self, state, x, is_done)
@@ -151,7 +172,9 @@ contains
       real(wp), intent(in), contiguous :: x(:)
       real(wp), intent(out), contiguous :: r(:)
 
-      call carry(self, x, r)
+      logical :: is_done
+
+      call carry(self, x, self%value, 1.0_wp, r, is_done)
       r = r - x
       self%impacts = self%map%impacts
    end subroutine impact_orbit_residual
@@ -160,61 +183,47 @@ contains
       class(impact_orbit_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
       real(wp), intent(out), contiguous :: jacobian(:, :)
-      real(wp) :: axis(size(x)), r(size(x))
       integer :: k
 
-      if (allocated(self%known_x)) then
-         if (all(abs(x - self%known_x) <= 0.0_wp) .and. abs(self%value - self%known_value) <= 0.0_wp) then
-            jacobian = self%known_tangent
-            return
-         end if
-      end if
-      call self%residual(x, r)
+      call differentiate(self, x)
+      jacobian = 0.0_wp                                               ! singular: the solver detects it
+      if (.not. allocated(self%slopes)) return
+      jacobian = self%slopes(:, :size(x))
       do k = 1, size(x)
-         axis = 0.0_wp
-         axis(k) = 1.0_wp
-         call differentiate(self, x, axis, 0.0_wp, jacobian(:, k))
          jacobian(k, k) = jacobian(k, k) - 1.0_wp
       end do
-      self%known_x = x
-      self%known_value = self%value
-      self%known_tangent = jacobian
    end subroutine impact_orbit_tangent
 
-   !> Derivative of the map along a change of state and value. The states move closer until the walls are struck as often on
-   !> all sides as in `impacts`, and differences of two orders agree; the derivative is the one for which they agree best.
-   subroutine differentiate(self, x, change, of_value, derivative)
+   !> Finds the derivatives of the map along all states and the value, per typical value.
+   subroutine differentiate(self, x)
       class(impact_orbit_t), intent(inout) :: self
-      real(wp), intent(in) :: x(:), change(:)
-      real(wp), intent(in) :: of_value                                !! in units of a typical value
-      real(wp), intent(out) :: derivative(:)
-      real(wp) :: after(size(x), size(places)), distance, least, value
-      integer :: i, k
-      logical :: is_possible, is_same
+      real(wp), intent(in) :: x(:)
+      type(limit_t) :: limit
+      real(wp) :: axis(size(x) + 1), slopes(size(x), size(x) + 1)
+      integer :: k, level
+      logical :: is_done
 
-      value = self%value
-      distance = farthest
-      least = huge(1.0_wp)
-      derivative = 0.0_wp                                             ! singular: the solver detects it
-      do k = 1, most_distances
-         is_same = .true.
-         do i = 1, size(places)
-            call self%set_parameters([1], [value + places(i)*distance*of_value*self%moving%typical], is_possible)
-            if (.not. is_possible) exit
-            call carry(self, x + places(i)*distance*change, after(:, i))
-            is_same = is_same .and. all(self%map%impacts == self%impacts)
+      if (allocated(self%known)) then
+         if (all(abs([x, self%value] - self%known) <= 0.0_wp)) return
+      end if
+      self%known = [x, self%value]
+      if (allocated(self%slopes)) deallocate (self%slopes)
+      slopes = 0.0_wp
+      limit%ratio = nearer
+      do level = 1, most_levels
+         do k = 1, size(x) + merge(1, 0, allocated(self%moving))
+            axis = 0.0_wp
+            axis(k) = 1.0_wp
+            call differ(self, x, axis(:size(x)), axis(size(axis))*sum(self%parameter_scales([1])), distance_at(level, nearer), &
+                        1.0_wp, slopes(:, k), is_done)
+            if (.not. is_done) exit
          end do
-         if (.not. is_possible) exit
-         associate (apart => norm2(matmul(after, sixth - fourth))/distance)
-            if (apart < least .and. (is_same .or. k == most_distances)) then
-               least = apart
-               derivative = matmul(after, sixth)/distance
-            end if
-         end associate
-         if (least <= enough*max(1.0_wp, norm2(derivative))) exit
-         distance = nearer*distance
+         if (.not. is_done) limit = limit_t(nearer)
+         if (.not. is_done) cycle
+         call limit%add(slopes)
+         if (limit%estimate <= enough) exit
       end do
-      call self%set_parameters([1], [value], is_possible)
+      if (allocated(limit%best)) self%slopes = limit%best
    end subroutine differentiate
 
    subroutine impact_orbit_parameter_derivative(self, x, which, derivative)
@@ -222,11 +231,10 @@ contains
       real(wp), intent(in), contiguous :: x(:)
       integer, intent(in) :: which
       real(wp), intent(out), contiguous :: derivative(:)
-      real(wp) :: r(size(x))
 
-      call self%residual(x, r)
-      call differentiate(self, x, 0.0_wp*x, 1.0_wp, derivative)
-      derivative = derivative/self%moving%typical
+      call differentiate(self, x)
+      derivative = 0.0_wp
+      if (allocated(self%slopes)) derivative = self%slopes(:, size(x) + 1)/self%moving%typical
    end subroutine impact_orbit_parameter_derivative
 
    !> Disturbances decay: the tangent is approximately -1.
@@ -266,7 +274,8 @@ contains
       integer, intent(in) :: which(:)
       real(wp) :: scales(size(which))
 
-      scales = self%moving%typical
+      scales = 1.0_wp
+      if (allocated(self%moving)) scales = self%moving%typical
    end function impact_orbit_parameter_scales
 
    !> Sets the value in the document, and reads the model again.
@@ -292,26 +301,26 @@ contains
       if (.not. is_possible) self%error_text = error%message
    end subroutine impact_orbit_set_parameters
 
+   !> Assigns the value that moves.
+   subroutine impact_orbit_move(self, document, moving, value)
+      class(impact_orbit_t), intent(inout) :: self
+      type(document_t), intent(in) :: document                        !! from which the model was read
+      type(moving_value_t), intent(in) :: moving
+      real(wp), intent(in) :: value                                   !! its value in the model
+
+      self%document = document
+      self%moving = moving
+      self%value = value
+   end subroutine impact_orbit_move
+
    !> Stability of a periodic motion, with the multipliers of the map.
    type(stability_t) function impact_orbit_stability(self, x) result(stability)
       class(impact_orbit_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
 
-      stability = stability_of_map(monodromy_at(self, x), self%model%tones%omega(1))
+      call differentiate(self, x)
+      if (allocated(self%slopes)) stability = stability_of_map(self%slopes(:, :size(x)), self%model%tones%omega(1))
    end function impact_orbit_stability
-
-   !> Derivative of the period map at a periodic state.
-   function monodromy_at(self, x) result(matrix)
-      type(impact_orbit_t), intent(inout) :: self
-      real(wp), intent(in), contiguous :: x(:)
-      real(wp) :: matrix(size(x), size(x))
-      integer :: i
-
-      call self%tangent(x, matrix)
-      do i = 1, size(x)
-         matrix(i, i) = matrix(i, i) + 1.0_wp
-      end do
-   end function monodromy_at
 
    !> Moves the section to another phase, and a state on it with a direction along which state and value change.
    subroutine impact_orbit_move_section(self, section, x, direction, of_value, is_done)
@@ -320,27 +329,26 @@ contains
       real(wp), intent(inout) :: x(:), direction(:)
       real(wp), intent(in) :: of_value                                !! change of the value along the direction
       logical, intent(out) :: is_done
-      real(wp) :: after(size(x), 3), value
-      integer :: i
+      real(wp) :: after(size(x)), slope(size(x))
 
-      value = self%value
-      do i = -1, 1
-         call self%set_parameters([1], [value + i*farthest*of_value], is_done)
-         if (.not. is_done) exit
-         associate (period => self%period())
-            call self%map%carry(self%section*period, modulo(section - self%section, 1.0_wp)*period, x + i*farthest*direction, &
-                                after(:, i + 2), is_done)
-         end associate
-         if (.not. is_done) exit
-      end do
-      if (is_done) then
-         x = after(:, 2)
-         direction = (after(:, 3) - after(:, 1))/(2.0_wp*farthest)
-         self%section = section
-         if (allocated(self%known_x)) deallocate (self%known_x)
-      end if
-      call self%set_parameters([1], [value], is_done)
+      associate (part => modulo(section - self%section, 1.0_wp))
+         call differ(self, x, direction, of_value, distance_at(1, nearer), part, slope, is_done)
+         if (is_done) call carry(self, x, self%value, part, after, is_done)
+      end associate
+      if (.not. is_done) return
+      x = after
+      direction = slope
+      call self%put_section(section)
    end subroutine impact_orbit_move_section
+
+   !> Assigns the section, for states that lie on it.
+   subroutine impact_orbit_put_section(self, section)
+      class(impact_orbit_t), intent(inout) :: self
+      real(wp), intent(in) :: section                                 !! part of a period
+
+      self%section = section
+      if (allocated(self%known)) deallocate (self%known)
+   end subroutine impact_orbit_put_section
 
    !> Phase farthest from events of a periodic motion, or the present one if that is far enough.
    real(wp) function impact_orbit_better_section(self, x) result(section)
@@ -386,29 +394,28 @@ contains
       logical, intent(out) :: is_done
       complex(wp), allocatable :: wave(:)
       real(wp), allocatable :: q(:, :), remainder(:, :), z(:, :)
-      integer :: h, i, k
+      integer :: h, i
 
       call sample(self, x, q, is_done)
       if (.not. is_done) return
       z = coordinates%values_of(q(:, coordinates%dofs))
       remainder = z
       associate (set => model%harmonics, n => size(q, 1))
-         settled%amplitudes = reshape(spread((0.0_wp, 0.0_wp), 1, size(q, 2)*set%n_harmonics), [size(q, 2), set%n_harmonics])
-         settled%averages = reshape(spread((0.0_wp, 0.0_wp), 1, size(z, 2)*set%n_harmonics), [set%n_harmonics, size(z, 2)])
+         settled%amplitudes = reshape([complex(wp) ::], [size(q, 2), set%n_harmonics], [(0.0_wp, 0.0_wp)])
+         settled%averages = reshape([complex(wp) ::], [set%n_harmonics, size(z, 2)], [(0.0_wp, 0.0_wp)])
          do h = 1, set%n_harmonics
-            associate (j => set%tuples(1, h))
-               wave = exp(cmplx(0.0_wp, two_pi*j*(self%section + [(i, i=0, n - 1)]/real(n, wp)), wp))
-               settled%amplitudes(:, h) = matmul(transpose(q), conjg(wave))*merge(1.0_wp, 2.0_wp, j == 0)/n
-               do k = 1, size(z, 2)
-                  settled%averages(h, k) = sum(z(:, k)*conjg(wave))*merge(1.0_wp, 2.0_wp, j == 0)/n
-                  remainder(:, k) = remainder(:, k) - real(settled%averages(h, k)*wave, wp)
-               end do
+            wave = exp(cmplx(0.0_wp, two_pi*set%tuples(1, h)*(self%section + [(i, i=0, n - 1)]/real(n, wp)), wp))
+            associate (weights => merge(1.0_wp, 2.0_wp, set%tuples(1, h) == 0)/n*conjg(wave))
+               settled%amplitudes(:, h) = matmul(weights, q)
+               settled%averages(h, :) = matmul(weights, z)
             end associate
+            remainder = remainder - real(spread(wave, 2, size(z, 2))*spread(settled%averages(h, :), 1, n), wp)
          end do
       end associate
       settled%left_out = maxval(norm2(remainder, 1)/norm2(z - spread(sum(z, 1)/size(z, 1), 1, size(z, 1)), 1))
       settled%spread = noise
-      settled%monodromy = monodromy_at(self, x)
+      call differentiate(self, x)
+      if (allocated(self%slopes)) settled%monodromy = self%slopes(:, :size(x))
       if (model%integration%aim > 0.0_wp) then                        ! as for fits to candidates
          settled%spread = settled%left_out
          settled%left_out = 0.0_wp

@@ -28,8 +28,8 @@ module hb_period_map
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private
-   public :: far_from_events, farthest_phase, find_period_map, new_period_map, new_state_map, period_map_t, state_map_t, &
-      work_of_period_map
+   public :: distance_at, far_from_events, farthest_phase, find_period_map, limit_t, new_period_map, new_state_map, period_map_t, &
+      state_map_t, work_of_period_map
 
    real(wp), parameter :: most_accurate = 1.0e-13_wp                  ! tolerance of time integration with variable steps
    real(wp), parameter :: least_accurate = 1.0e-11_wp
@@ -61,7 +61,6 @@ module hb_period_map
    end type state_map_t
 
    real(wp), parameter :: farthest = 5.0e-3_wp                        ! of two states in a difference quotient, scaled
-   real(wp), parameter :: nearer = 0.2_wp                             ! from one distance to the next
    integer, parameter :: most_levels = 4                              ! distances
    real(wp), parameter :: repeats = 1.0e-7_wp                         ! permitted defect of a state after a period, scaled
    real(wp), parameter :: enough = 1.0e-9_wp                          ! defect that needs no further step, likewise
@@ -71,6 +70,20 @@ module hb_period_map
    real(wp), parameter :: neutral = 1.0e-2_wp                         ! change of what stays as it is: a push apart slips a little
    integer, parameter :: periods_of_sliders = 3                       ! in which they find their places
    real(wp), parameter :: usual_shots = 6.0_wp
+
+   real(wp), parameter :: nearer = 0.2_wp                             ! from one distance to the next
+
+   !> Limit of central differences over decreasing distances, by extrapolation of increasing order. The change by the last
+   !> order and distance is the estimate of the error; the best value is stored. Source: C. J. F. Ridders, Adv. Eng. Softw. 4
+   !> (1982) 75-76.
+   type :: limit_t
+      real(wp) :: ratio = nearer                                      !! of one distance to the one before
+      real(wp), allocatable :: best(:, :)
+      real(wp) :: estimate = huge(1.0_wp)                             !! relative to its largest entry
+      real(wp), allocatable, private :: orders(:, :, :)               ! at the last distance
+   contains
+      procedure :: add => limit_add
+   end type limit_t
 
    type :: period_map_t
       real(wp), allocatable :: matrix(:, :)                           !! monodromy of the part that is not always held, scaled
@@ -201,8 +214,8 @@ contains
       type(period_map_t), intent(inout) :: self
       logical, intent(in) :: is_free                                  !! the tone is unknown
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
-      real(wp), allocatable :: before(:, :), best(:, :), here(:, :), now(:, :), there(:, :)
-      real(wp) :: estimate
+      type(limit_t) :: limit
+      real(wp), allocatable :: there(:, :)
       integer :: level
       logical :: is_done
 
@@ -210,34 +223,57 @@ contains
       call settle_sliders(self, is_done)
       if (is_done) call shoot(self, is_free, is_done)
       if (.not. is_done) return
-      call differentiate(self, 1, here, is_done)
-      do level = 2, most_levels
-         if (.not. is_done) return
+      do level = 1, most_levels
          call differentiate(self, level, there, is_done)
          if (.not. is_done) return
-         now = there + (there - here)*(nearer**2/(1.0_wp - nearer**2))
-         call move_alloc(there, here)
-         if (allocated(before)) then
-            estimate = maxval(abs(now - before))/max(1.0_wp, maxval(abs(now)))
-            if (estimate < self%estimate) then
-               self%estimate = estimate
-               best = now
-            end if
-            if (self%estimate <= self%tolerance) exit
-         end if
-         call move_alloc(now, before)
+         call limit%add(there)
+         if (limit%estimate <= self%tolerance) exit
       end do
-      if (.not. allocated(best)) return
-      call leave_still(self, best)
-      self%matrix = matmul(transpose(self%free), matmul(best, self%free))
+      if (.not. allocated(limit%best)) return
+      self%estimate = limit%estimate
+      call leave_still(self, limit%best)
+      self%matrix = matmul(transpose(self%free), matmul(limit%best, self%free))
       self%first = matmul(transpose(self%free), matmul(self%first, self%free))
       if (self%sense < 0.0_wp) then                                   ! twice half a period
          self%matrix = matmul(self%matrix, self%matrix)
          self%first = matmul(self%first, self%first)
       end if
-      self%shift = matmul(transpose(self%free), matmul(best, self%rate))
+      self%shift = matmul(transpose(self%free), matmul(limit%best, self%rate))
       self%is_found = .true.
    end subroutine find_period_map
+
+   !> Distance of the states of a difference from the state between them, scaled.
+   pure real(wp) function distance_at(level, ratio) result(distance)
+      integer, intent(in) :: level                                    !! from 1
+      real(wp), intent(in) :: ratio                                   !! to the one before
+
+      distance = farthest*ratio**(level - 1)
+   end function distance_at
+
+   !> Adds the difference over the next distance.
+   subroutine limit_add(self, difference)
+      class(limit_t), intent(inout) :: self
+      real(wp), intent(in) :: difference(:, :)
+      real(wp), allocatable :: now(:, :, :)
+      real(wp) :: change
+      integer :: i, n_last
+
+      n_last = 0
+      if (allocated(self%orders)) n_last = size(self%orders, 3)
+      allocate (now(size(difference, 1), size(difference, 2), n_last + 1))
+      now(:, :, 1) = difference
+      do i = 1, n_last
+         associate (share => self%ratio**(2*i), last => self%orders(:, :, i))
+            now(:, :, i + 1) = (now(:, :, i) - share*last)/(1.0_wp - share)
+            change = max(maxval(abs(now(:, :, i + 1) - now(:, :, i))), maxval(abs(now(:, :, i + 1) - last)))
+         end associate
+         change = change/max(1.0_wp, maxval(abs(now(:, :, i + 1))))
+         if (.not. change < self%estimate) cycle
+         self%estimate = change
+         self%best = now(:, :, i + 1)
+      end do
+      call move_alloc(now, self%orders)
+   end subroutine limit_add
 
    !> Advances along the motion until sliders are periodic.
    subroutine settle_sliders(self, is_done)
@@ -284,7 +320,7 @@ contains
          axes(k, k) = 1.0_wp
       end do
       self%integration%level = level
-      call self%integration%differences(self%start, self%share*self%period, self%x, farthest*nearer**(level - 1), axes, matrix, &
+      call self%integration%differences(self%start, self%share*self%period, self%x, distance_at(level, nearer), axes, matrix, &
          is_done)
       if (is_done) matrix = self%sense*matrix
    end subroutine differentiate

@@ -1,0 +1,109 @@
+!> The motion of a point: on its given set or to its tolerance, and with the values that follow unknown frequencies.
+!>
+!> A tie makes a value p follow the frequency of an unknown tone. At a fixed p the model has a frequency omega(p); the
+!> tie holds where omega(p) agrees with the frequency of which p was computed. Broyden's method solves this equation for
+!> one or several tones; each of its steps starts from the last motion. Along curves, ties are part of the equations
+!> (hb_model_problem). Source: C. T. Kelley, Iterative Methods for Linear and Nonlinear Equations, SIAM 1995, chapter 7.
+module hb_point
+   use hb_accurate_motion, only: solve_to_tolerance
+   use hb_cancellation, only: work_is_over
+   use hb_document, only: document_t
+   use hb_error, only: error_t
+   use hb_kinds, only: wp
+   use hb_level, only: level_t
+   use hb_linear_part, only: cached_linear_parts_t
+   use hb_model, only: model_t
+   use hb_model_reader, only: update_model
+   use hb_model_tones, only: put_frequencies, tied_tones
+   use hb_motion, only: forget_motion, solve_motion
+   use hb_motion_result, only: effort_t, motion_result_t
+   use hb_outcome, only: outcome
+   use hb_thresholds, only: sharp, well_solved
+   implicit none
+   private
+   public :: solve_point
+
+   integer, parameter :: most_steps = 30                              ! of Broyden's method
+   real(wp), parameter :: largest_fall = 0.5_wp                       ! of a frequency in a step, relative
+
+contains
+
+   !> Solves a model. An `error` is a failure of this point alone.
+   subroutine solve_point(model, document, result, error, level, below, guess, kept)
+      type(model_t), intent(inout) :: model                           !! on return with the values that follow its motion
+      type(document_t), intent(in) :: document                        !! from which the model was read
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(level_t), intent(out) :: level                             !! of the motion; without unknowns if none is found
+      type(level_t), intent(in), optional :: below                    !! start with a tolerance
+      real(wp), intent(in), optional :: guess(:)                      !! start on a given set, as that of hb_motion
+      type(cached_linear_parts_t), intent(inout), optional, target :: kept
+      type(document_t), target :: there
+      type(effort_t) :: effort
+      type(level_t) :: before
+      integer, allocatable :: tones(:)
+      real(wp), allocatable :: change(:), defect(:), omega(:), slope(:, :), step(:)
+      integer :: i
+      logical :: is_new
+
+      call solve_once(model, result, error, level, below, guess, kept)
+      tones = tied_tones(document, model%tones)
+      if (size(tones) == 0) return
+      there = document
+      model%is_read = .false.                                         ! its values are no longer those of the document
+      omega = model%tones%omega
+      allocate (slope(size(tones), size(tones)), source=0.0_wp)
+      do i = 1, size(tones)
+         slope(i, i) = 1.0_wp
+      end do
+      do i = 1, most_steps
+         if (allocated(error) .or. .not. allocated(level%unknowns) .or. work_is_over()) return
+         associate (found => result%frequency(tones), accuracy => model%accuracy)
+            if (i > 1) then
+               change = found - omega(tones) - defect
+               slope = slope - spread(step + matmul(slope, change), 2, size(tones))*spread(change, 1, size(tones))/ &
+                       max(sum(change**2), tiny(1.0_wp))
+            end if
+            defect = found - omega(tones)
+            if (all(abs(defect) <= merge(well_solved*accuracy%tolerance, sharp, accuracy%is_on)*found)) return
+         end associate
+         step = matmul(slope, defect)
+         do while (any(step < -largest_fall*omega(tones)) .and. all(omega(tones) > 0.0_wp))
+            step = 0.5_wp*step
+         end do
+         omega(tones) = omega(tones) + step
+         call put_frequencies(there, model%tones, omega)
+         call update_model(model, there, is_new, error)
+         model%is_read = .false.
+         if (allocated(error)) return
+         effort = result%effort_t
+         before = level
+         call solve_once(model, result, error, level, before, before%unknowns)
+         call result%add(effort)
+      end do
+      call forget_motion(result)
+      result%status = outcome%stalled
+      result%message = "no motion was found whose frequency agrees with the values that follow it by a &tie"
+      deallocate (level%unknowns)
+   end subroutine solve_point
+
+   !> Solves a model at its present values.
+   subroutine solve_once(model, result, error, level, below, guess, kept)
+      type(model_t), intent(in) :: model
+      type(motion_result_t), intent(out) :: result
+      type(error_t), allocatable, intent(out) :: error
+      type(level_t), intent(out) :: level
+      type(level_t), intent(in), optional :: below
+      real(wp), intent(in), optional :: guess(:)
+      type(cached_linear_parts_t), intent(inout), optional, target :: kept
+      real(wp), allocatable :: unknowns(:)
+
+      if (model%accuracy%is_on) then
+         call solve_to_tolerance(model, result, error, level, below)
+      else
+         call solve_motion(model, result, error, guess, unknowns, kept)
+         level = level_t(model%harmonics, model%torus%n_samples)
+         if (allocated(unknowns)) call move_alloc(unknowns, level%unknowns)
+      end if
+   end subroutine solve_once
+end module hb_point
