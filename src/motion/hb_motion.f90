@@ -428,7 +428,8 @@ contains
          if (allocated(guess) .or. .not. model%start%is_zero()) balance%continues_in_order_first = .false.
          begun = wall_clock()
          call solve_unknowns(model, balance, linear_solution, u, report)
-         if (report%status == outcome%converged .and. model%loads%is_zero()) call discard_noise(balance, u, report%residual)
+         if (report%status == outcome%converged .and. model%loads%is_zero() .and. .not. model%callbacks%is_followed) &
+            call discard_noise(balance, u, report%residual)
       end if
       if (work_is_over()) report%status = status_of_ended()
       result%setup_seconds = result%setup_seconds + begun - started
@@ -453,6 +454,7 @@ contains
 
    !> Sets a motion without loads to zero if zero is an exact solution and the residual grows in proportion to the motion:
    !> it is then the remainder of an iteration towards zero, whose forces are below the tolerance, and no motion by itself.
+   !> A curve does not begin with it, but at its other end.
    subroutine discard_noise(balance, u, residual)
       type(balance_t), intent(inout) :: balance
       real(wp), intent(inout) :: u(:, :)                              !! (n_coefficients, n_dofs)

@@ -8,7 +8,7 @@ import h5py
 import pytest
 
 from program import ALL_CONVERGED, command, environment, read, run, solve
-from test_curve import DUFFING, SOLUTION
+from curve_models import DUFFING, SOLUTION
 
 FAMILY = (
     DUFFING

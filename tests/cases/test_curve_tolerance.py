@@ -1,0 +1,185 @@
+"""Curves by tolerance: sets, folds and bifurcations along them, and how they go on after interruptions."""
+
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+from nhbm_post.reader import Results
+
+from curve_models import PENDING, SOLUTION, STOP, UNUSED, assert_same_bits
+from program import ALL_CONVERGED, read, run, solve
+
+
+@pytest.fixture(scope="module")
+def by_tolerance(tmp_path_factory):
+    return solve(STOP + "&sweep parameter = 'law%gap', values = 1.0, 1.2 /\n", tmp_path_factory.mktemp("by_tolerance"))
+
+
+def test_sets_along_a_curve_follow_the_tolerance(by_tolerance):
+    """Folds: the first by the same curve to 1e-6, the second, which is close to the loss of contact, also without a tolerance."""
+    names = ("status", "curve_kind", "n_harmonics", "truncation_estimate", "aliasing_estimate", "tones_frequency")
+    status, kind, n_harmonics, truncation, aliasing, frequency = (a[:300] for a in read(by_tolerance, *names))
+    used = status != UNUSED
+    assert (status[used] == 1).all()
+    assert np.nanmax(np.hypot(truncation[used], aliasing[used])) <= 1e-3
+    folds = frequency[kind == 3]
+    assert np.allclose(folds, [0.763852, 0.673056730], rtol=1e-5), folds
+    assert (n_harmonics[(kind > 0) & (frequency < 0.55)] == 8).all()
+    assert n_harmonics.max() > 20 and n_harmonics[used][-1] == 8
+
+
+ONE_STOP = """
+&structure type = 'chain', n_masses = 1, mass = 1.0, coupling_stiffness = 1.0, ground_stiffness = 0.5, damping_mass = 0.02,
+   ends = 'free' /
+&tones frequency = 1.6 /
+&load dof = 'x1', tuple = 1, cos = 0.4 /
+&law type = 'elastic_stop', dof = 'x1', stiffness = 27.2, gap = 0.633 /
+&curve parameter = 'tones%frequency', from = 1.6, to = 0.3, points = 600, peak_of = 'x1' /
+"""
+
+
+@pytest.mark.long  # seconds
+def test_folds_and_peaks_are_those_of_a_fine_tolerance(tmp_path):
+    """The curve to 1e-2 is wavy: its discretisation has additional folds."""
+    events = []
+    for tolerance in ("1e-2", "1e-4"):
+        (tmp_path / tolerance).mkdir()
+        path = solve(ONE_STOP + f"&accuracy tolerance = {tolerance} /\n", tmp_path / tolerance)
+        with Results(path) as results:
+            events.append([results.curve.values[results.select({"curve_kind": kind})].tolist() for kind in ("fold", "peak")])
+    assert [len(places) for places in events[1]] == [6, 3]
+    for coarse, fine in zip(*events):
+        assert coarse == pytest.approx(fine, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("share", "responses"), [(0.33, "'x1', 'x1 (1)'"), pytest.param(0.72, "'x1'", marks=pytest.mark.long)]
+)
+def test_wavy_curves_go_on_bit_by_bit(tmp_path, share, responses):
+    """The events reported on a wavy peak depend on those reported before."""
+    path = solve(ONE_STOP.replace("peak_of = 'x1'", f"peak_of = {responses}"), tmp_path)
+    broken = shutil.copy(path, tmp_path / "broken.h5")
+    with h5py.File(broken, "r+") as file:
+        file["status"][int(share * (file["status"][...] != UNUSED).sum()) :] = PENDING
+    assert run("resume", broken, cwd=tmp_path).status == ALL_CONVERGED
+    assert_same_bits(path, broken)
+
+
+def test_curves_by_tolerance_have_the_same_bits_on_two_ranks_and_resumed(by_tolerance, tmp_path):
+    text = STOP + "&sweep parameter = 'law%gap', values = 1.0, 1.2 /\n"
+    names = (*SOLUTION, "tuples", "grid", "n_harmonics")
+    whole = read(by_tolerance, *names)
+    others = [solve(text, tmp_path, ranks=2)]
+    for share in (0.4, 0.7):
+        others.append(shutil.copy(by_tolerance, tmp_path / f"ended_{share}.h5"))
+        with h5py.File(others[-1], "r+") as file:
+            for first in (0, 300):
+                n_used = int((file["status"][first : first + 300] != UNUSED).sum())
+                file["status"][first + int(share * n_used) : first + 300] = PENDING
+        done = run("resume", others[-1], cwd=tmp_path)
+        assert done.status == ALL_CONVERGED, done.stderr
+    for other in others:
+        for name, one, two in zip(names, whole, read(other, *names)):
+            assert one.tobytes() == two.tobytes(), (other, name)
+
+
+UEDA = """
+&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 0.0,
+   damping_mass = 0.1 /
+&tones frequency = 1.0 /
+&accuracy tolerance = 1e-6 /
+&load dof = 'x1', tuple = 1, cos = 0.01 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 1.0 /
+&curve parameter = 'load(1)%cos', from = 0.01, to = 5.2, values = 5.0, switch = .true., points = 500 /
+"""
+FORCED_VAN_DER_POL = """
+&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, coupling_stiffness = 0.0, ground_stiffness = 1.0 /
+&tones frequency = 1.2 /
+&accuracy tolerance = 1e-4 /
+&load dof = 'x1', tuple = 1, sin = 3.0 /
+&law type = 'van_der_pol', dof = 'x1', strength = 0.5 /
+&curve parameter = 'load(1)%sin', from = 0.9, to = 0.5, switch = .true. /
+"""
+AT_THE_STOP = STOP[: STOP.index("&curve")].replace("frequency = 0.3", "frequency = 0.69")
+BY_TOLERANCE = {
+    "others": AT_THE_STOP + "&curve parameter = 'tones%frequency', from = 0.69, to = 0.71, points = 120, others = 0.7 /\n",
+    "fold": STOP[: STOP.index("&curve")] + "&curve parameter = 'law(1)%gap', from = 1.0, to = 0.6, values = 0.8, points = 60,\n"
+    "   follow = 'fold', over = 'tones%frequency', over_from = 0.3, over_to = 1.2 /\n",
+    "switch": UEDA.replace("to = 5.2, values = 5.0", "to = 3.2"),
+}
+
+
+@pytest.fixture(scope="module")
+def followed(tmp_path_factory):
+    return {name: solve(text, tmp_path_factory.mktemp(name)) for name, text in BY_TOLERANCE.items()}
+
+
+ENDED = [(name, share) for name in BY_TOLERANCE for share in (0.35, 0.8)]
+
+
+@pytest.mark.long  # seconds: the curves apart are solved again
+@pytest.mark.parametrize(("name", "share"), ENDED)
+def test_curves_by_tolerance_go_on_bit_by_bit(followed, tmp_path, name, share):
+    path = followed[name]
+    broken = shutil.copy(path, tmp_path / f"{name}.h5")
+    with h5py.File(broken, "r+") as file:
+        file["status"][int(share * (file["status"][...] != UNUSED).sum()) :] = PENDING
+    done = run("resume", broken, cwd=tmp_path)
+    assert done.status == ALL_CONVERGED, done.stderr
+    for dataset, one, other in zip(SOLUTION, read(path, *SOLUTION), read(broken, *SOLUTION)):
+        assert one.tobytes() == other.tobytes(), dataset
+
+
+def test_symmetry_and_period_break_by_tolerance_where_shooting_has_it(tmp_path):
+    """Ueda's oscillator: the tuples that are zero before the loss of symmetry are in the set at that point. To 1e-6 the flip has an
+    error of 1.3e-8, to 1e-7 of less than 2e-9."""
+    path = solve(UEDA.replace("1e-6", "1e-7"), tmp_path)
+    with Results(path) as results:
+        (branch,) = results.select({"curve_kind": "branch"})
+        (flip, other) = results.select({"curve_kind": "flip"})
+        assert results.curve.values[branch] == pytest.approx(2.2863817051, rel=2e-9)
+        assert results.curve.values[flip] == pytest.approx(4.8760911500, rel=2e-9)
+        assert results.curve.values[other] == pytest.approx(4.8760911500, rel=2e-9)
+        assert "split" not in results.curve_kind(), "told twice"
+    with Results(path.with_name(f"{path.stem}_{flip}.h5")) as results:
+        (at_value,) = results.select({"curve_kind": "value"})
+        found = [results.amplitude(at_value, "x1", (j,)) for j in (1, 2, 3, 4)]
+        np.testing.assert_allclose(found, [0.02060777, 1.81210552, 0.06220297, 0.74272815], rtol=0, atol=2e-6)
+        assert results.stability()[at_value] == 1
+
+
+@pytest.mark.long  # seconds
+def test_torus_is_followed_by_tolerance(tmp_path):
+    """Its bifurcation point by shooting, its frequency and amplitudes at the end from a time integration (test_curve_switching)."""
+    path = solve(FORCED_VAN_DER_POL, tmp_path)
+    with Results(path) as results:
+        (torus,) = results.select({"curve_kind": "torus"})
+        assert results.curve.values[torus] == pytest.approx(0.76153714393, rel=1e-9)
+    with Results(path.with_name(f"{path.stem}_{torus}.h5")) as results:
+        (end,) = results.select({"curve_kind": "end"})
+        assert results.frequency(end)[1] == pytest.approx(1.01110072813, rel=1e-6)
+        assert results.amplitude(end, "x1", (0, 1)) == pytest.approx(1.76810181, rel=1e-4)
+        assert results.amplitude(end, "x1", (1, 0)) == pytest.approx(0.63880032, rel=1e-4)
+
+
+def test_other_motions_are_each_found_to_the_tolerance(followed, tmp_path):
+    """Those of the whole curve, which passes the frequency three times."""
+    whole = solve(STOP.replace("points", "values = 0.7, points"), tmp_path)
+    amplitudes = []
+    for file in (followed["others"], whole):
+        with Results(file) as results:
+            there = np.flatnonzero(results.curve.values == 0.7)
+            there = [p for p in there if results.curve_kind()[p] in ("start", "value")]
+            amplitudes.append(sorted({round(results.amplitude(p, "x2", (1,)), 9) for p in there}))
+            assert max(results.per_point("truncation_estimate")[there]) <= 1e-3
+    assert len(amplitudes[0]) == len(amplitudes[1]) == 3
+    np.testing.assert_allclose(amplitudes[0], amplitudes[1], rtol=2e-3)
+
+
+def test_fold_is_followed_by_tolerance_to_that_of_the_curve_there(followed, tmp_path):
+    there = solve(STOP.replace("gap = 1.0", "gap = 0.8"), tmp_path)
+    with Results(followed["fold"]) as ridge, Results(there) as curve:
+        (point,) = ridge.select({"curve_kind": "value"})
+        fold = curve.select({"curve_kind": "fold"})[0]
+        assert ridge.frequency(point)[0] == pytest.approx(curve.frequency(fold)[0], rel=1e-5)
