@@ -459,14 +459,13 @@ contains
       type(balance_t), intent(inout) :: balance
       real(wp), intent(inout) :: u(:, :)                              !! (n_coefficients, n_dofs)
       real(wp), intent(inout) :: residual                             !! its norm
-      real(wp), parameter :: proportional = 3.0_wp                    ! at most, of twice the motion; 2 in theory
       real(wp) :: r(size(u))
 
       if (.not. maxval(abs(u)) > 0.0_wp) return
-      call balance%residual([2.0_wp*u], r)
-      if (.not. balance%norm(r) <= proportional*residual) return
       call balance%residual(spread(0.0_wp, 1, size(u)), r)
       if (any(abs(r) > 0.0_wp)) return
+      call balance%residual([0.5_wp*u], r)                            ! of a motion by itself it is far larger than that of u
+      if (.not. balance%norm(r) <= residual) return
       u = 0.0_wp
       residual = 0.0_wp
    end subroutine discard_noise

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shlex
 import subprocess
@@ -102,6 +103,10 @@ def test_frequencies_that_were_unknown_are_told(tmp_path):
     assert f"unknown    tone 1 from {found.group(1)} to {found.group(2)} rad/s\n" in run("info", "case.h5", cwd=tmp_path).stdout
     done = run("solve", "case.nml", "-o", "one.h5", "--set", "sweep(1)%values=0.5", cwd=tmp_path)
     assert re.search(r"^unknown tone 1 at \d\.\d+ rad/s$", done.stdout, re.MULTILINE), done.stdout
+    (tmp_path / "hertz.nml").write_text(VAN_DER_POL.replace("&tones", "&tones hertz = 0.16,"))
+    told = re.search(r"^unknown tone 1 at (\S+) Hz$", run("solve", "hertz.nml", cwd=tmp_path).stdout, re.MULTILINE)
+    assert told and float(told[1]) == pytest.approx(read(tmp_path / "hertz.h5", "frequency")[0, 0] / (2.0 * math.pi), rel=1e-7)
+    assert f"unknown    tone 1 at {told[1]} Hz\n" in run("info", "hertz.h5", cwd=tmp_path).stdout
 
 
 def test_worked_example_prints_what_the_page_shows(tmp_path):
