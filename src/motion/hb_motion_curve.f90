@@ -43,6 +43,7 @@ module hb_motion_curve
       real(wp), private :: first_sense = 1.0_wp                       ! of the value on the first branch
       type(origin_t), allocatable, private :: met(:)                  ! motions at values at which others are searched for
       integer :: n_reported = 0                                       !! points so far
+      logical :: ends_here = .false.                                  !! this branch ends at the last of the waiting points
    contains
       procedure :: begin => motion_curve_begin
       procedure :: begin_next_to => motion_curve_begin_next_to
@@ -373,6 +374,7 @@ contains
 
       if (self%is_closed .and. modulo(self%way, 2) == 1) self%way = self%way + 1   ! the other branch would be the same
       self%is_closed = .false.
+      self%ends_here = .false.
       self%way = self%way + 1
       associate (request => self%request) ! the other branch from an origin has the same motions, shifted
          if (self%way == 2 .and. ((request%start - request%from)*(request%start - request%to) >= 0.0_wp .or. &
@@ -459,7 +461,8 @@ contains
             return
          end if
          call count_work(self%curve%report, before, result)
-         is_end = self%waiting(self%first_waiting)%kind == curve_kind%end
+         is_end = self%waiting(self%first_waiting)%kind == curve_kind%end .or. &
+                  (self%ends_here .and. self%first_waiting == size(self%waiting))
          self%first_waiting = self%first_waiting + 1
          if (is_end .and. .not. allocated(error)) call leave(self, error)
       end if

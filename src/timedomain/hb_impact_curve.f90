@@ -8,7 +8,7 @@ module hb_impact_curve
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_coordinates, only: coordinates_t
    use hb_curve, only: curve_config_t, new_curve
-   use hb_curve_request, only: curve_request_t
+   use hb_curve_request, only: curve_kind, curve_request_t
    use hb_curve_step, only: step
    use hb_document, only: document_t
    use hb_error, only: error_t
@@ -30,6 +30,7 @@ module hb_impact_curve
    use hb_point, only: solve_point
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
+   use hb_thresholds, only: agreement
    use hb_time_domain, only: steady_motion_t
    use hb_tuple_choice, only: new_lowest_set
    implicit none
@@ -218,17 +219,46 @@ contains
       call new_curve(self%curve, bordered, x, direction, units, config, corrector)
    end subroutine impact_curve_make_curve
 
-   !> Performs one step.
+   !> Performs one step. A graze at which the curve turns back cannot be located on it: the short step begins there.
    subroutine impact_curve_go(self, error)
       class(impact_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
+      integer, allocatable :: before(:)
 
+      before = self%known%impacts
       call step(self)
+      if (self%curve%status == outcome%pending) then
+         if (any(before /= self%known%impacts) .and. all(self%waiting%kind /= curve_kind%graze)) &
+            self%waiting = [waiting_t(curve_kind%graze, 0.0_wp, self%curve%last_x), self%waiting]
+      end if
       self%problem%refused = self%curve%x(size(self%curve%x))
       if (allocated(self%orbit%error_text)) self%problem%error_text = self%orbit%error_text
-      if (self%curve%status == outcome%stalled .and. grazes_ahead(self)) &
-         self%problem%error_text = "a wall is grazed, and the number of impacts changes"
+      if (self%curve%status == outcome%stalled .and. grazes_ahead(self)) call end_at_graze(self)
    end subroutine impact_curve_go
+
+   !> Ends the branch with its last point from which the walls are struck as often: beyond it the curve has no tangent.
+   subroutine end_at_graze(self)
+      class(impact_curve_t), intent(inout), target :: self
+      real(wp), dimension(size(self%curve%x)) :: found, x
+      real(wp) :: place, step
+      logical :: is_on_curve
+
+      found = self%curve%x
+      place = 0.0_wp
+      step = self%curve%config%shortest_step
+      self%curve%status = outcome%pending
+      do while (step > agreement*self%curve%config%shortest_step .and. self%curve%status == outcome%pending)
+         step = 0.5_wp*step
+         call self%curve%point_at(place + step, x, is_on_curve)
+         if (is_on_curve) is_on_curve = all(self%orbit%impacts == self%known%impacts)
+         if (.not. is_on_curve) cycle
+         place = place + step
+         found = x
+      end do
+      self%waiting = [waiting_t(curve_kind%graze, place, found)]
+      self%first_waiting = 1
+      self%ends_here = .true.
+   end subroutine end_at_graze
 
    !> Whether a wall is struck a different number of times shortly behind the point of the curve.
    logical function grazes_ahead(self)

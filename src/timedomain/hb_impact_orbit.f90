@@ -35,7 +35,7 @@ module hb_impact_orbit
    real(wp), parameter :: noise = 1.0e-12_wp                          ! of a period map, scaled
    real(wp), parameter :: enough = 1.0e-8_wp                          ! change of a derivative that needs no shorter distance
    real(wp), parameter :: nearer = 0.5_wp                             ! from one distance to the next: derivatives are large
-   integer, parameter :: most_levels = 10                             ! distances
+   integer, parameter :: most_levels = 20                             ! distances; near a graze the long ones change the impacts
    integer, parameter :: fewest_samples = 8192                        ! in a period: their coefficients err by 1e-8 at impacts
    integer, parameter :: samples_of_harmonic = 64
    real(wp), parameter :: too_near = 0.5_wp                           ! to an event, relative to the farthest instant

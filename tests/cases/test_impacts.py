@@ -15,6 +15,7 @@ MODEL = """&structure type='chain', n_masses=1, ends='free', mass=1.0, coupling_
 &law type='rigid_wall', dof='x1', gap=0.0{law} /
 """
 TIME_DOMAIN, IMPACT = 18, 16
+NEAR = 1e-3  # of the frequency: how near the curve comes to the graze, where its derivatives grow without bound
 
 
 def flight(t0, x0, v0, t):
@@ -280,3 +281,88 @@ def test_what_a_curve_with_impacts_cannot_do_is_refused(more, says, tmp_path):
     ended = run("solve", path, "--overwrite", cwd=tmp_path)
     assert ended.status == 2
     assert says in ended.stderr
+
+
+def test_a_curve_turns_where_the_wall_is_grazed(tmp_path):
+    """The unstable orbits end where the forced motion without an impact just reaches the wall, abs(steady) = gap; from there the
+    curve goes on along that motion."""
+    more = "&curve parameter='tones%frequency', from=1.15, to=1.7, points=200 /\n&harmonics order=12 /\n"
+    found = points_of(curve(tmp_path, more, GAP, FOLDING))
+    kinds = [kind for kind, *_ in found]
+    graze = brentq(lambda w: abs(1 / (1 - w**2 + 1j * w * D)) - GAP, 1.1, 1.4)
+    place = kinds.index("graze")
+    assert kinds.count("graze") == 1 and found[place][1] == pytest.approx(graze, abs=NEAR)
+    assert kinds[-1] == "end" and all(stable == 1 for _, _, stable, *_ in found[place + 1 :])
+    for _, w, *_, coefficients in found[place + 1 :]:
+        cosine, sine = coefficients[0, 1]
+        assert cosine - 1j * sine == pytest.approx(1 / (1 - w**2 + 1j * w * D), abs=1e-8)
+
+
+def two_masses(c, w):
+    """Multipliers of the orbit of two coupled masses, of which the loaded one strikes a wall without a gap once a period: damping
+    and restitution are constant, so that the state before the impact is linear in that of the forced motion."""
+    k, damping = np.array([[1.1, -0.1], [-0.1, 0.5]]), np.diag([0.2, c])
+    flow = expm(np.block([[np.zeros((2, 2)), np.eye(2)], [-k, -damping]]) * 2 * np.pi / w)
+    steady = np.linalg.solve(k + 1j * w * damping - w**2 * np.eye(2), [1.0, 0.0])
+    jump = np.diag([1.0, 1.0, -E, 1.0])
+    before = np.linalg.solve(np.eye(4) - flow @ jump, (np.eye(4) - flow) @ np.concatenate([steady, 1j * w * steady]))
+    for side in (1, -1):
+        phase = side * np.pi / 2 - np.angle(before[0])
+        x = (before * np.exp(1j * phase)).real
+        if x[2] > 0:
+            break
+    slopes = [np.concatenate([y[2:], [np.cos(phase), 0.0] - k @ y[:2] - damping @ y[2:]]) for y in (x, jump @ x)]
+    saltation = jump + np.outer(slopes[1] - jump @ slopes[0], [1.0, 0.0, 0.0, 0.0]) / x[2]
+    return np.linalg.eigvals(flow @ saltation)
+
+
+def test_a_curve_locates_the_torus_of_two_masses(tmp_path):
+    """A pair of multipliers leaves the unit circle where the second mass is driven as much as the impacts damp it."""
+    (tmp_path / "two.nml").write_text(
+        "&structure type='matrices', n_dofs=2, mass=1,0,0,1, stiffness=1.1,-0.1,-0.1,0.5, damping=0.2,0,0,0.05 /\n"
+        "&tones frequency=2.5 /\n&load dof='x1', tuple=1, cos=1.0 /\n"
+        f"&law type='rigid_wall', dof='x1', gap=0.0, restitution={E} /\n&harmonics order=12 /\n"
+        "&curve parameter='structure%damping(4)', from=0.05, to=-0.02, points=40 /\n"
+    )
+    run("solve", "two.nml", "--quiet", cwd=tmp_path)
+    kind, value, real, imaginary = read(
+        tmp_path / "two.h5", "curve_kind", "structure_damping_4", "multiplier_real", "multiplier_imag"
+    )
+    torus = brentq(lambda c: abs(two_masses(c, 2.5)).max() - 1, -0.02, 0.05, xtol=1e-13)
+    (place,) = np.flatnonzero(kind == KINDS.index("torus"))
+    assert value[place] == pytest.approx(torus, abs=1e-8)
+    np.testing.assert_allclose(
+        np.sort_complex((real + 1j * imaginary)[place][:4]), np.sort_complex(two_masses(torus, 2.5)), atol=1e-6
+    )
+
+
+def largest_of_difference(coupling, w):
+    """Largest multiplier of the difference of two equal coupled masses that strike a wall each at the same instants."""
+    turn = 2 * np.pi / w
+    flow = expm(np.array([[0.0, 1.0], [-1.0, -D]]) * turn)
+    steady, jump = 1 / (1 - w**2 + 1j * w * D) * np.array([1.0, 1j * w]), np.diag([1.0, -E])
+    before = np.linalg.solve(np.eye(2) - flow @ jump, (np.eye(2) - flow) @ steady)
+    phase = np.pi / 2 - np.angle(before[0])
+    if (before[1] * np.exp(1j * phase)).real < 0:
+        phase += np.pi
+    x = (before * np.exp(1j * phase)).real
+    slopes = [np.array([y[1], np.cos(phase) - y[0] - D * y[1]]) for y in (x, jump @ x)]
+    saltation = jump + np.outer(slopes[1] - jump @ slopes[0], [1.0, 0.0]) / x[1]
+    return np.linalg.eigvals(expm(np.array([[0.0, 1.0], [-1.0 - 2 * coupling, -D]]) * turn) @ saltation).real.max()
+
+
+def test_a_curve_locates_the_branch_point_of_equal_masses(tmp_path):
+    """Their common motion loses its stability to motions in which they differ."""
+    both = "".join(
+        f"&load dof='x{i}', tuple=1, cos=1.0 /\n&law type='rigid_wall', dof='x{i}', gap=0.0, restitution={E} /\n" for i in (1, 2)
+    )
+    (tmp_path / "equal.nml").write_text(
+        "&structure type='chain', n_masses=2, ends='free', mass=1.0, coupling_stiffness=0.1, ground_stiffness=1.0,\n"
+        f"           damping_mass=0.1 /\n&tones frequency=2.3 /\n{both}&harmonics order=12 /\n"
+        "&curve parameter='structure%coupling_stiffness', from=0.15, to=0.3, points=40 /\n"
+    )
+    run("solve", "equal.nml", "--quiet", cwd=tmp_path)
+    kind, value = read(tmp_path / "equal.h5", "curve_kind", "structure_coupling_stiffness")
+    (place,) = np.flatnonzero(kind == KINDS.index("branch"))
+    branch = brentq(lambda coupling: largest_of_difference(coupling, 2.3) - 1, 0.15, 0.25, xtol=1e-13)
+    assert value[place] == pytest.approx(branch, abs=1e-6)
