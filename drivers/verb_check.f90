@@ -332,9 +332,9 @@ contains
       character(:), allocatable :: text
 
       bytes = estimate_memory(sizes_of(model))
-      text = amount(bytes%usual())
-      if (bytes%worst() > bytes%usual()) text = text//", "//amount(bytes%worst())//" if the first attempt at a solution fails"
-      if (model%memory_limit < huge(1.0_wp)) text = text//" for each process; "//amount(model%memory_limit)//" are free"
+      text = trim(amount(bytes%usual()))
+      if (bytes%worst() > bytes%usual()) text = text//", "//trim(amount(bytes%worst()))//" if the first attempt at a solution fails"
+      if (model%memory_limit < huge(1.0_wp)) text = text//" for each process; "//trim(amount(model%memory_limit))//" are free"
       call say("memory      "//text)
       call say("            most for: "//trim(memory_text(bytes)))
    end subroutine describe_memory

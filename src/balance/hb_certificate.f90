@@ -25,18 +25,16 @@ module hb_certificate
    use hb_solver_types, only: report_t, solver_config_t
    use hb_structure, only: structure_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
-   use hb_thresholds, only: agreement, well_solved
+   use hb_thresholds, only: agreement, minor, well_solved
    use hb_tones, only: new_tones, tones_t
    use hb_torus, only: fast_size, new_torus, samples_for, torus_t
    use hb_tuple_choice, only: new_doubled_set, shifted
    use hb_wide_problem, only: nearer, new_wide_problem, wide_problem_t
    implicit none
    private
-   public :: certificate_t, certify, certify_linear, choose_wider_set, near_commensurate, wanted_motions_t, wider_orders, &
-      wider_samples
+   public :: certificate_t, certify, certify_linear, choose_wider_set, finer_samples, near_commensurate, wanted_motions_t
+   public :: wider_orders
 
-   real(wp), parameter :: linear = 0.1_wp                             ! largest error for which one linear step is valid
-   real(wp), parameter :: unknown = 1.0_wp                            ! an estimate: as large as the motion, perhaps larger
    integer, parameter :: most_iterations = 30                         ! of another solution for comparison
    real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set
    real(wp), parameter :: least_density = 1.25_wp                      ! samples per tone of the finer grid, relative to 2 N + 1
@@ -111,8 +109,8 @@ contains
          if (.not. present(bordered) .and. (any(is_unknown([self%truncation, self%aliasing])) .or. &
                                             has_multipliers(balance) .and. balance%harmonics%n_tones == 1)) &
             call solve_on_finer_grid(self, balance, wide, u, error)
-         if (is_unknown(self%truncation)) self%truncation = unknown
-         if (is_unknown(self%aliasing)) self%aliasing = unknown
+         if (is_unknown(self%truncation)) self%truncation = 1.0_wp
+         if (is_unknown(self%aliasing)) self%aliasing = 1.0_wp
       end if
       if (.not. allocated(error)) then
          allocate (c(structure%n_dofs, balance%harmonics%n_harmonics))
@@ -198,17 +196,13 @@ contains
       type(torus_t), intent(out) :: grid
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: all_tuples
-      integer :: samples(size(slow))
 
       call new_doubled_set(set, balance%harmonics, error, carried, answers_of_laws_and_resonances(balance, carried, slow))
       if (allocated(error)) return
       if (set%n_harmonics > largest_wide_set) call choose_wider_set(balance%harmonics, set, error)
       if (allocated(error)) return
       associate (torus => balance%law_set%transform%torus)
-         samples = max(2*torus%n_samples, fast_size(ceiling(least_density*(2*set%highest + 1))))
-         if (size(slow) == 1 .or. is_fine .or. product(real(samples, wp)) > largest_fine_grid) &
-            samples = wider_samples(torus%n_samples, set%highest)
-         call new_torus(grid, samples, set, error)
+         call new_torus(grid, finer_samples(torus%n_samples, set%highest, is_fine), set, error)
          grid%corrects_kinks = torus%corrects_kinks
          if (allocated(error) .or. .not. torus%is_half) return
       end associate
@@ -227,14 +221,14 @@ contains
       integer, allocatable :: tuples(:, :)
       integer, parameter :: least_order = 4                          ! sum of entries not excited directly by loads and steep laws
       real(wp), parameter :: large = 0.03_wp                          ! of the largest amplitude
-      real(wp), parameter :: resonant = 0.1_wp                        ! remaining fraction of a stiffness beside the inertia
       integer :: d, h, i
 
       associate (set => balance%harmonics, stiffness => balance%stiffness, laws => balance%law_set%laws)
          tuples = reshape([integer ::], [size(slow), 0])
          do h = 1, set%n_harmonics
             if (sum(abs(set%tuples(:, h))) < least_order .or. carried(h) < large*maxval(carried)) cycle
-            if (any([(abs(stiffness%entry(d, d, h)) < resonant*stiffness%magnitude(d, h), d=1, balance%n_dofs)])) &
+            ! resonant: a minor part of the stiffness is left beside the inertia
+            if (any([(abs(stiffness%entry(d, d, h)) < minor*stiffness%magnitude(d, h), d=1, balance%n_dofs)])) &
                tuples = reshape([tuples, shifted(set%tuples(:, h:h), slow)], [size(slow), size(tuples, 2) + 2])
          end do
          do i = 1, size(laws)
@@ -265,23 +259,26 @@ contains
       orders = max(widest - least, highest)
    end function wider_orders
 
-   !> Samples of the finer grid, for those of the solution and the orders of the wider box.
-   pure function wider_samples(n_samples, orders) result(samples)
-      integer, intent(in) :: n_samples(:), orders(:)                  !! (n_tones)
-      integer :: samples(size(orders))
+   !> Samples of the finer grid, for those of the solution and the highest entries of the wider set.
+   pure function finer_samples(n_samples, highest, is_fine) result(samples)
+      integer, intent(in) :: n_samples(:), highest(:)                 !! (n_tones)
+      logical, intent(in) :: is_fine                                  !! as for `choose_wider`
+      integer :: samples(size(highest))
 
-      samples = max(samples_for(orders, 0), 4*n_samples)
-      do while (product(real(samples, wp)) > largest_fine_grid .and. any(samples > max(n_samples, 2*orders + 2)))
-         samples = max(n_samples, 2*orders + 2, samples - max(2, samples/8))
+      samples = max(2*n_samples, fast_size(ceiling(least_density*(2*highest + 1))))
+      if (.not. (size(highest) == 1 .or. is_fine .or. product(real(samples, wp)) > largest_fine_grid)) return
+      samples = max(samples_for(highest, 0), 4*n_samples)
+      do while (product(real(samples, wp)) > largest_fine_grid .and. any(samples > max(n_samples, 2*highest + 2)))
+         samples = max(n_samples, 2*highest + 2, samples - max(2, samples/8))
       end do
-   end function wider_samples
+   end function finer_samples
 
    !> Whether an estimate exceeds the motion itself, or is NaN.
    elemental logical function is_unknown(estimate)
       real(wp), intent(in) :: estimate
 
       is_unknown = .true.
-      if (ieee_is_finite(estimate)) is_unknown = estimate > unknown
+      if (ieee_is_finite(estimate)) is_unknown = estimate > 1.0_wp
    end function is_unknown
 
    !> Repeats the estimate from the solution on the finer grid, if there is one nearby: aliasing is the difference.
@@ -389,7 +386,8 @@ contains
       call keep_step(self, balance, wide, whole%which, big, first, size_of_motion)
       if (present(bordered) .and. .not. is_free) self%parameter_error = abs(first(size(first)))
       self%n_products = whole%n_products
-      if (acts_rigidly(balance, wide, is_free) .or. (is_free .and. self%truncation > linear)) &
+      ! an error above `minor` is too large for one linear step
+      if (acts_rigidly(balance, wide, is_free) .or. (is_free .and. self%truncation > minor)) &
          call compare_with_half(self, balance%harmonics, problem, x, size(u), size_of_motion)
       if (self%wanted%improvement_steps == 0 .or. present(bordered)) return ! the improvement uses constant frequencies
       self%wider = wide%harmonics
@@ -498,7 +496,6 @@ contains
       real(wp), intent(in) :: x(:)                                    !! its solution
       integer, intent(in) :: n                                        !! coefficients among its unknowns
       real(wp), intent(in) :: size_of_motion                          !! [m]
-      real(wp), parameter :: half = 0.5_wp                            ! of the orders
       real(wp), parameter :: most_fallback = 20.0_wp                  ! work, relative to that of the first attempt
       real(wp), parameter :: nearly_at_rest = 0.5_wp ! size relative to the motion; a smaller one approaches the equilibrium
       type(report_t) :: report
@@ -510,9 +507,9 @@ contains
       do h = 1, harmonics%n_harmonics
          select type (problem)
          class is (bordered_problem_t)
-            is_high(harmonics%cos_at(h)) = sum(abs(harmonics%tuples(:, h))) > int(half*maxval(sum(abs(harmonics%tuples), dim=1)))
+            is_high(harmonics%cos_at(h)) = sum(abs(harmonics%tuples(:, h))) > int(0.5_wp*maxval(sum(abs(harmonics%tuples), dim=1)))
          class default                                                ! as in its smaller problem
-            is_high(harmonics%cos_at(h)) = any(abs(harmonics%tuples(:, h)) > ceiling(half*harmonics%highest))
+            is_high(harmonics%cos_at(h)) = any(abs(harmonics%tuples(:, h)) > ceiling(0.5_wp*harmonics%highest))
          end select
          if (harmonics%sin_at(h) > 0) is_high(harmonics%sin_at(h)) = is_high(harmonics%cos_at(h))
       end do
@@ -531,7 +528,7 @@ contains
          is_there = report%status == outcome%converged
          call problem%move_to(x, is_possible)
       class default
-         call problem%coarse_guess(half, config, x_half, report, is_there)
+         call problem%coarse_guess(0.5_wp, config, x_half, report, is_there)
       end select
       if (.not. is_there .or. norm2(x_half(:n)) < nearly_at_rest*norm2(x(:n))) return
       x_half = abs(x_half - x)
@@ -540,11 +537,11 @@ contains
          do i = 1, size(problem%which)
             if (problem%which(i) > size(self%frequency_error)) cycle
             associate (of_tone => self%frequency_error(problem%which(i)))
-               of_tone = max(x_half(n + i), merge(0.0_wp, of_tone, self%truncation > linear))
+               of_tone = max(x_half(n + i), merge(0.0_wp, of_tone, self%truncation > minor))
             end associate
          end do
       end select
-      self%truncation = max(norm2(x_half(:n))/size_of_motion, min(self%truncation, linear))
+      self%truncation = max(norm2(x_half(:n))/size_of_motion, min(self%truncation, minor))
    end subroutine compare_with_half
 
    !> Rigid contact and friction on the finer grid, and the power dissipated by each law there.

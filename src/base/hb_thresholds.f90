@@ -3,13 +3,15 @@ module hb_thresholds
    use hb_kinds, only: wp
    implicit none
    private
-   public :: agreement, clearly, difference_step, faint, most_bisections, next_to_none, reliable, rounding, safety, same_motion
-   public :: sharp, well_solved
+   public :: agreement, clearly, difference_step, faint, minor, most_bisections, nearby_steps, next_to_none, reliable, rounding
+   public :: safety, same_motion, sharp, well_solved
 
    real(wp), parameter :: rounding = 1.0e-9_wp                     !! smaller differences are rounding: equations solved to the
                                                                    !! last digit leave 1e-13 to 1e-10
    real(wp), parameter :: agreement = 1.0e-6_wp                    !! two results are equal: half of the digits
    real(wp), parameter :: faint = 1.0e-3_wp                        !! a part of a motion that carries no information on it
+   real(wp), parameter :: minor = 0.1_wp                           !! small beside the whole: for decisions that need the
+                                                                   !! order of magnitude alone
    real(wp), parameter :: same_motion = 0.1_wp                     !! largest distance of the result of one method from that of
                                                                    !! another, relative to the state: beyond it is another
                                                                    !! motion
@@ -23,5 +25,8 @@ module hb_thresholds
                                                                    !! equations, or the steps in time, may leave of it
    real(wp), parameter :: reliable = 0.3_wp                        !! largest meaningful error estimate, relative to the motion
    real(wp), parameter :: next_to_none = 1.0e-4_wp                 !! of a step along a curve, or of a range: negligible
-   integer, parameter :: most_bisections = 40                      !! of an interval; more would be rounding
+   integer, parameter :: most_bisections = 60                      !! of an interval; 40 leave differences that a curve may
+                                                                   !! show, more would be rounding
+   integer, parameter :: nearby_steps = 20                         !! of Newton's method from a near solution: those that
+                                                                   !! converge need fewer
 end module hb_thresholds

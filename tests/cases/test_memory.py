@@ -69,6 +69,24 @@ def test_memory_of_a_chain_grows_with_its_length(n_tones, tmp_path):
     assert estimate_and_measurement(source, tmp_path)[1] < 2 * measured
 
 
+GRID = """&structure type = 'chain', n_masses = 2, mass = 1.0, coupling_stiffness = 1.0, damping_mass = 0.1 /
+&tones frequency = 1.0, 1.4142 /
+&harmonics order = 12 /
+&load dof = 'x1', tuple = 1, 0, cos = 1.0 /
+&load dof = 'x1', tuple = 0, 1, cos = 1.0 /
+&law type = 'elastic_stop', dof = 'x2', stiffness = 1.0, gap = 0.5 /
+&sampling samples = 512, 512 /
+"""
+
+
+def test_certificate_of_two_tones_doubles_their_samples(tmp_path):
+    """It does not take four times as many, as with one tone or rigid walls."""
+    source = tmp_path / "grid.nml"
+    source.write_text(GRID)
+    estimated, measured = estimate_and_measurement(source, tmp_path)
+    assert estimated / 2 < measured < 2 * estimated
+
+
 def estimate_and_measurement(source, tmp_path):
     """The estimate of `check` for one point, and the largest resident memory of a run, in bytes."""
     estimate = re.search(r"^memory +(\d+) MiB", run("check", source, cwd=tmp_path).stdout, re.MULTILINE)
