@@ -8,12 +8,11 @@ submodule (hb_balance) hb_balance_coarse
    use hb_harmonics, only: new_harmonics
    use hb_outcome, only: outcome
    use hb_solver, only: solve
-   use hb_thresholds, only: rounding
+   use hb_thresholds, only: faint, rounding
    use hb_torus, only: fast_size, new_torus
    implicit none
 
    integer, parameter :: lowest_order = 3                             ! of the coarsest set, in the tone of highest order
-   real(wp), parameter :: coarse_tolerance = 1.0e-3_wp                ! the omitted harmonics have a larger effect
 
 contains
 
@@ -34,7 +33,7 @@ contains
          y = x(places)
          call coarse%linear_solution(linear_solution)
          loose = config
-         loose%tolerance = max(coarse_tolerance, config%tolerance)
+         loose%tolerance = max(faint, config%tolerance)                 ! the omitted harmonics have a larger effect
          call solve(coarse, loose, reshape(linear_solution, [size(y)]), y, report)
          is_found = report%status == outcome%converged
          if (is_found) x(places) = y

@@ -1,5 +1,6 @@
 !> Properties of the linear part of the balance that laws and solvers need: stiffness at a law, scales, rounding.
 submodule (hb_balance) hb_balance_linear
+   use hb_thresholds, only: agreement
    implicit none
 
 contains
@@ -102,12 +103,11 @@ contains
    !> A few units in the last place of the largest terms of each equation: |F_ext| + |S| |u|, and the effect of an
    !> error of one unit in the motion on the forces of stiff laws. If frequencies change, the condensation has
    !> different rounding errors at each of them: units in the last place of the stiffness before the interior is
-   !> eliminated.
+   !> eliminated. Above `agreement` a point counts as failed, not as rounded.
    real(wp) function rounding_level_of(self, u)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
       real(wp), parameter :: units = 8.0_wp, condensed_units = 64.0_wp ! elimination amplifies errors slightly
-      real(wp), parameter :: largest_level = 1.0e-6_wp                 ! above, a point counts as failed, not as rounded
       type(error_t), allocatable :: error
       real(wp) :: terms, total
       integer :: h, i, k
@@ -139,7 +139,7 @@ contains
          if (self%law_set%has_memory) total = total + sum((self%law_set%factor*self%law_set%spring_forces() &
                                                            /[(scale_of(i), i=1, self%n_dofs)])**2)
       end if
-      rounding_level_of = min(largest_level, units*epsilon(1.0_wp)*sqrt(total))
+      rounding_level_of = min(agreement, units*epsilon(1.0_wp)*sqrt(total))
       if (.not. self%has_moved .or. self%stiffness%n_dofs == self%n_dofs) return
       total = 0.0_wp
       associate (set => self%harmonics)
@@ -149,7 +149,7 @@ contains
             end do
          end do
       end associate
-      rounding_level_of = min(largest_level, rounding_level_of + condensed_units*epsilon(1.0_wp)*sqrt(total))
+      rounding_level_of = min(agreement, rounding_level_of + condensed_units*epsilon(1.0_wp)*sqrt(total))
 
    contains
 

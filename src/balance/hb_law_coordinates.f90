@@ -9,12 +9,11 @@ module hb_law_coordinates
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_structure, only: structure_t
-   use hb_thresholds, only: rounding
+   use hb_thresholds, only: minor, rounding
    implicit none
    private
    public :: law_dofs_of, laws_at, new_law_coordinates
 
-   real(wp), parameter :: nearly_dependent = 0.1_wp                   ! below, only the independent part is the coordinate
 
    !> Columns found so far.
    type :: span_t
@@ -174,7 +173,7 @@ contains
       end associate
       self%n = self%n + 1
       self%orthonormal(:, self%n) = orthogonal/norm2(orthogonal)
-      is_literal = share > nearly_dependent
+      is_literal = share > minor                                      ! else only its independent part is the coordinate
       self%shape(:, self%n) = merge(column, orthogonal/(share*self%weight), is_literal)
    end subroutine span_add
 

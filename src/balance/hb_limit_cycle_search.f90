@@ -14,7 +14,7 @@ module hb_limit_cycle_search
    use hb_phase, only: amplitude_form, coefficient_form, new_phase_problem, phase_problem_t, shift_form
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_thresholds, only: faint, rounding
+   use hb_thresholds, only: faint, nearby_steps, rounding
    implicit none
    private
    public :: continue_in_order, first_amplitude, fundamental, last_amplitude, most_steps, new_search, path_point_t
@@ -24,7 +24,6 @@ module hb_limit_cycle_search
    real(wp), parameter :: last_amplitude = 1.0e3_wp                   !! likewise
    integer, parameter :: most_steps = 600                             !! of a path of motions over the amplitude or the damping
    real(wp), parameter :: path_tolerance = 1.0e-8_wp
-   integer, parameter :: path_iterations = 15
 
    !> A motion with prescribed amplitudes of the unknown tones.
    type :: path_point_t
@@ -223,7 +222,7 @@ contains
 
       config = self%config
       config%tolerance = max(path_tolerance, config%tolerance)
-      config%max_iterations = path_iterations
+      config%max_iterations = nearby_steps
    end function search_path_config
 
    !> Newton's method with only the harmonics up to order 1, 2, 4, ..., each from the previous solution, then with

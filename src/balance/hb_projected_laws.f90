@@ -22,7 +22,6 @@ module hb_projected_laws
       integer :: by_reaction = 3
    end type slope_t
    type(slope_t), parameter :: slope = slope_t()
-   integer, parameter :: n_parts = 3
 
    !> Owner of external resources: call `destroy`.
    type, extends(sampled_laws_t) :: projected_laws_t
@@ -115,7 +114,7 @@ contains
       class(projected_laws_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
 
-      call self%transform%prepare_products(self%table, n_parts, error)
+      call self%transform%prepare_products(self%table, 3, error) ! by displacement, velocity, reaction
    end subroutine projected_laws_prepare_products
 
    !> Fills the parts of the table with the slopes of pair i, times `factor`.

@@ -10,7 +10,7 @@ module hb_self_excitation
    use hb_limit_cycle_search, only: first_amplitude, last_amplitude, most_steps, path_point_t, search_t
    use hb_outcome, only: outcome
    use hb_text, only: to_text
-   use hb_thresholds, only: next_to_none, rounding
+   use hb_thresholds, only: minor, next_to_none, rounding
    implicit none
    private
    public :: search_from_modes
@@ -18,7 +18,6 @@ module hb_self_excitation
    integer, parameter :: n_amplitudes = 13                            ! of the scan, equal ratios
    real(wp), parameter :: largest_amplitude = 1.0e8_wp                ! beyond: grows without bound
    real(wp), parameter :: longest_growth = 1.1_wp                     ! of log(amplitude) in one step
-   real(wp), parameter :: nearly_gone = 0.1_wp                        ! largest |xi|/omega at which the motion itself is tried
 
 contains
 
@@ -109,7 +108,7 @@ contains
       smallest = min(minval(now%amplitude), first_amplitude*self%length)
       growth = longest_growth
       sign_before = sign(1.0_wp, self%damping(now))
-      next_try = nearly_gone
+      next_try = minor                                                ! |xi|/omega
       do step = 1, most_steps
          is_found = .false.
          if (work_is_over()) exit

@@ -15,6 +15,7 @@ module hb_slider_states
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_slider, only: pushed_by
+   use hb_thresholds, only: agreement
    implicit none
    private
    public :: most_rounds, new_slider_states, repeat_tolerance, slider_states_t
@@ -22,7 +23,6 @@ module hb_slider_states
    integer, parameter :: most_rounds = 1000
    integer, parameter :: many_rounds = 40, between_jumps = 4
    integer, parameter :: long_round = 10000                           ! states from which on a round takes a millisecond
-   real(wp), parameter :: largest_inverse = 1.0e6_wp                  ! of 1 - M; beyond, sliders hardly slip
    real(wp), parameter :: repeat_tolerance = 64*epsilon(1.0_wp)       ! of the largest coordinate or state
 
    !> Samples are stored slice by slice: (n_slice, ..., n_steps).
@@ -203,7 +203,7 @@ contains
       call dgetrf(n, n, m, n, pivots, info)
       if (info /= 0) return
       call dgetrs("N", n, n, m, n, pivots, inverse, n, info)
-      if (maxval(abs(inverse)) < largest_inverse) closing = inverse
+      if (agreement*maxval(abs(inverse)) < 1.0_wp) closing = inverse   ! otherwise sliders hardly slip
    end subroutine slider_states_find_closing
 
    !> Computes `low` and `high` of all steps.

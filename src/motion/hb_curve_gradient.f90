@@ -19,12 +19,12 @@ module hb_curve_gradient
    use hb_motion_result, only: gradient_t, motion_result_t
    use hb_outcome, only: is_solved
    use hb_stability, only: bifurcation
-   use hb_thresholds, only: sharp
+   use hb_thresholds, only: faint, minor, nearby_steps, sharp
    implicit none
    private
    public :: find_curve_gradient
 
-   real(wp), parameter :: apart = 1.0e-4_wp                           ! a step, relative to the value: a location error of
+   real(wp), parameter :: apart = 1.0e-4_wp                           ! a step, relative to the value
 
    !> A located point.
    type, extends(differentiable_t) :: located_t
@@ -174,16 +174,14 @@ contains
       class(event_t), intent(inout) :: event
       real(wp), intent(inout) :: x(:)                                 !! near the zero
       logical, intent(out) :: is_found
-      integer, parameter :: most_steps = 12
-      real(wp), parameter :: first_step = 1.0e-3_wp, farthest = 0.1_wp   ! in units of lengths
-      real(wp), parameter :: rough = 1.0e-7_wp ! likewise: a step that stops shrinking above it results from a rough residual
+      real(wp), parameter :: rough = 1.0e-7_wp                        ! [lengths]: with a rough residual steps shrink no further
       real(wp) :: before, here, direction(size(x)), last_step, step
       integer :: i
 
       direction = curve%curve%direction
-      step = first_step
+      step = faint                                                    ! of the secant, in units of lengths
       here = 0.0_wp
-      do i = 1, most_steps
+      do i = 1, nearby_steps
          call curve%find_on_plane(x, direction, is_found)
          if (.not. is_found) return
          before = here
@@ -192,7 +190,7 @@ contains
          if (i > 1) step = -here*step/(here - before)
          is_found = i > 1 .and. (abs(step) <= sharp .or. (abs(step) <= rough .and. abs(step) >= last_step))
          if (is_found) return
-         if (.not. abs(step) <= farthest) return
+         if (.not. abs(step) <= minor) return
          x = x + step*direction
       end do
    end subroutine find_zero

@@ -25,7 +25,6 @@ module hb_curve_sets
    private
    public :: transfer_motion, step_to_tolerance
 
-   integer, parameter :: most_levels = 12                             ! of one step
    integer, parameter :: most_idle = 2                                ! consecutive ones without improvement
    real(wp), parameter :: goal_ahead = 0.3_wp                         ! of the tolerance: sufficient for the following points, too
    real(wp), parameter :: ample = 0.01_wp                             ! of the tolerance: below it a smaller set is sufficient
@@ -253,7 +252,6 @@ contains
       self%model = motion%model
       self%model%loads = as_amplitudes(spread(spread((1.0_wp, 0.0_wp), 1, self%model%loads%n_dofs), 2, &
                                               self%model%loads%n_harmonics))   ! tuples with loads are required
-      self%most_levels = most_levels
       self%most_idle = most_idle
    end subroutine refined_curve_prepare
 

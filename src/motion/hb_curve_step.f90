@@ -9,21 +9,19 @@ module hb_curve_step
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_stability, only: bifurcation, bifurcation_value, is_torus, stability_method, stability_t
-   use hb_thresholds, only: agreement, faint, next_to_none, rounding, sharp
+   use hb_thresholds, only: agreement, faint, minor, next_to_none, rounding, sharp
    implicit none
    private
-   public :: bifurcation_event_t, step
+   public :: bifurcation_event_t, largest_change, longest_chord, step
 
    real(wp), parameter :: largest_turn = 0.6_wp                       ! [rad] on a step, unless it is short
    real(wp), parameter :: longest_chord = 2.0_wp                      ! of a step, unless it is short: 1.05 with the largest turn
    real(wp), parameter :: short = 1.0e-2_wp                           ! of the longest step
    real(wp), parameter :: largest_phase = 0.5_wp                      ! its cosine; a phase may change by 60 degrees on a step
-   real(wp), parameter :: off_the_chord = 0.5_wp                      ! of an amplitude, in the middle of a step
+   real(wp), parameter :: largest_change = 0.5_wp                     !! of a motion or an amplitude on a step
    real(wp), parameter :: off_the_line = 0.25_wp                      ! of a step, likewise: an arc that turns by 0.6 has 0.075
    integer, parameter :: most_middles = 4                             ! points at which one step is examined
-   real(wp), parameter :: at_value = 1.0e-13_wp                       ! of the range: tolerance of a wanted value
    real(wp), parameter :: uncertain = 100.0_wp ! times the tolerance of multipliers: distance from the unit circle
-   real(wp), parameter :: closed = 0.1_wp                             ! of a step, from the start: the curve is closed
    integer, parameter :: kind_of(3) = [curve_kind%split, curve_kind%flip, curve_kind%torus]   ! of each kind of bifurcation
 
    !> The step, and the state of the search.
@@ -178,7 +176,7 @@ contains
                if (.not. has_leapt) has_leapt = norm2((x - (curve%last_x + share*(curve%x - curve%last_x)))/curve%units) > &
                                                 off_the_line*curve%last_step
                if (.not. has_leapt) has_leapt = abs(coefficient_of(x) - (before + share*(behind - before))) > &
-                                                off_the_chord*max(abs(before), abs(behind))
+                                                largest_change*max(abs(before), abs(behind))
                if (has_leapt .or. curve%status /= outcome%pending) return
             end do
          end do
@@ -473,7 +471,6 @@ contains
       integer, intent(in) :: kind
       real(wp), intent(in) :: piece(2) !! of the step, on which the integrated motion is searched for it
       logical, intent(out) :: is_there !! false: the integrated motion has none there, as far as known
-      real(wp), parameter :: widths(4) = [1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp, 1.0_wp]   ! of the step
       type(bifurcation_event_t) :: integrated
       real(wp) :: ends(2), place, values(2), x(size(self%curve%x))
       integer :: i, k
@@ -486,8 +483,8 @@ contains
                                               i=1, size(model%laws))])
          if (is_there) return
          integrated = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind, .true.)
-         do i = 1, size(widths)
-            ends = min(max(found%place + widths(i)*curve%last_step*[-1.0_wp, 1.0_wp], piece(1)), piece(2))
+         do i = -3, 0                                                ! decades of the step
+            ends = min(max(found%place + 10.0_wp**i*curve%last_step*[-1.0_wp, 1.0_wp], piece(1)), piece(2))
             do k = 1, 2
                call curve%point_at(ends(k), x, is_on_curve)
                if (.not. is_on_curve) return
@@ -524,7 +521,7 @@ contains
          end if
          wanted = [request%from, request%to, request%values]
          event%unit = abs(request%to - request%from)
-         event%tolerance = at_value
+         event%tolerance = sharp
          do i = 1, size(wanted)
             if (i > 2 .and. any(abs(wanted(i) - wanted(:2)) <= 0.0_wp)) cycle
             event%wanted = wanted(i)
@@ -627,7 +624,7 @@ contains
          associate (way => (self%start%x - curve%last_x)/units, direction => curve%last_direction/units)
             along = dot_product(way, direction)/norm2(direction)
             if (along <= 0.0_wp .or. along > curve%last_step) return
-            if (norm2(way - along*direction/norm2(direction)) > closed*curve%last_step) return
+            if (norm2(way - along*direction/norm2(direction)) > minor*curve%last_step) return
             is_back = dot_product(self%start%direction/units, direction) > 0.0_wp
          end associate
       end associate

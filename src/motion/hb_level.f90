@@ -11,12 +11,12 @@ module hb_level
    use hb_memory_estimate, only: check_memory, sizes_of
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t, motion_result_t
-   use hb_thresholds, only: reliable
+   use hb_thresholds, only: minor, next_to_none, reliable
    use hb_torus, only: fast_size, new_torus, samples_for
    use hb_tuple_choice, only: chosen_tuples, largest_places, tuple_union_t
    implicit none
    private
-   public :: carry, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted
+   public :: carry, caution, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted
    public :: is_rigid, join, least_goal, level_of, margin, most_failures, needed_samples, put_on_level, put_on_set
    public :: level_t, same_set, trim_set, with_caution
 
@@ -28,14 +28,12 @@ module hb_level
    real(wp), parameter :: largest_amplification = 5.0_wp              ! of neglected tuples by the response to them
    real(wp), parameter :: largest_growth = 1.8_wp                     ! of a set, from one level to the next
    real(wp), parameter :: least_growth = 1.1_wp                       ! of a set that is too small for the motion
-   integer, parameter :: most_tails = 6
    real(wp), parameter :: smaller_tail = 0.2_wp
    integer, parameter :: smallest_growing = 50                        ! tuples, above which this is examined
-   real(wp), parameter :: caution = 2.0_wp                          ! with rigid laws, whose estimates were .34 to 2 times the error
-   real(wp), parameter :: spare = 0.1_wp                              ! of the tolerance: tuples that a neighbour can omit
-   real(wp), parameter :: clearly_smaller = 0.8_wp
+   real(wp), parameter :: caution = 2.0_wp                            !! with rigid laws: estimates were .34 to 2 times the error
+   real(wp), parameter :: clearly_smaller = 0.8_wp                    ! set or grid, worth a change; a grid shrinks by no more
    real(wp), parameter :: wider = 1.6_wp                              ! orders of a box around a set without a meaningful estimate
-   real(wp), parameter :: least_refinement = 0.8_wp, largest_refinement = 2.5_wp ! of a grid
+   real(wp), parameter :: largest_refinement = 2.5_wp                 ! of a grid, from one level to the next
    real(wp), parameter :: decay = 2.4_wp ! power of the spacing of samples with which aliasing decreases
    real(wp), parameter :: least_density = 1.5_wp                      ! samples of a grid, relative to 2 N + 1
 
@@ -74,7 +72,7 @@ contains
          finer = 1.0_wp
          if (degree_of(model) == 0) then
             finer = (raised_by(result)*result%certificate%aliasing/(share_of_grid*goal))**(1.0_wp/decay)
-            finer = max(least_refinement, min(finer, largest_refinement))*1.3_wp**n_failures
+            finer = max(clearly_smaller, min(finer, largest_refinement))*1.3_wp**n_failures
          end if
          next%n_samples = max(least, fast_size(ceiling(finer*top%n_samples)))
          if (degree_of(model) > 0) next%n_samples = least
@@ -121,8 +119,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: around
       real(wp), allocatable :: carried(:), neglected(:)
-      real(wp) :: amplification, tail
-      integer :: i, room
+      real(wp) :: amplification, smallest, tail
+      integer :: room
       logical, allocatable :: is_needed(:)
       integer :: h
 
@@ -146,7 +144,8 @@ contains
       amplification = max(1.0_wp, min(amplification, largest_amplification))
       tail = share_of_tail*goal/amplification
       room = min(model%accuracy%max_harmonics, int(largest_growth*max(top%set%n_harmonics, smallest_growing)))
-      do i = 1, most_tails                                            ! neglected tuples may appear small and still have an effect
+      smallest = next_to_none*tail
+      do while (tail > smallest)                                      ! neglected tuples may appear small and still have an effect
          call new_harmonics(set, chosen_tuples(top%set, carried, around, neglected, is_needed, tail, room), error)
          if (allocated(error)) return
          if (raised_by(result)*result%certificate%truncation <= goal .or. &
@@ -186,7 +185,7 @@ contains
       do h = 1, level%set%n_harmonics
          if (is_needed_at(model, level%set%tuples(:, h))) amplitudes(h) = huge(1.0_wp)
       end do
-      kept = largest_places(amplitudes, spare*model%accuracy%tolerance, size(amplitudes))
+      kept = largest_places(amplitudes, minor*model%accuracy%tolerance, size(amplitudes))
       if (size(kept) == size(amplitudes)) return
       call new_harmonics(trimmed%set, level%set%tuples(:, kept), error)
       if (allocated(error)) return
@@ -209,7 +208,7 @@ contains
       if (model%accuracy%grows_set) call trim_set(model, level)
       if (model%accuracy%refines_grid) then
          least = needed_samples(level%set%highest, degree_of(model))
-         if (degree_of(model) == 0) least = max(least, fast_size(ceiling(least_refinement*n_samples)))
+         if (degree_of(model) == 0) least = max(least, fast_size(ceiling(clearly_smaller*n_samples)))
          level%n_samples = min(n_samples, least)
       end if
       is_smaller = level%set%n_harmonics <= clearly_smaller*n_harmonics .or. &

@@ -26,13 +26,12 @@ module hb_motion
    use hb_solver_types, only: fallback, report_t
    use hb_stability, only: stability_method, stability_t
    use hb_structure, only: most_dense
-   use hb_thresholds, only: rounding
+   use hb_thresholds, only: nearby_steps, rounding
    use hb_time_domain, only: locking_t, may_be_locked, primary_method, steady_motion_t
    implicit none
    private
    public :: forget_motion, solve_motion, start_from, status_of_ended
 
-   integer, parameter :: steps_from_integration = 20                  ! of the balance, from a known motion
 
 contains
 
@@ -210,7 +209,7 @@ contains
 
       near = model
       near%solver%fallback = .false.
-      near%solver%max_iterations = min(model%solver%max_iterations, steps_from_integration)
+      near%solver%max_iterations = min(model%solver%max_iterations, nearby_steps)
       solution = guess
       call solve_model(near, whole_basis(model%harmonics, model%torus), found, error, solution)
       if (allocated(error)) return

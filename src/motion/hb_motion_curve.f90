@@ -12,7 +12,7 @@ module hb_motion_curve
    use hb_curve_gradient, only: find_curve_gradient
    use hb_curve_request, only: curve_kind, curve_request_t, find_direction, find_null_vector
    use hb_curve_sets, only: step_to_tolerance, transfer_motion
-   use hb_curve_step, only: step
+   use hb_curve_step, only: longest_chord, step
    use hb_document, only: document_t
    use hb_doubtful_extremes, only: drop_doubtful
    use hb_error, only: error_t
@@ -33,7 +33,6 @@ module hb_motion_curve
    public :: motion_curve_continue_from, motion_curve_start_branch, motion_curve_t
 
    real(wp), parameter :: run_up = 0.05_wp                            ! of the longest step, to the next expected point
-   real(wp), parameter :: farthest = 2.0_wp                           ! distance from the point of departure, relative to that part
    real(wp), parameter :: first_parts(4) = [0.02_wp, 0.1_wp, 0.3_wp, 0.005_wp]   ! of the motion: departure of others
 
    !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`.
@@ -173,7 +172,7 @@ contains
       do i = 1, size(first_parts)                                     ! for forces with kinks there may be none very close to it
          self%first%x = from + first_parts(i)*self%first%direction
          call self%find_on_plane(self%first%x, self%first%direction, is_found)
-         if (is_found) is_found = norm2((self%first%x - from)/self%units_at(from)) <= farthest*first_parts(i)
+         if (is_found) is_found = norm2((self%first%x - from)/self%units_at(from)) <= longest_chord*first_parts(i)
          if (is_found) exit
       end do
    end subroutine find_first

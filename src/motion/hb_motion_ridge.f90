@@ -6,6 +6,7 @@ module hb_motion_ridge
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
    use hb_curve_request, only: curve_kind, curve_request_t
+   use hb_curve_step, only: largest_change
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
@@ -21,7 +22,6 @@ module hb_motion_ridge
    private
    public :: motion_ridge_t, new_motion_curve
 
-   real(wp), parameter :: largest_change = 0.5_wp                     ! of the motion on a step, relative
    integer, parameter :: easy_steps = 4, most_steps = 12              ! of a curve, up to the point that is searched for
 
    !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`. Lengths are

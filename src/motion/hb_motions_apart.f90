@@ -20,12 +20,11 @@ module hb_motions_apart
    use hb_problem, only: problem_t
    use hb_solver_types, only: report_t, solver_config_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
-   use hb_thresholds, only: faint, safety
+   use hb_thresholds, only: agreement, faint, safety
    implicit none
    private
    public :: deflated_share, find_other, is_other, look_apart, shifted
 
-   real(wp), parameter :: longest_step = 1.0_wp                       ! likewise
    real(wp), parameter :: factors(5) = [0.0_wp, 3.0_wp, 0.3_wp, 8.0_wp, 1.1_wp]   ! of known motions, as guesses
    real(wp), parameter :: kicks(4) = [1.0_wp, 3.0_wp, 8.0_wp, 0.3_wp]     ! in one harmonic, relative to the size
    integer, parameter :: n_turns = 4                                  ! quarters of a turn of the phases
@@ -218,7 +217,7 @@ contains
          if (is_singular) return
          r = -deflated_share(-r/scale, x/scale, known/spread(scale, 2, size(known, 2)), size_of_known)*r
          length = norm2(r/scale)/size_of_known
-         x = x + min(1.0_wp, longest_step/max(length, tiny(1.0_wp)))*r
+         x = x + min(1.0_wp, 1.0_wp/max(length, tiny(1.0_wp)))*r        ! no farther than the size of the known motions
          report%iterations = report%iterations + 1
       end do
       is_found = report%status == outcome%converged .and. is_apart(x, known, scale, faint)
@@ -251,7 +250,6 @@ contains
       real(wp), intent(in) :: step(:), x(:)
       real(wp), intent(in) :: known(:, :)                             !! (n_unknowns, any)
       real(wp), intent(in) :: size_of_motion
-      real(wp), parameter :: least = 1.0e-6_wp
       real(wp) :: growth, square
       integer :: i
 
@@ -261,7 +259,7 @@ contains
          growth = growth - 2.0_wp*dot_product(x - known(:, i), step)/size_of_motion**2/(square*(1.0_wp + square))
       end do
       share = 1.0_wp - growth
-      share = 1.0_wp/sign(max(abs(share), least), share)
+      share = 1.0_wp/sign(max(abs(share), agreement), share)
    end function deflated_share
 
    !> Amplitude of the largest known motion at each degree of freedom, for all its coefficients.

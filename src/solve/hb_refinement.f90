@@ -27,7 +27,7 @@ module hb_refinement
 
    !> A problem at its present discretisation, a level.
    type, abstract :: refinable_t
-      integer :: most_levels = huge(1)                                !! tried
+      integer :: most_levels = 25                                     !! tried; sets grow by a tenth at least
       integer :: most_idle = huge(1)                                  !! consecutive levels without gain
       integer :: most_failures = 1                                    !! consecutive levels that are not solved
       integer :: n_levels = 0                                         !! tried so far

@@ -16,7 +16,6 @@ module hb_exponents
    public :: exponents_t, find_exponents, orthogonalise, propagation_t, work_of_exponents
 
    integer, parameter :: n_periods = 100                              ! of an average
-   integer, parameter :: usual_most_periods = 800
    real(wp), parameter :: overrun = 10.0_wp                           ! of the limit by unexpected work: balls of a bearing,
                                                                       ! whose slopes have kinks, need 3.5 times the expected
                                                                       ! work
@@ -69,11 +68,11 @@ contains
       type(exponents_t), intent(out) :: self
       class(propagation_t), intent(inout) :: propagation
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
-      integer, intent(in), optional :: fewest_periods                 !! of an average, default `n_periods`
-      integer, intent(in), optional :: most_periods                   !! doubled up to this number, while the spread is too large
+      integer, intent(in) :: fewest_periods                           !! of an average
+      integer, intent(in) :: most_periods                             !! doubled up to this number, while the spread is too large
       type(exponents_t) :: found
       real(wp), allocatable :: growth(:, :), longer(:, :), x(:, :)
-      integer :: forgotten, i, k, limit, n_all
+      integer :: forgotten, i, k, n_all
       logical :: is_done
 
       propagation%work_left = overrun*work_limit
@@ -86,10 +85,7 @@ contains
          end do
       end do
       allocate (growth(propagation%n_followed, 0))
-      found%n_periods = n_periods
-      if (present(fewest_periods)) found%n_periods = fewest_periods
-      limit = usual_most_periods
-      if (present(most_periods)) limit = most_periods
+      found%n_periods = fewest_periods
       do
          forgotten = n_forgotten_of(found%n_periods)
          n_all = found%n_periods + forgotten
@@ -108,7 +104,7 @@ contains
          call average(growth(:, forgotten + 1:), propagation%length, found%rate, found%spread)
          if (abs(found%rate(1)) > merge(clearly, safety, found%n_periods < n_periods)*found%spread(1)) exit
          found%is_cut_short = 2.0_wp*n_all*propagation%work > work_limit
-         if (found%is_cut_short .or. 2*found%n_periods > limit) exit
+         if (found%is_cut_short .or. 2*found%n_periods > most_periods) exit
          found%n_periods = 2*found%n_periods
       end do
       self = found
@@ -123,11 +119,10 @@ contains
    end function work_of_exponents
 
    !> Periods before the average in which disturbances align.
-   pure integer function n_forgotten_of(n_periods)
-      integer, intent(in) :: n_periods
-      integer, parameter :: most = 20
+   pure integer function n_forgotten_of(n)
+      integer, intent(in) :: n                                        !! of the average
 
-      n_forgotten_of = min(most, n_periods/5)
+      n_forgotten_of = min(n_periods, n)/5
    end function n_forgotten_of
 
    !> Orthonormalises columns from left to right, twice; returns the logarithms of their lengths.

@@ -16,21 +16,20 @@ module hb_monodromy
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: two_pi, wp
    use hb_matrix_exponential, only: exponential_of, exponential_of_two, product_of
-   use hb_thresholds, only: agreement
+   use hb_thresholds, only: agreement, minor
    use hb_variation, only: piece_t, variation_t
    use hb_variation_pieces, only: cut_time, settle_sliders
    implicit none
    private
-   public :: find_monodromy, find_transfer, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
+   public :: find_monodromy, find_transfer, monodromy_t, n_instants_of, set_up, work_of_monodromy, work_of_transfer
 
    real(wp), parameter :: inside = 1.0e-8_wp                          ! fraction of a piece by which its ends are evaluated inside
-   real(wp), parameter :: near = 0.25_wp, middle = 1.0_wp/3.0_wp, far = -1.0_wp/12.0_wp   ! weights of the nodes of a half step
 
    integer, parameter :: fewest_steps = 8
    integer, parameter :: instants_per_harmonic = 8 ! detection times for events in a period of the highest harmonic
    integer, parameter :: fewest_instants = 128
    integer, parameter :: most_doublings = 12
-   real(wp), parameter :: slow = 0.1_wp                               ! help more than this: a kink that is not resolved does not
+   real(wp), parameter :: set_up = 3.0e4_wp                           !! [ns] of equations linearised along a motion
 
    type :: matrix_t
       real(wp), allocatable :: entries(:, :)
@@ -99,20 +98,18 @@ contains
          estimate_before = self%estimate
          self%estimate = maxval(abs(last - row(max(doubling, 1) - 1)%entries))/max(1.0_wp, maxval(abs(last)))
          if (self%estimate <= tolerance .or. 2.0_wp*self%work > work_limit) exit
-         if (self%estimate <= agreement .and. self%estimate > slow*estimate_before) exit
+         if (self%estimate <= agreement .and. self%estimate > minor*estimate_before) exit
       end do
       call move_alloc(last, self%matrix)
    end subroutine find_transfer
 
-   !> Approximate work of a typical monodromy matrix in nanoseconds.
+   !> Approximate work of a typical monodromy matrix in nanoseconds; sliders are usually periodic after two periods.
    pure real(wp) function work_of_monodromy(variation) result(work)
       type(variation_t), intent(in) :: variation
-      integer, parameter :: usual_periods = 2                         ! until sliders are periodic
-      real(wp), parameter :: set_up = 3.0e4_wp
 
       associate (length => two_pi/variation%motion%omega(1))
          work = set_up + work_of_transfer(variation, length)
-         if (variation%n_states > 0) work = work + usual_periods*work_of_cuts(variation, length)
+         if (variation%n_states > 0) work = work + 2*work_of_cuts(variation, length)
       end associate
    end function work_of_monodromy
 
@@ -121,17 +118,15 @@ contains
    pure real(wp) function work_of_transfer(variation, length) result(work)
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]
-      integer, parameter :: usual_doublings = 3
-      real(wp), parameter :: set_up = 5.0e3_wp
       integer :: doubling, n
 
-      work = set_up + work_of_cuts(variation, length)
+      work = work_of_cuts(variation, length)
       if (variation%is_piecewise_linear()) then
          n = 1 + n_events_of(variation, length)
          work = work + 0.5_wp*n*variation%work_of_step(2.0_wp*length/n)
          return
       end if
-      do doubling = 0, usual_doublings
+      do doubling = 0, 3
          n = first_steps(variation, length)*2**doubling
          work = work + n*variation%work_of_step(length/n)
       end do
@@ -215,6 +210,13 @@ contains
       end do
    end subroutine go_round
 
+   !> Integral over half a step, relative to the step, from the values at its near end, its middle and its far end.
+   elemental real(wp) function half_step(near, middle, far)
+      real(wp), intent(in) :: near, middle, far
+
+      half_step = 0.25_wp*near + 1.0_wp/3.0_wp*middle - 1.0_wp/12.0_wp*far
+   end function half_step
+
    !> Omits sliders that always stick: a change of them is permanent, and does not affect the stability of anything
    !> else.
    subroutine drop_stuck(self, variation)
@@ -251,9 +253,9 @@ contains
                at_start = at_end
                call self%matrix_at(piece, 2*i - 1, at_middle)
                call self%matrix_at(piece, 2*i, at_end)
-               call exponential_of(h*(near*at_start + middle*at_middle + far*at_end), e)
+               call exponential_of(h*half_step(at_start, at_middle, at_end), e)
                x = product_of(e, x)
-               call exponential_of(h*(far*at_start + middle*at_middle + near*at_end), e)
+               call exponential_of(h*half_step(at_end, at_middle, at_start), e)
                x = product_of(e, x)
             end do
          end if
@@ -298,11 +300,11 @@ contains
          end do
       end do
       do i = 0, ubound(stiffness, 1) - 2, 2
-         call exponential_of_two(0.0_wp, 0.5_wp*h*self%scale, near*stiffness(i) + middle*stiffness(i + 1) + far*stiffness(i + 2), &
-                                 near*damping(i) + middle*damping(i + 1) + far*damping(i + 2), e)
+         call exponential_of_two(0.0_wp, 0.5_wp*h*self%scale, half_step(stiffness(i), stiffness(i + 1), stiffness(i + 2)), &
+                                 half_step(damping(i), damping(i + 1), damping(i + 2)), e)
          call turn()
-         call exponential_of_two(0.0_wp, 0.5_wp*h*self%scale, far*stiffness(i) + middle*stiffness(i + 1) + near*stiffness(i + 2), &
-                                 far*damping(i) + middle*damping(i + 1) + near*damping(i + 2), e)
+         call exponential_of_two(0.0_wp, 0.5_wp*h*self%scale, half_step(stiffness(i + 2), stiffness(i + 1), stiffness(i)), &
+                                 half_step(damping(i + 2), damping(i + 1), damping(i)), e)
          call turn()
       end do
 

@@ -10,9 +10,10 @@ module hb_piecewise_orbit
    use hb_kinds, only: two_pi, wp
    use hb_lapack, only: dgetrf, dgetrs, dpotrs
    use hb_matrix_exponential, only: count_exponential, exponential_of
+   use hb_monodromy, only: set_up
    use hb_stability, only: excitation_t
    use hb_structure, only: structure_t
-   use hb_thresholds, only: rounding, same_motion
+   use hb_thresholds, only: nearby_steps, rounding, same_motion
    use hb_variation, only: piece_t, variation_t
    use hb_variation_pieces, only: bracket_t
    implicit none
@@ -24,7 +25,7 @@ module hb_piecewise_orbit
    integer, parameter :: fewest_steps = 64                            ! in a period of the motion
    integer, parameter :: most_terms = 60                              ! of an exponential series within a step
    integer, parameter :: most_events = 1000                           ! in a period: with more, contact chatters
-   integer, parameter :: most_shots = 20, usual_shots = 5
+   integer, parameter :: usual_shots = 5
    integer, parameter :: most_backtracks = 5
    real(wp), parameter :: smallest_scale = 0.1_wp                     ! of one unknown, relative to the largest of its kind
 
@@ -73,13 +74,12 @@ contains
    !> Approximate work in nanoseconds, from counts alone.
    pure real(wp) function work_of_piecewise_orbit(variation) result(work)
       type(variation_t), intent(in) :: variation
-      integer, parameter :: steps_an_event = 16
-      real(wp), parameter :: set_up = 2.0e4_wp, per_step = 50.0_wp
+      real(wp), parameter :: per_step = 50.0_wp
       real(wp) :: n_events, n_steps, period
 
       period = two_pi/variation%motion%omega(1)
       n_events = 2.0_wp*variation%n_switches()
-      n_steps = max(real(fewest_steps, wp), steps_a_period*period*variation%scale/two_pi) + steps_an_event*n_events
+      n_steps = max(real(fewest_steps, wp), steps_a_period*period*variation%scale/two_pi) + steps_a_period*n_events
       work = set_up + usual_shots*(n_steps*(per_step + (variation%size + 3)**2) &
              + (n_events + 1)*count_exponential(variation%size, period*variation%norm/(n_events + 1)))
    end function work_of_piecewise_orbit
@@ -114,7 +114,7 @@ contains
       left_before = huge(1.0_wp)
       sense_before = 0.0_wp
       backtrack = 0
-      do shot = 1, most_shots
+      do shot = 1, nearby_steps
          call go_round(flow, variation, x, after, self%matrix, is_done)
          if (.not. is_done) return
          left = (after - x)/units

@@ -12,12 +12,11 @@ module hb_variation
    use hb_matrix_exponential, only: count_exponential, per_multiplication
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_structure, only: most_dense, structure_t
-   use hb_thresholds, only: faint
+   use hb_thresholds, only: difference_step, faint
    implicit none
    private
    public :: least_work, new_variation, piece_t, variation_t
 
-   real(wp), parameter :: nearness = 1.0e-6_wp                        ! of arguments for a difference quotient
 
    !> An interval of time without events inside.
    type :: piece_t
@@ -321,7 +320,7 @@ contains
       integer :: c
 
       do c = 1, size(z)
-         step = nearness*self%reach(place%first + c - 1)
+         step = difference_step*self%reach(place%first + c - 1)
          other = z
          other(c) = z(c) + step
          call law%bounds(other, v, lower, upper, lower_rate, upper_rate)

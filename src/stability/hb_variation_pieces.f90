@@ -8,13 +8,12 @@ module hb_variation_pieces
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
    use hb_law, only: law_t
-   use hb_thresholds, only: rounding
+   use hb_thresholds, only: most_bisections, rounding
    use hb_variation, only: piece_t, variation_t
    implicit none
    private
    public :: bracket_t, cut_time, settle_sliders
 
-   integer, parameter :: most_halvings = 60                           ! 40 leave differences that a curve may show
    integer, parameter :: most_passes = 3                              ! events of a slider between two detection times
    integer, parameter :: most_periods = 4                             ! until sliders are periodic
 
@@ -172,7 +171,7 @@ contains
       end if
       self%middle = (self%low*self%value_high - self%high*self%value_low)/(self%value_high - self%value_low)
       if (.not. (self%middle > self%low .and. self%middle < self%high)) self%middle = 0.5_wp*(self%low + self%high)
-      is_wide = self%pass < most_halvings &
+      is_wide = self%pass < most_bisections &
                 .and. self%high - self%low > 4.0_wp*epsilon(1.0_wp)*max(abs(self%low), abs(self%high))
    end function bracket_is_wide
 

@@ -18,6 +18,7 @@ module hb_chain_check
    use hb_motion_result, only: motion_result_t
    use hb_point_source, only: point_source_t
    use hb_stability, only: stability_method
+   use hb_thresholds, only: same_motion
    implicit none
    private
    public :: chain_check_t
@@ -120,13 +121,12 @@ contains
       type(swept_stretch_t), intent(inout) :: stretch
       real(wp), intent(in) :: share
       real(wp), intent(inout) :: motion(:)
-      real(wp), parameter :: largest_change = 0.1_wp                  ! relative to the motion: otherwise a different one
       real(wp) :: found(size(motion))
       logical :: is_solved
 
       found = motion
       call stretch%solve(share, found, is_solved)
-      if (is_solved) is_solved = difference_of(found, motion) <= largest_change
+      if (is_solved) is_solved = difference_of(found, motion) <= same_motion
       if (is_solved) motion = found
    end subroutine find_anew
 
