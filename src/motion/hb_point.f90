@@ -67,6 +67,7 @@ contains
             defect = found - omega(tones)
             if (all(abs(defect) <= merge(well_solved*accuracy%tolerance, sharp, accuracy%is_on)*found)) return
          end associate
+         if (i == most_steps) exit
          step = matmul(slope, defect)
          do while (any(step < -largest_fall*omega(tones)) .and. all(omega(tones) > 0.0_wp))
             step = 0.5_wp*step

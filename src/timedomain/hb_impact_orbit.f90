@@ -171,7 +171,6 @@ contains
       class(impact_orbit_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: x(:)
       real(wp), intent(out), contiguous :: r(:)
-
       logical :: is_done
 
       call carry(self, x, self%value, 1.0_wp, r, is_done)
