@@ -4,8 +4,9 @@ submodule (hb_balance) hb_balance_frequency
    use hb_error, only: fail
    use hb_problem, only: deformation_derivative, deformation_places, set_deformations
    use hb_text, only: to_text
-   use hb_thresholds, only: agreement
    implicit none
+
+   real(wp), parameter :: added_damping = 1.0e-6_wp                   ! of the preconditioner, relative to the frequencies
 
 contains
 
@@ -92,7 +93,7 @@ contains
       xi_damped = xi
       do i = 1, size(which)
          if (which(i) > 0 .and. which(i) <= size(omega)) &
-            xi_damped(which(i)) = xi(which(i)) + agreement*omega(which(i))      ! makes it regular
+            xi_damped(which(i)) = xi(which(i)) + added_damping*omega(which(i))
       end do
       call self%move(omega, xi_damped, error)
       if (allocated(error)) call self%move(omega, xi, error_of_return)   ! without damping is better than nothing

@@ -18,7 +18,6 @@ module hb_energy
    use hb_small_lu, only: factorise_small, solve_small
    use hb_structure, only: structure_t
    use hb_structure_block, only: new_structure_block, structure_block_t
-   use hb_thresholds, only: next_to_none
    implicit none
    private
    public :: energy_t, find_mass, impact_energy, new_energy
@@ -204,6 +203,7 @@ contains
       integer, intent(in) :: all_dofs(:)
       real(wp), intent(in) :: all_weights(:)                          !! (size(all_dofs)), some may be zero
       real(wp), intent(out) :: mass, stiffness
+      real(wp), parameter :: far = 1.0e4_wp                           ! times a bound of the resonances
       real(wp) :: largest_mass, highest
       real(wp), allocatable :: dampings(:), masses(:), stiffnesses(:)
       real(wp), allocatable :: weights(:)
@@ -223,8 +223,7 @@ contains
             highest = max(highest, sqrt(abs(stiffnesses(i))/masses(i)), abs(dampings(i))/masses(i))
       end do
       if (.not. highest > 0.0_wp) highest = 1.0_wp
-      highest = highest/next_to_none                                   ! far above all resonances
-      mass = max(0.0_wp, -seen_at(highest)/highest**2)
+      mass = max(0.0_wp, -seen_at(far*highest)/(far*highest)**2)
 
    contains
 

@@ -14,7 +14,7 @@ module hb_accurate_motion
    use hb_integrate_to_tolerance, only: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples
    use hb_integrated_result, only: is_lost
    use hb_kinds, only: wp
-   use hb_level, only: caution, choose_next, degree_of, distance, estimate_of, estimate_of_motion, &
+   use hb_level, only: choose_next, degree_of, distance, estimate_of, estimate_of_motion, &
       estimate_of_wanted, is_rigid, least_goal, level_t, margin, most_failures, put_on_level, trim_set, with_caution
    use hb_model, only: accuracy_t, model_t
    use hb_motion, only: solve_motion
@@ -23,7 +23,7 @@ module hb_accurate_motion
    use hb_outcome, only: is_answer => is_solved, outcome
    use hb_refinement, only: refinable_t, refine
    use hb_stability, only: few_periods, stability_method, stability_verdict => verdict
-   use hb_thresholds, only: clearly, minor, next_to_none, reliable, well_solved
+   use hb_thresholds, only: minor, reliable, well_solved
    use hb_time_domain, only: primary_method
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order, new_lowest_set
@@ -36,9 +36,11 @@ module hb_accurate_motion
    real(wp), parameter :: work_of_stability = 1.5_wp                  ! at most, relative to that of all levels
    integer, parameter :: patience_with_products = 16 ! iterations before the preconditioner becomes stronger: there are many levels
    integer, parameter :: most_refinements = 2                         ! for a verdict on stability
+   real(wp), parameter :: clear_change = 1.0e-4_wp                    ! of multipliers, caused by the errors of the motion
    real(wp), parameter :: work_of_verdict = 4.0_wp ! limit beyond which no level is begun, relative to the work so far
    real(wp), parameter :: least_work_of_verdict = 5.0e7_wp
    integer, parameter :: patience = 3                                 ! steps without improvement from the level below
+   real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by that of the previous level
 
    !> Solves the levels of a point and counts their work.
    type, extends(effort_t) :: level_solver_t
@@ -113,11 +115,11 @@ contains
          if (.not. allocated(found%multipliers)) then
             unit = 1.0_wp
             if (size(result%frequency) > 1) unit = minval(result%frequency)
-            is_denied = found%verdict == stability_verdict%unknown .and. found%estimate > next_to_none*unit .and. &
+            is_denied = found%verdict == stability_verdict%unknown .and. found%estimate > clear_change*unit .and. &
                any([(model%laws(i)%law%n_switches + model%laws(i)%law%n_states > 0, i=1, size(model%laws))])
             return
          end if
-         is_denied = found%estimate > next_to_none .and. (found%verdict == stability_verdict%unknown .or. &
+         is_denied = found%estimate > clear_change .and. (found%verdict == stability_verdict%unknown .or. &
                      (found%verdict == stability_verdict%unstable .and. abs(found%multipliers(1)) - 1.0_wp < 2.0_wp*found%estimate))
       end associate
    end function is_denied
@@ -302,7 +304,7 @@ contains
       real(wp), intent(in) :: estimate, estimate_below                !! of the two levels, from their own motions alone
       real(wp), intent(in) :: difference                              !! of their motions, relative
 
-      estimate_by_levels = min(1.0_wp, estimate*max(1.0_wp, min(difference/max(estimate_below, tiny(1.0_wp)), clearly)))
+      estimate_by_levels = min(1.0_wp, estimate*max(1.0_wp, min(difference/max(estimate_below, tiny(1.0_wp)), largest_correction)))
    end function estimate_by_levels
 
    pure function estimates_of_outputs(result) result(estimates)
@@ -349,10 +351,11 @@ contains
    pure real(wp) function left_after(n_below, n_above, n_tones) result(share)
       integer, intent(in) :: n_below, n_above                         !! tuples of the two levels
       integer, intent(in) :: n_tones
+      real(wp), parameter :: largest_share = 2.0_wp
       real(wp) :: shrinking
 
       shrinking = (real(n_below, wp)/n_above)**(1.0_wp/n_tones)
-      share = caution
+      share = largest_share
       if (shrinking < 1.0_wp) share = min(share, shrinking/(1.0_wp - shrinking))
    end function left_after
 

@@ -11,13 +11,13 @@ module hb_advice
    use hb_outcome, only: outcome, outcome_name, reason
    use hb_solver_types, only: fallback, fallback_names, report_t
    use hb_text, only: to_text
-   use hb_thresholds, only: faint
    implicit none
    private
    public :: advice_on, circumstances_t, find_circumstances, limit_of, rounded
 
    real(wp), parameter :: stiff = 100.0_wp ! contact relative to the structure: lower limit of a difficult model
    real(wp), parameter :: hardly_sliding = 1.5_wp                     ! motion relative to the sticking displacement of a slider
+   real(wp), parameter :: far = 1.0e3_wp ! motion relative to a law's length at which its contact is closed
 
    !> Properties that make a model difficult, as far as known.
    type :: circumstances_t
@@ -86,7 +86,7 @@ contains
       allocate (v(2*n, merge(n, 0, law%needs_velocity)), df_dv(2*n, n, merge(n, 0, law%needs_velocity)), source=0.0_wp)
       allocate (p(2*n, 0), df_dp(2*n, n, 0))
       do i = 1, n
-         z(2*i - 1, i) = merge(length, 1.0_wp, length > 0.0_wp)/faint ! its contact is closed
+         z(2*i - 1, i) = far*merge(length, 1.0_wp, length > 0.0_wp)
          z(2*i, i) = -z(2*i - 1, i)
       end do
       call law%evaluate(z, v, p, f, df_dz, df_dv, df_dp)

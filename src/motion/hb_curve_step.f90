@@ -20,6 +20,7 @@ module hb_curve_step
    real(wp), parameter :: largest_phase = 0.5_wp                      ! its cosine; a phase may change by 60 degrees on a step
    real(wp), parameter :: largest_change = 0.5_wp                     !! of a motion or an amplitude on a step
    real(wp), parameter :: off_the_line = 0.25_wp                      ! of a step, likewise: an arc that turns by 0.6 has 0.075
+   real(wp), parameter :: at_value = 1.0e-13_wp                       ! of the range: tolerance of a wanted value
    integer, parameter :: most_middles = 4                             ! points at which one step is examined
    real(wp), parameter :: uncertain = 100.0_wp ! times the tolerance of multipliers: distance from the unit circle
    integer, parameter :: kind_of(3) = [curve_kind%split, curve_kind%flip, curve_kind%torus]   ! of each kind of bifurcation
@@ -521,7 +522,7 @@ contains
          end if
          wanted = [request%from, request%to, request%values]
          event%unit = abs(request%to - request%from)
-         event%tolerance = sharp
+         event%tolerance = at_value
          do i = 1, size(wanted)
             if (i > 2 .and. any(abs(wanted(i) - wanted(:2)) <= 0.0_wp)) cycle
             event%wanted = wanted(i)

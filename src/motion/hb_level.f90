@@ -16,7 +16,7 @@ module hb_level
    use hb_tuple_choice, only: chosen_tuples, largest_places, tuple_union_t
    implicit none
    private
-   public :: carry, caution, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted
+   public :: carry, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted
    public :: is_rigid, join, least_goal, level_of, margin, most_failures, needed_samples, put_on_level, put_on_set
    public :: level_t, same_set, trim_set, with_caution
 
@@ -30,7 +30,7 @@ module hb_level
    real(wp), parameter :: least_growth = 1.1_wp                       ! of a set that is too small for the motion
    real(wp), parameter :: smaller_tail = 0.2_wp
    integer, parameter :: smallest_growing = 50                        ! tuples, above which this is examined
-   real(wp), parameter :: caution = 2.0_wp                            !! with rigid laws: estimates were .34 to 2 times the error
+   real(wp), parameter :: caution = 2.0_wp                            ! with rigid laws: estimates were .34 to 2 times the error
    real(wp), parameter :: clearly_smaller = 0.8_wp                    ! set or grid, worth a change; a grid shrinks by no more
    real(wp), parameter :: wider = 1.6_wp                              ! orders of a box around a set without a meaningful estimate
    real(wp), parameter :: largest_refinement = 2.5_wp                 ! of a grid, from one level to the next

@@ -14,7 +14,7 @@ module hb_model_reader
    use hb_model_laws, only: read_laws, update_laws
    use hb_model_loads, only: loaded_tuples, read_loads, read_starts
    use hb_model_settings, only: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
-   use hb_model_tones, only: check_fundamentals, read_normal_mode, read_phase, read_tones, tied_tones
+   use hb_model_tones, only: check_fundamentals, read_normal_mode, read_phase, read_tones, tone_of
    use hb_properties, only: properties_t
    use hb_solver_types, only: share_of_solver
    use hb_stability, only: stability_method
@@ -402,14 +402,11 @@ contains
       type(properties_t), pointer :: group
       integer :: i
 
-      if (size(tied_tones(document, tones)) == 0) return
+      if (.not. allocated(document%ties)) return
       do i = 1, size(document%ties)
-         associate (tie => document%ties(i), holders => document%groups%holders)
-            if (holders(tie%to%i_group)%group%name /= "tones") cycle
-            if (.not. tones%is_unknown(max(1, tie%to%element(1)))) cycle
-            if (any(holders(tie%parameter%i_group)%group%name == &
-                    [character(9) :: "structure", "bearing", "load", "law"])) cycle
-         end associate
+         if (tone_of(document, i, tones) == 0) cycle
+         if (any(document%groups%holders(document%ties(i)%parameter%i_group)%group%name == &
+                 [character(9) :: "structure", "bearing", "load", "law"])) cycle
          group => document%group("tie", i)
          call group%problem("parameter", "follows the frequency of an unknown tone, which only values of &structure, &bearing, "// &
                             "&load and &law can")

@@ -14,7 +14,7 @@ module hb_model_tones
    use hb_tones, only: new_tones, tones_t
    implicit none
    private
-   public :: check_fundamentals, put_frequencies, read_normal_mode, read_phase, read_tones, tied_tones
+   public :: check_fundamentals, put_frequencies, read_normal_mode, read_phase, read_tones, tied_tones, tone_of
 
 contains
 
@@ -87,19 +87,28 @@ contains
       type(document_t), intent(in) :: document
       type(tones_t), intent(in) :: tones
       integer, allocatable :: which(:)
-      logical :: is_tied(tones%n_tones)
-      integer :: i
+      integer :: i, tone
 
-      is_tied = .false.
-      if (allocated(document%ties)) then
-         do i = 1, size(document%ties)
-            associate (to => document%ties(i)%to)
-               if (document%groups%holders(to%i_group)%group%name == "tones") is_tied(max(1, to%element(1))) = .true.
-            end associate
-         end do
-      end if
-      which = pack([(i, i=1, tones%n_tones)], is_tied .and. tones%is_unknown)
+      which = [integer ::]
+      if (.not. allocated(document%ties)) return
+      do tone = 1, tones%n_tones
+         if (any([(tone_of(document, i, tones) == tone, i=1, size(document%ties))])) which = [which, tone]
+      end do
    end function tied_tones
+
+   !> The unknown tone whose frequency a tie follows; 0: none.
+   pure integer function tone_of(document, i, tones) result(tone)
+      type(document_t), intent(in) :: document
+      integer, intent(in) :: i                                        !! of the tie
+      type(tones_t), intent(in) :: tones
+
+      associate (to => document%ties(i)%to)
+         tone = max(1, to%element(1))
+         if (document%groups%holders(to%i_group)%group%name /= "tones" .or. tone > tones%n_tones) tone = 0
+      end associate
+      if (tone == 0) return
+      if (.not. tones%is_unknown(tone)) tone = 0
+   end function tone_of
 
    !> Sets the frequencies of unknown tones in a document where other values follow them.
    pure subroutine put_frequencies(document, tones, omega)
@@ -110,11 +119,10 @@ contains
 
       if (.not. allocated(document%ties)) return
       do i = 1, size(document%ties)
+         tone = tone_of(document, i, tones)
+         if (tone == 0) cycle
          associate (to => document%ties(i)%to)
-            tone = max(1, to%element(1))
-            if (document%groups%holders(to%i_group)%group%name /= "tones" .or. tone > size(omega)) cycle
-            if (tones%is_unknown(tone)) call document%set(to, omega(tone)*tones%subharmonic/ &
-                                                              merge(two_pi, 1.0_wp, to%key == "hertz"))
+            call document%set(to, omega(tone)*tones%subharmonic/merge(two_pi, 1.0_wp, to%key == "hertz"))
          end associate
       end do
       call document%follow_ties()

@@ -21,7 +21,7 @@ module hb_monodromy
    use hb_variation_pieces, only: cut_time, settle_sliders
    implicit none
    private
-   public :: find_monodromy, find_transfer, monodromy_t, n_instants_of, set_up, work_of_monodromy, work_of_transfer
+   public :: find_monodromy, find_transfer, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
 
    real(wp), parameter :: inside = 1.0e-8_wp                          ! fraction of a piece by which its ends are evaluated inside
 
@@ -29,7 +29,7 @@ module hb_monodromy
    integer, parameter :: instants_per_harmonic = 8 ! detection times for events in a period of the highest harmonic
    integer, parameter :: fewest_instants = 128
    integer, parameter :: most_doublings = 12
-   real(wp), parameter :: set_up = 3.0e4_wp                           !! [ns] of equations linearised along a motion
+   real(wp), parameter :: set_up = 3.0e4_wp                           ! [ns] of equations linearised along a motion
 
    type :: matrix_t
       real(wp), allocatable :: entries(:, :)
@@ -118,9 +118,10 @@ contains
    pure real(wp) function work_of_transfer(variation, length) result(work)
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]
+      real(wp), parameter :: set_up_of_steps = 5.0e3_wp
       integer :: doubling, n
 
-      work = work_of_cuts(variation, length)
+      work = set_up_of_steps + work_of_cuts(variation, length)
       if (variation%is_piecewise_linear()) then
          n = 1 + n_events_of(variation, length)
          work = work + 0.5_wp*n*variation%work_of_step(2.0_wp*length/n)

@@ -10,7 +10,6 @@ module hb_piecewise_orbit
    use hb_kinds, only: two_pi, wp
    use hb_lapack, only: dgetrf, dgetrs, dpotrs
    use hb_matrix_exponential, only: count_exponential, exponential_of
-   use hb_monodromy, only: set_up
    use hb_stability, only: excitation_t
    use hb_structure, only: structure_t
    use hb_thresholds, only: nearby_steps, rounding, same_motion
@@ -74,7 +73,7 @@ contains
    !> Approximate work in nanoseconds, from counts alone.
    pure real(wp) function work_of_piecewise_orbit(variation) result(work)
       type(variation_t), intent(in) :: variation
-      real(wp), parameter :: per_step = 50.0_wp
+      real(wp), parameter :: per_step = 50.0_wp, set_up = 2.0e4_wp
       real(wp) :: n_events, n_steps, period
 
       period = two_pi/variation%motion%omega(1)

@@ -135,7 +135,8 @@ contains
       real(wp), intent(out) :: slope(:)
       logical, intent(out) :: is_done                                 !! and the walls are struck as often on both sides
       real(wp) :: after(size(x), 2), value
-      integer :: impacts(size(self%map%rigid), 2), side
+      integer, allocatable :: impacts(:)
+      integer :: side
       logical :: is_possible
 
       value = self%value
@@ -144,10 +145,10 @@ contains
             call carry(self, x + step*change, value + step*of_value, part, after(:, side), is_done)
          end associate
          if (.not. is_done) exit
-         impacts(:, side) = self%map%impacts
+         if (side == 1) impacts = self%map%impacts
       end do
       call self%set_parameters([1], [value], is_possible)
-      if (is_done) is_done = all(impacts(:, 1) == impacts(:, 2))
+      if (is_done) is_done = all(impacts == self%map%impacts)
       slope = (after(:, 1) - after(:, 2))/(2.0_wp*distance)
    end subroutine differ
 

@@ -303,7 +303,7 @@ class Model:
         >>> model["stop.gap"] = 1e-3
         Traceback (most recent call last):
             ...
-        nhbm.errors.ModelError: 'law(stop)%gap' there is no group '&law'; the file has: structure, tones, ...
+        nhbm.errors.ModelError: 'law(stop)%gap' there is no group '&law'; the file has: structure, tones
         """
         path, live = path_of(path), self._live(*self._used[:2])
         live.set(path, value)
