@@ -269,7 +269,8 @@ contains
       character(:), allocatable :: sign
 
       text = ""
-      if (ieee_is_finite(record%residual(point)) .and. record%residual(point) > 0.0_wp) then   ! 0: from time integration
+      ! 0: from time integration; the largest number: never evaluated
+      if (record%residual(point) > 0.0_wp .and. record%residual(point) < huge(1.0_wp)) then
          text = " Its residual is "//rounded(record%residual(point))//" of the forces"
          if (is_solved(record%status(point)) .and. has_tolerance()) then
             text = text//", enough for the tolerance."                ! hb_thresholds, well_solved

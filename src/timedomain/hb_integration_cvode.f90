@@ -224,8 +224,7 @@ contains
                            call hit_wall(self, i, side)               ! lower than the integration is accurate: it remains there
                      end associate
                   else
-                     call hit_wall(self, i, side)
-                     call count_impact(self, 2*i - merge(1, 0, side == 1), equations%mode(i) == 0)
+                     call strike(self, i, side)
                      is_impact = .true.
                   end if
                else if (equations%mode(i) == 0) then
@@ -244,14 +243,17 @@ contains
       end associate
    end subroutine change_branches
 
-   !> Counts an impact; bounces that end in contact are not counted, because their number has no effect.
-   subroutine count_impact(self, side, has_bounced)
+   !> Reflects a coordinate at a wall and counts the impact; bounces that end in contact are not counted, because their number
+   !> has no effect.
+   subroutine strike(self, i, side)
       class(integration_cvode_t), intent(inout) :: self
-      integer, intent(in) :: side
-      logical, intent(in) :: has_bounced
+      integer, intent(in) :: i, side
 
-      if (self%impacts(side) >= 0) self%impacts(side) = merge(self%impacts(side) + 1, no_longer_counted, has_bounced)
-   end subroutine count_impact
+      call hit_wall(self, i, side)
+      associate (impacts => self%impacts(2*i - merge(1, 0, side == 1)))
+         if (impacts >= 0) impacts = merge(impacts + 1, no_longer_counted, self%equations%mode(i) == 0)
+      end associate
+   end subroutine strike
 
    !> Reflects a coordinate at a wall; all others in contact are constrained.
    subroutine hit_wall(self, i, side)
@@ -348,8 +350,8 @@ contains
                   equations%mode(i) = 0
                   if (abs(rate) > crawling) equations%mode(i) = merge(1, -1, rate > 0.0_wp)
                else if (equations%mode(i) == 0) then
-                  if (z > rigid%gap - zero .and. rate >= 0.0_wp) call hit_wall(self, i, 1)
-                  if (rigid%two_sided .and. z < -rigid%gap + zero .and. rate <= 0.0_wp) call hit_wall(self, i, -1)
+                  if (z > rigid%gap - zero .and. rate >= 0.0_wp) call strike(self, i, 1)
+                  if (rigid%two_sided .and. z < -rigid%gap + zero .and. rate <= 0.0_wp) call strike(self, i, -1)
                end if
             end associate
          end do

@@ -118,3 +118,18 @@ def test_a_normal_mode_follows_too(tmp_path):
     last = np.flatnonzero(kind > 0)[-1]
     point = solve(tmp_path, text.replace("1e-12", "1.0").replace("amplitude=0.1", f"amplitude={value[last]!r}"), "point")
     assert frequency[last, 0] == pytest.approx(read(point, "frequency")[0, 0], rel=1e-9)
+
+
+@pytest.mark.parametrize(("offset", "says"), [(-0.26, "agrees with the values that follow it by a &tie"), (-1.1, "was not found")])
+def test_a_tie_that_no_motion_satisfies_is_told(offset, says, tmp_path):
+    """omega**2 = k = omega + offset has no root below -1/4; below -1 the stiffness of the first guess is negative."""
+    text = (
+        "&structure type='matrices', n_dofs=1, mass=1, stiffness=1 /\n"
+        "&tones unknown=.true., frequency=1.0 /\n&harmonics order=5 /\n"
+        f"&tie parameter='structure%stiffness', to='tones%frequency(1)', factor=1, offset={offset} /\n"
+        "&law type='van_der_pol', dof='x1', strength=0.5 /\n"
+    )
+    (tmp_path / "in.nml").write_text(text)
+    done = run("solve", "in.nml", "-o", "in.h5", cwd=tmp_path)
+    assert "1 stalled" in done.stdout and says in done.stdout, done.stdout + done.stderr
+    assert "*" not in run("why", "in.h5", cwd=tmp_path).stdout, "a number without its digits"
