@@ -138,7 +138,7 @@ def test_lines_are_broken_where_the_motion_jumps(tmp_path):
     with Results(grid_file(tmp_path / "c.h5", branch=branch)) as results:
         figures = [draw_response(results, over=over) for over in ("tones%frequency", "law(1)%gap")]
     along, across = map(curves_of, figures)
-    said = "jumps are known along tones%frequency alone, not along law(1)%gap"
+    said = "jumps are known along excitation frequency alone, not along gap of law 1"
     assert [said in head_of(figure) for figure in figures] == [False, True]
     assert [np.isnan(line.get_xdata()).sum() for line in along] == [1, 1, 0], "0 is not another branch, but none that is known"
     assert all(np.isfinite(line.get_xdata()).all() for line in across), "numbers along the fastest parameter alone"

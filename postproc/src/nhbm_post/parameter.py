@@ -32,6 +32,11 @@ class Parameter:
         return self.path or self.name
 
     @property
+    def words(self) -> str:
+        """`gap of law 1`, for pictures."""
+        return words_of(self.label)[0]
+
+    @property
     def heading(self) -> str:
         """`law(1)%gap [m]`, for axes and columns."""
         return self.label + (f" [{self.units}]" if self.has_unit else "")
@@ -48,7 +53,7 @@ class Parameter:
 
     def text(self, point: int) -> str:
         """`gap of law 1 = 1.5e-3 m` at a point, for titles and legends."""
-        return f"{words_of(self.label)[0]} = {self.value_text(self.values[point])}"
+        return f"{self.words} = {self.value_text(self.values[point])}"
 
     def range_text(self) -> str:
         """`law(1)%gap: 3 values, 1.0e-3 to 2.0e-3 m`, in the words of `nhbm info`."""
@@ -85,7 +90,7 @@ class Parameter:
             texts.append(first if len(ends) == 1 else f"{first} to {last}" if first and last else f"{first}{last}")
             if len(ends) == 2 and not (first and last):
                 texts[-1] += " or more" if first else " or less"
-        return f"{words_of(self.label)[0]} = {', '.join(texts)}" + (f" {self.units}" if self.has_unit else "")
+        return f"{self.words} = {', '.join(texts)}" + (f" {self.units}" if self.has_unit else "")
 
     def alternatives(self, value) -> list:
         """Values in the list `value`, separated by commas, unless the whole is a string of the sweep."""

@@ -217,7 +217,7 @@ def curves_of(results, name, dof, measure, over, where, n_curves, axis=None) -> 
     for follower in list(others[1:]):
         if _goes_along(follower, others[0], points):
             others.remove(follower)
-            notes.append(f"{follower.label} changes along with {others[0].label}")
+            notes.append(f"{follower.words} changes along with {others[0].words}")
     if len(groups) > n_curves:
         which = np.unique(np.linspace(0, len(groups) - 1, n_curves).round().astype(int))
         what = " and ".join(p.label for p in others)
@@ -228,8 +228,8 @@ def curves_of(results, name, dof, measure, over, where, n_curves, axis=None) -> 
     is_fastest = swept.values[0] != swept.values[min(1, results.n_points - 1)]
     branch = results.branch() if is_fastest and not moving else np.zeros(results.n_points, dtype=int)
     if not is_fastest and not moving and others and results.branch().any():
-        fastest = next(p.label for p in others[::-1] if p.values[0] != p.values[1])
-        notes.append(f"jumps are known along {fastest} alone, not along {swept.label}")
+        fastest = next(p.words for p in others[::-1] if p.values[0] != p.values[1])
+        notes.append(f"jumps are known along {fastest} alone, not along {swept.words}")
     order = _along_the_arc(results) if moving else _positions(swept)
     kind = results.curve_kind() if moving else np.full(results.n_points, "")
     curves = []
