@@ -115,6 +115,7 @@ contains
       text = ""
       select case (run%kind%status)
       case (outcome%no_motion, outcome%collapsed, outcome%not_finite)
+         if (run%kind%status == outcome%collapsed .and. size(run%tones%omega) > 1) return   ! the remedy: fewer tones
          text = "nhbm check "//shell_word(run%names%input)//"  (prints natural frequencies: a first guess for &tones)"
       case (outcome%failed, outcome%crashed)
          text = "nhbm check "//shell_word(run%names%input)//"; when the cause is gone: nhbm resume "// &

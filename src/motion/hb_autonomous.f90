@@ -19,7 +19,7 @@ module hb_autonomous
    use hb_normal_mode, only: find_mode_of_energy, find_normal_mode
    use hb_outcome, only: outcome
    use hb_self_excitation, only: search_from_modes
-   use hb_text, only: to_text
+   use hb_text, only: number_of, to_text
    use hb_torus, only: default_samples, new_torus, torus_t
    implicit none
    private
@@ -224,6 +224,7 @@ contains
       real(wp), allocatable :: spare_u(:, :), spare_omega(:)
       integer :: best, k
       logical :: is_neutral, runs_away
+      character(7) :: amplitude
       character(:), allocatable :: driven, spare_message, failure
       type(error_t), allocatable :: error
 
@@ -271,8 +272,9 @@ contains
          search%message = driven
          return
       end if
-      search%message = "the motion decays from each of "//to_text(k - 1)//" modes, up to an amplitude of "// &
-         to_text(reached)//" or more"
+      write (amplitude, "(es7.1)") reached
+      search%message = "the motion decays from each of "//number_of(k - 1, "mode")//", up to an amplitude of "//amplitude// &
+         " or more"
    end subroutine search_all_modes
 
    !> Order of the modes: nearest to the first guess, or most strongly driven; modes on which the laws have no effect
