@@ -13,6 +13,7 @@ module explanation
    use hb_solver_types, only: fallback_names, fallback_texts
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, split, string_t, to_text
+   use hb_thresholds, only: well_solved
    implicit none
    private
    public :: explain_failures, explain_point, find_kinds, status_lines
@@ -316,21 +317,21 @@ contains
          has_tolerance = copy%count("accuracy") > 0 .or. is_by_tolerance(document)
       end function has_tolerance
 
-      !> The limit in the input: with a tolerance that of the motion.
+      !> The limit in the input: with a tolerance that of the motion, or for the residual a part of it.
       real(wp) function limit(group_name, key) result(value)
          character(*), intent(in) :: group_name, key
          type(document_t), target :: copy
          type(properties_t), pointer :: group
+         real(wp) :: tolerance
 
          copy = document
-         value = 0.0_wp
-         if (group_name == "certificate" .and. has_tolerance()) then
-            group => copy%optional_group("accuracy")
-            call group%get("tolerance", value)
-         end if
-         if (value > 0.0_wp) return
+         tolerance = 0.0_wp
+         group => copy%optional_group("accuracy")
+         if (has_tolerance()) call group%get("tolerance", tolerance)
          group => copy%optional_group(group_name)
          call group%get(key, value)
+         if (group_name == "certificate" .and. tolerance > 0.0_wp) value = tolerance
+         if (group_name == "solver" .and. .not. group%given(key)) value = max(value, well_solved*tolerance)
       end function limit
    end function nearness_text
 
