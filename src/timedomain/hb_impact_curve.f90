@@ -30,7 +30,6 @@ module hb_impact_curve
    use hb_point, only: solve_point
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
-   use hb_thresholds, only: agreement
    use hb_time_domain, only: steady_motion_t
    use hb_tuple_choice, only: new_lowest_set
    implicit none
@@ -246,6 +245,7 @@ contains
    !> Ends the branch with its last point from which the walls are struck as often: beyond it the curve has no tangent.
    subroutine end_at_graze(self)
       class(impact_curve_t), intent(inout), target :: self
+      real(wp), parameter :: near_enough = 1.0e-3_wp                  ! of the shortest step; nearer to the wall it is struck
       real(wp), dimension(size(self%curve%x)) :: found, x
       real(wp) :: place, step
       logical :: is_on_curve
@@ -254,7 +254,7 @@ contains
       place = 0.0_wp
       step = self%curve%config%shortest_step
       self%curve%status = outcome%pending
-      do while (step > agreement*self%curve%config%shortest_step .and. self%curve%status == outcome%pending)
+      do while (step > near_enough*self%curve%config%shortest_step .and. self%curve%status == outcome%pending)
          step = 0.5_wp*step
          call self%curve%point_at(place + step, x, is_on_curve)
          if (is_on_curve) is_on_curve = all(self%orbit%impacts == self%known%impacts)
