@@ -20,7 +20,6 @@ module hb_hysteresis_tangent
    !> Complex numbers of a block are stored as (width, 2): real parts, imaginary parts.
    type :: memory_tangent_t
       integer :: n_blocks = 0
-      logical :: repeats = .true. !! false: a column did not become periodic within `most_rounds`
       integer, allocatable, private :: n_harmonics(:)                 ! (n_blocks) in each block
       real(wp), allocatable, private :: factor(:, :, :, :)            ! (width, 2, n_path_parts, n_blocks) path of exp(i j.tau)
       real(wp), allocatable, private :: lead(:, :, :, :)              ! (width, 2, n_steps, n_blocks) exp of the leading tone
@@ -118,7 +117,6 @@ contains
       real(wp) :: change, largest_move
       integer :: i
 
-      self%repeats = .true.
       call memory%differentiable()
       if (characteristic%n_slice == 1) then
          memory%states(:, :, 1) = memory%before
@@ -158,6 +156,9 @@ contains
                self%first_slice(:, :, :, :, block, c) = self%before
             end do
          end do
+         if (round /= memory%levelled_at) cycle
+         call memory%level()
+         self%first_slice = spread(sum(self%first_slice, dim=4)/characteristic%n_slice, 4, characteristic%n_slice)
       end do
    end subroutine take_rounds
 
@@ -202,7 +203,6 @@ contains
          if (change <= repeat_tolerance*max(1.0_wp, maxval(abs(self%before)))) return
          self%first_slice(:, :, :, :, block, coordinate) = self%before
       end do
-      self%repeats = .false.
    end subroutine memory_tangent_respond
 
    !> Moves the columns `before` of the first slice to the periodic ones.

@@ -9,6 +9,7 @@ module hb_normal_mode
    use hb_curve, only: curve_t, event_t
    use hb_energy, only: energy_t
    use hb_error, only: error_t
+   use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_limit_cycle_search, only: continue_in_order, first_amplitude, fundamental, most_steps, &
       path_point_t, search_t
@@ -20,7 +21,7 @@ module hb_normal_mode
    use hb_thresholds, only: agreement, faint, rounding
    implicit none
    private
-   public :: find_mode_of_energy, find_normal_mode, normal_mode_t
+   public :: amplitude_forms, find_mode_of_energy, find_normal_mode, normal_mode_t
 
 
    type :: normal_mode_t
@@ -56,6 +57,26 @@ module hb_normal_mode
 
 contains
 
+   !> Phase and amplitude of a mode, of all coefficients: rate and value at zero phase, or sine and cosine of the fundamental.
+   pure function amplitude_forms(set, n_dofs, dof, tone, is_peak) result(forms)
+      type(harmonics_t), intent(in) :: set
+      integer, intent(in) :: n_dofs
+      integer, intent(in) :: dof                                      !! among those of the laws
+      integer, intent(in) :: tone
+      logical, intent(in) :: is_peak
+      real(wp) :: forms(set%n_coefficients*n_dofs, 2)
+
+      if (is_peak) then
+         forms(:, 1) = peak_rate_form(set, n_dofs, dof, tone)
+         forms(:, 2) = peak_form(set, n_dofs, dof)
+      else
+         associate (h => fundamental(set, tone))
+            forms(:, 1) = coefficient_form(set, n_dofs, set%sin_at(h), dof)
+            forms(:, 2) = coefficient_form(set, n_dofs, set%cos_at(h), dof)
+         end associate
+      end if
+   end function amplitude_forms
+
    !> Finds the motion with the given amplitude of one unknown tone. On success the balance of the search has its
    !> frequency and artificial damping; u is the last motion.
    subroutine find_normal_mode(search, amplitude, is_peak, dof, has_start, u)
@@ -66,21 +87,10 @@ contains
       logical, intent(in) :: has_start                                !! u and the balance are a first guess
       real(wp), intent(inout) :: u(:, :)                              !! [m], (n_coefficients, n_dofs)
       type(goal_t) :: goal
-      integer :: h
 
       goal%dof = dof
       goal%is_peak = is_peak
-      associate (set => search%balance%harmonics, tone => search%tones(1), n_dofs => size(u, 2))
-         h = fundamental(set, tone)
-         allocate (goal%forms(size(u), 2))
-         if (is_peak) then
-            goal%forms(:, 1) = peak_rate_form(set, n_dofs, dof, tone)
-            goal%forms(:, 2) = peak_form(set, n_dofs, dof)
-         else
-            goal%forms(:, 1) = coefficient_form(set, n_dofs, set%sin_at(h), dof)
-            goal%forms(:, 2) = coefficient_form(set, n_dofs, set%cos_at(h), dof)
-         end if
-      end associate
+      goal%forms = amplitude_forms(search%balance%harmonics, size(u, 2), dof, search%tones(1), is_peak)
       goal%rest = dot_product(goal%forms(:, 2), reshape(search%base%u, [size(u)]))
       goal%value = amplitude - goal%rest
       if (abs(goal%value) <= rounding*abs(amplitude)) then

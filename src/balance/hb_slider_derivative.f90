@@ -75,6 +75,10 @@ contains
             call sliders%go_round(law, characteristic, with_derivatives=.true., change=change, largest_move=largest_move)
          end if
          if (round < sliders%rounds) call self%go_round(sliders, characteristic, weight_slope)
+         if (round == sliders%levelled_at) then
+            call sliders%level()
+            self%states(:, :, 1) = spread(sum(self%states(:, :, 1), dim=1)/size(self%states, 1), 1, size(self%states, 1))
+         end if
       end do
       call repeat_rounds()
 

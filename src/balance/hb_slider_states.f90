@@ -5,6 +5,8 @@
 !> A slider between bounds ends each step at its start, but not below the end position of one from far below, nor
 !> above that of one from far above (a play operator is a clamp, and so is a sequence of clamps). For many lines these
 !> two positions are computed once for all rounds, `low` and `high`.
+!> Sliders in a plane that only the loading moves have different positions, which interpolation alone would make equal,
+!> slowly, at their mean: if all of them stick round after round, they are put there.
 !> A slider in a plane that slips little converges slowly from round to round. On one line the derivative M of a round
 !> is known: after many rounds without convergence Newton's method moves the state to the limit.
 module hb_slider_states
@@ -33,6 +35,7 @@ module hb_slider_states
       integer :: rounds = 0                                           !! until the states were periodic
       logical :: repeats = .true.                                     !! false: not within `most_rounds`
       logical :: full_stick = .false.                                 !! no state moved in the last round
+      integer :: levelled_at = 0                                      !! round after which sliders were put to their mean; 0: none
       logical :: has_jumped = .false.                                 !! a Newton step was made: rounds from rest do not lead there
       real(wp), allocatable :: ds_ds_old(:, :, :, :)                  !! (n_slice, n_states, n_states, n_steps)
       real(wp), allocatable :: ds_dpath(:, :, :, :, :)                !! (n_slice, n_states, n_coordinates, n_path_parts, n_steps)
@@ -50,6 +53,7 @@ module hb_slider_states
       procedure :: load_from_rest => slider_states_load_from_rest
       procedure :: go_round => slider_states_go_round
       procedure :: find_closing => slider_states_find_closing
+      procedure :: level => slider_states_level
       procedure :: go_clamped_round => slider_states_go_clamped_round
       procedure :: find_clamp_slopes => slider_states_find_clamp_slopes
       procedure :: mean_slope => slider_states_mean_slope
@@ -93,6 +97,7 @@ contains
       if (self%is_clamped) call find_clamps(self, law)
       self%rounds = 0
       self%has_jumped = .false.
+      self%levelled_at = 0
       do
          if (self%is_clamped) then
             call self%go_clamped_round(characteristic, change, largest_move)
@@ -104,12 +109,16 @@ contains
          self%rounds = self%rounds + 1
          rounding = repeat_tolerance*max(largest, maxval(abs(self%states)))
          self%repeats = change <= rounding
+         self%full_stick = largest_move <= rounding
          if (self%repeats .or. self%rounds >= most_rounds .or. .not. ieee_is_finite(change)) exit
          if (modulo(self%rounds, between_jumps) == 0 .or. size(self%states) > long_round) then
             if (work_is_over()) exit
          end if
+         if (self%full_stick .and. characteristic%n_slice > 1 .and. self%rounds >= many_rounds .and. self%levelled_at == 0) then
+            self%levelled_at = self%rounds
+            call self%level()
+         end if
       end do
-      self%full_stick = largest_move <= rounding
    end subroutine slider_states_integration
 
    !> States of the first slice after loading from rest along a straight path; their derivatives if requested.
@@ -205,6 +214,14 @@ contains
       call dgetrs("N", n, n, m, n, pivots, inverse, n, info)
       if (agreement*maxval(abs(inverse)) < 1.0_wp) closing = inverse   ! otherwise sliders hardly slip
    end subroutine slider_states_find_closing
+
+   !> Puts the sliders of the first slice to their mean, after a round in which all of them stuck. It sticks as well: the
+   !> positions at which a slider sticks are a convex set.
+   subroutine slider_states_level(self)
+      class(slider_states_t), intent(inout) :: self
+
+      self%states(:, :, 1) = spread(sum(self%states(:, :, 1), dim=1)/size(self%states, 1), 1, size(self%states, 1))
+   end subroutine slider_states_level
 
    !> Computes `low` and `high` of all steps.
    subroutine find_clamps(self, law)

@@ -1,5 +1,4 @@
-!> Functions along a curve of motions whose zeros are located: folds, peaks of responses, branch points, bifurcations,
-!> values.
+!> Functions along a curve of motions whose zeros are located: folds, grazes, branch points, values.
 !>
 !> Distance of a motion from the kinks of its laws: the smallest and the largest value of each switch of a law, such
 !> as the distance to a stop, over all phases. If one of them is zero, the motion grazes: a contact begins, or becomes
@@ -7,19 +6,17 @@
 module hb_curve_events
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_curve, only: curve_t, event_t
-   use hb_curve_request, only: curve_kind, located_response_t
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
    use hb_model_problem, only: model_problem_t
    use hb_motion_description, only: stability_of
    use hb_motion_series, only: motion_series_t, new_motion_series
-   use hb_response, only: response_t
    use hb_stability, only: stability_t
    use hb_thresholds, only: most_bisections
    implicit none
    private
-   public :: branch_event_t, extremes_of_switches, find_extremes, find_stability, fold_event_t, function_at, graze_event_t, &
-      response_event_t, square_at, value_event_t
+   public :: branch_event_t, extremes_of_switches, find_extremes, find_motion, find_stability, fold_event_t, graze_event_t, &
+      value_event_t
 
    integer, parameter :: largest_search_grid = 4096                   ! size of the grid for the first search of an extreme
    real(wp), parameter :: far = 0.25_wp                               ! from zero, relative to the range of the values
@@ -43,21 +40,9 @@ module hb_curve_events
       procedure :: value => value_event_value
    end type value_event_t
 
-   !> An event that depends on the motion.
-   type, abstract, extends(event_t) :: motion_event_t
-      type(model_problem_t), pointer :: problem => null()
-   end type motion_event_t
-
-   !> A zero of the function of a response.
-   type, extends(motion_event_t) :: response_event_t
-      type(located_response_t) :: response
-      real(wp) :: unit = 1.0_wp                                       ! of the function
-   contains
-      procedure :: value => response_event_value
-   end type response_event_t
-
    !> A zero of an extremum of a switching function of a law.
-   type, extends(motion_event_t) :: graze_event_t
+   type, extends(event_t) :: graze_event_t
+      type(model_problem_t), pointer :: problem => null()
       integer :: extreme = 0, switch = 0                              ! in the list of `find_extremes`
       real(wp) :: unit = 1.0_wp
    contains
@@ -119,18 +104,6 @@ contains
       if (is_singular) value = 0.0_wp
    end function fold_event_value
 
-   real(wp) function response_event_value(self, curve, x) result(value)
-      class(response_event_t), intent(inout) :: self
-      class(curve_t), intent(inout) :: curve
-      real(wp), intent(in) :: x(:)
-      real(wp) :: tangent(size(x)), determinant_sign
-      logical :: is_singular
-
-      call curve%tangent_at(x, tangent, determinant_sign, is_singular)
-      value = ieee_value(value, ieee_quiet_nan)
-      if (.not. is_singular) value = function_at(self%problem, self%response, x, tangent)/self%unit
-   end function response_event_value
-
    real(wp) function branch_event_value(self, curve, x) result(value)
       class(branch_event_t), intent(inout) :: self
       class(curve_t), intent(inout) :: curve
@@ -148,81 +121,6 @@ contains
 
       value = (x(size(x)) - self%wanted)/self%unit
    end function value_event_value
-
-   !> The function whose zeros are located: the slope of the square of a response along a direction, the difference of
-   !> the square from the requested one, or the part of a harmonic in phase with its load.
-   real(wp) function function_at(problem, response, x, direction) result(value)
-      type(model_problem_t), intent(inout), target :: problem
-      type(located_response_t), intent(in) :: response
-      real(wp), intent(in) :: x(:), direction(:)
-      complex(wp) :: load, motion
-      complex(wp), allocatable :: c(:)
-      integer :: h
-
-      select case (response%kind)
-      case (curve_kind%amplitude)
-         value = square_at(problem, response, x) - response%amplitude**2
-      case (curve_kind%resonance)
-         call find_series(problem, response, x, c)
-         h = problem%model%harmonics%index_of(response%tuple)
-         motion = (0.0_wp, 0.0_wp)
-         if (size(c) > 0) motion = c(h)
-         associate (loads => problem%model%loads%of(h))
-            load = loads(maxloc(abs(loads), dim=1))
-         end associate
-         value = ieee_value(value, ieee_quiet_nan)
-         if (abs(load) > 0.0_wp) value = real(motion*conjg(load))/abs(load)
-      case default
-         value = slope_at(problem, response, x, direction)
-      end select
-   end function function_at
-
-   !> Slope of the square of a response along a direction, by a fourth-order difference.
-   real(wp) function slope_at(problem, response, x, direction) result(slope)
-      type(model_problem_t), intent(inout), target :: problem
-      class(response_t), intent(in) :: response
-      real(wp), intent(in) :: x(:), direction(:)
-      real(wp), parameter :: apart = 1.0e-3_wp
-      real(wp) :: near, far
-
-      near = square_at(problem, response, x + apart*direction) - square_at(problem, response, x - apart*direction)
-      far = square_at(problem, response, x + 2.0_wp*apart*direction) - square_at(problem, response, x - 2.0_wp*apart*direction)
-      slope = (8.0_wp*near - far)/(12.0_wp*apart)
-   end function slope_at
-
-   !> Square of a response.
-   real(wp) function square_at(problem, response, x) result(square)
-      type(model_problem_t), intent(inout), target :: problem
-      class(response_t), intent(in) :: response
-      real(wp), intent(in) :: x(:)
-      complex(wp), allocatable :: c(:)
-
-      call find_series(problem, response, x, c)
-      square = 0.0_wp
-      if (size(c) > 0) square = response%of(problem%model%harmonics, c)
-   end function square_at
-
-   !> Amplitudes of the degree of freedom of a response; none if the parameters are rejected.
-   subroutine find_series(problem, response, x, c)
-      type(model_problem_t), intent(inout), target :: problem
-      class(response_t), intent(in) :: response
-      real(wp), intent(in) :: x(:)
-      complex(wp), allocatable, intent(out) :: c(:)                   !! (n_harmonics)
-      complex(wp), allocatable :: motion(:, :)
-      real(wp) :: u(problem%model%harmonics%n_coefficients, problem%n_dofs)
-      integer :: h
-
-      associate (set => problem%model%harmonics)
-         if (response%column > 0) then
-            u = reshape(x(:size(u)), shape(u))
-            c = [(set%amplitude(u(:, response%column), h), h=1, set%n_harmonics)]
-         else
-            call find_motion(problem, x, motion)
-            allocate (c(0))
-            if (allocated(motion)) c = motion(response%dof, :)
-         end if
-      end associate
-   end subroutine find_series
 
    !> Stability of the motion at a point of the curve; without multipliers if they are not searched for, or not found.
    subroutine find_stability(problem, x, tolerance, stability, is_integrated)

@@ -6,9 +6,9 @@
 module hb_curve_gradient
    use hb_cancellation, only: work_is_over
    use hb_curve, only: event_t
-   use hb_curve_events, only: fold_event_t, response_event_t
+   use hb_curve_events, only: fold_event_t
    use hb_curve_request, only: curve_kind
-   use hb_curve_step, only: bifurcation_event_t
+   use hb_curve_step, only: bifurcation_event_t, response_event_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t
    use hb_followed_motion, only: followed_motion_t, waiting_t
@@ -153,6 +153,7 @@ contains
       type(waiting_t), intent(in) :: point
       class(event_t), allocatable, intent(out) :: event
       type(bifurcation_event_t) :: change
+      type(response_event_t) :: located
 
       select case (point%kind)
       case (curve_kind%fold)
@@ -163,8 +164,10 @@ contains
          change%bifurcation = merge(bifurcation%doubling, bifurcation%torus, point%kind == curve_kind%flip)
          allocate (event, source=change)
       case default
-         allocate (event, source=response_event_t(point%kind, .false., 0.0_wp, curve%problem, &
-                                                  curve%request%responses(point%response)))
+         located%kind = point%kind
+         located%motion => curve
+         located%response = curve%request%responses(point%response)
+         allocate (event, source=located)
       end select
    end subroutine make_event
 

@@ -3,8 +3,8 @@
 module hb_curve_step
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
    use hb_curve, only: curve_t, event_t
-   use hb_curve_events, only: branch_event_t, fold_event_t, graze_event_t, response_event_t, square_at, value_event_t
-   use hb_curve_request, only: curve_kind
+   use hb_curve_events, only: branch_event_t, fold_event_t, graze_event_t, value_event_t
+   use hb_curve_request, only: curve_kind, located_response_t
    use hb_followed_motion, only: followed_motion_t, known_t, most_tolerance_factor, waiting_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
@@ -12,7 +12,7 @@ module hb_curve_step
    use hb_thresholds, only: agreement, faint, minor, next_to_none, rounding, sharp
    implicit none
    private
-   public :: bifurcation_event_t, largest_change, longest_chord, step
+   public :: bifurcation_event_t, largest_change, longest_chord, response_event_t, step
 
    real(wp), parameter :: largest_turn = 0.6_wp                       ! [rad] on a step, unless it is short
    real(wp), parameter :: longest_chord = 2.0_wp                      ! of a step, unless it is short: 1.05 with the largest turn
@@ -48,6 +48,15 @@ module hb_curve_step
    contains
       procedure :: value => bifurcation_event_value
    end type bifurcation_event_t
+
+   !> A zero of the function of a response.
+   type, extends(event_t) :: response_event_t
+      class(followed_motion_t), pointer :: motion => null()
+      type(located_response_t) :: response
+      real(wp) :: unit = 1.0_wp                                       ! of the function
+   contains
+      procedure :: value => response_event_value
+   end type response_event_t
 
    !> A change of a number: 1 while it is a given one, otherwise -1.
    type, extends(event_t) :: count_event_t
@@ -266,11 +275,11 @@ contains
             if (.not. ((values(1) < 0.0_wp .and. values(2) >= 0.0_wp) .or. (values(1) > 0.0_wp .and. values(2) <= 0.0_wp))) cycle
             if (response%kind == curve_kind%peak .and. values(1) < 0.0_wp) cycle
             if (response%kind == curve_kind%minimum .and. values(1) > 0.0_wp) cycle
-            unit = square_at(self%problem, response, self%curve%x)
+            unit = self%square_at(response, self%curve%x)
             if (response%kind == curve_kind%resonance) unit = sqrt(unit)
             if (.not. unit > 0.0_wp) cycle
             call find(self, search, response_event_t(response%kind, any(response%kind == [curve_kind%peak, curve_kind%minimum]), &
-                                                     rounding_of(self), self%problem, response, unit), values/unit, is_found)
+                                                     rounding_of(self), self, response, unit), values/unit, is_found)
             if (is_found) self%waiting(size(self%waiting))%response = i
          end associate
       end do
@@ -630,6 +639,18 @@ contains
          end associate
       end associate
    end function is_back
+
+   real(wp) function response_event_value(self, curve, x) result(value)
+      class(response_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
+      real(wp), intent(in) :: x(:)
+      real(wp) :: tangent(size(x)), determinant_sign
+      logical :: is_singular
+
+      call curve%tangent_at(x, tangent, determinant_sign, is_singular)
+      value = ieee_value(value, ieee_quiet_nan)
+      if (.not. is_singular) value = self%motion%function_at(self%response, x, tangent)/self%unit
+   end function response_event_value
 
    real(wp) function bifurcation_event_value(self, curve, x) result(value)
       class(bifurcation_event_t), intent(inout) :: self

@@ -2,7 +2,6 @@
 !> reported.
 module hb_doubtful_extremes
    use hb_curve, only: curve_t
-   use hb_curve_events, only: square_at
    use hb_curve_request, only: curve_kind
    use hb_error, only: error_t
    use hb_followed_motion, only: followed_motion_t, waiting_t
@@ -65,7 +64,7 @@ contains
       real(wp), intent(in) :: x(:)
 
       value = x(size(x))
-      if (response > 0) value = square_at(self%problem, self%request%responses(response), x)
+      if (response > 0) value = self%square_at(self%request%responses(response), x)
    end function function_at
 
    !> Includes the error of the function at a point near the extremum.

@@ -3,12 +3,13 @@
 !> The unknowns of the curve are those of the balance, the unknown frequencies, the artificial damping of a normal
 !> mode, and the moving value. The units of length are the range of the value and the largest motion so far.
 module hb_followed_motion
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_autonomous, only: find_energy
    use hb_basis, only: whole_basis
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_curve, only: curve_config_t, curve_t, new_curve
-   use hb_curve_events, only: find_extremes, find_stability, function_at
-   use hb_curve_request, only: curve_kind, curve_request_t
+   use hb_curve_events, only: find_extremes, find_motion, find_stability
+   use hb_curve_request, only: curve_kind, curve_request_t, located_response_t
    use hb_document, only: document_t
    use hb_energy, only: energy_t
    use hb_error, only: error_t
@@ -16,22 +17,22 @@ module hb_followed_motion
    use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
    use hb_level, only: carry, estimate_of, level_t, put_on_level, with_caution
-   use hb_limit_cycle_search, only: fundamental
    use hb_model, only: model_t
    use hb_model_basis, only: half_of_odd, is_solved_odd, most_even
    use hb_model_problem, only: model_problem_t, new_model_problem
    use hb_motion_description, only: describe_motion
    use hb_motion_result, only: motion_result_t
    use hb_newton, only: solve_newton
+   use hb_normal_mode, only: amplitude_forms
    use hb_outcome, only: outcome
-   use hb_phase, only: coefficient_form, energy_row_t, peak_form, peak_rate_form, shift_form
+   use hb_phase, only: energy_row_t, shift_form
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
    use hb_thresholds, only: agreement, faint
    implicit none
    private
-   public :: followed_motion_t, known_t, most_tolerance_factor, n_further, origin_t, reported_extreme_t
-   public :: curve_state_t, waiting_t
+   public :: curve_state_t, followed_motion_t, known_t, largest_load, most_tolerance_factor, n_further, origin_t, &
+      reported_extreme_t, waiting_t
 
    integer, parameter :: most_corrections = 10
    real(wp), parameter :: most_tolerance_factor = 1.0e4_wp            !! by which a tolerance increases for a rough residual
@@ -117,6 +118,9 @@ module hb_followed_motion
       procedure :: units_at => followed_motion_units_at
       procedure :: renew => followed_motion_renew
       procedure :: evaluate_here => followed_motion_evaluate_here
+      procedure :: function_at => followed_motion_function_at
+      procedure :: square_at => followed_motion_square_at
+      procedure :: find_series => followed_motion_find_series
       procedure :: find_stability => followed_motion_find_stability
       procedure :: count_impacts => followed_motion_count_impacts
       procedure :: prepare_step => followed_motion_prepare_step
@@ -364,7 +368,7 @@ contains
    !> amplitude or the energy of a normal mode.
    subroutine followed_motion_put_conditions(self)
       class(followed_motion_t), intent(inout) :: self
-      integer :: dof, h, i, n
+      integer :: i, n
       real(wp) :: scale(self%problem%model%harmonics%n_coefficients, self%problem%n_dofs)
 
       n = self%problem%n_unknowns
@@ -377,15 +381,8 @@ contains
             self%curve%problem%row_at = 2
             self%curve%problem%values(2) = 1.0_wp
          else if (mode%is_asked) then
-            dof = self%problem%stiffness%coordinates%number_of(mode%dof)
-            h = fundamental(set, which(1))
-            if (mode%is_peak) then
-               forms(:n, 1) = peak_rate_form(set, n_dofs, dof, which(1))
-               forms(:n, 2) = peak_form(set, n_dofs, dof)
-            else
-               forms(:n, 1) = coefficient_form(set, n_dofs, set%sin_at(h), dof)
-               forms(:n, 2) = coefficient_form(set, n_dofs, set%cos_at(h), dof)
-            end if
+            forms(:n, :2) = amplitude_forms(set, n_dofs, self%problem%stiffness%coordinates%number_of(mode%dof), which(1), &
+                                            mode%is_peak)
             self%curve%problem%values(2) = mode%amplitude
             if (self%problem%moves_mode) then
                forms(size(forms, 1), 2) = -1.0_wp
@@ -453,11 +450,96 @@ contains
 
       associate (x => self%curve%x, responses => self%request%responses)
          known%rise = self%curve%direction(size(x))
-         known%functions = [(function_at(self%problem, responses(i), x, self%curve%direction), i=1, size(responses))]
+         known%functions = [(self%function_at(responses(i), x, self%curve%direction), i=1, size(responses))]
          call self%find_stability(x, self%model%stability%tolerance, known%stability)
          call find_extremes(self%problem, x, known%extremes)
       end associate
    end subroutine followed_motion_evaluate_here
+
+   !> The function whose zeros are located: the slope of the square of a response along a direction, the difference of
+   !> the square from the requested one, or the part of a harmonic in phase with its load.
+   real(wp) function followed_motion_function_at(self, response, x, direction) result(value)
+      class(followed_motion_t), intent(inout), target :: self
+      type(located_response_t), intent(in) :: response
+      real(wp), intent(in) :: x(:), direction(:)
+      real(wp), parameter :: apart = 1.0e-3_wp
+      complex(wp), allocatable :: c(:)
+      complex(wp) :: load
+      type(harmonics_t), pointer :: set
+
+      select case (response%kind)
+      case (curve_kind%amplitude)
+         value = self%square_at(response, x) - response%amplitude**2
+      case (curve_kind%resonance)
+         call self%find_series(response, x, set, c, load)
+         value = ieee_value(value, ieee_quiet_nan)
+         if (abs(load) > 0.0_wp) value = 0.0_wp
+         if (abs(load) > 0.0_wp .and. size(c) > 0) value = real(c(set%index_of(response%tuple))*conjg(load))/abs(load)
+      case default                                                    ! the slope, by a fourth-order difference
+         value = (8.0_wp*change(apart) - change(2.0_wp*apart))/(12.0_wp*apart)
+      end select
+
+   contains
+
+      real(wp) function change(distance)
+         real(wp), intent(in) :: distance
+
+         change = self%square_at(response, x + distance*direction) - self%square_at(response, x - distance*direction)
+      end function change
+   end function followed_motion_function_at
+
+   !> Square of a response.
+   real(wp) function followed_motion_square_at(self, response, x) result(square)
+      class(followed_motion_t), intent(inout), target :: self
+      type(located_response_t), intent(in) :: response
+      real(wp), intent(in) :: x(:)
+      complex(wp), allocatable :: c(:)
+      complex(wp) :: load
+      type(harmonics_t), pointer :: set
+
+      call self%find_series(response, x, set, c, load)
+      square = 0.0_wp
+      if (size(c) > 0) square = response%of(set, c)
+   end function followed_motion_square_at
+
+   !> Amplitudes of the degree of freedom of a response; none if the parameters are rejected.
+   subroutine followed_motion_find_series(self, response, x, set, c, load)
+      class(followed_motion_t), intent(inout), target :: self
+      type(located_response_t), intent(in) :: response
+      real(wp), intent(in) :: x(:)
+      type(harmonics_t), pointer, intent(out) :: set
+      complex(wp), allocatable, intent(out) :: c(:)                   !! (harmonics of the set)
+      complex(wp), intent(out) :: load                                !! of its tuple, if any
+      complex(wp), allocatable :: motion(:, :)
+      real(wp) :: u(self%problem%model%harmonics%n_coefficients, self%problem%n_dofs)
+      integer :: h
+
+      set => self%problem%model%harmonics
+      if (response%column > 0) then
+         u = reshape(x(:size(u)), shape(u))
+         c = [(set%amplitude(u(:, response%column), h), h=1, set%n_harmonics)]
+      else
+         call find_motion(self%problem, x, motion)
+         allocate (c(0))
+         if (allocated(motion)) c = motion(response%dof, :)
+      end if
+      load = largest_load(self%problem%model, response)
+   end subroutine followed_motion_find_series
+
+   !> The largest load of the harmonic of a response; zero for a whole oscillation.
+   pure complex(wp) function largest_load(model, response) result(load)
+      type(model_t), intent(in) :: model
+      type(located_response_t), intent(in) :: response
+      integer :: h
+
+      load = (0.0_wp, 0.0_wp)
+      if (.not. allocated(response%tuple)) return
+      h = model%harmonics%index_of(response%tuple)
+      if (h == 0) return
+      associate (loads => model%loads%of(h))
+         load = loads(maxloc(abs(loads), dim=1))
+      end associate
+   end function largest_load
 
    !> Stability of the motion at a point of the curve.
    subroutine followed_motion_find_stability(self, x, tolerance, stability, is_integrated)

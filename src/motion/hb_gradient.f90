@@ -21,6 +21,7 @@ module hb_gradient
    use hb_model_problem, only: model_problem_t, moving_value_t, new_model_problem
    use hb_model_reader, only: update_model
    use hb_motion_result, only: as_pairs, gradient_t, motion_result_t
+   use hb_normal_mode, only: amplitude_forms
    use hb_outcome, only: is_solved, outcome
    use hb_phase, only: coefficient_form, shift_form
    use hb_problem, only: problem_t
@@ -53,7 +54,8 @@ module hb_gradient
       type(document_t) :: document                                    ! from which its model was read
       type(model_t) :: model                                          ! on its set and grid, at its frequencies
       integer, allocatable :: tones(:)                                ! numbers of the unknown ones
-      real(wp), allocatable :: x(:)                                   ! coefficients, then the unknown frequencies
+      integer, allocatable :: which(:)                                ! likewise of parameters: with the damping of a normal mode
+      real(wp), allocatable :: x(:)                                   ! coefficients, then these parameters
       real(wp), allocatable :: residual(:)                            ! of the balance at x
       integer :: n = 0                                                ! coefficients
    contains
@@ -99,7 +101,12 @@ contains
          known%n = size(unknowns) - model%tones%n_tones
          known%model%tones%omega = unknowns(known%n + 1:)
          known%tones = pack([(m, m=1, model%tones%n_tones)], model%tones%is_unknown)
+         known%which = known%tones
          known%x = [unknowns(:known%n), known%model%tones%omega(known%tones)]
+         if (model%normal_mode%is_asked) then
+            known%which = [known%which, model%tones%n_tones + known%tones]
+            known%x = [known%x, result%artificial_damping(known%tones)]
+         end if
       end associate
       call differentiate(known, result%gradient, error)
       call give_up()
@@ -229,8 +236,8 @@ contains
       before = self%model
       call put_on_level(self%model, before, level, error)
       if (allocated(error)) return
-      self%x = carry(before%harmonics, level%set, self%x, size(self%tones))
-      self%n = size(self%x) - size(self%tones)
+      self%x = carry(before%harmonics, level%set, self%x, size(self%which))
+      self%n = size(self%x) - size(self%which)
       deallocate (self%residual)
       call differentiate(self, gradient, error, corrects=level%set%n_harmonics > before%harmonics%n_harmonics)
    end subroutine known_differentiate
@@ -256,7 +263,9 @@ contains
          if (allocated(error)) return
          problem => here
          if (size(known%tones) > 0) then
-            call new_bordered_problem(with_frequencies, here, known%tones, phase_forms(known, here), 0.0_wp*known%x(n + 1:))
+            associate (forms => conditions(known, here))
+               call new_bordered_problem(with_frequencies, here, known%which, forms, matmul(known%x(:n), forms))
+            end associate
             problem => with_frequencies
          end if
          allocate (by_value(n), slope(size(known%x)))
@@ -264,6 +273,7 @@ contains
          if (present(corrects)) then
             if (corrects) call correct(known, problem)
          end if
+         call here%set_parameters(known%which, known%x(n + 1:), is_found)
          call here%residual(known%x(:n), known%residual)
          call new_tangent_solver(tangent, problem, known%x, is_lost, sharp)
          do k = 1, size(by)
@@ -274,6 +284,7 @@ contains
             do attempt = 1, 2
                call put_on(moved, by(k), typical)
                if (allocated(error)) return
+               call moved%set_parameters(known%which, known%x(n + 1:), is_found)
                call moved%parameter_derivative(known%x(:n), moved%own, by_value)
                slope = 0.0_wp
                slope(:n) = -by_value
@@ -320,11 +331,12 @@ contains
       call problem%residual(known%x - step, r_after)
       if (.not. norm2(r_after/problem%r_scale) <= norm2(r/problem%r_scale)) return
       known%x = known%x - step
-      known%model%tones%omega(known%tones) = known%x(known%n + 1:)
+      known%model%tones%omega(known%tones) = known%x(known%n + 1:known%n + size(known%tones))
    end subroutine correct
 
-   !> Conditions for the phases of unknown tones: sines that are zero, or no component along a shift of the motion.
-   function phase_forms(known, problem) result(forms)
+   !> Conditions for the phases of unknown tones: sines that are zero, or no component along a shift of the motion. Those
+   !> of a normal mode are its phase and its amplitude.
+   function conditions(known, problem) result(forms)
       type(known_t), intent(in) :: known
       type(model_problem_t), intent(in) :: problem
       real(wp), allocatable :: forms(:, :)
@@ -333,8 +345,13 @@ contains
 
       u = reshape(known%x(:known%n), shape(u))
       scale = reshape(problem%x_scale, shape(u))
-      allocate (forms(size(u), size(known%tones)))
-      associate (set => problem%harmonics, dofs => known%model%phase_dofs)
+      allocate (forms(size(u), size(known%which)))
+      associate (set => problem%harmonics, dofs => known%model%phase_dofs, mode => known%model%normal_mode)
+         if (mode%is_asked) then
+            forms = amplitude_forms(set, problem%n_dofs, problem%stiffness%coordinates%number_of(mode%dof), known%tones(1), &
+                                    mode%is_peak)
+            return
+         end if
          do i = 1, size(known%tones)
             if (size(dofs) > 0) then
                forms(:, i) = coefficient_form(set, problem%n_dofs, set%sin_at(fundamental(set, known%tones(i))), &
@@ -344,7 +361,7 @@ contains
             end if
          end do
       end associate
-   end function phase_forms
+   end function conditions
 
    !> Takes steps to both sides along the derivative: they give the derivatives of all degrees of freedom and the
    !> residual.
@@ -376,7 +393,7 @@ contains
                                      max(step*norm2(by_value/moved%r_scale), tiny(1.0_wp)))
          end do
          gradient%frequency(:, k) = (omega(:, 2) - omega(:, 1))/(at(2) - at(1))
-         gradient%frequency(known%tones, k) = slope(n + 1:)
+         gradient%frequency(known%tones, k) = slope(n + 1:n + size(known%tones))
          call keep_slope(gradient, known%model%output%dofs, k, (c(:, :, 2) - c(:, :, 1))/(at(2) - at(1)))
       end associate
 
@@ -386,7 +403,7 @@ contains
          logical, intent(out) :: is_possible
 
          x = known%x + at(side)*slope
-         call moved%set_parameters([known%tones, moved%own], [x(known%n + 1:), value + at(side)], is_possible)
+         call moved%set_parameters([known%which, moved%own], [x(known%n + 1:), value + at(side)], is_possible)
       end subroutine go
    end subroutine take_steps
 

@@ -503,6 +503,7 @@ contains
       once = 1.0_wp
       wanted%is_on = .true.
       wanted%change = sides(1)%structure%change_from(sides(2)%structure, weight)
+      wanted%drives = self%drives()
       wanted%rates = weight*(sides(1)%frequencies - sides(2)%frequencies)
       call new_amplitudes(wanted%loads, sides(1)%loads%n_dofs, sides(1)%loads%n_harmonics)
       call wanted%loads%add_scaled(sides(1)%loads, weight*once)

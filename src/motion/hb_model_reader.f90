@@ -331,8 +331,8 @@ contains
       group => document%optional_group("gradient")
       call group%get("by", paths)
       if (.not. allocated(paths)) return                              ! which has been reported
-      if (document%count("normal_mode") > 0) then
-         call group%problem("by", "is for motions; leave the group out with &normal_mode")
+      if (self%normal_mode%has_energy) then
+         call group%problem("by", "needs an 'amplitude' of the &normal_mode, not an 'energy'")
          return
       end if
       do i = 1, size(paths)

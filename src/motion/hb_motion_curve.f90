@@ -8,7 +8,6 @@
 module hb_motion_curve
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
-   use hb_curve_events, only: square_at
    use hb_curve_gradient, only: find_curve_gradient
    use hb_curve_request, only: curve_kind, curve_request_t, find_direction, find_null_vector
    use hb_curve_sets, only: step_to_tolerance, transfer_motion
@@ -607,6 +606,6 @@ contains
       real(wp), intent(in) :: x(:)                                    !! its unknowns
 
       measure = 0.0_wp
-      if (size(self%request%responses) > 0) measure = sqrt(square_at(self%problem, self%request%responses(1), x))
+      if (size(self%request%responses) > 0) measure = sqrt(self%square_at(self%request%responses(1), x))
    end function motion_curve_measure
 end module hb_motion_curve

@@ -42,6 +42,7 @@ module hb_condensation
       ! entries of the last harmonic, the full S_lr if matrix products are faster, memory for slopes of loads
       complex(wp), allocatable, private :: s_ll(:), s_rl(:), s_lr(:), full_lr(:, :), load_slope(:)
       real(wp), allocatable, private :: magnitude(:)
+      real(wp), private :: drive = 0.0_wp                             ! likewise
    contains
       procedure :: condense => condensation_condense
       procedure :: find_slopes => condensation_find_slopes
@@ -101,6 +102,7 @@ contains
 
       n_law = size(self%places)
       n_interior = size(self%interior)
+      self%drive = drive
       associate (ll => self%ll, lr => self%lr, rl => self%rl, solver => self%solver, s_lr => self%s_lr)
          call rl%evaluate(frequency, drive, self%s_rl)
          solver%rhs(:, :n_law) = (0.0_wp, 0.0_wp)
@@ -252,7 +254,7 @@ contains
          complex(wp) :: slope(block%n_entries)
 
          if (by == slope_by%value) then
-            call block%evaluate(frequency, 0.0_wp, slope)
+            call block%evaluate(frequency, self%drive, slope)
          else if (by == slope_by%drive) then
             call block%drive_slope(slope)
          else

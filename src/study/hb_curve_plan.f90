@@ -245,7 +245,6 @@ contains
       type(model_t), intent(in) :: model
       character(:), allocatable, intent(out) :: text
       character(*), parameter :: which = "with walls that have a restitution, a curve "
-      integer :: i
 
       text = ""
       if (model%tones%n_tones > 1 .or. any(model%tones%is_unknown)) then
@@ -254,8 +253,8 @@ contains
          text = which//"needs a restitution of every wall"
       else if (allocated(self%over) .or. self%switches .or. size(self%others) > 0 .or. len(self%origin_path) > 0) then
          text = which//"follows the motion from 'start' alone: 'follow', 'switch', 'others' and 'origin' need a balance"
-      else if (any([(size(self%responses_of(i)%names) > 0, i=1, size(self%responses_of))])) then
-         text = which//"locates folds, flips, tori, grazes and values; 'peak_of' and other responses need a balance"
+      else if (size(model%gradient%by) > 0) then
+         text = which//"has no derivatives: leave &gradient out"
       end if
    end subroutine find_refusal_with_impacts
 

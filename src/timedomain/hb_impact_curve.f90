@@ -8,11 +8,11 @@ module hb_impact_curve
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_coordinates, only: coordinates_t
    use hb_curve, only: curve_config_t, new_curve
-   use hb_curve_request, only: curve_kind, curve_request_t
+   use hb_curve_request, only: curve_kind, curve_request_t, located_response_t
    use hb_curve_step, only: step
    use hb_document, only: document_t
    use hb_error, only: error_t
-   use hb_followed_motion, only: known_t, waiting_t
+   use hb_followed_motion, only: known_t, largest_load, waiting_t
    use hb_harmonics, only: harmonics_t
    use hb_impact_orbit, only: accurate, impact_orbit_t, new_impact_orbit
    use hb_integrate_to_tolerance, only: keep_lines, loaded_tuples, status_within
@@ -30,7 +30,6 @@ module hb_impact_curve
    use hb_point, only: solve_point
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
-   use hb_thresholds, only: agreement
    use hb_time_domain, only: steady_motion_t
    use hb_tuple_choice, only: new_lowest_set
    implicit none
@@ -43,6 +42,7 @@ module hb_impact_curve
    !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`.
    type, extends(motion_curve_t) :: impact_curve_t
       type(impact_orbit_t) :: orbit
+      type(harmonics_t), private :: set                               ! of the points and responses
       real(wp), private :: first_section = 0.0_wp                     ! that of the first motion
    contains
       procedure :: begin => impact_curve_begin
@@ -56,6 +56,7 @@ module hb_impact_curve
       procedure :: transfer_start => impact_curve_transfer_start
       procedure :: renew => impact_curve_renew
       procedure :: evaluate_here => impact_curve_evaluate_here
+      procedure :: find_series => impact_curve_find_series
       procedure :: find_stability => impact_curve_find_stability
       procedure :: count_impacts => impact_curve_count_impacts
       procedure :: describe => impact_curve_describe
@@ -174,13 +175,18 @@ contains
       call motion_curve_start_branch(self, error)
    end subroutine impact_curve_start_branch
 
-   !> A state has no set.
+   !> A state has no set; that of the points contains all candidates for a tolerance.
    subroutine impact_curve_put_on(self, level, error)
       class(impact_curve_t), intent(inout), target :: self
       type(level_t), intent(in) :: level
       type(error_t), allocatable, intent(out) :: error
 
       self%level = level
+      self%set = self%model%harmonics
+      associate (accuracy => self%model%accuracy)
+         if (accuracy%is_on) call new_lowest_set(self%set, 1, loaded_tuples(self%model), error, &
+            min(most_candidates, max(16, ceiling(4.0_wp*accuracy%tolerance**(-2.0_wp/3.0_wp)))))
+      end associate
    end subroutine impact_curve_put_on
 
    !> Nor has the period map more roughness than its rounding.
@@ -239,6 +245,7 @@ contains
    !> Ends the branch with its last point from which the walls are struck as often: beyond it the curve has no tangent.
    subroutine end_at_graze(self)
       class(impact_curve_t), intent(inout), target :: self
+      real(wp), parameter :: near_enough = 1.0e-3_wp                  ! of the shortest step; nearer to the wall it is struck
       real(wp), dimension(size(self%curve%x)) :: found, x
       real(wp) :: place, step
       logical :: is_on_curve
@@ -247,7 +254,7 @@ contains
       place = 0.0_wp
       step = self%curve%config%shortest_step
       self%curve%status = outcome%pending
-      do while (step > agreement*self%curve%config%shortest_step .and. self%curve%status == outcome%pending)
+      do while (step > near_enough*self%curve%config%shortest_step .and. self%curve%status == outcome%pending)
          step = 0.5_wp*step
          call self%curve%point_at(place + step, x, is_on_curve)
          if (is_on_curve) is_on_curve = all(self%orbit%impacts == self%known%impacts)
@@ -311,7 +318,6 @@ contains
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       type(coordinates_t) :: coordinates
-      type(harmonics_t) :: set
       type(model_t) :: here
       type(motion_result_t) :: fresh
       type(steady_motion_t) :: settled
@@ -327,10 +333,7 @@ contains
          here = orbit%model
          coordinates = coordinates_of(here)
          if (accuracy%is_on) then
-            call new_lowest_set(set, 1, loaded_tuples(orbit%model), error, &
-                                min(most_candidates, max(16, ceiling(4.0_wp*accuracy%tolerance**(-2.0_wp/3.0_wp)))))
-            if (allocated(error)) return
-            call put_on_set(here, orbit%model, set)
+            call put_on_set(here, orbit%model, self%set)
             here%integration%aim = accuracy%tolerance
          end if
          call orbit%describe(here, coordinates, point%x(:n), settled, is_done)
@@ -360,11 +363,31 @@ contains
    subroutine impact_curve_evaluate_here(self, known)
       class(impact_curve_t), intent(inout), target :: self
       type(known_t), intent(out) :: known
+      integer :: i
 
       known%rise = self%curve%direction(size(self%curve%x))
+      known%functions = [(self%function_at(self%request%responses(i), self%curve%x, self%curve%direction), &
+                          i=1, size(self%request%responses))]
       call self%find_stability(self%curve%x, accurate, known%stability)
       call self%count_impacts(self%curve%x, known%impacts)
    end subroutine impact_curve_evaluate_here
+
+   !> Amplitudes of the degree of freedom of a response; none if the value is rejected.
+   subroutine impact_curve_find_series(self, response, x, set, c, load)
+      class(impact_curve_t), intent(inout), target :: self
+      type(located_response_t), intent(in) :: response
+      real(wp), intent(in) :: x(:)
+      type(harmonics_t), pointer, intent(out) :: set
+      complex(wp), allocatable, intent(out) :: c(:)
+      complex(wp), intent(out) :: load
+      logical :: is_possible
+
+      set => self%set
+      call self%orbit%set_parameters([1], x(size(x):), is_possible)
+      load = largest_load(self%orbit%model, response)
+      allocate (c(0))
+      if (is_possible) c = self%orbit%series_of(set, response%dof, x(:size(x) - 1))
+   end subroutine impact_curve_find_series
 
    !> Stability of the motion at a point of the curve.
    subroutine impact_curve_find_stability(self, x, tolerance, stability, is_integrated)

@@ -12,6 +12,7 @@ module hb_impact_orbit
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_floquet, only: stability_of_map
+   use hb_harmonics, only: harmonics_t
    use hb_integration_laws, only: collect_rigid
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_system
    use hb_kinds, only: two_pi, wp
@@ -68,6 +69,7 @@ module hb_impact_orbit
       procedure :: move_section => impact_orbit_move_section
       procedure :: better_section => impact_orbit_better_section
       procedure :: describe => impact_orbit_describe
+      procedure :: series_of => impact_orbit_series_of
       procedure :: stability => impact_orbit_stability
       procedure :: move => impact_orbit_move
       procedure :: destroy => impact_orbit_destroy
@@ -384,6 +386,46 @@ contains
       if (is_done) q = record%every_displacement(:n, :)
    end subroutine sample
 
+   !> One turn of a harmonic from the section on, at as many samples.
+   pure function wave(self, order, n)
+      type(impact_orbit_t), intent(in) :: self
+      integer, intent(in) :: order, n
+      complex(wp) :: wave(n)
+      integer :: i
+
+      wave = exp(cmplx(0.0_wp, two_pi*order*(self%section + [(i, i=0, n - 1)]/real(n, wp)), wp))
+   end function wave
+
+   !> Amplitudes, cos - i sin, of samples of a period from the section on, (n_harmonics, columns of z).
+   pure function harmonics_of(self, set, z) result(amplitudes)
+      type(impact_orbit_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: z(:, :)                                 !! (n_samples, any)
+      complex(wp) :: amplitudes(set%n_harmonics, size(z, 2))
+      integer :: h
+
+      do h = 1, set%n_harmonics
+         associate (order => set%tuples(1, h), n => size(z, 1))
+            amplitudes(h, :) = matmul(merge(1.0_wp, 2.0_wp, order == 0)/n*conjg(wave(self, order, n)), z)
+         end associate
+      end do
+   end function harmonics_of
+
+   !> Amplitudes, cos - i sin, of a degree of freedom of a motion; none if the integration fails.
+   function impact_orbit_series_of(self, set, dof, x) result(c)
+      class(impact_orbit_t), intent(inout) :: self
+      type(harmonics_t), intent(in) :: set
+      integer, intent(in) :: dof
+      real(wp), intent(in) :: x(:)
+      complex(wp), allocatable :: c(:)                                ! (n_harmonics)
+      real(wp), allocatable :: q(:, :)
+      logical :: is_done
+
+      allocate (c(0))
+      call sample(self, x, q, is_done)
+      if (is_done) c = reshape(harmonics_of(self, set, q(:, [dof])), [set%n_harmonics])
+   end function impact_orbit_series_of
+
    !> Derivative of the map and coefficients of a periodic motion at the harmonics of a model, with the part of it outside these.
    subroutine impact_orbit_describe(self, model, coordinates, x, settled, is_done)
       class(impact_orbit_t), intent(inout) :: self
@@ -392,24 +434,19 @@ contains
       real(wp), intent(in) :: x(:)
       type(steady_motion_t), intent(inout) :: settled
       logical, intent(out) :: is_done
-      complex(wp), allocatable :: wave(:)
       real(wp), allocatable :: q(:, :), remainder(:, :), z(:, :)
-      integer :: h, i
+      integer :: h
 
       call sample(self, x, q, is_done)
       if (.not. is_done) return
       z = coordinates%values_of(q(:, coordinates%dofs))
       remainder = z
       associate (set => model%harmonics, n => size(q, 1))
-         settled%amplitudes = reshape([complex(wp) ::], [size(q, 2), set%n_harmonics], [(0.0_wp, 0.0_wp)])
-         settled%averages = reshape([complex(wp) ::], [set%n_harmonics, size(z, 2)], [(0.0_wp, 0.0_wp)])
+         settled%amplitudes = transpose(harmonics_of(self, set, q))
+         settled%averages = harmonics_of(self, set, z)
          do h = 1, set%n_harmonics
-            wave = exp(cmplx(0.0_wp, two_pi*set%tuples(1, h)*(self%section + [(i, i=0, n - 1)]/real(n, wp)), wp))
-            associate (weights => merge(1.0_wp, 2.0_wp, set%tuples(1, h) == 0)/n*conjg(wave))
-               settled%amplitudes(:, h) = matmul(weights, q)
-               settled%averages(h, :) = matmul(weights, z)
-            end associate
-            remainder = remainder - real(spread(wave, 2, size(z, 2))*spread(settled%averages(h, :), 1, n), wp)
+            remainder = remainder - real(spread(wave(self, set%tuples(1, h), n), 2, size(z, 2))* &
+                                         spread(settled%averages(h, :), 1, n), wp)
          end do
       end associate
       settled%left_out = maxval(norm2(remainder, 1)/norm2(z - spread(sum(z, 1)/size(z, 1), 1, size(z, 1)), 1))

@@ -45,6 +45,49 @@ def test_followed_points_are_verified_at_both_values(tmp_path):
     assert done.status == ALL_CONVERGED and done.stdout.count("agrees with time integration") == 2, done.stdout
 
 
+LAVAL = """
+&structure type = 'jeffcott', mass = 1.0, stiffness = 1.0, damping = 0.13, rotating_damping = 0.4, speed = 0.5 /
+&tones frequency = 1.5 /
+&tie parameter = 'structure%speed', to = 'tones%frequency' /
+&harmonics order = 5 /
+&load dof = 'x', tuple = 1, cos = 0.25, frequency_power = 2 /
+&load dof = 'y', tuple = 1, sin = 0.25, frequency_power = 2 /
+&load dof = 'x', tuple = 0, cos = -0.4 /
+&law type = 'cubic_damping', dofs = 'x', coefficient = 0.25 /
+&law type = 'cubic_damping', dofs = 'y', coefficient = 0.25 /
+"""
+CHAIN = """
+&structure type = 'chain', n_masses = 3, ends = 'free', mass = 1.0, coupling_stiffness = 0.5, ground_stiffness = 1.0,
+   damping_mass = 9.0 /
+&tones frequency = 0.8 /
+&harmonics order = 5 /
+&load dof = 'x3', tuple = 1, cos = 0.3 /
+&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /
+&tie parameter = 'structure%damping_mass', to = 'load(1)%cos', factor = 0.2 /
+&tie parameter = 'law(1)%stiffness', to = 'structure%damping_mass', factor = 10.0 /
+"""
+
+
+@pytest.mark.parametrize(
+    ("model", "kind", "moved", "span", "over"),
+    [
+        (LAVAL, "torus", "law(1)%coefficient", (0.25, 0.3), (1.5, 2.0)),
+        (CHAIN, "fold", "load(1)%cos", (0.3, 0.4), (0.8, 1.6)),
+    ],
+)
+def test_followed_points_take_along_what_is_tied(model, kind, moved, span, over, tmp_path):
+    """A speed to the frequency that is located; damping and stiffness, of a condensed structure, to the load."""
+    model += "&certificate is_on = .false. /\n"
+    along = f"&curve parameter = '{moved}', from = {span[0]}, to = {span[1]}, follow = '{kind}', over = 'tones%frequency',"
+    along += f" over_from = {over[0]}, over_to = {over[1]} /\n"
+    curve = f"&curve parameter = 'tones%frequency', from = {over[0]}, to = {over[1]}, points = 400 /\n"
+    with Results(solve(model + along, tmp_path, name="ridge")) as followed:
+        (last,) = followed.select({"curve_kind": "end"})
+        with Results(solve(model + curve, tmp_path, "--set", f"{moved}={span[1]}", name="there")) as known:
+            found = known.curve.values[known.select({"curve_kind": kind})]
+        assert followed.per_point("curve_over")[last] == pytest.approx(found[0], rel=1e-8)
+
+
 def test_doublings_are_followed_to_those_of_curves_there(tmp_path):
     """Ueda's oscillator with a mean load, over the load and along the damping."""
     model = (INPUTS / "gallery" / "ueda_curve.nml").read_text().partition("&curve")[0].replace("order = 21", "order = 9")

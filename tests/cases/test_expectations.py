@@ -1,5 +1,9 @@
 """Tests of the check itself: expectations.py accepts correct results, rejects wrong ones, and does not fail otherwise."""
 
+from importlib.machinery import SourceFileLoader
+from importlib.util import module_from_spec, spec_from_loader
+from pathlib import Path
+
 import pytest
 from nhbm_post.reader import Results
 
@@ -176,3 +180,15 @@ def test_malformed_line_is_refused(line):
 
 def test_other_comments_are_no_expectations():
     assert read_expectations("! as one would expect: nothing\n&tones frequency = 1.0 / ! [rad/s]\n") == []
+
+
+def test_inputs_of_the_validation_page_name_their_reference():
+    """`tests/validation` leaves out an input whose comment names none, and with it the row of the page."""
+    root = Path(__file__).resolve().parents[2]
+    spec = spec_from_loader("validation", SourceFileLoader("validation", str(root / "tests" / "validation")))
+    spec.loader.exec_module(validation := module_from_spec(spec))
+    page = (root / "docs" / "why" / "validation.md").read_text(encoding="utf-8")
+    table = page.split("<!-- inputs -->")[1].split("<!-- end of inputs -->")[0]
+    cases = validation.cases_of(table.splitlines())
+    assert len(cases) > 50
+    assert [case for case in cases if not validation.origin((root / "inputs" / f"{case}.nml").read_text(encoding="utf-8"))] == []

@@ -267,8 +267,11 @@ def test_an_interrupted_curve_goes_on_where_it_was(tmp_path):
     ("more", "says"),
     [
         ("&tones frequency=1.3,2.1 /", "needs one given tone; a &sweep integrates motions of several tones one by one"),
+        ("&tones frequency=1.3,2.1, unknown=.false.,.true. /", "needs one given tone"),
         ("switch=.true.", "'switch'"),
-        ("peak_of='x1 (1)'", "'peak_of' and other responses need a balance"),
+        ("others=0.5", "'others'"),
+        ("&gradient by='law(1)%gap' /", "has no derivatives: leave &gradient out"),
+        ("follow='fold', over='load(1)%cos', over_from=1.0, over_to=2.0", "'follow'"),
     ],
 )
 def test_what_a_curve_with_impacts_cannot_do_is_refused(more, says, tmp_path):
@@ -277,6 +280,8 @@ def test_what_a_curve_with_impacts_cannot_do_is_refused(more, says, tmp_path):
     text = MODEL.format(tone=1.3, tuple=1, law=", restitution=0.7") + "&harmonics order=5 /\n"
     if "tones" in more:
         text = text.replace("&tones frequency=1.3 /", more).replace("tuple=1", "tuple=1,0").replace("order=5", "order=5,5")
+    if "gradient" in more:
+        text += more + "\n"
     path.write_text(text + f"&curve parameter='law(1)%gap', from=0.0, to=1.0, points=5{of_curve} /\n")
     ended = run("solve", path, "--overwrite", cwd=tmp_path)
     assert ended.status == 2

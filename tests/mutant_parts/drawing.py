@@ -34,9 +34,10 @@ class Draw:
         return "\n".join(lines)
 
 
-def draws(root: Path, count: int, seed: int):
-    """Different ones: a module by its lines of code, a place in it, what takes its place. Some may not build."""
-    files = {path: sites(path, root) for path in sorted((root / "src").rglob("*.f90"))}
+def draws(root: Path, count: int, seed: int, only: str = ""):
+    """Different ones: a module by its lines of code, a place in it, what takes its place. Some may not build. `only` is a regular
+    expression for the names of modules."""
+    files = {path: sites(path, root) for path in sorted((root / "src").rglob("*.f90")) if re.search(only, path.stem)}
     files = {path: found for path, found in files.items() if found}
     weights = [lines_of_code(path) for path in files]
     chance = random.Random(seed)

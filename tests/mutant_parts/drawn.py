@@ -74,12 +74,13 @@ class Failure(Exception):
     """The source does not build, or a suite fails, without a mutant."""
 
 
-def assess(count: int, seed: int, jobs: int, note) -> list[Verdict]:
-    """So many mutants that build, `jobs` at once, fewer where it is interrupted; `note` is called with each verdict."""
+def assess(count: int, seed: int, jobs: int, only: str, note) -> list[Verdict]:
+    """So many mutants of some modules that build, `jobs` at once, fewer where it is interrupted; `note` is called with each
+    verdict."""
     suites = prepare(jobs)
     reach = half_bandwidth_of(suites, jobs)
     verdicts: list[Verdict] = []
-    drawn = enumerate(draws(SOURCE, 10 * count, seed))
+    drawn = enumerate(draws(SOURCE, 10 * count, seed, only))
 
     def missing() -> int:
         return count - sum(verdict.verdict != NOT_BUILT for verdict in verdicts)
