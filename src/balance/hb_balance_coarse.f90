@@ -92,6 +92,6 @@ contains
       torus%corrects_kinks = self%law_set%transform%torus%corrects_kinks
       if (self%law_set%transform%torus%is_half .and. torus%can_be_halved()) torus = torus%half()
       stiffness = self%stiffness%restricted_to(kept)
-      call new_balance(coarse, set, torus, self%omega, stiffness, self%law_set%laws, self%effort, error)
+      call new_balance(coarse, set, torus, self%omega, stiffness, self%law_set%laws, error)
    end subroutine make_coarse
 end submodule hb_balance_coarse

@@ -151,7 +151,7 @@ contains
          call new_linear_part(linear, stiffness)
       end if
       if (allocated(error)) return
-      call new_balance(wide, set, grid, balance%omega, linear, balance%law_set%laws, balance%effort, error)
+      call new_balance(wide, set, grid, balance%omega, linear, balance%law_set%laws, error)
    end subroutine make_wide_balance
 
    !> Computes the certificate of a motion without laws: without errors, only powers and energies.
@@ -299,7 +299,7 @@ contains
 
       allocate (linear, source=balance%stiffness)
       call new_balance(fine, balance%harmonics, wide%law_set%transform%torus, balance%omega, linear, balance%law_set%laws, &
-                       balance%effort, error)
+                       error)
       if (.not. allocated(error)) then
          config%max_iterations = most_iterations
          config%fallback = .false.

@@ -69,13 +69,12 @@ module hb_packed_fft
 contains
 
    !> Plans the transforms of one function at a time on a grid, between samples and tuples with |j_m| <= highest(m).
-   subroutine new_packed_fft(self, torus, parity, highest, directions, effort, error)
+   subroutine new_packed_fft(self, torus, parity, highest, directions, error)
       type(packed_fft_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
       integer, intent(in) :: parity                                   !! 1 or 0: of the sums of tuples; arbitrary on the whole grid
       integer, intent(in) :: highest(:)                               !! (n_tones) >= 0; larger than the grid resolves: all
       integer, intent(in) :: directions                               !! one of `direction`
-      integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
       integer :: grid(size(highest)), m, n_tones
 
@@ -156,7 +155,7 @@ contains
             stage%high_spectrum = n_inner
             stage%high_samples = before*next_grid - n_inner
          end if
-         call new_axis_plan(stage%plan, grid(m), n_inner, product(grid(m + 1:)), before*next, before*next_grid, effort, &
+         call new_axis_plan(stage%plan, grid(m), n_inner, product(grid(m + 1:)), before*next, before*next_grid, &
                             error)
       end subroutine plan_stage
    end subroutine new_packed_fft

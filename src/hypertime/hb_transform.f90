@@ -19,7 +19,6 @@ module hb_transform
       integer :: n_channels = 0                                       !! functions in a block of samples
       type(packed_fft_t), private :: fft
       type(packed_fft_t), private :: products                         ! of tuples up to twice the highest, after `prepare_products`
-      integer, private :: effort = 0                                  ! one of hb_fftw%planning
       integer, allocatable, private :: at(:), mirror_at(:)            ! (n_harmonics) positions of j and -j in the spectrum
       logical, private :: has_shared_places = .false.                 ! of several harmonics
       complex(wp), allocatable, private :: near_factor(:), far_factor(:)   ! (n_harmonics), see hb_packed_fft%factors
@@ -52,12 +51,11 @@ module hb_transform
 contains
 
    !> Plans the transforms of `n_channels` functions, in both directions or one.
-   subroutine new_transform(self, harmonics, torus, n_channels, effort, error, directions)
+   subroutine new_transform(self, harmonics, torus, n_channels, error, directions)
       type(transform_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics                      !! on half a torus with sums of one parity
       type(torus_t), intent(in) :: torus
       integer, intent(in) :: n_channels                               !! >= 1
-      integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
       integer, intent(in), optional :: directions                     !! one of hb_packed_fft%direction, default: both
       logical, allocatable :: is_used(:)
@@ -68,10 +66,9 @@ contains
       self%harmonics = harmonics
       self%torus = torus
       self%n_channels = n_channels
-      self%effort = effort
       chosen = direction%both
       if (present(directions)) chosen = directions
-      call new_packed_fft(self%fft, torus, modulo(sum(harmonics%tuples(:, 1)), 2), harmonics%highest, chosen, effort, error)
+      call new_packed_fft(self%fft, torus, modulo(sum(harmonics%tuples(:, 1)), 2), harmonics%highest, chosen, error)
       if (allocated(error)) return
       if (allocated(self%at)) deallocate (self%at, self%mirror_at)
       allocate (self%at(harmonics%n_harmonics), self%mirror_at(harmonics%n_harmonics))
@@ -219,7 +216,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (allocated(table%at)) return
-      call new_packed_fft(self%products, self%torus, 0, 2*self%harmonics%highest, direction%to_spectrum, self%effort, error)
+      call new_packed_fft(self%products, self%torus, 0, 2*self%harmonics%highest, direction%to_spectrum, error)
       if (.not. allocated(error)) call index_table(self, table, n_parts, error)
    end subroutine transform_prepare_products
 

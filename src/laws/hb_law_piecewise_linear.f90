@@ -1,7 +1,7 @@
 !> Continuous piecewise linear spring: slope s_1 below the first breakpoint, s_2 to the second, ..., s_(n+1) above the last.
 !> Source: docs/why/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
 module hb_law_piecewise_linear
-   use hb_interval, only: interval_of, is_ascending
+   use hb_interpolation, only: interval_of, is_ascending
    use hb_kinds, only: wp
    use hb_law, only: kink_t, law_t, read_place
    use hb_properties, only: properties_t

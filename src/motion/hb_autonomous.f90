@@ -107,7 +107,7 @@ contains
       call new_dynamic_stiffness(stiffness, model%structure, coordinates, set%frequencies(omega), &
                                  model%loads%in_set(model%harmonics, set), error)
       if (.not. allocated(error)) call new_balance(balance, set, grid, omega, stiffness, laws_at(coordinates, model%laws), &
-                                                  model%planning, error)
+                                                  error)
    end subroutine new_base_balance
 
    !> Prepares the energy of motions of a balance relative to the motion without the unknown tone.

@@ -6,7 +6,6 @@ module hb_model
    use hb_document, only: parameter_t
    use hb_error, only: error_t
    use hb_fe_model, only: fe_model_source_t
-   use hb_fftw, only: planning
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law, only: hold_t, law_box_t
@@ -121,8 +120,6 @@ module hb_model
       logical :: start_from_linear = .true.                           !! first guess: the motion without laws, otherwise zero
       logical :: start_from_integration = .false.                     !! or the end of a time integration
       type(chain_config_t) :: chain
-      integer :: planning = planning%estimate                         !! effort of FFTW
-      character(:), allocatable :: wisdom                             !! file with FFTW's wisdom
       type(accuracy_t) :: accuracy
       type(certificate_config_t) :: certificate
       type(stability_config_t) :: stability

@@ -294,7 +294,7 @@ contains
          call new_linear_part(linear, stiffness)
       end if
       call new_balance(balance, basis%harmonics, basis%torus, start%omega, linear, laws_at(coordinates, model%laws), &
-                       model%planning, error)
+                       error)
       if (keeps) balance%cached_wide => kept%wide
       result%setup_seconds = wall_clock() - started
       if (.not. allocated(error)) call solve_balance(model, basis, start, balance, result, error, first_guess, unknowns)

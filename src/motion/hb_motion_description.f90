@@ -339,10 +339,10 @@ contains
       associate (coordinates => balance%stiffness%coordinates)
          allocate (linear, source=balance%stiffness)
          call new_balance(shown, basis%harmonics, torus, balance%omega, linear, laws_at(coordinates, model%laws), &
-                          model%planning, error)
+                          error)
          if (.not. allocated(error)) call new_real_block(samples, torus%n_total, size(coordinates%dofs), error)
          if (.not. allocated(error)) &
-            call new_transform(transform, basis%harmonics, torus, size(coordinates%dofs), model%planning, error)
+            call new_transform(transform, basis%harmonics, torus, size(coordinates%dofs), error)
          if (.not. allocated(error)) then
             call shown%sample(u)
             call shown%law_set%evaluate()

@@ -2,9 +2,8 @@
 module hb_frequency_part_input
    use hb_error, only: error_t
    use hb_frequency_part, only: frequency_part_t, kind_of_part
-   use hb_interval, only: is_ascending
+   use hb_interpolation, only: is_ascending, new_monotone_cubic
    use hb_kinds, only: wp
-   use hb_monotone_cubic, only: new_monotone_cubic
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t

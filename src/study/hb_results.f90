@@ -16,12 +16,11 @@ module hb_results
    use hb_outcome, only: outcome
    use hb_result_columns, only: measure_row, message_length, new_plan
    use hb_results_file, only: make_file
-   use hb_results_layout, only: check_layout, results_layout_t, swept_parameter_t
+   use hb_results_layout, only: check_layout, n_times, rank_times_t, results_layout_t, swept_parameter_t
    use hb_row_buffer, only: hold_seconds, new_row_buffer, room_for
    use hb_stored_rows, only: stored_file_t
    use hb_system, only: check_held, held_file_t, hold_file, release_file
    use hb_text, only: to_text
-   use hb_timing, only: n_times, rank_times_t
    implicit none
    private
    public :: create_results, open_results, results_layout_t, results_t

@@ -31,7 +31,7 @@ module hb_run_summary
       real(wp) :: lowest(max_tones) = huge(1.0_wp)                    !! frequency of each tone over solved points [rad/s]
       real(wp) :: highest(max_tones) = 0.0_wp                         !! below the lowest if there is no such point
       real(wp) :: seconds = 0.0_wp
-      real(wp), allocatable :: times(:, :)                            !! of all ranks, on rank 0, for hb_timing
+      real(wp), allocatable :: times(:, :)                            !! of all ranks, on rank 0, for hb_results_layout
       integer :: n_left = 0                                           !! points that the run has not solved
       integer :: interruption = interruption%none                     !! the reason
       character(:), allocatable :: made_by                            !! version that wrote the file, if different

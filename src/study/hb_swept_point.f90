@@ -19,7 +19,7 @@ module hb_swept_point
    use hb_point, only: solve_point
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t
-   use hb_timing, only: rank_times_t
+   use hb_results_layout, only: rank_times_t
    implicit none
    private
    public :: check_layout, run_point, spread_result

@@ -9,7 +9,7 @@ module hb_frequency_analysis
    use hb_birkhoff, only: average_at, bump_weights
    use hb_cancellation, only: work_is_over
    use hb_error, only: error_t, fail
-   use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, planning, real_block_t
+   use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, real_block_t
    use hb_kinds, only: two_pi, wp
    implicit none
    private
@@ -84,7 +84,7 @@ contains
       frequency = 0.0_wp
       call new_real_block(samples, size(x), 1, error)
       if (.not. allocated(error)) call new_complex_block(spectrum, size(x)/2 + 1, 1, error)
-      if (.not. allocated(error)) call new_fft_plan(plan, [size(x)], 1, planning%estimate, samples%values, &
+      if (.not. allocated(error)) call new_fft_plan(plan, [size(x)], 1, samples%values, &
                                                     spectrum%values, error)
       if (.not. allocated(error)) then
          samples%values(:, 1) = x

@@ -14,7 +14,7 @@ module hb_integration_equations
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_law, only: hold_t
-   use hb_ode, only: ode_t
+   use hb_sundials, only: ode_t
    implicit none
    private
    public :: integration_equations_t, new_integration_equations

@@ -10,7 +10,7 @@ module hb_line_fit
    use hb_birkhoff, only: bump_weights
    use hb_cancellation, only: work_is_over
    use hb_error, only: error_t
-   use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, planning, real_block_t
+   use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, real_block_t
    use hb_kinds, only: two_pi, wp
    implicit none
    private
@@ -72,7 +72,7 @@ contains
       call new_real_block(self%samples, n, 1, error)
       if (.not. allocated(error)) call new_complex_block(self%spectrum, n/2 + 1, 1, error)
       if (.not. allocated(error)) &
-         call new_fft_plan(self%plan, [n], 1, planning%estimate, self%samples%values, self%spectrum%values, error)
+         call new_fft_plan(self%plan, [n], 1, self%samples%values, self%spectrum%values, error)
    end subroutine new_line_fit
 
    !> Coefficients c - i s of x = sum c cos(w t) + s sin(w t), until a further product would change the root mean

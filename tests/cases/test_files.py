@@ -98,13 +98,6 @@ def test_input_is_never_replaced(verb, name, folder):
     assert (folder / "point.nml").read_text() == MODEL
 
 
-def test_wisdom_does_not_replace_another_file(folder):
-    keys = "&sampling planning = 'measure', wisdom = 'case.nml' /\n"
-    (folder / "wise.nml").write_text(MODEL + keys)
-    refused(run("solve", "wise.nml", cwd=folder), "'case.nml'", "no wisdom")
-    assert (folder / "case.nml").read_text() == MODEL + SWEEP
-
-
 # Names
 
 
@@ -140,9 +133,8 @@ def test_file_of_the_user_with_the_temporary_name_is_left_alone(folder):
     [
         "&structure type = 'model', file = 'pipe' /",
         "&law type = 'user', library = 'pipe', name = 'mine', dof = 'x1' /",
-        "&sampling planning = 'measure', wisdom = 'pipe' /",
     ],
-    ids=["model", "library", "wisdom"],
+    ids=["model", "library"],
 )
 def test_pipes_in_place_of_files_of_the_input(keys, folder):
     """Opening a pipe waits for its writer."""

@@ -424,7 +424,7 @@ def test_input_complete_gives_the_same_bits(text, tmp_path):
     first = solve(text, tmp_path, *fixed, name="first")
     with Results(first) as results:
         complete = results.input_complete
-    for key in ("two_sided", "max_iterations", "planning", "left_support"):
+    for key in ("two_sided", "max_iterations", "primary_method", "left_support"):
         assert key in complete, "defaults stand in it"
     again = solve(complete, tmp_path, name="again")
     if text is WALL:
