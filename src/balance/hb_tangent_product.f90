@@ -124,7 +124,7 @@ contains
       if (.not. allocated(error)) call new_real_block(self%column, thin%n_total, 1, error)
       if (.not. allocated(error)) then
          self%jacobian = laws%jacobian%pattern()
-         call self%jacobian%make_room(thin%n_total, error)
+         call self%jacobian%allocate_slopes(thin%n_total, error)
       end if
       if (.not. allocated(error)) then
          allocate (self%spectrum(band%n_coefficients, 1))

@@ -68,7 +68,7 @@ module hb_fftw
                                                                        !! memory suffices: aligned allocation takes longer than
                                                                        !! its transform
    integer, parameter :: is_real = 1, is_along_axis = 2                ! kinds of plans
-   integer, parameter :: n_places = 128                               ! in the store, unless more are in use at once
+   integer, parameter :: n_slots = 128                                ! in the store, unless more are in use at once
    type(stored_plan_t), allocatable, save :: store(:)
    integer(int64), save :: n_uses = 0
 
@@ -265,7 +265,7 @@ contains
          if (c_associated(forward)) call fftw_destroy_plan(forward)
          return
       end if
-      if (.not. allocated(store)) allocate (store(n_places))
+      if (.not. allocated(store)) allocate (store(n_slots))
       do i = 1, size(store)
          if (store(i)%n_users > 0) cycle
          if (slot == 0) slot = i
@@ -284,7 +284,7 @@ contains
    subroutine enlarge_store()
       type(stored_plan_t), allocatable :: larger(:)
 
-      allocate (larger(size(store) + n_places))
+      allocate (larger(size(store) + n_slots))
       larger(:size(store)) = store
       call move_alloc(larger, store)
    end subroutine enlarge_store

@@ -17,7 +17,7 @@ module hb_sundials
    public :: cvode_t, has_cvode, new_cvode, ode_t
 
    integer(c_int), parameter :: recoverable = 1, unrecoverable = -1   ! of a right-hand side: any > 0, any < 0
-   integer, parameter :: looks_between = 32                           ! evaluations between two checks of the cancellation
+   integer, parameter :: evaluations_between = 32                     ! evaluations between two checks of the cancellation
 
    !> Equations y' = rhs(t, y) with event functions.
    type, abstract :: ode_t
@@ -77,7 +77,7 @@ module hb_sundials
 
    !> hb_cvode_problem_t
    type, bind(c) :: problem_t
-      type(c_funptr) :: rhs, events, weights, tell
+      type(c_funptr) :: rhs, events, weights, report
       type(c_ptr) :: data
       integer(c_int) :: n, n_events, is_stiff
    end type problem_t
@@ -213,7 +213,7 @@ contains
       if (.not. all(ieee_is_finite(dydt_values))) call_rhs = recoverable
       if (handle%is_stuck .or. handle%ode%is_over) call_rhs = unrecoverable
       handle%n_rhs = handle%n_rhs + 1
-      if (modulo(handle%n_rhs, looks_between) > 0) return
+      if (modulo(handle%n_rhs, evaluations_between) > 0) return
       if (work_is_over()) call_rhs = unrecoverable
    end function call_rhs
 

@@ -20,7 +20,7 @@ module hb_transform
       type(packed_fft_t), private :: fft
       type(packed_fft_t), private :: products                         ! of tuples up to twice the highest, after `prepare_products`
       integer, allocatable, private :: at(:), mirror_at(:)            ! (n_harmonics) positions of j and -j in the spectrum
-      logical, private :: has_shared_places = .false.                 ! of several harmonics
+      logical, private :: has_shared_positions = .false.              ! of several harmonics
       complex(wp), allocatable, private :: near_factor(:), far_factor(:)   ! (n_harmonics), see hb_packed_fft%factors
       complex(wp), allocatable, private :: near_share(:), far_share(:)     ! (n_harmonics), see hb_packed_fft%shares
    contains
@@ -74,9 +74,9 @@ contains
       allocate (self%at(harmonics%n_harmonics), self%mirror_at(harmonics%n_harmonics))
       do h = 1, harmonics%n_harmonics
          j = harmonics%tuples(:, h)
-         self%at(h) = self%fft%place(j)
+         self%at(h) = self%fft%position(j)
          j = -j
-         self%mirror_at(h) = self%fft%place(j)
+         self%mirror_at(h) = self%fft%position(j)
       end do
       first = [(h, h=0, size(first) - 1)]                             ! of retained tuples none is negative
       call self%fft%factors(first, near, far)
@@ -85,10 +85,10 @@ contains
       self%near_share = self%near_factor
       self%far_share = self%far_factor
       call self%fft%shares(self%near_factor, self%far_factor, self%near_share, self%far_share)
-      allocate (is_used(self%fft%n_places()), source=.false.)
+      allocate (is_used(self%fft%n_positions()), source=.false.)
       is_used(self%at) = .true.
       is_used(self%mirror_at) = .true.
-      self%has_shared_places = count(is_used) < 2*harmonics%n_harmonics - merge(1, 0, harmonics%has_zero)
+      self%has_shared_positions = count(is_used) < 2*harmonics%n_harmonics - merge(1, 0, harmonics%has_zero)
    end subroutine new_transform
 
    !> Samples of the motions with coefficients `x`.
@@ -142,7 +142,7 @@ contains
       integer :: h
 
       spectrum => self%fft%spectrum()
-      if (self%has_shared_places) then
+      if (self%has_shared_positions) then
          spectrum(self%at) = (0.0_wp, 0.0_wp)
          spectrum(self%mirror_at) = (0.0_wp, 0.0_wp)
          do h = 1, size(c)
@@ -278,7 +278,7 @@ contains
                j(m) = modulo(quotient, extent(m)) - 2*set%highest(m)
                quotient = quotient/extent(m)
             end do
-            table%at(i) = self%products%place(j)
+            table%at(i) = self%products%position(j)
          end do
          allocate (table%near_share(extent(1)), table%far_share(extent(1)))
          associate (n => 2*set%highest(1))

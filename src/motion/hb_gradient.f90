@@ -22,7 +22,7 @@ module hb_gradient
    use hb_model_reader, only: update_model
    use hb_motion_result, only: as_pairs, gradient_t, motion_result_t
    use hb_outcome, only: is_solved, outcome
-   use hb_phase, only: coefficient_form, shift_form
+   use hb_phase, only: coefficient_functional, shift_functional
    use hb_problem, only: problem_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_thresholds, only: difference_step, sharp
@@ -256,7 +256,7 @@ contains
          if (allocated(error)) return
          problem => here
          if (size(known%tones) > 0) then
-            call new_bordered_problem(with_frequencies, here, known%tones, phase_forms(known, here), 0.0_wp*known%x(n + 1:))
+            call new_bordered_problem(with_frequencies, here, known%tones, phase_functionals(known, here), 0.0_wp*known%x(n + 1:))
             problem => with_frequencies
          end if
          allocate (by_value(n), slope(size(known%x)))
@@ -324,27 +324,27 @@ contains
    end subroutine correct
 
    !> Conditions for the phases of unknown tones: sines that are zero, or no component along a shift of the motion.
-   function phase_forms(known, problem) result(forms)
+   function phase_functionals(known, problem) result(functionals)
       type(known_t), intent(in) :: known
       type(model_problem_t), intent(in) :: problem
-      real(wp), allocatable :: forms(:, :)
+      real(wp), allocatable :: functionals(:, :)
       real(wp), dimension(problem%harmonics%n_coefficients, problem%n_dofs) :: scale, u
       integer :: i
 
       u = reshape(known%x(:known%n), shape(u))
       scale = reshape(problem%x_scale, shape(u))
-      allocate (forms(size(u), size(known%tones)))
+      allocate (functionals(size(u), size(known%tones)))
       associate (set => problem%harmonics, dofs => known%model%phase_dofs)
          do i = 1, size(known%tones)
             if (size(dofs) > 0) then
-               forms(:, i) = coefficient_form(set, problem%n_dofs, set%sin_at(fundamental(set, known%tones(i))), &
-                                              problem%stiffness%coordinates%number_of(dofs(i)))
+               functionals(:, i) = coefficient_functional(set, problem%n_dofs, set%sin_at(fundamental(set, known%tones(i))), &
+                                                          problem%stiffness%coordinates%number_of(dofs(i)))
             else
-               forms(:, i) = shift_form(set, known%tones(i), u, scale)
+               functionals(:, i) = shift_functional(set, known%tones(i), u, scale)
             end if
          end do
       end associate
-   end function phase_forms
+   end function phase_functionals
 
    !> Takes steps to both sides along the derivative: they give the derivatives of all degrees of freedom and the
    !> residual.

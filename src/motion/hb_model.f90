@@ -83,7 +83,7 @@ module hb_model
    !> procedures return an error, or nothing.
    type, abstract :: time_domain_solver_t
    contains
-      procedure(settle), deferred, nopass :: settle
+      procedure(find_steady_motion), deferred, nopass :: find_steady_motion
       procedure(first_guess), deferred, nopass :: first_guess
       procedure(find_locking), deferred, nopass :: find_locking
    end type time_domain_solver_t
@@ -136,13 +136,13 @@ module hb_model
    abstract interface
       !> Integrates the model until it is steady or the budget of work is exhausted. An error is one of the
       !> integration, such as a law that cannot be integrated.
-      subroutine settle(model, law_dofs, settled, error)
+      subroutine find_steady_motion(model, law_dofs, steady, error)
          import :: error_t, model_t, steady_motion_t
          type(model_t), intent(in) :: model                           !! with all tones given
          integer, intent(in) :: law_dofs(:)
-         type(steady_motion_t), intent(out) :: settled
+         type(steady_motion_t), intent(out) :: steady
          type(error_t), allocatable, intent(out) :: error
-      end subroutine settle
+      end subroutine find_steady_motion
 
       !> Returns a first guess in the form of hb_motion: coefficients at the laws, then all base frequencies. It is
       !> not allocated if the motion vanishes, or has no unknown tone.

@@ -128,17 +128,17 @@ contains
    !> Reorders the unknowns if that gives a narrow band, and returns the number of rows of the band.
    integer function sort_by_position(self) result(n_rows)
       class(block_solver_t), intent(inout) :: self
-      integer :: i, place(self%n)
+      integer :: i, position(self%n)
       type(structure_block_t) :: before
 
       before = self%entries
-      place = narrow_order(self%n, before%row, before%column)
-      self%entries%row = place(before%row)
-      self%entries%column = place(before%column)
+      position = narrow_order(self%n, before%row, before%column)
+      self%entries%row = position(before%row)
+      self%entries%column = position(before%column)
       n_rows = find_band(self)
       if (2*n_rows <= self%n) then
          allocate (self%order(self%n))
-         self%order(place) = [(i, i=1, self%n)]
+         self%order(position) = [(i, i=1, self%n)]
       else
          self%entries = before
          n_rows = find_band(self)

@@ -26,7 +26,7 @@ contains
 
       call group%get("type", name)
       if (.not. allocated(name)) then
-         call group%tell_first(error)
+         call group%report_first(error)
          return
       end if
       if (group%given("label")) call group%get("label", label)        ! used by paths
@@ -54,7 +54,7 @@ contains
          call read_table(group, part)
          is_complete = allocated(part%loss%nodes)
       end select
-      call read_places(group, structure, part)
+      call read_locations(group, structure, part)
       if (.not. (is_complete .and. allocated(part%feels) .and. allocated(part%acts))) return   ! already reported
       allocate (parts(0))
       if (allocated(structure%parts)) parts = structure%parts
@@ -91,7 +91,7 @@ contains
    end subroutine read_table
 
    !> Reads the coordinate of the part and the direction of its force, which is the same by default.
-   subroutine read_places(group, structure, part)
+   subroutine read_locations(group, structure, part)
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       type(frequency_part_t), intent(inout) :: part
@@ -116,7 +116,7 @@ contains
          return
       end if
       call find_vector(group, structure, "force_", force_name, force_names, force_weights, part%acts)
-   end subroutine read_places
+   end subroutine read_locations
 
    !> A degree of freedom, or several with weights, as a vector over all of them; not allocated if they are
    !> incomplete.

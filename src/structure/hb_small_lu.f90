@@ -28,7 +28,7 @@ contains
       complex(wp), intent(inout), contiguous :: a(:, :)               !! (n, n)
       integer, intent(out) :: pivots(:)                               !! (n) row with which row i was exchanged
       logical, intent(out) :: is_singular
-      complex(wp) :: factor, inverse, kept
+      complex(wp) :: factor, inverse, retained
       integer :: i, j, k, n
       real(wp) :: largest
 
@@ -47,9 +47,9 @@ contains
          if (.not. largest >= tiny(1.0_wp)) return
          if (pivots(k) /= k) then
             do j = 1, n
-               kept = a(k, j)
+               retained = a(k, j)
                a(k, j) = a(pivots(k), j)
-               a(pivots(k), j) = kept
+               a(pivots(k), j) = retained
             end do
          end if
          inverse = (1.0_wp, 0.0_wp)/a(k, k)
@@ -72,7 +72,7 @@ contains
       complex(wp), intent(in), contiguous :: a(:, :)                  !! (n, n)
       integer, intent(in) :: pivots(:)                                !! (n)
       complex(wp), intent(inout), contiguous :: b(:, :)               !! (n, any)
-      complex(wp) :: inverse(size(a, 1)), kept
+      complex(wp) :: inverse(size(a, 1)), retained
       integer :: i, j, k, n
 
       n = size(a, 1)
@@ -81,25 +81,25 @@ contains
       end do
       do k = 1, n                                                     ! all exchanges before elimination: L has been exchanged too
          do j = 1, size(b, 2)
-            kept = b(pivots(k), j)
+            retained = b(pivots(k), j)
             b(pivots(k), j) = b(k, j)
-            b(k, j) = kept
+            b(k, j) = retained
          end do
       end do
       do k = 1, n                                                     ! right-hand sides together: their dependencies differ
          do j = 1, size(b, 2)
-            kept = b(k, j)
+            retained = b(k, j)
             do i = k + 1, n
-               b(i, j) = b(i, j) - kept*a(i, k)
+               b(i, j) = b(i, j) - retained*a(i, k)
             end do
          end do
       end do
       do k = n, 1, -1
          do j = 1, size(b, 2)
-            kept = inverse(k)*b(k, j)
-            b(k, j) = kept
+            retained = inverse(k)*b(k, j)
+            b(k, j) = retained
             do i = 1, k - 1
-               b(i, j) = b(i, j) - kept*a(i, k)
+               b(i, j) = b(i, j) - retained*a(i, k)
             end do
          end do
       end do
@@ -112,7 +112,7 @@ contains
       integer, intent(in) :: n_lower, n_upper
       integer, intent(out) :: pivots(:)                               !! (n) row with which row i was exchanged
       logical, intent(out) :: is_singular
-      complex(wp) :: factor, inverse, kept
+      complex(wp) :: factor, inverse, retained
       integer :: d, i, j, k, last, n, n_below, p
       real(wp) :: largest
 
@@ -136,9 +136,9 @@ contains
          last = max(last, min(n, k + n_upper + p))                    ! last column of the rows so far
          if (p > 0) then
             do j = k, last
-               kept = a(d + k - j, j)
+               retained = a(d + k - j, j)
                a(d + k - j, j) = a(d + k - j + p, j)
-               a(d + k - j + p, j) = kept
+               a(d + k - j + p, j) = retained
             end do
          end if
          inverse = (1.0_wp, 0.0_wp)/a(d, k)
@@ -162,18 +162,18 @@ contains
       integer, intent(in) :: n_lower, n_upper
       integer, intent(in) :: pivots(:)                                !! (n)
       complex(wp), intent(inout), contiguous :: b(:, :)               !! (n, any)
-      complex(wp) :: inverse, kept
+      complex(wp) :: inverse, retained
       integer :: d, i, j, k, n, half_bandwidth
 
       n = size(a, 2)
       d = n_lower + n_upper + 1
       do k = 1, n
          do j = 1, size(b, 2)
-            kept = b(pivots(k), j)
+            retained = b(pivots(k), j)
             b(pivots(k), j) = b(k, j)
-            b(k, j) = kept
+            b(k, j) = retained
             do i = 1, min(n_lower, n - k)
-               b(k + i, j) = b(k + i, j) - kept*a(d + i, k)
+               b(k + i, j) = b(k + i, j) - retained*a(d + i, k)
             end do
          end do
       end do
@@ -181,35 +181,35 @@ contains
          inverse = (1.0_wp, 0.0_wp)/a(d, k)
          half_bandwidth = min(d - 1, k - 1)
          do j = 1, size(b, 2)
-            kept = inverse*b(k, j)
-            b(k, j) = kept
+            retained = inverse*b(k, j)
+            b(k, j) = retained
             do i = 1, half_bandwidth
-               b(k - i, j) = b(k - i, j) - kept*a(d - i, k)
+               b(k - i, j) = b(k - i, j) - retained*a(d - i, k)
             end do
          end do
       end do
    end subroutine solve_narrow
 
-   !> Returns the places of n unknowns in that order; each pair (row, column) is coupled.
-   function narrow_order(n, row, column) result(place)
+   !> Returns the positions of n unknowns in that order; each pair (row, column) is coupled.
+   function narrow_order(n, row, column) result(position)
       integer, intent(in) :: n
       integer, intent(in) :: row(:), column(:)
-      integer :: place(n)
+      integer :: position(n)
       integer :: first(n + 1), order(n)
       integer, allocatable :: neighbours(:)
       integer :: i, n_before, n_found
 
       call collect_neighbours(row, column, first, neighbours)
-      place = 0                                                       ! not found
+      position = 0                                                    ! not found
       n_found = 0
       do while (n_found < n)                                          ! each part of the graph
          n_before = n_found
-         i = minloc(first(2:) - first(:n), dim=1, mask=place == 0)
-         call go_through(first, neighbours, i, order, place, n_found)
+         i = minloc(first(2:) - first(:n), dim=1, mask=position == 0)
+         call go_through(first, neighbours, i, order, position, n_found)
          i = order(n_found)                                           ! the last one is at an end of the part
-         place(order(n_before + 1:n_found)) = 0
+         position(order(n_before + 1:n_found)) = 0
          n_found = n_before
-         call go_through(first, neighbours, i, order, place, n_found)
+         call go_through(first, neighbours, i, order, position, n_found)
       end do
    end function narrow_order
 
@@ -240,9 +240,9 @@ contains
    end subroutine collect_neighbours
 
    !> Appends the unknowns that are connected to `start` to the order, breadth first, those with few neighbours first.
-   subroutine go_through(first, neighbours, start, order, place, n_found)
+   subroutine go_through(first, neighbours, start, order, position, n_found)
       integer, intent(in) :: first(:), neighbours(:), start
-      integer, intent(inout) :: order(:), place(:), n_found
+      integer, intent(inout) :: order(:), position(:), n_found
       integer :: i, i_done, k, n_before
 
       i_done = n_found
@@ -252,11 +252,11 @@ contains
          i = order(i_done)
          n_before = n_found
          do k = first(i), first(i + 1) - 1
-            if (place(neighbours(k)) == 0) call add(neighbours(k))
+            if (position(neighbours(k)) == 0) call add(neighbours(k))
          end do
          call sort(order(n_before + 1:n_found))
          do k = n_before + 1, n_found
-            place(order(k)) = k
+            position(order(k)) = k
          end do
       end do
 
@@ -267,7 +267,7 @@ contains
 
          n_found = n_found + 1
          order(n_found) = member
-         place(member) = n_found
+         position(member) = n_found
       end subroutine add
 
       !> Sorts unknowns by their numbers of neighbours, ascending.

@@ -3,7 +3,7 @@
 !> the next ones from hb_schedule. The result of a point does not depend on the rank that solves it or on the time, so
 !> the file contains the same numbers for any number of ranks.
 module hb_sweep
-   use hb_branch_marks, only: number_branches
+   use hb_branch_numbers, only: number_branches
    use hb_cancellation, only: verdict
    use hb_chain_check, only: chain_check_t
    use hb_clock, only: wall_clock
@@ -23,7 +23,7 @@ module hb_sweep
    use hb_results_layout, only: rank_times_t
    use hb_results_record, only: count_pending, read_record, record_t
    use hb_resume, only: choose_units, resumed_file_t, resumed_input_t
-   use hb_run_summary, only: count_kept, count_point, has_answer, run_summary_t, sum_up
+   use hb_run_summary, only: count_point, count_retained, has_answer, run_summary_t, sum_up
    use hb_schedule, only: cursor_t, new_schedule, schedule_t
    use hb_signals, only: wait_for_points
    use hb_study, only: describe_layout, study_t
@@ -84,7 +84,7 @@ contains
       type(run_summary_t), intent(out) :: summary
       type(error_t), allocatable, intent(out) :: error
       type(run_t), target :: run
-      type(crash_location_t) :: place
+      type(crash_location_t) :: location
       real(wp) :: started
 
       started = wall_clock()
@@ -101,9 +101,9 @@ contains
       run%ending%counter => run%counter
       call new_interruption(run%ending%interruption_t, options%time_limit - (wall_clock() - started), comm, error)
       if (.not. allocated(error)) then
-         place = run%results%crash_place()
-         place%exit_status = options%status_of_exit
-         call detect_crashes(options%path, place)
+         location = run%results%crash_location()
+         location%exit_status = options%status_of_exit
+         call detect_crashes(options%path, location)
          call wait_for_points()
          call run%ending%enter(huge(1.0_wp))
          call run_points(self, run, options%level, comm, summary, error)
@@ -147,7 +147,7 @@ contains
       call new_schedule(run%schedule, self%plan%n_points, self%plan%n_fastest(), &
          length_of_units(self), size_of(comm), block_seconds=0.0_wp)
       run%is_checked = self%model%chain%is_on .and. .not. any(self%model%tones%is_unknown)
-      if (run%is_checked) run%is_checked = self%plan%is_way()
+      if (run%is_checked) run%is_checked = self%plan%can_be_chained()
       allocate (run%before%crashed(0))
       if (options%resumes) then
          input%complete = self%input_complete
@@ -172,7 +172,7 @@ contains
       integer :: none(0)
 
       call read_record(record, path, error)
-      if (.not. allocated(error)) call count_kept(summary, record, none)
+      if (.not. allocated(error)) call count_retained(summary, record, none)
    end subroutine recount
 
    !> Number of points that are solved in order: a curve, a chain, or a point.

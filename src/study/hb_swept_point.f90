@@ -56,7 +56,7 @@ contains
             else if (model%chain%is_on) then
                call neighbour%predict(value, model%harmonics, model%chain%secant, start)
             end if
-            call solve_point(model, source%document, result, error, level, below, start, source%kept)
+            call solve_point(model, source%document, result, error, level, below, start, source%cached)
             if (.not. allocated(error)) call find_gradient(model, source%document, level, level%unknowns, result)
          end associate
       end if

@@ -190,7 +190,7 @@ contains
       if (allocated(error)) return
       coordinates = coordinates_of(model)
       call new_dynamic_stiffness(stiffness, model%structure, coordinates, basis%harmonics%frequencies(model%tones%omega), &
-         model%loads%at(basis%places), error)
+         model%loads%at(basis%positions), error)
       if (.not. allocated(error)) call new_balance(balance, basis%harmonics, basis%torus, model%tones%omega, stiffness, &
          laws_at(coordinates, model%laws), error)
    end subroutine make_balance
