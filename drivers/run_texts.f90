@@ -4,7 +4,7 @@ module run_texts
    use hb_error, only: error_t
    use hb_hdf5, only: h5_file_t, open_file
    use hb_kinds, only: wp
-   use hb_outcome, only: is_solved, outcome, outcome_text
+   use hb_outcome, only: is_solved, outcome, outcome_text, reason
    use hb_results_layout, only: rank_times_t, times_of_row
    use hb_results_record, only: message_of
    use hb_run_summary, only: number_answered, run_summary_t
@@ -107,7 +107,7 @@ contains
       type(h5_file_t) :: file
       type(sweep_plan_t) :: rounded                                   ! to ten digits
       character(16) :: digits
-      integer, allocatable :: branch(:), is_stable(:), kind(:), n_unstable(:), status(:)
+      integer, allocatable :: branch(:), is_stable(:), kind(:), n_unstable(:), reasons(:), status(:)
       integer :: first_gap, i, n
 
       allocate (character(160) :: lines(0))
@@ -118,6 +118,7 @@ contains
       call file%get("curve_branch", branch, error, [plan%n_points])
       call file%get("is_stable", is_stable, error, [plan%n_points])
       call file%get("n_unstable", n_unstable, error, [plan%n_points])
+      call file%get("reason", reasons, error, [plan%n_points])
       call file%close(error)
       if (allocated(error)) return
       rounded = plan
@@ -135,7 +136,7 @@ contains
       if (allocated(plan%curve%over)) n = 0                           ! the points are themselves located, along other curves
       if (n > 0) lines = [character(160) :: lines, number_of(n, "step")//", first at "//rounded%describe(first_gap)// &
          ", point "//to_text(first_gap - 1)//": 'n_unstable' changes without a located bifurcation"]
-      n = number_cut_short(kind, status, plan%n_fastest())
+      n = count(reasons == reason%points)
       if (n > 0) lines = [character(160) :: lines, number_of(n, "curve")//" reached the limit of "//to_text(plan%n_fastest())// &
          " points: increase 'points' of &curve"]
       n = number_turned_back(plan%curve_values, kind, plan%n_fastest(), plan%curve%curve_request_t)
@@ -219,14 +220,4 @@ contains
          end do
       end associate
    end function number_turned_back
-
-   !> Number of curves that need more rows.
-   pure integer function number_cut_short(kind, status, n_rows) result(n)
-      integer, intent(in) :: kind(:), status(:)                       !! of all points of all curves
-      integer, intent(in) :: n_rows                                   !! for one curve
-
-      associate (last_kind => kind(n_rows::n_rows), last_status => status(n_rows::n_rows))
-         n = count(is_solved(last_status) .and. last_kind /= curve_kind%end)
-      end associate
-   end function number_cut_short
 end module run_texts

@@ -409,6 +409,8 @@ contains
             if (kind_of_file(record%input_folder) == file_kind%folder) name = record%input_folder//last_name(name)
             text = record%input_text
             lines = join(record%overrides, new_line("a"))
+            if (has_changed(name, text)) call print_error("note: "//name//" has changed; the run continues with the input that "// &
+               path//" contains")
          end if
       end if
       call share_error(comm, error)
@@ -420,6 +422,18 @@ contains
       if (len(lines) > 0) call split(lines, new_line("a"), overrides)
       call make_study(study, name, text, overrides, comm, error)
    end subroutine load_stored_study
+
+   !> Whether the input file is still there and has another text.
+   logical function has_changed(name, text)
+      character(*), intent(in) :: name, text
+      type(error_t), allocatable :: error
+      character(:), allocatable :: present_text
+
+      has_changed = .false.
+      if (kind_of_file(name) /= file_kind%regular) return
+      call read_text_file(name, present_text, error)
+      if (.not. allocated(error)) has_changed = present_text /= text
+   end function has_changed
 
    !> Creates a study on all ranks, one after the other: the first may have to reduce a model, and the others read the
    !> stored reduction.

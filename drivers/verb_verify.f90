@@ -14,6 +14,8 @@ module verb_verify
    private
    public :: run_verify
 
+   real(wp), parameter :: clear = 0.5_wp                              ! growth or decay of disturbances in all, as a logarithm
+
 contains
 
    !> Runs the verb; `all_right` is true if time integration confirms every point.
@@ -64,11 +66,11 @@ contains
       write (line, "(3(a, es7.1), a)") "; difference ", found%first_difference, " of the motion in the first period, ", &
          found%difference, " in the last ones (limit ", found%limit, ", at "//found%coordinate//"), disturbances"
       text = trim(verdict_text(found%kind))//trim(line)
-      write (line, "(a, es7.1, a)") trim(merge(" grow at ", " decay at", found%growth > 0.0_wp))//" ", abs(found%growth), &
-         " 1/s; "//number_of(found%n_periods, "period")
-      text = text//trim(line)
+      write (line, "(a, es7.1, a)") trim(merge(" grow at ", " decay at", found%growth > 0.0_wp))//" ", abs(found%growth), " 1/s"
+      if (abs(found%growth)*found%duration < clear) line = " neither grow nor decay"   ! a shift in time of a free motion
+      text = text//trim(line)//"; "//number_of(found%n_periods, "period")
       if (.not. any(abs(found%drift) > 0.0_wp)) return
       write (line, "(*(es10.2))") pack(found%drift, abs(found%drift) > 0.0_wp)
-      text = text//"; its frequency is off by"//trim(line)//" rad/s"
+      text = text//"; its frequency is off by "//trim(adjustl(line))//" rad/s"
    end function words_on
 end module verb_verify

@@ -349,6 +349,7 @@ contains
             claim%spread = motion%certificate%aliasing
             claim%frequency_estimates = motion%certificate%frequency_error
          end if
+         claim%is_unstable = motion%stability%n_unstable > 0
          claim%is_averaged = any(motion%status == [outcome%time_domain, outcome%several]) .and. .not. model%accuracy%grows_set
       end associate
       call begin_work(self, huge(1.0_wp))

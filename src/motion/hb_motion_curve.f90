@@ -22,7 +22,7 @@ module hb_motion_curve
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_motions_apart, only: search_separate
-   use hb_outcome, only: outcome, reason
+   use hb_outcome, only: is_solved, outcome, reason
    use hb_point, only: solve_point
    use hb_solver_types, only: report_t
    use hb_stability, only: angle_of_pair
@@ -467,7 +467,9 @@ contains
       end if
       result%solver_seconds = wall_clock() - started - result%certificate_seconds
       self%n_reported = self%n_reported + 1
-      self%is_done = self%is_done .or. self%n_reported >= self%request%n_points
+      if (self%is_done .or. self%n_reported < self%request%n_points) return
+      self%is_done = .true.
+      if (is_solved(result%status)) result%reason = reason%points
    end subroutine find_next
 
    !> Follows the curve to the first point of a kind, within a number of steps, and returns that point alone.

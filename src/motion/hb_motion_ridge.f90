@@ -15,7 +15,7 @@ module hb_motion_ridge
    use hb_model_reader, only: update_model
    use hb_motion_curve, only: motion_curve_t
    use hb_motion_result, only: curve_position_t, motion_result_t
-   use hb_outcome, only: outcome
+   use hb_outcome, only: outcome, reason
    use hb_text, only: to_text
    use hb_thresholds, only: next_to_none
    implicit none
@@ -169,6 +169,7 @@ contains
       end associate
       self%n_reported = self%n_reported + 1
       self%is_done = kind == curve_kind%end .or. self%n_reported >= self%request%n_points
+      if (self%is_done .and. kind /= curve_kind%end) result%reason = reason%points
    end subroutine take
 
    !> Returns the next point. Its status shows where the curve ends.

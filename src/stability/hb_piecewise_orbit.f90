@@ -105,6 +105,7 @@ contains
       units(:n) = sum(abs(amplitudes), dim=2)
       units(n + 1:) = matmul(abs(amplitudes), abs(variation%motion%frequencies))/variation%scale
       units(:n) = max(units(:n), smallest_scale*maxval(units(:n)), tiny(1.0_wp))
+      if (maxval(units(n + 1:)) <= epsilon(1.0_wp)*maxval(units(:n))) units(n + 1:) = maxval(units(:n))   ! an equilibrium
       units(n + 1:) = max(units(n + 1:), smallest_scale*maxval(units(n + 1:)), tiny(1.0_wp))
       call new_flow(flow, variation, structure, excitation, start, is_done)
       if (.not. is_done) return

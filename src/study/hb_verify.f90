@@ -175,6 +175,7 @@ contains
       claim%estimate = stored%estimates(point)
       claim%frequency_estimates = stored%frequency_estimates(:, point)
       claim%is_averaged = any(stored%status(point) == [outcome%time_domain, outcome%several]) .and. .not. model%accuracy%grows_set
+      claim%is_unstable = stored%is_stable(point) == -1
       claim%spread = stored%aliasing(point)
       call verify_motion(model, claim, n_periods, result, error)
    end subroutine verify_point

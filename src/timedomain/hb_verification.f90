@@ -53,6 +53,7 @@ module hb_verification
       complex(wp), allocatable :: amplitudes(:, :)                    !! cos - i sin [m], (n_harmonics, n_dofs)
       real(wp) :: estimate = 0.0_wp                                 !! by truncation and aliasing together, relative; NaN: not known
       real(wp), allocatable :: frequency_estimates(:)                 !! [rad/s], (n_tones); NaN: not known
+      logical :: is_unstable = .false.                                !! according to its multipliers or exponents
       logical :: is_averaged = .false. !! it was computed by time integration, as averages in a given set
       real(wp) :: spread = 0.0_wp                                     !! of these averages, relative
    end type claim_t
@@ -237,6 +238,10 @@ contains
          result%growth = growth_of(self%ratio, self%distance)/self%length%period
          n_retained = findloc(self%ratio > 1.0_wp, .true., dim=1) - 1
          if (n_retained < 0) n_retained = difference%n_periods
+         if (claim%is_unstable .and. result%kind == verdict%differs .and. n_retained > 0) then   ! it starts there and leaves
+            result%kind = verdict%unstable
+            result%growth = log(self%ratio(min(n_retained + 1, size(self%ratio)))/self%ratio(1))/(n_retained*self%length%period)
+         end if
          result%drift = difference%drift(n_retained)
          if (result%kind == verdict%unstable) return                  ! the drift is then that of the motion to which it diverges
          most_drift = limit_of(self%estimate*self%share, 1.0_wp)*omega

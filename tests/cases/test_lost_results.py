@@ -242,6 +242,17 @@ def test_another_library_is_not_gone_on_with_unasked(tmp_path):
     assert done.status == ALL_CONVERGED and "another library" in done.stdout, (done.stdout, done.stderr)
 
 
+def test_changed_input_of_a_resumed_file_is_reported(tmp_path):
+    thief(tmp_path, [0.1, 0.2])
+    assert run("solve", "case.nml", "--set", "solver%max_iterations=60", "--time-limit", "0", cwd=tmp_path).status == INCOMPLETE
+    done = run("resume", "case.h5", "--time-limit", "0", cwd=tmp_path)
+    assert done.status == INCOMPLETE and "has changed" not in done.stderr, done.stderr
+    with open(tmp_path / "case.nml", "a") as file:
+        file.write("! another text\n")
+    done = run("resume", "case.h5", cwd=tmp_path)
+    assert done.status == ALL_CONVERGED and "case.nml has changed; the run continues with the input that case.h5" in done.stderr
+
+
 def test_the_same_library_is_gone_on_with(tmp_path):
     thief(tmp_path, [0.1, 0.2])
     assert run("solve", "case.nml", "--time-limit", "0", cwd=tmp_path).status == INCOMPLETE

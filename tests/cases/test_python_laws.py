@@ -53,6 +53,47 @@ def test_laws_are_functions_of_python(tmp_path):
         )
 
 
+def stop(q, p):
+    return 0.5 * p[0] * (q - p[1] + abs(q - p[1]))
+
+
+def curved(q):
+    return 0.5 * q * abs(q)
+
+
+def late(q):
+    """Differentiable in complex numbers as long as displacements are small."""
+    return 0.5 * q**3 if np.abs(q).max() < 0.1 else 0.5 * q * q * abs(q) * np.sign(q.real)
+
+
+def test_derivatives_of_laws_that_complex_steps_do_not_follow():
+    """`abs` accepts complex numbers and loses their derivative, whereas the same law without it keeps it."""
+    pairs = {
+        stop: lambda q, p: p[0] * np.maximum(q - p[1], 0.0),
+        curved: lambda q: np.where(q.real > 0, 0.5, -0.5) * q * q,
+        late: cubic,
+    }
+    for law, same_law in pairs.items():
+        found, expected = [], []
+        for function, numbers in ((law, found), (same_law, expected)):
+            model = duffing(spring=law)
+            model.law(nhbm.Law(function, odd=law is not stop), "x1", **({"parameters": [0.5, 0.1]} if law is stop else {}))
+            motion = model.solve(order=15)
+            numbers += [motion.nhbm.amplitude("x1", 1).item(), *motion["multiplier_real"].values.ravel()]
+            numbers += model.gradient("x1 (1)", ["tones[0]"], order=15).slopes.tolist()
+        np.testing.assert_allclose(found, expected, rtol=1e-5, err_msg=law.__name__)
+
+
+def test_one_sided_derivatives_at_a_kink_are_trusted():
+    """All samples of the motion zero stand on the kink: that is no reason to give complex steps up."""
+    trust = nhbm.laws._Trust()
+    kink, zero = lambda by: np.maximum(np.zeros(9) + by, 0.0), lambda: np.zeros(9)  # noqa: E731
+    assert (trust.slopes(kink, zero, 1e-6) == 1.0).all() and trust.is_complex
+    halved = lambda by: 1.0 + by + abs(np.ones(9) + by)  # noqa: E731
+    np.testing.assert_allclose(trust.slopes(halved, lambda: np.full(9, 2.0), 1e-6), 2.0)
+    assert not trust.is_complex
+
+
 def pushed(q, phases, frequencies):
     return -0.3 * np.cos(phases[:, 0]) - 0.1 * frequencies[0] ** 2 * np.sin(phases[:, 0]) + 0.0 * q
 

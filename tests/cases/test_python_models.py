@@ -321,6 +321,21 @@ def test_points_of_a_curve_are_named(tmp_path):
         np.testing.assert_allclose(opened.nhbm.amplitude("x1"), curve.nhbm.amplitude("x1"), rtol=1e-12)
 
 
+def test_curves_that_end_early_are_reported():
+    model = duffing()
+    with pytest.warns(nhbm.NotConverged, match="limit of its points, 'points' of &curve"):
+        curve = model.curve("tones[0]", 0.5, 2.5, order=3, points=12)
+    assert curve.sizes["point"] == 12 and int(curve["reason"][-1]) == dataset.CUT_SHORT and not curve["reason"][:-1].any()
+    with pytest.warns(nhbm.NotConverged, match="limit of its points"):
+        assert np.isnan(model.peak("x1 (1)", "tones[0]", 0.5, 2.5, order=3, points=12)).all()
+    with pytest.warns(nhbm.NotConverged, match="limit of its points"):
+        found = model.peak_gradient("x1 (1)", ["spring.stiffness"], "tones[0]", 0.5, 2.5, order=3, points=12)
+    assert np.isnan([found.value, found.at, *found.slopes, *found.at_slopes]).all()
+    assert not np.isnan(model.peak("x1 (1)", "tones[0]", 0.5, 2.5, order=3)).any()
+    whole = model.curve("tones[0]", 0.5, 2.5, order=3)
+    assert not whole["reason"].any()
+
+
 def test_sweeps_are_spread_over_processes():
     model = duffing(spring=cubic)
     model.law(nhbm.Law(cubic, odd=True), "x1", label="spring")

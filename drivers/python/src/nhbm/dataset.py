@@ -21,6 +21,7 @@ STATUSES = (
     "diverged locked timed_out impact unused time_domain subharmonic broadband several"
 ).split()
 SOLVED = (1, 7, 8, 9, 16, 18)  # a motion of the tones is stored, if not always within what was asked for
+CUT_SHORT = 8  # as `reason`: a curve continues beyond its last point
 UNUSED, FAILED = STATUSES.index("unused"), STATUSES.index("failed")  # a row of a curve that was not needed
 KINDS = (
     "none regular start fold peak value end branch flip torus split graze minimum amplitude resonance"

@@ -304,6 +304,7 @@ class _Force(_Caller):
     def __init__(self, function: Any, velocity: bool | None, n_states: int) -> None:
         arguments = _arguments(function)
         self.function, self.n_states = function, n_states
+        self.trust: dict[tuple[int, int], _Trust] = {}  # by argument and column
         self.named = [name for name in _NAMED if name in arguments]
         self.n_positional = len(arguments) - len(self.named)
         self.needs_velocity = (self.n_positional > 1 if velocity is None else velocity) and n_states == 0
@@ -344,7 +345,9 @@ class _Force(_Caller):
             if len(given) > 1:
                 _write(place, _shaped(self.function, "derivatives", given[k + 1], (*z.shape, x.shape[1])), block)
             else:
-                _write(place, np.stack([_slope(self.function, along, x, c, z.shape) for c in range(x.shape[1])], axis=2), block)
+                trust = [self.trust.setdefault((k, c), _Trust()) for c in range(x.shape[1])]
+                slopes = [_slope(self.function, along, x, c, z.shape, trust[c]) for c in range(x.shape[1])]
+                _write(place, np.stack(slopes, axis=2), block)
 
 
 class _Advance(_Caller):
@@ -352,6 +355,7 @@ class _Advance(_Caller):
 
     def __init__(self, function: Any, name: str) -> None:
         self.function, self.name, self.n_arguments = function, name, len(_arguments(function))
+        self.trust = _Trust()
         if self.n_arguments not in (2, 3):
             raise ModelError(f"'advance' of law '{name}' must take 2 or 3 arguments: states, step, parameters")
 
@@ -371,17 +375,13 @@ class _Advance(_Caller):
             return
         k = columns.shape[1]
         moves = np.eye(k)[:, None, :]
-        try:
-            found = ask((columns + np.concatenate([np.zeros((1, 1, k)), _STEP * 1j * moves])).reshape(-1, k)).reshape(k + 1, n, m)
-        except TypeError:
-            found = np.zeros((0, 0, 0))
-        if np.iscomplexobj(found):
-            states, slopes = found[0].real, found[1:].imag / _STEP
-        else:
-            step = _DIFFERENCE * (np.abs(columns[:, m:]).max() or 1.0)
-            shifts = np.concatenate([np.zeros((1, 1, k)), step * moves, -step * moves])
-            found = ask((columns + shifts).reshape(-1, k)).reshape(2 * k + 1, n, m)
-            states, slopes = found[0], (found[1 : k + 1] - found[k + 1 :]) / (2 * step)
+        step = _DIFFERENCE * (np.abs(columns[:, m:]).max() or 1.0)
+
+        def moved(by: complex) -> Array:
+            return ask((columns + by * moves).reshape(-1, k)).reshape(k, n, m)
+
+        states = ask(columns)
+        slopes = self.trust.slopes(moved, lambda: states, step)
         _columns(block.states, m, block)[:] = states
         slopes, first = slopes.transpose(1, 2, 0), m
         _write(block.ds_dbefore, slopes[:, :, :m], block)
@@ -407,21 +407,49 @@ def _shaped(function: Any, what: str, values: Any, shape: tuple[int, ...], dtype
     return np.broadcast_to(values, wanted).reshape(shape) if values.shape == () else values.reshape(shape)
 
 
-def _slope(function: Any, along: Callable[[Array], Any], samples: Array, c: int, shape: tuple[int, ...]) -> Array:
-    """Derivative of forces by a column: a complex step where the function follows it, else central differences."""
+def _slope(function: Any, along: Callable[[Array], Any], samples: Array, c: int, shape: tuple[int, ...], trust: _Trust) -> Array:
+    """Derivative of forces by a column."""
 
-    def moved(by: complex) -> Any:
+    def moved(by: complex) -> Array:
         columns = samples.astype(np.result_type(samples, by))
         columns[:, c] += by
-        return along(columns)
+        return _shaped(function, "forces", along(columns), shape, dtype=None if isinstance(by, complex) else float)
 
-    try:
-        stepped = moved(_STEP * 1j)
-        if np.iscomplexobj(stepped):
-            return _shaped(function, "forces", np.imag(stepped) / _STEP, shape)
-    except TypeError:
-        pass
-    step = _DIFFERENCE * (np.abs(samples[:, c]).max() or 1.0)
-    up, down = (_shaped(function, "forces", moved(side), shape) for side in (step, -step))
-    slope: Array = (up - down) / (2 * step)
-    return slope
+    return trust.slopes(moved, lambda: moved(0.0), _DIFFERENCE * (np.abs(samples[:, c]).max() or 1.0))
+
+
+class _Trust:
+    """Chooses how a derivative is found: by complex steps where the function follows them, else by central differences.
+
+    A function may accept complex numbers without being differentiable in them, as with `abs`. Complex steps are compared with
+    differences in the first call, the second, the fourth, the eighth ..., and are given up where more than an eighth of the
+    samples has neither the derivative nor, at a kink, one from either side.
+    """
+
+    def __init__(self) -> None:
+        self.n_calls, self.is_complex = 0, True
+
+    def slopes(self, moved: Callable[[complex], Array], here: Callable[[], Array], step: float) -> Array:
+        """Derivative of `moved`, the values after a move, with differences of this step; `here` has the values without."""
+        self.n_calls += 1
+        stepped = None
+        if self.is_complex:
+            try:
+                stepped = moved(_STEP * 1j)
+            except TypeError:
+                self.is_complex = False
+            else:
+                self.is_complex = np.iscomplexobj(stepped)
+        if stepped is not None and self.is_complex:
+            stepped = stepped.imag / _STEP
+            if self.n_calls & (self.n_calls - 1):
+                return stepped
+        up, down = moved(step), moved(-step)
+        slope = (up - down) / (2 * step)
+        if self.is_complex and stepped is not None:
+            sides = np.stack([slope, (up - here()) / step, (here() - down) / step])
+            size = max(np.abs(slope).max(initial=0.0), np.abs(stepped).max(initial=0.0))
+            self.is_complex = bool(np.mean(~(np.abs(sides - stepped).min(axis=0) <= 1e-3 * size)) <= 0.125)
+            if self.is_complex:
+                return stepped
+        return slope

@@ -498,12 +498,11 @@ class Model:
         Returns
         -------
         Peak
-            The response and the value of the parameter there.
+            The response and the value of the parameter there; NaN, with the warning NotConverged, if the curve ends before
+            its range does.
         """
-        found = [Peak(float("nan"), float("nan"))]
-        for session, value, at in self._highest(of, path, {"from": float(start), "to": float(stop), **keys}, tolerance, order, {}):
-            found.append(Peak(value, at))
-        return found[-1]
+        keys = {"from": float(start), "to": float(stop), **keys}
+        return self._highest(of, path, keys, tolerance, order, {}, lambda _, value, at: Peak(value, at)) or Peak(np.nan, np.nan)
 
     @documented
     def peak_gradient(self, of: str, by: Iterable[str], path: str, start: float, stop: float, *, tolerance: float | None = None,
@@ -528,7 +527,7 @@ class Model:
         -------
         PeakGradient
             The response, the value of the parameter there, and the derivatives of both; those of the value are zero if the
-            maximum is at an end of the range. NaN, with the warning NotConverged, if they do not exist.
+            maximum is at an end of the range. NaN, with the warning NotConverged, if the curve ends before its range does.
 
         Examples
         --------
@@ -545,22 +544,24 @@ class Model:
         """
         paths = [path_of(one) for one in ([by] if isinstance(by, str) else by)]
         none = np.full(len(paths), np.nan)
-        found = [PeakGradient(float("nan"), float("nan"), none, none)]
-        groups, keys = {"gradient": {"by": paths}}, {"from": float(start), "to": float(stop), **keys}
-        for session, value, at in self._highest(of, path, keys, tolerance, order, groups):
+
+        def here(session: Session, value: float, at: float) -> PeakGradient:
             moves = session.column("position_gradient").values
-            found.append(PeakGradient(value, at, dataset.gradient_of(session, of), none if moves is None else moves.copy()))
-        return found[-1]
+            return PeakGradient(value, at, dataset.gradient_of(session, of), none if moves is None else moves.copy())
+
+        groups, keys = {"gradient": {"by": paths}}, {"from": float(start), "to": float(stop), **keys}
+        return self._highest(of, path, keys, tolerance, order, groups, here) or PeakGradient(np.nan, np.nan, none, none)
 
     def _highest(self, of: str, path: str, keys: dict[str, Any], tolerance: float | None, order: int | None,
-                 groups: dict[str, Any]) -> Iterator[tuple[Session, float, float]]:  # fmt: skip
-        """Points of a curve that have a larger response than all before: the session there, the response, the value that moves."""
+                 groups: dict[str, Any], take: Callable[[Session, float, float], Any]) -> Any:  # fmt: skip
+        """What `take` makes of the session, the response and the value that moves where the response is largest; None, and a
+        warning, if the curve ends before its range does."""
         path = path_of(path)
         groups = {"curve": {"parameter": path, "peak_of": of, **keys}, "stability": {"method": "off"}, **groups}
         if order is not None:
             groups["certificate"] = {"is_on": False}  # what is not returned is not made
         session = self._live(tolerance, order, groups).session
-        best = -1.0
+        best, found = -1.0, None
         session.begin_curve()
         while session.next():
             if dataset.number(session, "status") not in dataset.SOLVED:
@@ -568,9 +569,8 @@ class Model:
             value = dataset.response_of(session, of)
             if value > best:
                 best = value
-                yield session, value, float(session.column(identifier(path)).values)
-        if best < 0.0:
-            warnings.warn(session.message, NotConverged, stacklevel=3)
+                found = take(session, value, float(session.column(identifier(path)).values))
+        return None if _warns_of_end(session, 4) else found
 
     @documented
     def curve(self, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
@@ -594,7 +594,8 @@ class Model:
         Returns
         -------
         xarray.Dataset
-            As for `solve`, with the dimension `point`; `dataset.nhbm.kind` names folds, peaks and bifurcations.
+            As for `solve`, with the dimension `point`; `dataset.nhbm.kind` names folds, peaks and bifurcations. The warning
+            NotConverged says if it ends before its range does.
 
         Examples
         --------
@@ -621,6 +622,8 @@ class Model:
                 bar.update()
                 if on_point is not None and on_point(points[-1]):
                     break
+            else:
+                _warns_of_end(session)
         if not points:
             raise ModelError(session.message or "the curve has no points")
         found = dataset.joined(points, {})
@@ -776,6 +779,18 @@ class Model:
         self._lists = [
             (g, {**keys, "name": new.get(keys["name"], keys["name"])} if "name" in keys else keys) for g, keys in self._lists
         ]
+
+
+def _warns_of_end(session: Session, stacklevel: int = 3) -> bool:
+    """Whether a curve has ended before its range does, with a warning if so."""
+    if int(dataset.number(session, "reason")) == dataset.CUT_SHORT:
+        what = "the curve continues: it has reached the limit of its points, 'points' of &curve"
+    elif int(dataset.number(session, "status")) not in dataset.SOLVED:
+        what = session.message
+    else:
+        return False
+    warnings.warn(what, NotConverged, stacklevel=stacklevel)
+    return True
 
 
 class _Live:
