@@ -19,7 +19,7 @@ module explanation
    public :: explain_failures, explain_point, find_kinds, status_lines
 
    character(*), parameter :: command_mark = new_line("a")//"try: "
-   character(*), parameter :: mark = "; least residuals: "            ! of hb_advice, before the residual of each attempt
+   character(*), parameter :: separator = "; least residuals: "       ! of hb_advice, before the residual of each attempt
    integer, parameter :: most_read = 200                              ! messages of a status that are examined for a summary
    integer, parameter :: most_kinds = 3                               ! of a status that are reported there
 
@@ -177,7 +177,7 @@ contains
       integer :: i
 
       form = ""
-      do i = 1, index(message//mark, mark) - 1
+      do i = 1, index(message//separator, separator) - 1
          if (index("0123456789.+-Ee", message(i:i)) == 0) form = form//message(i:i)
       end do
    end function without_numbers
@@ -198,7 +198,7 @@ contains
          return
       end if
       text = text//attempts_text(kind, record)//nearness_text(kind%first, record, document)
-      n = index(kind%message, mark)
+      n = index(kind%message, separator)
       advice = kind%message
       if (n > 0) advice = kind%message(:n - 1)
       if (len_trim(advice) > 0) text = text//new_line("a")//"Message: "//trim(advice)
@@ -236,15 +236,15 @@ contains
 
       text = ""
       if (ieee_is_finite(record%solve_seconds(kind%first))) text = " It took "//rounded(record%solve_seconds(kind%first))//" s."
-      n = index(kind%message, mark)
+      n = index(kind%message, separator)
       if (n == 0) then
-         associate (way => record%fallback(kind%first))
-            if (is_solved(kind%status) .and. way > 0 .and. way <= ubound(fallback_texts, 1)) &
-               text = text//" The first attempt failed; the motion was found "//trim(fallback_texts(way))//"."
+         associate (fallback_found => record%fallback(kind%first))
+            if (is_solved(kind%status) .and. fallback_found > 0 .and. fallback_found <= ubound(fallback_texts, 1)) &
+               text = text//" The first attempt failed; the motion was found "//trim(fallback_texts(fallback_found))//"."
          end associate
          return
       end if
-      call split(kind%message(n + len(mark):), ", ", attempts)
+      call split(kind%message(n + len(separator):), ", ", attempts)
       ending = ""
       do i = 1, size(attempts)
          call split(trim(adjustl(attempts(i)%value)), " ", words)

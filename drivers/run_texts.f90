@@ -5,12 +5,12 @@ module run_texts
    use hb_hdf5, only: h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_outcome, only: is_solved, outcome, outcome_text, reason
+   use hb_results_layout, only: rank_times_t, times_of_row
    use hb_results_record, only: message_of
    use hb_run_summary, only: number_answered, run_summary_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, to_text
    use hb_thresholds, only: agreement
-   use hb_timing, only: rank_times_t, times_of_row
    use hb_tones, only: tones_t
    implicit none
    private

@@ -15,7 +15,7 @@ module verb_info
    use next_step, only: run_names_t
    use hb_outcome, only: is_solved, outcome, outcome_text
    use hb_results_record, only: fail_where_damaged, message_of, open_points, read_record, read_units, record_t
-   use hb_run_summary, only: count_kept, run_summary_t
+   use hb_run_summary, only: count_retained, run_summary_t
    use hb_study, only: read_input
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
    use hb_text, only: number_of, string_t, to_text
@@ -211,7 +211,7 @@ contains
       integer :: i, none(0)
 
       if (.not. any(tones%is_unknown)) return
-      call count_kept(summary, record, none)
+      call count_retained(summary, record, none)
       do i = 1, tones%n_tones
          if (tones%is_unknown(i)) call write_fact("unknown", found_frequency(summary, i, tones))
       end do
@@ -233,7 +233,7 @@ contains
       subroutine write_largest(name, values, units)
          character(*), intent(in) :: name, units
          real(wp), intent(in) :: values(:)
-         character(:), allocatable :: place
+         character(:), allocatable :: location
          character(16) :: number
          integer :: i
 
@@ -241,9 +241,9 @@ contains
          i = maxloc(values, dim=1, mask=ieee_is_finite(values))
          if (values(i) <= 0.0_wp) return
          write (number, "(es9.2)") values(i)
-         place = " at point "//to_text(i - 1)
-         if (size(plan%parameters) > 0) place = place//" ("//plan%describe(i)//")"
-         call write_fact(merge("     ", "worst", was_written), name//" "//trim(adjustl(number))//units//place)
+         location = " at point "//to_text(i - 1)
+         if (size(plan%parameters) > 0) location = location//" ("//plan%describe(i)//")"
+         call write_fact(merge("     ", "worst", was_written), name//" "//trim(adjustl(number))//units//location)
          was_written = .true.
       end subroutine write_largest
    end subroutine write_worst
@@ -252,17 +252,17 @@ contains
       type(record_t), intent(in) :: record
       type(sweep_plan_t), intent(in) :: plan
       logical :: is_done(record%n_points)
-      character(:), allocatable :: place
+      character(:), allocatable :: location
       integer :: i
 
       is_done = record%status /= outcome%pending .and. ieee_is_finite(record%solve_seconds)
       if (.not. any(is_done)) return
       i = maxloc(record%solve_seconds, dim=1, mask=is_done)
-      place = "point "//to_text(i - 1)
-      if (size(plan%parameters) > 0) place = place//" ("//plan%describe(i)//")"
+      location = "point "//to_text(i - 1)
+      if (size(plan%parameters) > 0) location = location//" ("//plan%describe(i)//")"
       call write_fact("times", seconds_text(sum(record%solve_seconds, is_done))//" over all points, "// &
          seconds_text(sum(record%solve_seconds, is_done)/count(is_done))//" a point, longest "// &
-         seconds_text(record%solve_seconds(i))//" at "//place)
+         seconds_text(record%solve_seconds(i))//" at "//location)
    end subroutine write_times
 
    subroutine write_rest(record, path)

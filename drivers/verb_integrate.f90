@@ -6,7 +6,7 @@ module verb_integrate
    use hb_clock, only: wall_clock
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t, fail
-   use hb_file_location, only: check_place
+   use hb_file_location, only: check_target
    use hb_input_keys, only: choices_of
    use hb_integration, only: check_integration, integrate_model, integration_t
    use hb_integration_file, only: integration_origin_t, read_integration_state, write_integration_file
@@ -93,7 +93,7 @@ contains
       character(300) :: line
       integer :: i
 
-      call check_place(path, options%overwrite, error)
+      call check_target(path, options%overwrite, error)
       call annotate(error, "time integration record '"//path//"'")
       if (allocated(error)) return
       associate (model => study%model)

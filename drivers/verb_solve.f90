@@ -144,30 +144,30 @@ contains
          type(leaving_t), intent(in) :: from
          type(study_t) :: switched
          type(string_t), allocatable :: overrides(:)
-         character(:), allocatable :: place, text, where
+         character(:), allocatable :: location, text, where
          integer :: n_rows
          logical :: is_there
 
          its_status = success
          where = switched_path(path, from%point)
-         place = place_of(path, from%point)
+         location = location_of(path, from%point)
          is_there = kind_of_file(where) /= file_kind%none .and. .not. options%overwrite
          if (is_there) then                                           ! its input names this file by its previous name
             call load_stored_study(where, comm, switched, error)
          else
             call switched_input(study, plan, path, from, text, overrides, error)
             if (.not. allocated(error)) call new_study(switched, trim(folder_of(study%document%file_name))// &
-               place_of(last_name(path), from%point), text, overrides, error, memory_share(comm))
+               location_of(last_name(path), from%point), text, overrides, error, memory_share(comm))
          end if
          if (allocated(error)) then                                   ! the curve itself is complete
-            if (rank_of(comm) == 0) call say(place//": branch not followed: "//error%message)
+            if (rank_of(comm) == 0) call say(location//": branch not followed: "//error%message)
             deallocate (error)
          else
             call run(switched, options, where, is_there, comm, its_status, error, n_rows)
             if (allocated(error) .or. from%kind /= curve_kind%graze .or. its_status /= not_all_right .or. n_rows > 1) return
             its_status = success                                      ! the motion after the graze need not be a torus
             if (rank_of(comm) > 0) return
-            call say("no torus was found beyond "//place//": "//where//" is removed")
+            call say("no torus was found beyond "//location//": "//where//" is removed")
             call remove_file(where)
          end if
       end subroutine run_one
@@ -190,7 +190,7 @@ contains
          if (kind_of_file(where) == file_kind%none) cycle
          call read_record(switched, where, error)
          if (allocated(error)) cycle
-         prefix = place_of("", i)
+         prefix = location_of("", i)
          k = index(switched%input_name, prefix)
          if (k == 0) cycle
          if (last_name(switched%input_name(k + len(prefix):)) == last_name(path)) call remove_file(where)
@@ -216,13 +216,13 @@ contains
    end function switched_path
 
    !> Description of a point of a curve, used as the name of the input of the motions that leave it there.
-   function place_of(path, point) result(place)
+   function location_of(path, point) result(location)
       character(*), intent(in) :: path
       integer, intent(in) :: point
-      character(:), allocatable :: place
+      character(:), allocatable :: location
 
-      place = "point "//to_text(point - 1)//" of "//path
-   end function place_of
+      location = "point "//to_text(point - 1)//" of "//path
+   end function location_of
 
    !> Text with the number of points, or with the largest number of them.
    function room_text(study) result(text)
@@ -313,7 +313,7 @@ contains
          end if
       end if
       if (number_solved(summary) > 0 .and. study%model%stability%method /= stability_method%off &
-          .and. .not. study%model%normal_mode%is_asked) &
+          .and. .not. study%model%normal_mode%is_requested) &
          call say(stability_text(summary%n_stable, summary%n_unstable, number_solved(summary))//" (see 'is_stable')")
       if (summary%n_too_costly > 0) then
          if (study%model%stability%method == stability_method%auto) then

@@ -56,7 +56,7 @@ contains
          end do
          if (size(paragraphs) == 0) call say("nothing has failed: "// &
             number_of(count(record%status == outcome%converged), "point")//" converged, "// &
-            to_text(count(record%status == outcome%pending))//" pending; nhbm why FILE --point N tells of one")
+            to_text(count(record%status == outcome%pending))//" pending; nhbm why FILE --point N describes one")
       end if
    end subroutine explain
 

@@ -56,7 +56,7 @@ def test_value_takes_mirrored_tuples(sweep, capsys):
     assert [float(word) for word in mirrored.split()][:2] == [cos, -sin]
 
 
-def test_info_tells_what_is_in_a_file(sweep, capsys):
+def test_info_reports_what_is_in_a_file(sweep, capsys):
     status, out, _ = run(capsys, "info", sweep)
     assert status == 0
     for part in (
@@ -75,7 +75,7 @@ def test_info_tells_what_is_in_a_file(sweep, capsys):
     assert "... 4 more points" in short and len(short.splitlines()) == len(out.splitlines()) - 3
 
 
-def test_info_tells_unknown_frequencies_with_their_digits(sweep, capsys):
+def test_info_reports_unknown_frequencies_with_their_digits(sweep, capsys):
     with h5py.File(sweep, "r+") as file:
         estimates = file.create_dataset("frequency_estimate", data=np.full((6, 2), np.nan))
         estimates[:2] = [0.0, 2.0e-7]
@@ -178,7 +178,7 @@ def test_time_lays_an_integration_below_with_the_difference(sweep, tmp_path, cap
     assert motion.get_xlim()[1] == pytest.approx(30.0)
 
 
-def test_unconverged_points_are_drawn_only_when_told(sweep, capsys):
+def test_unconverged_points_are_drawn_only_on_request(sweep, capsys):
     assert run(capsys, "spectrum", sweep, "--point", 3)[0] == 2
     assert run(capsys, "spectrum", sweep, "--point", 3, "--unconverged")[0] == 0
     assert run(capsys, "spectrum", sweep, "--point", 4, "--unconverged")[0] == 2
@@ -274,7 +274,7 @@ def test_open_files_are_opened_again_in_the_guarded_process(tmp_path):
     assert guarded(again, "program") == 0
 
 
-def test_what_goes_wrong_in_the_guarded_process_is_told(capfd):
+def test_what_goes_wrong_in_the_guarded_process_is_reported(capfd):
     assert guarded(lambda: 1 // 0, "program") == 1
     assert "ZeroDivisionError" in capfd.readouterr().err
     assert guarded(lambda: os.kill(os.getpid(), signal.SIGSEGV), "program") == 2

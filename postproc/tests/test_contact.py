@@ -244,7 +244,7 @@ def test_files_and_pictures(tmp_path, capsys):
     np.testing.assert_allclose(frames[2]["gap stop"], [np.nan, 0.75, 2.5, 1.5], rtol=1e-12)
 
 
-def test_what_cannot_be_drawn_is_told(tmp_path, capsys):
+def test_what_cannot_be_drawn_is_reported(tmp_path, capsys):
     results, _ = files(tmp_path, STOP, PATCH)
     results.close()
     words = ("contact", tmp_path / "run.h5", "--model", tmp_path / "model.h5")

@@ -169,7 +169,7 @@ def test_a_hundred_curves_are_thinned_and_said_so(tmp_path):
         assert len(curves_of(draw_response(results, over="tones%frequency", n_curves=12))) == 12
 
 
-def test_logarithmic_axes_tell_what_has_no_place(tmp_path):
+def test_logarithmic_axes_report_what_has_no_place(tmp_path):
     path = grid_file(tmp_path / "a.h5", n_gaps=1)
     with h5py.File(path, "r+") as file:
         file["coefficients"][1] = 0.0
@@ -205,7 +205,7 @@ def test_response_measures(sweep, tmp_path, words):
     assert (tmp_path / "sweep_response.png").stat().st_size > 5000
 
 
-def test_points_without_the_harmonic_are_told(sweep):
+def test_points_without_the_harmonic_are_reported(sweep):
     with Results(sweep) as results:
         assert "1 solved points lack this harmonic" in head_of(draw_response(results, measure=Measure("harmonic", (3, 0))))
 

@@ -133,7 +133,7 @@ def test_sets_of_the_input_name_degrees_of_freedom(files, capsys):
         assert said in run(capsys, "value", folder / "named.h5", "--dof", wrong, "--tuple", "1,0")[2]
 
 
-def test_what_does_not_fit_is_told(files, capsys):
+def test_what_does_not_fit_is_reported(files, capsys):
     folder, _ = files
     write_model(folder / "other.h5", ["n9.z"], [1], ["z"])
     status, _, err = run(capsys, "vtk", folder / "run.h5", "--model", folder / "other.h5")

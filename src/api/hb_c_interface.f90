@@ -125,7 +125,7 @@ contains
 
       call c_f_pointer(model, handle)
       call handle%session%complete_input(input)
-      text = kept(input, handle%text)
+      text = address_of_text(input, handle%text)
    end function nhbm_input
 
    integer(c_int) function nhbm_set_text(model, path, values, error) bind(c, name="nhbm_set_text") result(code)
@@ -249,7 +249,7 @@ contains
 
       call c_f_pointer(model, handle)
       call handle%session%look_up_in_time("", handle%failure)
-      text = kept(handle%session%column%names, handle%text)
+      text = address_of_text(handle%session%column%names, handle%text)
    end function nhbm_time_column_names
 
    !> Fills the column of C with the one that was looked up last.
@@ -262,14 +262,14 @@ contains
       column%shape = 0
       associate (found => handle%session%column)
          column%kind = int(min(found%kind, column_kind%unknown), c_int)
-         column%unit = kept(found%units, handle%unit)
-         column%axes = kept(found%axes, handle%axes)
+         column%unit = address_of_text(found%units, handle%unit)
+         column%axes = address_of_text(found%axes, handle%axes)
          if (column%kind /= column_kind%unknown) then
             column%n_axes = size(found%extents)
             column%shape(:size(found%extents)) = found%extents(size(found%extents):1:-1)
          end if
-         if (found%kind == column_kind%real) column%data = place_of_reals(found%reals)
-         if (found%kind == column_kind%integer) column%data = place_of_integers(found%integers)
+         if (found%kind == column_kind%real) column%data = address_of_reals(found%reals)
+         if (found%kind == column_kind%integer) column%data = address_of_integers(found%integers)
       end associate
    end subroutine show_column
 
@@ -279,7 +279,7 @@ contains
 
       call c_f_pointer(model, handle)
       call handle%session%look_up("", handle%failure)
-      text = kept(handle%session%column%names, handle%text)
+      text = address_of_text(handle%session%column%names, handle%text)
    end function nhbm_column_names
 
    type(c_ptr) function nhbm_labels(model, axis) bind(c, name="nhbm_labels") result(text)
@@ -295,7 +295,7 @@ contains
       do i = 1, size(labels)
          joined = joined//" "//trim(labels(i))
       end do
-      text = kept(joined(min(2, len(joined) + 1):), handle%text)
+      text = address_of_text(joined(min(2, len(joined) + 1):), handle%text)
    end function nhbm_labels
 
    type(c_ptr) function nhbm_message(model) bind(c, name="nhbm_message") result(text)
@@ -304,9 +304,9 @@ contains
 
       call c_f_pointer(model, handle)
       if (allocated(handle%session%result%message)) then
-         text = kept(handle%session%result%message, handle%text)
+         text = address_of_text(handle%session%result%message, handle%text)
       else
-         text = kept("", handle%text)
+         text = address_of_text("", handle%text)
       end if
    end function nhbm_message
 
@@ -393,29 +393,29 @@ contains
    end function reported
 
    !> Address of a text that is valid until it is replaced.
-   type(c_ptr) function kept(text, place)
+   type(c_ptr) function address_of_text(text, address)
       character(*), intent(in) :: text
-      character(c_char), allocatable, target, intent(inout) :: place(:)
+      character(c_char), allocatable, target, intent(inout) :: address(:)
       integer :: i
 
-      if (allocated(place)) deallocate (place)
-      allocate (place(len(text) + 1))
+      if (allocated(address)) deallocate (address)
+      allocate (address(len(text) + 1))
       do i = 1, len(text)
-         place(i) = text(i:i)
+         address(i) = text(i:i)
       end do
-      place(len(text) + 1) = c_null_char
-      kept = c_loc(place)
-   end function kept
+      address(len(text) + 1) = c_null_char
+      address_of_text = c_loc(address)
+   end function address_of_text
 
-   type(c_ptr) function place_of_reals(values) result(place)
+   type(c_ptr) function address_of_reals(values) result(address)
       real(wp), allocatable, target, intent(in) :: values(:)
 
-      place = c_loc(values)
-   end function place_of_reals
+      address = c_loc(values)
+   end function address_of_reals
 
-   type(c_ptr) function place_of_integers(values) result(place)
+   type(c_ptr) function address_of_integers(values) result(address)
       integer, allocatable, target, intent(in) :: values(:)
 
-      place = c_loc(values)
-   end function place_of_integers
+      address = c_loc(values)
+   end function address_of_integers
 end module hb_c_interface

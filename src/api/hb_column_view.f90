@@ -92,21 +92,21 @@ contains
    end subroutine column_view_refuse_unknown
 
    !> Whether a column is the one that is requested.
-   logical function is_asked(self, name, units, axes)
+   logical function is_requested(self, name, units, axes)
       class(column_view_t), intent(inout) :: self
       character(*), intent(in) :: name, units, axes
 
       if (len(self%names) > 0) self%names = self%names//" "
       self%names = self%names//name
-      is_asked = name == self%name
-      if (.not. is_asked) return
+      is_requested = name == self%name
+      if (.not. is_requested) return
       self%is_found = .true.
       self%axes = axes
       self%units = units
       if (units == of_dof) self%units = "m"
       if (units == of_force) self%units = "N"
       if (units == of_rate) self%units = "m/s"
-   end function is_asked
+   end function is_requested
 
    subroutine column_view_integer(self, name, units, axes, long_name, values, flags)
       class(column_view_t), intent(inout) :: self
@@ -115,7 +115,7 @@ contains
       character(*), intent(in), optional :: flags(:)
 
       if (.not. self%is_there) return
-      if (.not. is_asked(self, name, units, axes)) return
+      if (.not. is_requested(self, name, units, axes)) return
       if (.not. (self%is_known .and. present(values))) return
       self%kind = column_kind%integer
       self%extents = shape(values)
@@ -132,7 +132,7 @@ contains
       real(wp), intent(in), contiguous, optional :: values(..)
 
       if (.not. self%is_there) return
-      if (.not. is_asked(self, name, units, axes)) return
+      if (.not. is_requested(self, name, units, axes)) return
       if (.not. (self%is_known .and. present(values))) return
       self%kind = column_kind%real
       self%extents = shape(values)
@@ -151,6 +151,6 @@ contains
       character(*), intent(in), optional :: value
 
       if (.not. self%is_there) return
-      if (is_asked(self, name, units, axes)) self%kind = column_kind%text
+      if (is_requested(self, name, units, axes)) self%kind = column_kind%text
    end subroutine column_view_text
 end module hb_column_view

@@ -53,17 +53,17 @@ module hb_session
       type(c_ptr) :: report_context = c_null_ptr
       type(progress_t), private :: progress
       real(wp), private :: began = 0.0_wp                             ! [s]
-      real(wp), private :: asked = -huge(1.0_wp)                      ! [s] time of the last call
+      real(wp), private :: requested = -huge(1.0_wp)                  ! [s] time of the last call
    contains
       procedure :: note_progress => session_cancellation_note_progress
       procedure :: wants_end => session_cancellation_wants_end
    end type session_cancellation_t
 
    abstract interface
-      integer(c_int) function ask_caller(context) bind(c)
+      integer(c_int) function call_back(context) bind(c)
          import :: c_int, c_ptr
          type(c_ptr), value :: context
-      end function ask_caller
+      end function call_back
 
       subroutine report_progress(context, progress) bind(c)
          import :: c_ptr, progress_t
@@ -87,7 +87,7 @@ module hb_session
       integer :: n_points = 1                                         !! points that share the time for stability which a run of
                                                                       !! the command has in addition to its points; 0: none
       type(neighbour_t), private :: neighbour
-      type(cached_linear_parts_t), private :: kept
+      type(cached_linear_parts_t), private :: cached
       type(curve_plan_t), private :: plan
       type(curve_request_t), private :: request
       class(motion_curve_t), allocatable, private :: curve
@@ -228,7 +228,7 @@ contains
       else if (is_warm) then
          call self%neighbour%predict(here, self%model%harmonics, .false., start)
       end if
-      call solve_point(self%model, self%document, self%result, failure, level, before, start, self%kept)
+      call solve_point(self%model, self%document, self%result, failure, level, before, start, self%cached)
       if (.not. allocated(failure)) call find_gradient(self%model, self%document, level, level%unknowns, self%result)
       call self%cancellation%leave()
       call self%neighbour%forget()
@@ -466,15 +466,15 @@ contains
    logical function session_cancellation_wants_end(self) result(wants)
       class(session_cancellation_t), intent(inout) :: self
       real(wp), parameter :: interval = 0.05_wp
-      procedure(ask_caller), pointer :: caller
+      procedure(call_back), pointer :: caller
       procedure(report_progress), pointer :: report
       real(wp) :: now
 
       wants = .false.
       if (.not. (c_associated(self%ask) .or. c_associated(self%report))) return
       now = wall_clock()
-      if (now - self%asked < interval) return
-      self%asked = now
+      if (now - self%requested < interval) return
+      self%requested = now
       if (c_associated(self%report)) then
          self%progress%seconds = now - self%began
          call c_f_procpointer(self%report, report)

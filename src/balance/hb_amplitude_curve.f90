@@ -9,7 +9,7 @@ module hb_amplitude_curve
    use hb_limit_cycle_search, only: first_amplitude, fundamental, last_amplitude, most_steps, &
       path_point_t, search_t
    use hb_outcome, only: outcome
-   use hb_phase, only: new_phase_problem, phase_problem_t, shift_form
+   use hb_phase, only: new_phase_problem, phase_problem_t, shift_functional
    use hb_text, only: to_text
    use hb_thresholds, only: faint, most_bisections, rounding
    implicit none
@@ -142,7 +142,7 @@ contains
       upwards = [reshape(point%u - self%base%u, [size(point%u)]), 0.0_wp, 0.0_wp]
       call self%move_balance(point, is_possible)
       call self%set_scales(point%amplitude(1))
-      call new_phase_problem(problem, self%balance, self%tones, .true., phase_forms(self, point), [0.0_wp, 0.0_wp])
+      call new_phase_problem(problem, self%balance, self%tones, .true., phase_functionals(self, point), [0.0_wp, 0.0_wp])
       call new_curve(curve, problem%bordered_problem_t, [point%u, point%omega, point%xi], upwards, units_of(point), steps, &
                      self%path_config())
    end subroutine begin_curve
@@ -154,20 +154,20 @@ contains
       type(path_point_t), intent(in) :: point
 
       call self%set_scales(point%amplitude(1))
-      curve%problem%forms = phase_forms(self, point)
+      curve%problem%functionals = phase_functionals(self, point)
       curve%units = units_of(point)
    end subroutine renew
 
    !> The phase condition, and memory for the plane normal to the curve.
-   function phase_forms(self, point) result(forms)
+   function phase_functionals(self, point) result(functionals)
       type(search_t), intent(in) :: self
       type(path_point_t), intent(in) :: point
-      real(wp), allocatable :: forms(:, :)
+      real(wp), allocatable :: functionals(:, :)
 
-      allocate (forms(size(point%u) + 2, 2), source=0.0_wp)
-      forms(:size(point%u), 1) = shift_form(self%balance%harmonics, self%tones(1), point%u, &
-                                            reshape(self%balance%x_scale, shape(point%u)))
-   end function phase_forms
+      allocate (functionals(size(point%u) + 2, 2), source=0.0_wp)
+      functionals(:size(point%u), 1) = shift_functional(self%balance%harmonics, self%tones(1), point%u, &
+                                                        reshape(self%balance%x_scale, shape(point%u)))
+   end function phase_functionals
 
    !> Units of the arc length: the amplitude for coefficients, the frequency for itself and for the damping unless
    !> that is larger.

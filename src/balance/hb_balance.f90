@@ -56,7 +56,6 @@ module hb_balance
       logical, private :: has_slopes = .false.                        ! and forces and slopes of the laws at these samples
       type(block_factors_t), private :: mean_factors                  ! of the tangent of each harmonic by itself
       logical, private :: has_moved = .false.                         ! to frequencies other than the initial ones
-      integer :: effort = 0                                           !! one of hb_fftw%planning
       integer, private :: n_rounds = 1                                ! of sliders, counted by `tangent_work`
       real(wp), private :: work_of_round = 0.0_wp                     ! of all columns of a tangent
    contains
@@ -254,38 +253,35 @@ contains
 
    !> Creates the balance of laws at the coordinates to which the dynamic stiffness of the structure is condensed; the
    !> stiffness is moved into the balance.
-   subroutine balance_of_stiffness(self, harmonics, torus, omega, stiffness, laws, effort, error)
+   subroutine balance_of_stiffness(self, harmonics, torus, omega, stiffness, laws, error)
       type(balance_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus
       real(wp), intent(in) :: omega(:)
       type(dynamic_stiffness_t), intent(inout) :: stiffness           !! at the frequencies j.omega of all harmonics
       type(law_box_t), intent(in) :: laws(:)
-      integer, intent(in) :: effort
       type(error_t), allocatable, intent(out) :: error
       type(linear_part_t), allocatable :: linear
 
       allocate (linear)
       call new_linear_part(linear, stiffness)
-      call balance_of_linear_part(self, harmonics, torus, omega, linear, laws, effort, error)
+      call balance_of_linear_part(self, harmonics, torus, omega, linear, laws, error)
    end subroutine balance_of_stiffness
 
    !> Creates the balance of laws with a linear part, which is moved into the balance; its component `stiffness`, if
    !> present, may be taken from it.
-   subroutine balance_of_linear_part(self, harmonics, torus, omega, linear, laws, effort, error)
+   subroutine balance_of_linear_part(self, harmonics, torus, omega, linear, laws, error)
       type(balance_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
       type(linear_part_t), allocatable, intent(inout) :: linear       !! at the frequencies j.omega of all harmonics
       type(law_box_t), intent(in) :: laws(:)                          !! at least one; on indices of coordinates
-      integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
       self%harmonics = harmonics
       self%omega = omega
-      self%effort = effort
       self%frequencies = harmonics%frequencies(omega)
       self%xi = 0.0_wp*omega
       call move_alloc(linear, self%stiffness)
@@ -304,7 +300,7 @@ contains
       if (.not. allocated(self%preconditioner)) allocate (preconditioner_t :: self%preconditioner)
       call self%dense_tangent%destroy()
       call self%tangent_product%destroy()
-      call new_projected_laws(self%law_set, laws, self%n_dofs, harmonics, torus, omega, effort, error)
+      call new_projected_laws(self%law_set, laws, self%n_dofs, harmonics, torus, omega, error)
       if (allocated(error)) return
       call self%preconditioner%prepare(self%stiffness, self%law_set)
       do i = 1, size(laws)
@@ -401,7 +397,7 @@ contains
 
       call self%sample_if_new(x)
       call self%law_set%differentiate(error)
-      if (.not. allocated(error)) call self%tangent_product%prepare(self%law_set, self%effort, error)
+      if (.not. allocated(error)) call self%tangent_product%prepare(self%law_set, error)
       is_ready = .not. allocated(error)
       if (allocated(error)) call move_alloc(error, self%failure)
    end subroutine balance_linearise

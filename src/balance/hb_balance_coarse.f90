@@ -19,24 +19,24 @@ contains
    module procedure balance_coarse_guess
       type(balance_t) :: coarse
       type(solver_config_t) :: loose
-      integer, allocatable :: kept(:), places(:)
+      integer, allocatable :: retained(:), positions(:)
       real(wp), allocatable :: linear_solution(:, :), y(:)
       type(error_t), allocatable :: error
 
       is_found = .false.
-      kept = level_of(self, share)
-      if (size(kept) == 0) return
-      call make_coarse(self, kept, coarse, error)
+      retained = level_of(self, share)
+      if (size(retained) == 0) return
+      call make_coarse(self, retained, coarse, error)
       if (.not. allocated(error)) then
          allocate (linear_solution(coarse%harmonics%n_coefficients, coarse%n_dofs))
-         places = [self%harmonics%places_of(coarse%harmonics, self%n_dofs)]
-         y = x(places)
+         positions = [self%harmonics%indices_of(coarse%harmonics, self%n_dofs)]
+         y = x(positions)
          call coarse%linear_solution(linear_solution)
          loose = config
          loose%tolerance = max(faint, config%tolerance)                 ! the omitted harmonics have a larger effect
          call solve(coarse, loose, reshape(linear_solution, [size(y)]), y, report)
          is_found = report%status == outcome%converged
-         if (is_found) x(places) = y
+         if (is_found) x(positions) = y
       end if
       call coarse%destroy()
    end procedure balance_coarse_guess
@@ -58,23 +58,23 @@ contains
    end procedure balance_lowest_level
 
    !> Harmonics of a smaller set, with a fraction of the orders; none if it is not smaller.
-   pure function level_of(self, share) result(kept)
+   pure function level_of(self, share) result(retained)
       class(balance_t), intent(in) :: self
       real(wp), intent(in) :: share
-      integer, allocatable :: kept(:)
+      integer, allocatable :: retained(:)
       integer :: h
 
       associate (set => self%harmonics)
-         kept = pack([(h, h=1, set%n_harmonics)], &
-                     [(all(abs(set%tuples(:, h)) <= ceiling((share - rounding)*set%highest)), h=1, set%n_harmonics)])
-         if (size(kept) == set%n_harmonics) kept = kept(:0)
+         retained = pack([(h, h=1, set%n_harmonics)], &
+                         [(all(abs(set%tuples(:, h)) <= ceiling((share - rounding)*set%highest)), h=1, set%n_harmonics)])
+         if (size(retained) == set%n_harmonics) retained = retained(:0)
       end associate
    end function level_of
 
-   !> Creates the balance of the harmonics `kept`, on a grid with the same oversampling as the whole one.
-   subroutine make_coarse(self, kept, coarse, error)
+   !> Creates the balance of the harmonics `retained`, on a grid with the same oversampling as the whole one.
+   subroutine make_coarse(self, retained, coarse, error)
       type(balance_t), intent(in) :: self
-      integer, intent(in) :: kept(:)
+      integer, intent(in) :: retained(:)
       type(balance_t), intent(inout) :: coarse
       type(error_t), allocatable, intent(out) :: error
       type(dynamic_stiffness_t) :: stiffness
@@ -82,7 +82,7 @@ contains
       type(torus_t) :: torus
       integer :: m
 
-      call new_harmonics(set, self%harmonics%tuples(:, kept), error)
+      call new_harmonics(set, self%harmonics%tuples(:, retained), error)
       if (allocated(error)) return
       associate (fine => self%law_set%transform%torus%n_samples, highest => self%harmonics%highest)
          call new_torus(torus, [(fast_size(ceiling(real(fine(m), wp)*(2*set%highest(m) + 1)/(2*highest(m) + 1))), &
@@ -91,7 +91,7 @@ contains
       if (allocated(error)) return
       torus%corrects_kinks = self%law_set%transform%torus%corrects_kinks
       if (self%law_set%transform%torus%is_half .and. torus%can_be_halved()) torus = torus%half()
-      stiffness = self%stiffness%restricted_to(kept)
-      call new_balance(coarse, set, torus, self%omega, stiffness, self%law_set%laws, self%effort, error)
+      stiffness = self%stiffness%restricted_to(retained)
+      call new_balance(coarse, set, torus, self%omega, stiffness, self%law_set%laws, error)
    end subroutine make_coarse
 end submodule hb_balance_coarse

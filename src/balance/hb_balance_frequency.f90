@@ -2,7 +2,7 @@
 !> Source: docs/why/theory.md, sections 5.6 and 6.5.
 submodule (hb_balance) hb_balance_frequency
    use hb_error, only: fail
-   use hb_problem, only: deformation_derivative, deformation_places, set_deformations
+   use hb_problem, only: deformation_derivative, deformation_positions, set_deformations
    use hb_text, only: to_text
    implicit none
 
@@ -13,7 +13,7 @@ contains
    module procedure balance_parameters
       integer :: i
 
-      values = deformation_places(self, which)
+      values = deformation_positions(self, which)
       do i = 1, size(which)
          if (which(i) > size(self%omega)) then
             values(i) = self%xi(which(i) - size(self%omega))

@@ -151,7 +151,7 @@ contains
          call new_linear_part(linear, stiffness)
       end if
       if (allocated(error)) return
-      call new_balance(wide, set, grid, balance%omega, linear, balance%law_set%laws, balance%effort, error)
+      call new_balance(wide, set, grid, balance%omega, linear, balance%law_set%laws, error)
    end subroutine make_wide_balance
 
    !> Computes the certificate of a motion without laws: without errors, only powers and energies.
@@ -299,7 +299,7 @@ contains
 
       allocate (linear, source=balance%stiffness)
       call new_balance(fine, balance%harmonics, wide%law_set%transform%torus, balance%omega, linear, balance%law_set%laws, &
-                       balance%effort, error)
+                       error)
       if (.not. allocated(error)) then
          config%max_iterations = most_iterations
          config%fallback = .false.
@@ -370,7 +370,7 @@ contains
       allocate (first(whole%n_unknowns), r(whole%n_unknowns), second(whole%n_unknowns), source=0.0_wp)
       call whole%find_residual(big, first, r, is_lost)
       if (is_lost) return
-      alias = [r(whole%places), r(size(big) + 1:)]
+      alias = [r(whole%positions), r(size(big) + 1:)]
       call tangent%solve(problem, alias, is_lost)
       if (is_lost) return
       self%aliasing = norm2(alias(:size(u)))/size_of_motion
@@ -380,7 +380,7 @@ contains
       if (norm2(on_wide(second)) < nearer*norm2(on_wide(first))) then
          first = first + second
          change = first
-         change(whole%places) = change(whole%places) - alias(:size(u))
+         change(whole%positions) = change(whole%positions) - alias(:size(u))
          self%truncation = norm2(on_wide(change))/size_of_motion
       end if
       call keep_step(self, balance, wide, whole%which, big, first, size_of_motion)
@@ -418,7 +418,7 @@ contains
 
       outside = reshape(first(:size(big)), shape(big))
       self%first_order = big - outside
-      outside([wide%harmonics%places_of(balance%harmonics, 1)], :) = 0.0_wp
+      outside([wide%harmonics%indices_of(balance%harmonics, 1)], :) = 0.0_wp
       self%around = wide%harmonics
       self%neglected = wide%harmonics%norms(outside)/size_of_motion
       do i = 1, size(which)
@@ -596,22 +596,22 @@ contains
       integer, allocatable, intent(out) :: combination(:)             !! (n_tones); 1 for one tone
       real(wp), intent(out) :: frequency                              !! |k.omega| [rad/s]
       integer, parameter :: largest_sum(10) = [1, 24, 12, 8, 8, 4, 3, 2, 1, 1]   ! of |k_m|, by number of tones
-      integer :: k(tones%n_tones), m, reach
+      integer :: k(tones%n_tones), m, largest_order
 
-      reach = largest_sum(min(tones%n_tones, size(largest_sum)))
-      k = -reach
+      largest_order = largest_sum(min(tones%n_tones, size(largest_sum)))
+      k = -largest_order
       k(1) = 0
       allocate (combination(tones%n_tones), source=0)
       combination(1) = 1
       frequency = abs(tones%omega(1))
       do
-         if (any(k /= 0) .and. sum(abs(k)) <= reach .and. abs(dot_product(k, tones%omega)) < frequency) then
+         if (any(k /= 0) .and. sum(abs(k)) <= largest_order .and. abs(dot_product(k, tones%omega)) < frequency) then
             frequency = abs(dot_product(k, tones%omega))
             combination = canonical_sign(k)*k
          end if
          do m = size(k), 1, -1                                         ! odometer
-            if (k(m) < reach) exit
-            k(m) = merge(0, -reach, m == 1)
+            if (k(m) < largest_order) exit
+            k(m) = merge(0, -largest_order, m == 1)
          end do
          if (m == 0) return
          k(m) = k(m) + 1

@@ -15,14 +15,14 @@ module hb_coarse_tangent
 
    type :: coarse_tangent_t
       type(harmonics_t) :: set                                        !! of the selected harmonics
-      integer, allocatable :: kept(:)                                 !! (set%n_harmonics) their numbers in the full set
+      integer, allocatable :: retained(:)                             !! (set%n_harmonics) their numbers in the full set
       logical :: is_usable = .false.                                  !! factorised and not singular
       integer, private :: n = 0                                       ! unknowns
       integer, private :: half_bandwidth = 0                          ! of the band
       logical, private :: is_banded = .false.
       real(wp), allocatable, private :: matrix(:, :), rhs(:)
       integer, allocatable, private :: pivots(:)
-      integer, allocatable, private :: places(:)                      ! of its coefficients among those of the full set
+      integer, allocatable, private :: positions(:)                   ! of its coefficients among those of the full set
    contains
       procedure :: clear => coarse_tangent_clear
       procedure :: add => coarse_tangent_add
@@ -32,17 +32,17 @@ module hb_coarse_tangent
 
 contains
 
-   !> Allocates memory for the harmonics `kept` of `full`, in ascending order, of `n_dofs` degrees of freedom with
+   !> Allocates memory for the harmonics `retained` of `full`, in ascending order, of `n_dofs` degrees of freedom with
    !> coupling within `half_bandwidth`.
-   subroutine new_coarse_tangent(self, full, kept, n_dofs, half_bandwidth)
+   subroutine new_coarse_tangent(self, full, retained, n_dofs, half_bandwidth)
       type(coarse_tangent_t), intent(out) :: self
       type(harmonics_t), intent(in) :: full
-      integer, intent(in) :: kept(:), n_dofs, half_bandwidth
+      integer, intent(in) :: retained(:), n_dofs, half_bandwidth
       type(error_t), allocatable :: error
 
-      self%kept = kept
-      call new_harmonics(self%set, full%tuples(:, kept), error)       ! cannot fail: part of an existing set
-      self%places = [full%places_of(self%set, 1)]
+      self%retained = retained
+      call new_harmonics(self%set, full%tuples(:, retained), error)   ! cannot fail: part of an existing set
+      self%positions = [full%indices_of(self%set, 1)]
       self%n = self%set%n_coefficients*n_dofs
       self%half_bandwidth = (half_bandwidth + 1)*self%set%n_coefficients - 1
       self%is_banded = is_better_as_band(self%n, self%half_bandwidth)
@@ -128,7 +128,7 @@ contains
       real(wp), intent(inout) :: step(:, :)                           !! as r; other harmonics are unchanged
       integer :: i, info
 
-      self%rhs = [r(self%places, :)]
+      self%rhs = [r(self%positions, :)]
       if (self%is_banded) then
          call dgbtrs("N", self%n, self%half_bandwidth, self%half_bandwidth, 1, self%matrix, size(self%matrix, 1), self%pivots, &
             self%rhs, self%n, &
@@ -137,7 +137,7 @@ contains
          call dgetrs("N", self%n, 1, self%matrix, self%n, self%pivots, self%rhs, self%n, info)
       end if
       do i = 1, size(r, 2)
-         step(self%places, i) = self%rhs((i - 1)*size(self%places) + 1:i*size(self%places))
+         step(self%positions, i) = self%rhs((i - 1)*size(self%positions) + 1:i*size(self%positions))
       end do
    end subroutine coarse_tangent_solve
 end module hb_coarse_tangent

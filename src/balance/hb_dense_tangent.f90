@@ -36,7 +36,7 @@ contains
       logical :: is_filled(laws%n_dofs, laws%n_dofs)
       integer :: h, i, k
 
-      call make_room(self, laws, error)
+      call allocate_work(self, laws, error)
       if (allocated(error)) return
       is_filled = .false.                                             ! by the products of a pair, before anything is added
       associate (pairs => laws%jacobian)
@@ -68,7 +68,7 @@ contains
    end subroutine dense_tangent_assemble
 
    !> Allocates memory for products at their first use.
-   subroutine make_room(self, laws, error)
+   subroutine allocate_work(self, laws, error)
       type(dense_tangent_t), intent(inout) :: self
       type(projected_laws_t), intent(inout) :: laws
       type(error_t), allocatable, intent(out) :: error
@@ -79,7 +79,7 @@ contains
          allocate (self%columns(laws%transform%harmonics%n_coefficients, 2), source=0.0_wp)
       if (laws%has_memory .and. .not. associated(self%response%values)) &
          call new_real_block(self%response, laws%transform%torus%n_total, 1, error)
-   end subroutine make_room
+   end subroutine allocate_work
 
    !> Adds the response of forces corrected between samples to the motion at neighbours.
    subroutine add_kinks(self, laws, jacobian)
@@ -135,7 +135,7 @@ contains
       real(wp), intent(inout) :: jacobian(:, :, :, :)
       integer, allocatable :: responding(:)
       logical :: has_line
-      integer :: b, block, h, i, in_block, k, law, part, place
+      integer :: b, block, h, i, in_block, k, law, part, position
 
       do law = 1, size(laws%sampled)
          if (.not. allocated(laws%sampled(law)%hysteresis)) cycle
@@ -158,13 +158,13 @@ contains
                   do in_block = 1, min(width, laws%transform%harmonics%n_harmonics - h)
                      h = h + 1
                      do part = 1, 2
-                        place = merge(laws%transform%harmonics%cos_at(h), laws%transform%harmonics%sin_at(h), part == 1)
-                        if (place == 0) cycle
+                        position = merge(laws%transform%harmonics%cos_at(h), laws%transform%harmonics%sin_at(h), part == 1)
+                        if (position == 0) cycle
                         do i = 1, size(responding)
                            call find_response(laws%sampled, law, in_block, part, responding(i), self%response%values(:, 1))
                            call laws%transform%to_coefficients_of_one(self%response%values, self%columns(:, 1))
                            do k = 1, size(moved)
-                              jacobian(:, responding(i), place, moved(k)) = jacobian(:, responding(i), place, moved(k)) &
+                              jacobian(:, responding(i), position, moved(k)) = jacobian(:, responding(i), position, moved(k)) &
                                                                             + laws%factor*shape(k, b)*self%columns(:, 1)
                            end do
                         end do

@@ -239,7 +239,7 @@ contains
       character(merge(0, 140 + len(self%law%label), self%sliders%repeats)) :: text
 
       if (self%sliders%repeats) return
-      text = "the sliders of law '"//self%law%label//"' do not come back to their places within "// &
+      text = "the sliders of law '"//self%law%label//"' do not return to their positions within "// &
              to_text(self%sliders%rounds)//" rounds of the torus: they hardly slip"
    end function hysteresis_failure
 

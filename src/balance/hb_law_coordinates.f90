@@ -86,7 +86,7 @@ contains
       type(law_box_t), intent(in) :: laws(:)
       integer, intent(in) :: dofs(:), wanted(:)
       integer :: i, k, part, part_of(size(dofs)), part_of_law(size(laws)), pass
-      logical :: is_kept, is_literal
+      logical :: is_retained, is_literal
 
       allocate (span%shape(size(dofs), size(dofs)), span%orthonormal(size(dofs), size(dofs)))
       span%weight = sqrt(softness(structure, dofs))
@@ -95,14 +95,14 @@ contains
       do part = 1, size(dofs)
          if (all(part_of /= part)) cycle
          span%n_before = span%n
-         is_kept = .true.
+         is_retained = .true.
          do pass = 1, 2                                                ! rigid laws, then others
             do i = 1, size(laws)
                associate (law => laws(i)%law)
                   if (part_of_law(i) /= part .or. (law%is_multiplier .neqv. pass == 1)) cycle
                   do k = 1, size(law%shape, 2)
                      call span%add(spread_over(dofs, law%dofs, law%shape(:, k)), is_literal)
-                     if (pass == 1) is_kept = is_kept .and. is_literal
+                     if (pass == 1) is_retained = is_retained .and. is_literal
                   end do
                end associate
             end do
@@ -112,11 +112,11 @@ contains
                   if (part_of(at) /= part) cycle
                   if (is_column(span, at)) cycle
                   call span%add(spread_over(dofs, wanted(i:i), [1.0_wp]), is_literal)
-                  is_kept = is_kept .and. is_literal
+                  is_retained = is_retained .and. is_literal
                end associate
             end do
          end do
-         if (is_kept .and. span%n - span%n_before < count(part_of == part)) cycle
+         if (is_retained .and. span%n - span%n_before < count(part_of == part)) cycle
          span%n = span%n_before                                            ! nothing gained: the degrees of freedom themselves
          do k = 1, size(dofs)
             if (part_of(k) == part) call span%add(spread_over(dofs, dofs(k:k), [1.0_wp]), is_literal)

@@ -24,13 +24,13 @@ module hb_law_jacobian
       integer, allocatable :: row(:), column(:)                       !! (n_pairs) i and k of each pair
       integer, allocatable :: pair_at(:, :)                           !! (n_dofs, n_dofs), 0: no pair
       logical :: needs_velocity = .false., needs_reaction = .false.   !! of any law
-      type(real_block_t) :: df_dq                                     !! [N/m], (n_samples, n_pairs), after `make_room`
+      type(real_block_t) :: df_dq                                     !! [N/m], (n_samples, n_pairs), after `allocate_slopes`
       type(real_block_t) :: df_dv                                     !! [N s/m], as df_dq if a law needs it
       type(real_block_t) :: df_ds                                     !! as df_dq if a law needs it
    contains
       procedure :: pattern => law_jacobian_pattern
-      procedure :: has_room => law_jacobian_has_room
-      procedure :: make_room => law_jacobian_make_room
+      procedure :: is_allocated => law_jacobian_is_allocated
+      procedure :: allocate_slopes => law_jacobian_allocate_slopes
       procedure :: clear => law_jacobian_clear
       procedure :: add => law_jacobian_add
       procedure :: add_product => law_jacobian_add_product
@@ -41,7 +41,7 @@ module hb_law_jacobian
 
 contains
 
-   !> Determines which forces depend on which motions. `make_room` allocates the derivatives.
+   !> Determines which forces depend on which motions. `allocate_slopes` allocates the derivatives.
    subroutine new_law_jacobian(self, laws, n_dofs, needs_velocity, needs_reaction)
       type(law_jacobian_t), intent(inout) :: self
       type(sampled_law_t), intent(in) :: laws(:)
@@ -96,14 +96,14 @@ contains
    end function law_jacobian_pattern
 
    !> Whether derivatives are allocated.
-   pure logical function law_jacobian_has_room(self)
+   pure logical function law_jacobian_is_allocated(self)
       class(law_jacobian_t), intent(in) :: self
 
-      law_jacobian_has_room = associated(self%df_dq%values)
-   end function law_jacobian_has_room
+      law_jacobian_is_allocated = associated(self%df_dq%values)
+   end function law_jacobian_is_allocated
 
    !> Allocates derivatives on a grid.
-   subroutine law_jacobian_make_room(self, n_samples, error)
+   subroutine law_jacobian_allocate_slopes(self, n_samples, error)
       class(law_jacobian_t), intent(inout) :: self
       integer, intent(in) :: n_samples
       type(error_t), allocatable, intent(out) :: error
@@ -112,8 +112,8 @@ contains
       if (allocated(error)) return
       if (self%needs_reaction) call new_real_block(self%df_ds, n_samples, self%n_pairs, error)
       if (allocated(error)) return
-      call new_real_block(self%df_dq, n_samples, self%n_pairs, error) ! the last one: tested by `has_room`
-   end subroutine law_jacobian_make_room
+      call new_real_block(self%df_dq, n_samples, self%n_pairs, error) ! the last one: tested by `is_allocated`
+   end subroutine law_jacobian_allocate_slopes
 
    !> Sets all derivatives to zero.
    subroutine law_jacobian_clear(self)
@@ -310,7 +310,7 @@ contains
       integer, intent(in) :: part
       integer, intent(in) :: k                                        !! one of `responding_dofs`
       real(wp), intent(out) :: samples(:)                             !! [N/m], (n_samples)
-      real(wp), allocatable :: asked(:)
+      real(wp), allocatable :: requested(:)
       integer :: a, b, m, n, own
 
       samples = 0.0_wp
@@ -319,15 +319,15 @@ contains
          if (.not. laws(m)%law%is_multiplier) cycle
          own = findloc(laws(m)%columns, k, dim=1)
          if (own == 0) cycle
-         allocate (asked(size(samples)))
+         allocate (requested(size(samples)))
          associate (shape => laws(m)%law%shape, columns => laws(m)%columns)
             do b = 1, size(shape, 2)
-               asked = 0.0_wp
+               requested = 0.0_wp
                do n = 1, size(columns)
-                  if (shape(n, b) /= 0.0_wp) call add_force_on(columns(n), -shape(n, b)/sum(shape(:, b)**2), asked)
+                  if (shape(n, b) /= 0.0_wp) call add_force_on(columns(n), -shape(n, b)/sum(shape(:, b)**2), requested)
                end do
                do a = 1, size(shape, 2)
-                  if (shape(own, a) /= 0.0_wp) samples = samples + shape(own, a)*laws(m)%df_dp(:, a, b)*asked
+                  if (shape(own, a) /= 0.0_wp) samples = samples + shape(own, a)*laws(m)%df_dp(:, a, b)*requested
                end do
             end do
          end associate
@@ -378,25 +378,25 @@ contains
    subroutine add_multiplier_response(laws, f)
       type(sampled_law_t), intent(in) :: laws(:)
       type(real_block_t), intent(inout) :: f                          !! (n_samples, n_dofs)
-      real(wp), allocatable :: asked(:, :)
+      real(wp), allocatable :: requested(:, :)
       integer :: a, b, k, m
 
       do m = 1, size(laws)
          if (.not. laws(m)%law%is_multiplier) cycle
          associate (shape => laws(m)%law%shape, columns => laws(m)%columns)
-            if (allocated(asked)) deallocate (asked)
-            allocate (asked(size(f%values, 1), size(shape, 2)), source=0.0_wp)
+            if (allocated(requested)) deallocate (requested)
+            allocate (requested(size(f%values, 1), size(shape, 2)), source=0.0_wp)
             do b = 1, size(shape, 2)
                do k = 1, size(columns)
                   if (shape(k, b) /= 0.0_wp) &
-                     asked(:, b) = asked(:, b) - shape(k, b)/sum(shape(:, b)**2)*f%values(:, columns(k))
+                     requested(:, b) = requested(:, b) - shape(k, b)/sum(shape(:, b)**2)*f%values(:, columns(k))
                end do
             end do
             do b = 1, size(shape, 2)
                do a = 1, size(shape, 2)
                   do k = 1, size(columns)
                      if (shape(k, a) /= 0.0_wp) &
-                        f%values(:, columns(k)) = f%values(:, columns(k)) + shape(k, a)*laws(m)%df_dp(:, a, b)*asked(:, b)
+                        f%values(:, columns(k)) = f%values(:, columns(k)) + shape(k, a)*laws(m)%df_dp(:, a, b)*requested(:, b)
                   end do
                end do
             end do

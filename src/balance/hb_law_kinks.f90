@@ -57,7 +57,7 @@ contains
             associate (line => self%lines(n), law => laws(i)%law)
                line%columns = laws(i)%columns
                line%kink = law%kinks(k)
-               line%motion = matmul(law%shape, line%kink%form)
+               line%motion = matmul(law%shape, line%kink%functional)
                line%force = matmul(law%shape, line%kink%direction)
             end associate
          end do
@@ -96,9 +96,9 @@ contains
             self%f = 0.0_wp
             call line%slopes%forget()
             if (with_derivatives) then
-               call self%grid%correct(self%z, line%kink%places, line%kink%jumps, self%f, line%slopes)
+               call self%grid%correct(self%z, line%kink%positions, line%kink%jumps, self%f, line%slopes)
             else
-               call self%grid%correct(self%z, line%kink%places, line%kink%jumps, self%f)
+               call self%grid%correct(self%z, line%kink%positions, line%kink%jumps, self%f)
             end if
             do k = 1, size(line%columns)
                f(:, line%columns(k)) = f(:, line%columns(k)) + line%force(k)*self%f

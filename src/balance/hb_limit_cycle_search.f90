@@ -11,7 +11,7 @@ module hb_limit_cycle_search
    use hb_kinds, only: wp
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
-   use hb_phase, only: amplitude_form, coefficient_form, new_phase_problem, phase_problem_t, shift_form
+   use hb_phase, only: amplitude_functional, coefficient_functional, new_phase_problem, phase_problem_t, shift_functional
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_thresholds, only: faint, nearby_steps, rounding
@@ -142,7 +142,7 @@ contains
    !> Shapes of the modes in the fundamental of their tones, real and 1 at their maximum.
    subroutine shape_references(self)
       type(search_t), intent(inout) :: self
-      complex(wp) :: form(self%balance%n_dofs)
+      complex(wp) :: mode_shape(self%balance%n_dofs)
       integer :: h, m
 
       associate (set => self%balance%harmonics)
@@ -150,10 +150,10 @@ contains
          allocate (self%reference(set%n_coefficients, self%balance%n_dofs, size(self%tones)), source=0.0_wp)
          do m = 1, size(self%tones)
             h = fundamental(set, self%tones(m))
-            form = self%base%modes%shapes(:, self%modes(m))
-            form = form/form(maxloc(abs(form), dim=1))
-            self%reference(set%cos_at(h), :, m) = real(form)
-            self%reference(set%sin_at(h), :, m) = -aimag(form)
+            mode_shape = self%base%modes%shapes(:, self%modes(m))
+            mode_shape = mode_shape/mode_shape(maxloc(abs(mode_shape), dim=1))
+            self%reference(set%cos_at(h), :, m) = real(mode_shape)
+            self%reference(set%sin_at(h), :, m) = -aimag(mode_shape)
          end do
       end associate
    end subroutine shape_references
@@ -177,7 +177,7 @@ contains
       type(phase_problem_t) :: problem
       type(report_t) :: report
       type(solver_config_t) :: config
-      real(wp), allocatable :: forms(:, :), scale(:, :), x(:)
+      real(wp), allocatable :: functionals(:, :), scale(:, :), x(:)
       integer :: h, m, n
 
       n = size(self%tones)
@@ -185,13 +185,13 @@ contains
       if (.not. is_solved) return
       call self%set_scales(maxval(point%amplitude))
       scale = reshape(self%balance%x_scale, shape(point%u))
-      allocate (forms(size(point%u), 2*n))
+      allocate (functionals(size(point%u), 2*n))
       do m = 1, n
          h = fundamental(self%balance%harmonics, self%tones(m))
-         forms(:, m) = shift_form(self%balance%harmonics, self%tones(m), self%reference(:, :, m), scale)
-         forms(:, n + m) = amplitude_form(self%balance%harmonics, h, self%reference(:, :, m), scale)
+         functionals(:, m) = shift_functional(self%balance%harmonics, self%tones(m), self%reference(:, :, m), scale)
+         functionals(:, n + m) = amplitude_functional(self%balance%harmonics, h, self%reference(:, :, m), scale)
       end do
-      call new_phase_problem(problem, self%balance, self%tones, .true., forms, [0.0_wp*point%amplitude, point%amplitude])
+      call new_phase_problem(problem, self%balance, self%tones, .true., functionals, [0.0_wp*point%amplitude, point%amplitude])
       config = self%path_config()
       x = problem%unknowns([point%u])
       call solve_newton(problem, config, x, report)
@@ -257,7 +257,7 @@ contains
       class(search_t), intent(inout) :: self
       type(path_point_t), intent(inout) :: point
       logical, intent(out) :: is_found
-      real(wp), allocatable :: forms(:, :), scale(:, :), x(:), u(:, :)
+      real(wp), allocatable :: functionals(:, :), scale(:, :), x(:), u(:, :)
       real(wp) :: before(size(self%tones))
       type(report_t) :: report
       integer :: m
@@ -267,18 +267,18 @@ contains
       if (.not. is_found) return
       u = point%u
       scale = reshape(self%balance%x_scale, shape(u))
-      allocate (forms(size(u), size(self%tones)))
+      allocate (functionals(size(u), size(self%tones)))
       do m = 1, size(self%tones)
          before(m) = norm2(fundamental_part(u, m))
          if (size(self%phase_dofs) == 0) then
-            forms(:, m) = shift_form(self%balance%harmonics, self%tones(m), u, scale)
+            functionals(:, m) = shift_functional(self%balance%harmonics, self%tones(m), u, scale)
          else
-            call make_sine_form(m, forms(:, m))
+            call make_sine_functional(m, functionals(:, m))
          end if
       end do
       is_found = all(before > 0.0_wp)
       if (.not. is_found) return
-      call new_phase_problem(self%phase, self%balance, self%tones, .false., forms, 0.0_wp*point%omega)
+      call new_phase_problem(self%phase, self%balance, self%tones, .false., functionals, 0.0_wp*point%omega)
       x = self%phase%unknowns([u])
       call solve(self%phase, self%config, x, x, report)
       call self%report%add(report)
@@ -297,9 +297,9 @@ contains
 
       !> The condition that the sine of tone m vanishes at its degree of freedom; the motion is first shifted
       !> accordingly.
-      subroutine make_sine_form(m, form)
+      subroutine make_sine_functional(m, functional)
          integer, intent(in) :: m
-         real(wp), intent(out) :: form(:)
+         real(wp), intent(out) :: functional(:)
          real(wp) :: angle
          integer :: h
 
@@ -307,9 +307,9 @@ contains
             h = fundamental(set, self%tones(m))
             angle = atan2(u(set%sin_at(h), dof), u(set%cos_at(h), dof))
             u = set%times(exp(cmplx(0.0_wp, set%tuples(self%tones(m), :)*angle, wp)), u)
-            form = coefficient_form(set, size(u, 2), set%sin_at(h), dof)
+            functional = coefficient_functional(set, size(u, 2), set%sin_at(h), dof)
          end associate
-      end subroutine make_sine_form
+      end subroutine make_sine_functional
 
       !> Coefficients of the unknown tone m itself.
       function fundamental_part(motion, m) result(part)

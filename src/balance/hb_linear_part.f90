@@ -94,16 +94,16 @@ contains
       call self%dynamic_stiffness_t%move(frequencies, drives, error)
    end subroutine linear_part_move
 
-   subroutine linear_part_take_loads(self, part, places)
+   subroutine linear_part_take_loads(self, part, positions)
       class(linear_part_t), intent(inout) :: self
       type(dynamic_stiffness_t), intent(in) :: part
-      integer, intent(in) :: places(:)
-      complex(wp) :: c(self%n_law, size(places))
-      logical :: is_singular(size(places))
+      integer, intent(in) :: positions(:)
+      complex(wp) :: c(self%n_law, size(positions))
+      logical :: is_singular(size(positions))
 
-      call self%dynamic_stiffness_t%take_loads(part, places)
+      call self%dynamic_stiffness_t%take_loads(part, positions)
       call part%linear_amplitudes(c, is_singular)
-      self%free_motion(:, places) = c
+      self%free_motion(:, positions) = c
    end subroutine linear_part_take_loads
 
    !> Factorises S of harmonic h on its supports, unless it is factorised.
@@ -387,7 +387,7 @@ contains
       type(amplitudes_t), intent(in) :: loads
       type(error_t), allocatable, intent(out) :: error
       type(dynamic_stiffness_t) :: part
-      integer, allocatable :: places(:)
+      integer, allocatable :: positions(:)
       integer :: h
       logical :: is_other(size(frequencies))
 
@@ -397,11 +397,11 @@ contains
       end do
       if (.not. any(is_other)) return
       is_other(maxloc(abs(frequencies), dim=1)) = .true.
-      places = pack([(h, h=1, size(frequencies))], is_other)
-      call new_dynamic_stiffness(part, structure, self%linear%coordinates, frequencies(places), loads%at(places), error, &
+      positions = pack([(h, h=1, size(frequencies))], is_other)
+      call new_dynamic_stiffness(part, structure, self%linear%coordinates, frequencies(positions), loads%at(positions), error, &
                                  wanted_slopes_t(of_interior=.false.))
-      self%n_condensed = self%n_condensed + size(places)
-      if (.not. allocated(error)) call self%linear%take_loads(part, places)
+      self%n_condensed = self%n_condensed + size(positions)
+      if (.not. allocated(error)) call self%linear%take_loads(part, positions)
    end subroutine take_loads
 
    !> Returns a linear part to the cache.

@@ -14,18 +14,18 @@ module hb_normal_mode
    use hb_limit_cycle_search, only: continue_in_order, first_amplitude, fundamental, most_steps, &
       path_point_t, search_t
    use hb_outcome, only: outcome
-   use hb_phase, only: coefficient_form, new_phase_problem, peak_form, peak_rate_form, shift_form
+   use hb_phase, only: coefficient_functional, new_phase_problem, peak_functional, peak_rate_functional, shift_functional
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_text, only: to_text
    use hb_thresholds, only: agreement, faint, rounding
    implicit none
    private
-   public :: amplitude_forms, find_mode_of_energy, find_normal_mode, normal_mode_t
+   public :: amplitude_functionals, find_mode_of_energy, find_normal_mode, normal_mode_t
 
 
    type :: normal_mode_t
-      logical :: is_asked = .false.
+      logical :: is_requested = .false.
       logical :: has_energy = .false.                                 !! prescribed instead of an amplitude
       integer :: dof = 0                                              !! of the structure, at which the amplitude is measured
       integer :: mode = 0                                             !! linear mode to start from, by frequency; 0: nearest to
@@ -40,9 +40,9 @@ module hb_normal_mode
    type :: goal_t
       real(wp) :: value = 0.0_wp                                      ! [m] or [J], beyond the rest
       real(wp) :: rest = 0.0_wp                                       ! amplitude of the base motion [m]
-      real(wp) :: share = first_amplitude                                 ! of the amplitude, where the way begins
+      real(wp) :: share = first_amplitude                                 ! of the amplitude, where the path begins
       integer :: dof = 0                                              ! of the amplitude, among those of the laws
-      real(wp), allocatable :: forms(:, :)                            ! phase and amplitude, (coefficients of all dofs, 2)
+      real(wp), allocatable :: functionals(:, :)                      ! phase and amplitude, (coefficients of all dofs, 2)
       logical :: is_peak = .false.                                    ! these are rate and value at zero phase
       type(energy_t), allocatable :: energy                           ! otherwise an amplitude
    end type goal_t
@@ -58,24 +58,24 @@ module hb_normal_mode
 contains
 
    !> Phase and amplitude of a mode, of all coefficients: rate and value at zero phase, or sine and cosine of the fundamental.
-   pure function amplitude_forms(set, n_dofs, dof, tone, is_peak) result(forms)
+   pure function amplitude_functionals(set, n_dofs, dof, tone, is_peak) result(functionals)
       type(harmonics_t), intent(in) :: set
       integer, intent(in) :: n_dofs
       integer, intent(in) :: dof                                      !! among those of the laws
       integer, intent(in) :: tone
       logical, intent(in) :: is_peak
-      real(wp) :: forms(set%n_coefficients*n_dofs, 2)
+      real(wp) :: functionals(set%n_coefficients*n_dofs, 2)
 
       if (is_peak) then
-         forms(:, 1) = peak_rate_form(set, n_dofs, dof, tone)
-         forms(:, 2) = peak_form(set, n_dofs, dof)
+         functionals(:, 1) = peak_rate_functional(set, n_dofs, dof, tone)
+         functionals(:, 2) = peak_functional(set, n_dofs, dof)
       else
          associate (h => fundamental(set, tone))
-            forms(:, 1) = coefficient_form(set, n_dofs, set%sin_at(h), dof)
-            forms(:, 2) = coefficient_form(set, n_dofs, set%cos_at(h), dof)
+            functionals(:, 1) = coefficient_functional(set, n_dofs, set%sin_at(h), dof)
+            functionals(:, 2) = coefficient_functional(set, n_dofs, set%cos_at(h), dof)
          end associate
       end if
-   end function amplitude_forms
+   end function amplitude_functionals
 
    !> Finds the motion with the given amplitude of one unknown tone. On success the balance of the search has its
    !> frequency and artificial damping; u is the last motion.
@@ -90,8 +90,8 @@ contains
 
       goal%dof = dof
       goal%is_peak = is_peak
-      goal%forms = amplitude_forms(search%balance%harmonics, size(u, 2), dof, search%tones(1), is_peak)
-      goal%rest = dot_product(goal%forms(:, 2), reshape(search%base%u, [size(u)]))
+      goal%functionals = amplitude_functionals(search%balance%harmonics, size(u, 2), dof, search%tones(1), is_peak)
+      goal%rest = dot_product(goal%functionals(:, 2), reshape(search%base%u, [size(u)]))
       goal%value = amplitude - goal%rest
       if (abs(goal%value) <= rounding*abs(amplitude)) then
          search%report%status = outcome%no_motion
@@ -175,8 +175,8 @@ contains
          point = point_of(search, search%phase%unknowns([u]))
          call begin_curve(search, point, curve)
          if (.not. allocated(goal%energy)) then                       ! the peak determines the penetration of a stop
-            curve%form = 0.0_wp*curve%x
-            curve%form(:size(u)) = sign(1.0_wp, goal%value)*goal%forms(:, 2)
+            curve%functional = 0.0_wp*curve%x
+            curve%functional(:size(u)) = sign(1.0_wp, goal%value)*goal%functionals(:, 2)
          end if
          do i = 1, most_steps
             call step_along(search, curve, point)
@@ -213,7 +213,7 @@ contains
       type(goal_t), intent(in) :: goal
       real(wp), intent(inout) :: u(:, :)
       type(error_t), allocatable :: error
-      complex(wp) :: form(size(u, 2))
+      complex(wp) :: functional(size(u, 2))
       real(wp) :: omega(size(search%balance%omega)), xi(size(search%balance%omega))
       integer :: h
 
@@ -230,11 +230,11 @@ contains
             search%message = error%message
             return
          end if
-         call scale_mode(search, goal, h, form)
+         call scale_mode(search, goal, h, functional)
          if (search%report%status == outcome%no_motion) return
          u = search%base%u
-         u(set%cos_at(h), :) = u(set%cos_at(h), :) + goal%share*real(form)
-         u(set%sin_at(h), :) = u(set%sin_at(h), :) - goal%share*aimag(form)
+         u(set%cos_at(h), :) = u(set%cos_at(h), :) + goal%share*real(functional)
+         u(set%sin_at(h), :) = u(set%sin_at(h), :) - goal%share*aimag(functional)
       end associate
    end subroutine start_on_mode
 
@@ -251,25 +251,25 @@ contains
             value = goal%energy%value(self%balance, reshape(x(:n), [self%balance%harmonics%n_coefficients, self%balance%n_dofs]))
             value = sign(sqrt(abs(value)/goal%value), value) - 1.0_wp
          else
-            value = (dot_product(goal%forms(:n, 2), x(:n)) - goal%rest)/goal%value - 1.0_wp
+            value = (dot_product(goal%functionals(:n, 2), x(:n)) - goal%rest)/goal%value - 1.0_wp
          end if
       end associate
    end function goal_event_value
 
    !> Shape of the linear mode at the laws [m], as large as it would be at the goal if the laws were linear; sets the
    !> balance to the frequency of the mode. The status is `no_motion` if it is undefined.
-   subroutine scale_mode(search, goal, h, form)
+   subroutine scale_mode(search, goal, h, functional)
       type(search_t), intent(inout) :: search
       type(goal_t), intent(in) :: goal
       integer, intent(in) :: h                                        !! the fundamental
-      complex(wp), intent(out) :: form(:)                             !! (n_dofs)
+      complex(wp), intent(out) :: functional(:)                       !! (n_dofs)
       real(wp) :: energy, length
       real(wp), allocatable :: u(:, :)
 
-      form = search%base%modes%shapes(:, search%modes(1))
+      functional = search%base%modes%shapes(:, search%modes(1))
       if (.not. allocated(goal%energy)) then
-         if (abs(form(goal%dof)) > 1.0e-8_wp*maxval(abs(form))) then
-            form = form/form(goal%dof)*goal%value
+         if (abs(functional(goal%dof)) > 1.0e-8_wp*maxval(abs(functional))) then
+            functional = functional/functional(goal%dof)*goal%value
          else
             search%report%status = outcome%no_motion
             search%message = "the linear mode has a node where the amplitude is measured; choose another mode or dof"
@@ -282,15 +282,15 @@ contains
          return
       end if
       length = first_amplitude*search%length
-      form = length*form/form(maxloc(abs(form), dim=1))
+      functional = length*functional/functional(maxloc(abs(functional), dim=1))
       u = search%base%u
       associate (set => search%balance%harmonics)
-         u(set%cos_at(h), :) = u(set%cos_at(h), :) + real(form)
-         u(set%sin_at(h), :) = u(set%sin_at(h), :) - aimag(form)
+         u(set%cos_at(h), :) = u(set%cos_at(h), :) + real(functional)
+         u(set%sin_at(h), :) = u(set%sin_at(h), :) - aimag(functional)
       end associate
       energy = goal%energy%value(search%balance, u)
       if (energy > 0.0_wp) then
-         form = sqrt(goal%value/energy)*form
+         functional = sqrt(goal%value/energy)*functional
       else
          search%report%status = outcome%no_motion
          search%message = "a small motion in the linear mode has no energy; choose another mode"
@@ -307,19 +307,19 @@ contains
       logical, intent(in) :: by_orders
       real(wp), intent(inout) :: u(:, :)
       type(report_t) :: report
-      real(wp), allocatable :: forms(:, :), x(:)
+      real(wp), allocatable :: functionals(:, :), x(:)
       logical :: is_possible
 
       if (allocated(goal%energy)) then
          call search%set_scales(maxval(norm2(u - search%base%u, dim=1)))
-         allocate (forms(size(u) + 2, 2), source=0.0_wp)
-         forms(:size(u), 1) = shift_form(search%balance%harmonics, search%tones(1), u, &
-                                         reshape(search%balance%x_scale, shape(u)))
-         call new_phase_problem(search%phase, search%balance, search%tones, .true., forms, [0.0_wp, share**2*goal%value], &
+         allocate (functionals(size(u) + 2, 2), source=0.0_wp)
+         functionals(:size(u), 1) = shift_functional(search%balance%harmonics, search%tones(1), u, &
+                                                     reshape(search%balance%x_scale, shape(u)))
+         call new_phase_problem(search%phase, search%balance, search%tones, .true., functionals, [0.0_wp, share**2*goal%value], &
                                 goal%energy)
       else
          call search%set_scales(abs(share*goal%value))
-         call new_phase_problem(search%phase, search%balance, search%tones, .true., goal%forms, &
+         call new_phase_problem(search%phase, search%balance, search%tones, .true., goal%functionals, &
                                 [0.0_wp, goal%rest + share*goal%value])
          if (goal%is_peak) search%phase%peak_dof = goal%dof
       end if

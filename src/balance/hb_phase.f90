@@ -12,8 +12,9 @@ module hb_phase
    use hb_problem, only: problem_t
    implicit none
    private
-   public :: amplitude_form, coefficient_form, energy_row_t, new_phase_problem, peak_form, peak_rate_form, phase_problem_t, &
-      shift_form
+   public :: amplitude_functional, coefficient_functional, energy_row_t, new_phase_problem, peak_functional, &
+      peak_rate_functional, phase_problem_t, &
+      shift_functional
 
    type, extends(bordered_problem_t) :: phase_problem_t
       integer, allocatable :: tones(:)                                !! the unknown ones
@@ -40,12 +41,12 @@ contains
 
    !> Creates the problem for a balance whose stiffness has slopes. Its scales are those of the balance, frequencies
    !> are scaled by their present values. There must be as many functionals as additional unknowns.
-   subroutine new_phase_problem(self, balance, tones, with_damping, forms, values, energy)
+   subroutine new_phase_problem(self, balance, tones, with_damping, functionals, values, energy)
       type(phase_problem_t), intent(out) :: self
       type(balance_t), intent(inout), target :: balance
       integer, intent(in) :: tones(:)                                 !! unknown ones
       logical, intent(in) :: with_damping                             !! their artificial damping is unknown too
-      real(wp), intent(in) :: forms(:, :)                             !! (coefficients of all dofs, or all unknowns; equations
+      real(wp), intent(in) :: functionals(:, :)                       !! (coefficients of all dofs, or all unknowns; equations
                                                                       !! added)
       real(wp), intent(in) :: values(:)                               !! (further unknowns)
       type(energy_t), intent(in), optional :: energy                  !! for the last value; its functional is arbitrary
@@ -55,9 +56,9 @@ contains
       which = tones
       if (with_damping) which = [tones, size(balance%omega) + tones]
       if (present(energy)) then
-         call new_bordered_problem(self%bordered_problem_t, balance, which, forms, values, energy_row_t(energy, which))
+         call new_bordered_problem(self%bordered_problem_t, balance, which, functionals, values, energy_row_t(energy, which))
       else
-         call new_bordered_problem(self%bordered_problem_t, balance, which, forms, values)
+         call new_bordered_problem(self%bordered_problem_t, balance, which, functionals, values)
       end if
    end subroutine new_phase_problem
 
@@ -88,9 +89,9 @@ contains
 
       r = 0.0_wp
       if (self%peak_dof > 0) then
-         r(1) = dot_product(peak_rate_form(wide%harmonics, wide%n_dofs, self%peak_dof, self%tones(1)), &
+         r(1) = dot_product(peak_rate_functional(wide%harmonics, wide%n_dofs, self%peak_dof, self%tones(1)), &
                             reshape(motion, [size(motion)])) - self%values(1)
-         r(2) = dot_product(peak_form(wide%harmonics, wide%n_dofs, self%peak_dof), reshape(motion, [size(motion)])) &
+         r(2) = dot_product(peak_functional(wide%harmonics, wide%n_dofs, self%peak_dof), reshape(motion, [size(motion)])) &
                 - self%values(2)
       end if
       if (allocated(self%row)) r(size(r)) = self%row%value(wide, [motion]) - self%values(size(r))
@@ -133,71 +134,72 @@ contains
 
    !> Integral phase condition: the motion has no component along the shift of phase `tone` of a reference, sum_j j_m
    !> (b_ref a - a_ref b)/scale**2, divided by the same sum of the shift with itself.
-   pure function shift_form(harmonics, tone, reference, scale) result(form)
+   pure function shift_functional(harmonics, tone, reference, scale) result(functional)
       type(harmonics_t), intent(in) :: harmonics
       integer, intent(in) :: tone
       real(wp), intent(in) :: reference(:, :)                         !! [m], (n_coefficients, n_dofs)
       real(wp), intent(in) :: scale(:, :)                             !! of the coefficients [m], as reference
-      real(wp) :: form(size(reference))
+      real(wp) :: functional(size(reference))
       real(wp) :: shift(size(reference, 1), size(reference, 2)), total
 
       shift = harmonics%times(cmplx(0.0_wp, harmonics%tuples(tone, :), wp), reference)/scale
       total = sum(shift**2)
-      form = reshape(shift/scale, [size(reference)])
-      if (total > 0.0_wp) form = form/total
-   end function shift_form
+      functional = reshape(shift/scale, [size(reference)])
+      if (total > 0.0_wp) functional = functional/total
+   end function shift_functional
 
    !> Amplitude of the motion in one harmonic along a reference; 1 for the reference itself.
-   pure function amplitude_form(harmonics, h, reference, scale) result(form)
+   pure function amplitude_functional(harmonics, h, reference, scale) result(functional)
       type(harmonics_t), intent(in) :: harmonics
       integer, intent(in) :: h                                        !! harmonic, not the zero tuple
       real(wp), intent(in) :: reference(:, :)                         !! [m], (n_coefficients, n_dofs)
       real(wp), intent(in) :: scale(:, :)                             !! of the coefficients [m], as reference
-      real(wp) :: form(size(reference))
+      real(wp) :: functional(size(reference))
       real(wp) :: part(size(reference, 1), size(reference, 2))
 
       part = 0.0_wp
       associate (a => harmonics%cos_at(h), b => harmonics%sin_at(h))
          part([a, b], :) = reference([a, b], :)/scale([a, b], :)
       end associate
-      form = reshape(part/scale, [size(reference)])/sum(part**2)
-   end function amplitude_form
+      functional = reshape(part/scale, [size(reference)])/sum(part**2)
+   end function amplitude_functional
 
    !> One coefficient of one degree of freedom.
-   pure function coefficient_form(harmonics, n_dofs, place, dof) result(form)
+   pure function coefficient_functional(harmonics, n_dofs, position, dof) result(functional)
       type(harmonics_t), intent(in) :: harmonics
       integer, intent(in) :: n_dofs
-      integer, intent(in) :: place                                    !! one of harmonics%cos_at and sin_at
+      integer, intent(in) :: position                                 !! one of harmonics%cos_at and sin_at
       integer, intent(in) :: dof                                      !! among those of the laws
-      real(wp) :: form(harmonics%n_coefficients*n_dofs)
+      real(wp) :: functional(harmonics%n_coefficients*n_dofs)
 
-      form = 0.0_wp
-      form((dof - 1)*harmonics%n_coefficients + place) = 1.0_wp
-   end function coefficient_form
+      functional = 0.0_wp
+      functional((dof - 1)*harmonics%n_coefficients + position) = 1.0_wp
+   end function coefficient_functional
 
    !> Displacement of one degree of freedom at zero phases.
-   pure function peak_form(harmonics, n_dofs, dof) result(form)
+   pure function peak_functional(harmonics, n_dofs, dof) result(functional)
       type(harmonics_t), intent(in) :: harmonics
       integer, intent(in) :: n_dofs
       integer, intent(in) :: dof                                      !! among those of the laws
-      real(wp) :: form(harmonics%n_coefficients*n_dofs)
+      real(wp) :: functional(harmonics%n_coefficients*n_dofs)
 
-      form = 0.0_wp
-      form((dof - 1)*harmonics%n_coefficients + harmonics%cos_at) = 1.0_wp
-   end function peak_form
+      functional = 0.0_wp
+      functional((dof - 1)*harmonics%n_coefficients + harmonics%cos_at) = 1.0_wp
+   end function peak_functional
 
    !> Derivative by phase `tone` of the displacement of one degree of freedom at zero phases.
-   pure function peak_rate_form(harmonics, n_dofs, dof, tone) result(form)
+   pure function peak_rate_functional(harmonics, n_dofs, dof, tone) result(functional)
       type(harmonics_t), intent(in) :: harmonics
       integer, intent(in) :: n_dofs
       integer, intent(in) :: dof                                      !! among those of the laws
       integer, intent(in) :: tone
-      real(wp) :: form(harmonics%n_coefficients*n_dofs)
+      real(wp) :: functional(harmonics%n_coefficients*n_dofs)
       integer :: h
 
-      form = 0.0_wp
+      functional = 0.0_wp
       do h = 1, harmonics%n_harmonics
-         if (harmonics%sin_at(h) > 0) form((dof - 1)*harmonics%n_coefficients + harmonics%sin_at(h)) = harmonics%tuples(tone, h)
+         if (harmonics%sin_at(h) > 0) &
+            functional((dof - 1)*harmonics%n_coefficients + harmonics%sin_at(h)) = harmonics%tuples(tone, h)
       end do
-   end function peak_rate_form
+   end function peak_rate_functional
 end module hb_phase

@@ -45,7 +45,7 @@ contains
       n_before = self%n_harmonics
       self%n_harmonics = laws%transform%harmonics%n_harmonics
       self%needs_reaction = laws%needs_reaction
-      law = max(0, maxval(abs(laws%jacobian%row - laws%jacobian%column)), laws%memory_reach())
+      law = max(0, maxval(abs(laws%jacobian%row - laws%jacobian%column)), laws%memory_bandwidth())
       half_bandwidth = max(linear%pattern%half_bandwidth, law)
       if (laws%needs_reaction) half_bandwidth = linear%pattern%half_bandwidth + law
       call new_block_pattern(self%pattern, linear%n_law, min(linear%n_law, half_bandwidth))
@@ -152,7 +152,7 @@ contains
       integer, intent(in) :: level
       real(wp), intent(in) :: coupling(:)                             !! (n_harmonics)
       logical, intent(out) :: is_strongest
-      integer, allocatable :: kept(:)
+      integer, allocatable :: retained(:)
       integer :: most, possible
 
       is_strongest = .false.
@@ -169,28 +169,28 @@ contains
          most = most - max(1, most/32)
       end do
       is_strongest = most == possible
-      kept = strongest(coupling, most)
+      retained = strongest(coupling, most)
       if (allocated(self%coupled)) then
-         if (size(self%coupled%kept) == size(kept)) then
-            if (all(self%coupled%kept == kept)) return
+         if (size(self%coupled%retained) == size(retained)) then
+            if (all(self%coupled%retained == retained)) return
          end if
          deallocate (self%coupled)
       end if
-      if (size(kept) == 0) return
+      if (size(retained) == 0) return
       allocate (self%coupled)
-      call new_coarse_tangent(self%coupled, set, kept, self%pattern%n, self%pattern%half_bandwidth)
+      call new_coarse_tangent(self%coupled, set, retained, self%pattern%n, self%pattern%half_bandwidth)
    end subroutine choose_coupled
 
    !> Indices of the largest values, at most `most` of them, in ascending order; of equal ones all or none.
-   pure function strongest(values, most) result(kept)
+   pure function strongest(values, most) result(retained)
       real(wp), intent(in) :: values(:)                               !! >= 0
       integer, intent(in) :: most
-      integer, allocatable :: kept(:)
+      integer, allocatable :: retained(:)
       real(wp) :: lowest, highest, middle
       integer :: h, step
 
       if (size(values) <= most) then
-         kept = [(h, h=1, size(values))]
+         retained = [(h, h=1, size(values))]
          return
       end if
       lowest = -1.0_wp
@@ -203,7 +203,7 @@ contains
             highest = middle
          end if
       end do
-      kept = pack([(h, h=1, size(values))], values > highest)
+      retained = pack([(h, h=1, size(values))], values > highest)
    end function strongest
 
    !> The tangent between the selected harmonics, term by term as in hb_dense_tangent, and its factors. The correction
@@ -229,8 +229,8 @@ contains
             do i = pattern%first(k), pattern%last(k)
                block = 0.0_wp
                do h = 1, set%n_harmonics
-                  call add_linear(h, linear%entry(i, k, coupled%kept(h)))
-                  if (i == k) call add_linear(h, cmplx(linear%support_in(i, coupled%kept(h)), kind=wp))
+                  call add_linear(h, linear%entry(i, k, coupled%retained(h)))
+                  if (i == k) call add_linear(h, cmplx(linear%support_in(i, coupled%retained(h)), kind=wp))
                end do
                call coupled%add(i, k, block)
             end do
@@ -246,7 +246,7 @@ contains
                if (laws%needs_velocity) then
                   do h = merge(2, 1, set%has_zero), set%n_harmonics
                      call find_columns(h, slope%by_rate)
-                     associate (w => frequencies(coupled%kept(h)))
+                     associate (w => frequencies(coupled%retained(h)))
                         block(:, set%cos_at(h)) = block(:, set%cos_at(h)) - w*sine
                         block(:, set%sin_at(h)) = block(:, set%sin_at(h)) + w*cosine
                      end associate
@@ -257,7 +257,7 @@ contains
                do k = pattern%first(column), pattern%last(column)
                   do h = 1, set%n_harmonics
                      call find_columns(h, slope%by_reaction)
-                     associate (s => linear%entry(column, k, coupled%kept(h)))
+                     associate (s => linear%entry(column, k, coupled%retained(h)))
                         block(:, set%cos_at(h)) = aimag(s)*sine - real(s)*cosine
                         if (set%sin_at(h) > 0) block(:, set%sin_at(h)) = -aimag(s)*cosine - real(s)*sine
                      end associate
@@ -275,8 +275,8 @@ contains
          integer, intent(in) :: h                                     ! within the selected ones
          integer, intent(in) :: part                                  ! of the table
 
-         associate (kept => self%coupled%kept, table => laws%table)
-            call table%columns_among(part, self%coupled%set, table%offset(kept), table%offset(kept(h)), cosine, sine)
+         associate (retained => self%coupled%retained, table => laws%table)
+            call table%columns_among(part, self%coupled%set, table%offset(retained), table%offset(retained(h)), cosine, sine)
          end associate
       end subroutine find_columns
 

@@ -41,19 +41,18 @@ module hb_projected_laws
 contains
 
    !> Prepares laws on coordinates and the transforms between their coefficients and samples.
-   subroutine new_projected_laws(self, laws, n_coordinates, harmonics, torus, omega, effort, error)
+   subroutine new_projected_laws(self, laws, n_coordinates, harmonics, torus, omega, error)
       type(projected_laws_t), intent(inout) :: self
       type(law_box_t), intent(in) :: laws(:)                          !! on coordinates; no two multipliers on one
       integer, intent(in) :: n_coordinates
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
-      integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
 
       self%factor = 1.0_wp
       self%table = product_table_t()
-      call new_transform(self%transform, harmonics, torus, n_coordinates, effort, error)
+      call new_transform(self%transform, harmonics, torus, n_coordinates, error)
       if (allocated(error)) return
       call new_sampled_laws(self%sampled_laws_t, laws, n_coordinates, torus, omega, error)
       if (allocated(self%u_before)) deallocate (self%u_before)

@@ -155,7 +155,7 @@ contains
    subroutine sampled_law_find_failure(self, with_derivatives, error_text, is_given_up)
       class(sampled_law_t), intent(in) :: self
       logical, intent(in) :: with_derivatives
-      character(:), allocatable, intent(inout) :: error_text          !! the first one is kept, unless this law cannot continue
+      character(:), allocatable, intent(inout) :: error_text          !! the first one is retained, unless this law cannot continue
       logical, intent(inout) :: is_given_up                           !! true if the law cannot continue
       character(:), allocatable :: text
       logical :: is_fatal, is_finite

@@ -45,7 +45,7 @@ module hb_sampled_laws
       procedure :: force_of => sampled_laws_force_of
       procedure :: make_direction_samples => sampled_laws_make_direction_samples
       procedure :: differentiate_along => sampled_laws_differentiate_along
-      procedure :: memory_reach => sampled_laws_memory_reach
+      procedure :: memory_bandwidth => sampled_laws_memory_bandwidth
       procedure :: memory_rounds => sampled_laws_memory_rounds
       procedure :: memory_failure => sampled_laws_memory_failure
       procedure :: full_stick => sampled_laws_full_stick
@@ -191,8 +191,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
-      if (.not. self%jacobian%has_room()) then
-         call self%jacobian%make_room(size(self%samples%q%values, 1), error)
+      if (.not. self%jacobian%is_allocated()) then
+         call self%jacobian%allocate_slopes(size(self%samples%q%values, 1), error)
          if (allocated(error)) return
          do i = 1, size(self%sampled)
             if (.not. allocated(self%sampled(i)%hysteresis)) call self%sampled(i)%make_derivatives()
@@ -314,16 +314,16 @@ contains
    end subroutine sampled_laws_mean_slopes
 
    !> Largest distance between degrees of freedom, among those of all laws, that one law with memory couples.
-   pure integer function sampled_laws_memory_reach(self) result(reach)
+   pure integer function sampled_laws_memory_bandwidth(self) result(bandwidth)
       class(sampled_laws_t), intent(in) :: self
       integer :: i
 
-      reach = 0
+      bandwidth = 0
       do i = 1, size(self%sampled)
          if (.not. allocated(self%sampled(i)%hysteresis)) cycle
-         reach = max(reach, maxval(self%sampled(i)%columns) - minval(self%sampled(i)%columns))
+         bandwidth = max(bandwidth, maxval(self%sampled(i)%columns) - minval(self%sampled(i)%columns))
       end do
-   end function sampled_laws_memory_reach
+   end function sampled_laws_memory_bandwidth
 
    !> Rounds of the torus for the columns of a tangent until sliders are periodic, for all laws. One for a single
    !> line.

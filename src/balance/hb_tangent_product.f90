@@ -46,13 +46,12 @@ module hb_tangent_product
 contains
 
    !> Prepares products at the motion along which the laws were differentiated. Fails out of memory.
-   subroutine tangent_product_prepare(self, laws, effort, error)
+   subroutine tangent_product_prepare(self, laws, error)
       class(tangent_product_t), intent(inout) :: self
       type(projected_laws_t), intent(inout) :: laws
-      integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
 
-      if (.not. self%is_ready) call new_thin_grid(self%thin, laws%transform%harmonics, laws%transform%torus, laws, effort)
+      if (.not. self%is_ready) call new_thin_grid(self%thin, laws%transform%harmonics, laws%transform%torus, laws)
       self%is_ready = .true.
       self%uses_thin = allocated(self%thin) .and. .not. laws%kinks%are_met()   ! the response to neighbours needs all samples
       if (self%uses_thin) then
@@ -97,12 +96,11 @@ contains
 
    !> Prepares products for the laws, if a coarser grid suffices and there is memory for it; otherwise not allocated,
    !> as products on the grid of the laws are as exact.
-   subroutine new_thin_grid(self, harmonics, torus, laws, effort)
+   subroutine new_thin_grid(self, harmonics, torus, laws)
       type(thin_grid_t), allocatable, intent(out) :: self
       type(harmonics_t), intent(in) :: harmonics
       type(torus_t), intent(in) :: torus                              !! of the laws
       type(projected_laws_t), intent(in) :: laws
-      integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable :: error
       integer, parameter :: least_samples = 2048 ! of one tone; with fewer a coarse grid costs more than it saves
       type(harmonics_t) :: band
@@ -118,15 +116,15 @@ contains
       if (thin%n_total >= torus%n_total) return
       allocate (self)
       call new_band(band, harmonics, torus, error)                    ! fails if it exceeds the largest set
-      if (.not. allocated(error)) call new_transform(self%transform, harmonics, thin, laws%n_dofs, effort, error)
-      if (.not. allocated(error)) call new_transform(self%wide, band, torus, 1, effort, error, direction%to_spectrum)
-      if (.not. allocated(error)) call new_transform(self%narrow, band, thin, 1, effort, error, direction%to_samples)
+      if (.not. allocated(error)) call new_transform(self%transform, harmonics, thin, laws%n_dofs, error)
+      if (.not. allocated(error)) call new_transform(self%wide, band, torus, 1, error, direction%to_spectrum)
+      if (.not. allocated(error)) call new_transform(self%narrow, band, thin, 1, error, direction%to_samples)
       if (.not. allocated(error)) call new_law_samples(self%along, thin%n_total, laws%n_dofs, laws%needs_velocity, &
                                                        laws%needs_reaction, .false., error)
       if (.not. allocated(error)) call new_real_block(self%column, thin%n_total, 1, error)
       if (.not. allocated(error)) then
          self%jacobian = laws%jacobian%pattern()
-         call self%jacobian%make_room(thin%n_total, error)
+         call self%jacobian%allocate_slopes(thin%n_total, error)
       end if
       if (.not. allocated(error)) then
          allocate (self%spectrum(band%n_coefficients, 1))

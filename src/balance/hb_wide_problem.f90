@@ -11,7 +11,7 @@ module hb_wide_problem
    use hb_cancellation, only: work_is_over
    use hb_gmres, only: gmres_t, new_gmres
    use hb_kinds, only: wp
-   use hb_phase, only: peak_form, peak_rate_form, phase_problem_t
+   use hb_phase, only: peak_functional, peak_rate_functional, phase_problem_t
    use hb_problem, only: problem_t
    use hb_tangent_solver, only: tangent_solver_t
    implicit none
@@ -23,7 +23,7 @@ module hb_wide_problem
       type(balance_t), pointer, private :: wide => null()
       class(problem_t), pointer, private :: narrow => null()
       type(tangent_solver_t), pointer, private :: solver => null()    ! of `narrow`
-      integer, allocatable :: places(:)                               !! positions of the retained unknowns among all
+      integer, allocatable :: positions(:)                            !! positions of the retained unknowns among all
       logical :: is_lost = .false.                                    !! the tangent of `narrow` gave no step
    contains
       procedure :: find_two_steps => wide_problem_find_two_steps
@@ -51,29 +51,29 @@ contains
       type(balance_t), intent(in) :: balance                          !! the narrow one
       class(problem_t), intent(inout), target :: narrow               !! on the narrow balance
       type(tangent_solver_t), intent(inout), target :: tangent        !! of `narrow`, not singular
-      real(wp), allocatable :: forms(:, :), border(:, :)
-      integer :: i, n, n_kept
+      real(wp), allocatable :: functionals(:, :), border(:, :)
+      integer :: i, n, n_retained
 
       self%wide => wide
       self%narrow => narrow
       self%solver => tangent
       n = wide%n_unknowns
-      n_kept = balance%n_unknowns
-      self%places = [wide%harmonics%places_of(balance%harmonics, balance%n_dofs)]
-      allocate (forms(n, 0))
-      call new_bordered_problem(self%bordered_problem_t, wide, [integer ::], forms, [real(wp) ::])
+      n_retained = balance%n_unknowns
+      self%positions = [wide%harmonics%indices_of(balance%harmonics, balance%n_dofs)]
+      allocate (functionals(n, 0))
+      call new_bordered_problem(self%bordered_problem_t, wide, [integer ::], functionals, [real(wp) ::])
       select type (narrow)
       class is (bordered_problem_t)
          self%which = narrow%which
          self%values = narrow%values
          self%n_unknowns = n + size(self%which)
-         deallocate (forms)
-         allocate (forms(self%n_unknowns, size(self%which)), border(n, size(self%which)), source=0.0_wp)
-         forms(self%places, :) = narrow%forms(:n_kept, :)
-         forms(n + 1:, :) = narrow%forms(n_kept + 1:, :)
-         border(self%places, :) = narrow%border
+         deallocate (functionals)
+         allocate (functionals(self%n_unknowns, size(self%which)), border(n, size(self%which)), source=0.0_wp)
+         functionals(self%positions, :) = narrow%functionals(:n_retained, :)
+         functionals(n + 1:, :) = narrow%functionals(n_retained + 1:, :)
+         border(self%positions, :) = narrow%border
          call take_peaks()
-         call move_alloc(forms, self%forms)
+         call move_alloc(functionals, self%functionals)
          call move_alloc(border, self%border)
       end select
       self%r_scale = [(1.0_wp, i=1, self%n_unknowns)]                 ! equations are scaled as steps
@@ -86,8 +86,8 @@ contains
          select type (narrow)
          class is (phase_problem_t)
             if (narrow%peak_dof == 0) return
-            forms(:n, 1) = peak_rate_form(wide%harmonics, wide%n_dofs, narrow%peak_dof, narrow%tones(1))
-            forms(:n, 2) = peak_form(wide%harmonics, wide%n_dofs, narrow%peak_dof)
+            functionals(:n, 1) = peak_rate_functional(wide%harmonics, wide%n_dofs, narrow%peak_dof, narrow%tones(1))
+            functionals(:n, 2) = peak_functional(wide%harmonics, wide%n_dofs, narrow%peak_dof)
          end select
       end subroutine take_peaks
    end subroutine new_wide_problem
@@ -192,7 +192,7 @@ contains
          select type (narrow => self%narrow)
          type is (phase_problem_t)
             r(n + 1:) = narrow%added_residual(self%wide, motion)
-            if (allocated(narrow%row)) r(n_all) = r(n_all) - dot_product(self%forms(n + 1:, n_all - n), before(n + 1:))
+            if (allocated(narrow%row)) r(n_all) = r(n_all) - dot_product(self%functionals(n + 1:, n_all - n), before(n + 1:))
          end select
       end associate
    end subroutine wide_problem_find_residual
@@ -233,7 +233,7 @@ contains
          call self%wide%apply_tangent(x(:n), r(:n))
          if (self%n_unknowns > n) then
             r(:n) = r(:n) + matmul(self%border, x(n + 1:))
-            r(n + 1:) = matmul(x, self%forms)
+            r(n + 1:) = matmul(x, self%functionals)
          end if
       end associate
       call self%step_in_blocks(r, product)
@@ -253,17 +253,17 @@ contains
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: r(:)
       real(wp), intent(out) :: step(:)
-      real(wp) :: kept(size(self%places) + size(self%which))
+      real(wp) :: retained(size(self%positions) + size(self%which))
       logical :: is_lost
 
-      associate (n => self%wide%n_unknowns, n_kept => size(self%places))
+      associate (n => self%wide%n_unknowns, n_retained => size(self%positions))
          call self%wide%solve_mean_tangent(r(:n), step(:n))
-         kept(:n_kept) = r(self%places)
-         kept(n_kept + 1:) = r(n + 1:)
-         call self%solver%solve(self%narrow, kept, is_lost)
+         retained(:n_retained) = r(self%positions)
+         retained(n_retained + 1:) = r(n + 1:)
+         call self%solver%solve(self%narrow, retained, is_lost)
          self%is_lost = self%is_lost .or. is_lost
-         step(self%places) = kept(:n_kept)
-         step(n + 1:) = kept(n_kept + 1:)
+         step(self%positions) = retained(:n_retained)
+         step(n + 1:) = retained(n_retained + 1:)
       end associate
    end subroutine wide_problem_step_in_blocks
 end module hb_wide_problem

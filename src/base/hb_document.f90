@@ -385,7 +385,7 @@ contains
       i = number_of_key(self, parameter)
       if (i == 0) return
       associate (key => self%groups%holders(parameter%i_group)%group%content%keys(i))
-         if (key%asked == 0) return
+         if (key%requested == 0) return
          unit = key%unit
          if (unit == "" .and. key%kind == kind_of%whole) unit = "1"
       end associate
@@ -401,7 +401,7 @@ contains
       i = number_of_key(self, parameter)
       if (i == 0) return
       associate (key => self%groups%holders(parameter%i_group)%group%content%keys(i))
-         is_real = key%asked > 0 .and. key%kind == kind_of%number
+         is_real = key%requested > 0 .and. key%kind == kind_of%number
       end associate
    end function document_is_real
 
@@ -470,7 +470,7 @@ contains
             if (group%reading == self%reading) then
                call group%finish(problem)
             else if (group%line == 0 .and. group%reading == 0) then
-               call group%nobody_reads(problem)
+               call group%refuse_unread(problem)
             else
                cycle
             end if

@@ -22,11 +22,11 @@ contains
       error%message = message
    end subroutine fail
 
-   !> Prepends `place` to the message of an error that is passed on; does nothing without an error.
-   pure subroutine annotate(error, place)
+   !> Prepends `location` to the message of an error that is passed on; does nothing without an error.
+   pure subroutine annotate(error, location)
       type(error_t), allocatable, intent(inout) :: error
-      character(*), intent(in) :: place
+      character(*), intent(in) :: location
 
-      if (allocated(error)) error%message = place//": "//error%message
+      if (allocated(error)) error%message = location//": "//error%message
    end subroutine annotate
 end module hb_error

@@ -16,7 +16,7 @@ module hb_properties
    use hb_input_keys, only: kind_of, limits_t, rule_t
    use hb_kinds, only: wp
    use hb_property_order, only: any_length, element_at, matrix_text, pick
-   use hb_property_record, only: ask, missing_key, record_t, value_problem
+   use hb_property_record, only: missing_key, record_t, request, value_problem
    use hb_property_values, only: number_value, value_t
    use hb_text, only: join, lower, quote, shown, string_t, to_text
    implicit none
@@ -322,27 +322,27 @@ contains
 
       call find(self, key, kind, extents, required, i, order)
       if (present(i_key)) i_key = i
-      associate (asked => self%content%keys(i))
-         call put_default(asked%rule, extents, numbers)
+      associate (requested => self%content%keys(i))
+         call put_default(requested%rule, extents, numbers)
          if (allocated(order)) then
-            found = asked%values(order)%number
+            found = requested%values(order)%number
             do k = 1, size(order)
-               if (suits(asked%values(order(k)), kind, asked%rule%limits)) cycle
+               if (suits(requested%values(order(k)), kind, requested%rule%limits)) cycle
                call value_problem(self, i, order(k), element_at(k, extents), &
-                                  trim(error_text(asked%values(order(k)), kind, asked%rule%limits)))
+                                  trim(error_text(requested%values(order(k)), kind, requested%rule%limits)))
                deallocate (found)
                exit
             end do
          end if
          if (allocated(found)) then
             call move_alloc(found, numbers)
-         else if (must_be_given(asked%rule, required) .or. .not. allocated(numbers)) then
+         else if (must_be_given(requested%rule, required) .or. .not. allocated(numbers)) then
             return
          end if
-         asked%kind = kind
-         asked%numbers = numbers
-         asked%row_length = size(numbers)
-         if (size(extents) == 2) asked%row_length = extents(2)
+         requested%kind = kind
+         requested%numbers = numbers
+         requested%row_length = size(numbers)
+         if (size(extents) == 2) requested%row_length = extents(2)
       end associate
    end subroutine take_numbers
 
@@ -381,11 +381,11 @@ contains
 
       call find(self, key, kind_of%word, extents, required, i, order)
       if (present(i_key)) i_key = i
-      associate (asked => self%content%keys(i))
-         if (allocated(asked%rule%word)) then
+      associate (requested => self%content%keys(i))
+         if (allocated(requested%rule%word)) then
             if (.not. allocated(words)) allocate (words(1))
             do k = 1, size(words)
-               words(k)%value = asked%rule%word
+               words(k)%value = requested%rule%word
             end do
          end if
          if (allocated(order)) then
@@ -400,9 +400,9 @@ contains
          end if
          if (allocated(found)) call move_alloc(found, words)
          if (.not. allocated(words)) return
-         asked%kind = kind_of%word
-         asked%texts = words
-         asked%row_length = size(words)
+         requested%kind = kind_of%word
+         requested%texts = words
+         requested%row_length = size(words)
       end associate
    end subroutine take_words
 
@@ -446,7 +446,7 @@ contains
       integer, allocatable, intent(out) :: order(:)
       character(:), allocatable :: choices
 
-      call ask(self, key, i_key)
+      call request(self, key, i_key)
       associate (rule => self%content%keys(i_key)%rule)
          if (all(rule%kind /= [kind, kind_of%none]) .and. (rule%kind /= kind_of%whole .or. kind /= kind_of%number)) &
             call self%problem(key, "is "//trim(what(rule%kind, extents))//" in the table of keys, and read as "// &

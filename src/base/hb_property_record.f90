@@ -1,6 +1,6 @@
 !> The keys that readers request from one group of properties, the values used, and the problems found.
 !>
-!> Readers of values `ask` for a key, store the value that is used (given or default) and add problems; `finish`
+!> Readers of values `request` for a key, store the value that is used (given or default) and add problems; `finish`
 !> reports all problems at once, together with the given keys that no reader requested.
 module hb_property_record
    use hb_closest_word, only: closest_word
@@ -11,7 +11,7 @@ module hb_property_record
    use hb_text, only: join, lower, max_name, shown, string_t, text_builder_t, to_text
    implicit none
    private
-   public :: ask, key_problem, missing_key, record_t, value_problem
+   public :: key_problem, missing_key, record_t, request, value_problem
 
    integer, parameter :: max_problems = 50                  !! further ones are counted, not reported
 
@@ -24,8 +24,8 @@ module hb_property_record
       integer :: reading = 0                                !! number of the last reading that opened it; 0: never
       logical :: has_changed = .false.                      !! a value has been set since the markers were removed
       type(content_t) :: content
-      integer, allocatable :: asked(:)                      !! (capacity), numbers of the keys in the order of the requests
-      integer :: n_asked = 0
+      integer, allocatable :: requested(:)                  !! (capacity), numbers of the keys in the order of the requests
+      integer :: n_requested = 0
       character(:), allocatable, private :: type            !! for which the rules of the keys are valid
       type(string_t), allocatable, private :: problems(:)
       integer, private :: n_problems = 0
@@ -35,12 +35,12 @@ module hb_property_record
       procedure :: forget => record_forget
       procedure :: given => record_given
       procedure :: has_key => record_has_key
-      procedure :: nobody_reads => record_nobody_reads
-      procedure :: place => record_place
+      procedure :: refuse_unread => record_refuse_unread
+      procedure :: location => record_location
       procedure :: pass_over_keys => record_pass_over_keys
       procedure :: problem => record_problem
       procedure :: problem_as_is => record_problem_as_is
-      procedure :: tell_first => record_tell_first
+      procedure :: report_first => record_report_first
    end type record_t
 
 contains
@@ -86,20 +86,20 @@ contains
    end subroutine record_describe_unknown
 
    !> Fails because the group, set from outside, is not read.
-   pure subroutine record_nobody_reads(self, error)
+   pure subroutine record_refuse_unread(self, error)
       class(record_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
 
-      call fail(error, place_at(self, 0, .true.)//": this group is not read")
-   end subroutine record_nobody_reads
+      call fail(error, location_at(self, 0, .true.)//": this group is not read")
+   end subroutine record_refuse_unread
 
    !> Position of the group for messages, like `beam.nml:12: &law(2)`.
-   pure function record_place(self) result(place)
+   pure function record_location(self) result(location)
       class(record_t), intent(in) :: self
-      character(place_length(self, self%line, .false.)) :: place
+      character(location_length(self, self%line, .false.)) :: location
 
-      place = place_at(self, self%line, .false.)
-   end function record_place
+      location = location_at(self, self%line, .false.)
+   end function record_location
 
    !> Adds a problem with a key that the reader itself cannot detect; the line is that of the key, or of the group if
    !> the key is not given or empty.
@@ -112,14 +112,14 @@ contains
 
       i_key = self%content%names%find(lower(trim(key)))
       if (len_trim(key) == 0) then
-         call add_problem(self, self%place()//": "//text)
+         call add_problem(self, self%location()//": "//text)
       else if (self%content%is_given(i_key)) then
          self%content%keys(i_key)%has_problem = .true.
-         message = place_at(self, self%content%keys(i_key)%line, .true.)//": "//trim(key)//": "//text
+         message = location_at(self, self%content%keys(i_key)%line, .true.)//": "//trim(key)//": "//text
          call self%content%add_comma_advice(i_key, message)
          call add_problem(self, message)
       else
-         call add_problem(self, self%place()//": "//trim(key)//": "//text)
+         call add_problem(self, self%location()//": "//trim(key)//": "//text)
       end if
    end subroutine record_problem
 
@@ -146,10 +146,10 @@ contains
       class(record_t), intent(inout) :: self
       integer :: i
 
-      do i = 1, self%n_asked
-         self%content%keys(self%asked(i))%asked = 0
+      do i = 1, self%n_requested
+         self%content%keys(self%requested(i))%requested = 0
       end do
-      self%n_asked = 0
+      self%n_requested = 0
       self%n_problems = 0
       if (allocated(self%content%keys)) self%content%keys%has_problem = .false.
    end subroutine record_forget
@@ -171,33 +171,33 @@ contains
       associate (content => self%content)
          do i = 1, content%names%n
             if (content%keys(i)%second_line > 0) then
-               call add_line(lines, n, place_at(self, content%keys(i)%second_line, .true.)//": key '"// &
+               call add_line(lines, n, location_at(self, content%keys(i)%second_line, .true.)//": key '"// &
                              trim(content%names%names(i))//"' is given again; give it once")
             end if
-            if (content%keys(i)%asked > 0 .or. content%keys(i)%has_problem .or. .not. content%is_given(i)) cycle
+            if (content%keys(i)%requested > 0 .or. content%keys(i)%has_problem .or. .not. content%is_given(i)) cycle
             if (n >= max_problems) then
                n = n + 1
             else
                call self%describe_unknown(trim(content%names%names(i)), text)
-               call add_line(lines, n, place_at(self, content%keys(i)%line, .true.)//": "//text)
+               call add_line(lines, n, location_at(self, content%keys(i)%line, .true.)//": "//text)
             end if
          end do
       end associate
       if (n > max_problems) &
-         call lines%add(new_line("a")//self%place()//": and "//to_text(n - max_problems)//" more problems")
+         call lines%add(new_line("a")//self%location()//": and "//to_text(n - max_problems)//" more problems")
       if (n > 0) call fail(error, lines%text())
    end subroutine record_finish
 
    !> Reports the first problem only: without a known type no other key can be checked.
-   pure subroutine record_tell_first(self, error)
+   pure subroutine record_report_first(self, error)
       class(record_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
 
       call fail(error, self%problems(1)%value)
-   end subroutine record_tell_first
+   end subroutine record_report_first
 
    !> Records the request of a key.
-   pure subroutine ask(self, key, i_key)
+   pure subroutine request(self, key, i_key)
       class(record_t), intent(inout) :: self
       character(*), intent(in) :: key
       integer, intent(out) :: i_key
@@ -205,21 +205,21 @@ contains
 
       name = lower(key)
       call self%content%find_or_add(name, i_key)
-      if (self%content%keys(i_key)%asked > 0) return
-      if (self%n_asked == 0) call begin_reading(self)
-      self%n_asked = self%n_asked + 1
-      if (self%n_asked > size(self%asked)) self%asked = [self%asked, self%asked]
-      self%asked(self%n_asked) = i_key
-      associate (asked => self%content%keys(i_key))
-         asked%asked = self%n_asked
-         if (.not. allocated(asked%rule)) then
-            allocate (asked%rule)
-            call find_rule(self%name, self%type, trim(name), asked%rule)
+      if (self%content%keys(i_key)%requested > 0) return
+      if (self%n_requested == 0) call begin_reading(self)
+      self%n_requested = self%n_requested + 1
+      if (self%n_requested > size(self%requested)) self%requested = [self%requested, self%requested]
+      self%requested(self%n_requested) = i_key
+      associate (requested => self%content%keys(i_key))
+         requested%requested = self%n_requested
+         if (.not. allocated(requested%rule)) then
+            allocate (requested%rule)
+            call find_rule(self%name, self%type, trim(name), requested%rule)
          end if
-         asked%unit = asked%rule%unit
-         asked%kind = kind_of%none
+         requested%unit = requested%rule%unit
+         requested%kind = kind_of%none
       end associate
-   end subroutine ask
+   end subroutine request
 
    !> Allocates the list of requests; earlier requests are discarded if the type of the group has changed.
    pure subroutine begin_reading(self)
@@ -227,7 +227,7 @@ contains
       character(:), allocatable :: type
       integer :: i
 
-      if (.not. allocated(self%asked)) allocate (self%asked(8))
+      if (.not. allocated(self%requested)) allocate (self%requested(8))
       type = ""
       associate (content => self%content)
          i = content%names%find("type")
@@ -250,7 +250,7 @@ contains
       character(*), intent(in) :: key
       character(*), intent(in) :: what                      !! the requirement
 
-      call add_problem(self, self%place()//": missing key '"//lower(trim(key))//"', which needs "//what)
+      call add_problem(self, self%location()//": missing key '"//lower(trim(key))//"', which needs "//what)
    end subroutine missing_key
 
    !> Adds a problem with a key as a whole.
@@ -260,7 +260,7 @@ contains
       character(*), intent(in) :: text
       character(:), allocatable :: message
 
-      message = place_at(self, self%content%keys(i_key)%line, .true.)//": "//trim(self%content%names%names(i_key))//" "//text
+      message = location_at(self, self%content%keys(i_key)%line, .true.)//": "//trim(self%content%names%names(i_key))//" "//text
       call self%content%add_comma_advice(i_key, message)
       call add_problem(self, message)
    end subroutine key_problem
@@ -274,7 +274,7 @@ contains
       character(:), allocatable :: value
 
       call self%content%get_shown(i_key, k, value)
-      call add_problem(self, place_at(self, self%content%keys(i_key)%values(k)%line, .true.)//": "// &
+      call add_problem(self, location_at(self, self%content%keys(i_key)%values(k)%line, .true.)//": "// &
                        element_text(trim(self%content%names%names(i_key)), element(1), element(2))//" = "//shown(value)//" "//text)
    end subroutine value_problem
 
@@ -286,59 +286,59 @@ contains
       character(max_name) :: name
       integer :: i, j
 
-      allocate (names(self%n_asked), known(self%n_asked))
-      do i = 1, self%n_asked
-         name = self%content%names%names(self%asked(i))
+      allocate (names(self%n_requested), known(self%n_requested))
+      do i = 1, self%n_requested
+         name = self%content%names%names(self%requested(i))
          do j = i - 1, 1, -1
             if (lle(names(j), name)) exit
             names(j + 1) = names(j)
          end do
          names(j + 1) = name
       end do
-      do i = 1, self%n_asked
+      do i = 1, self%n_requested
          known(i)%value = trim(names(i))
       end do
    end subroutine known_keys
 
    !> Position of a line of the group; line 0 is a key set from outside, a negative line a key set by a sweep.
-   pure function place_at(self, line, is_key) result(place)
+   pure function location_at(self, line, is_key) result(location)
       class(record_t), intent(in) :: self
       integer, intent(in) :: line
       logical, intent(in) :: is_key
-      character(place_length(self, line, is_key)) :: place
+      character(location_length(self, line, is_key)) :: location
       character(:), allocatable :: text
 
-      call write_place(self, line, is_key, text)
-      place = text
-   end function place_at
+      call write_location(self, line, is_key, text)
+      location = text
+   end function location_at
 
-   pure integer function place_length(self, line, is_key)
+   pure integer function location_length(self, line, is_key)
       class(record_t), intent(in) :: self
       integer, intent(in) :: line
       logical, intent(in) :: is_key
       character(:), allocatable :: text
 
-      call write_place(self, line, is_key, text)
-      place_length = len(text)
-   end function place_length
+      call write_location(self, line, is_key, text)
+      location_length = len(text)
+   end function location_length
 
-   pure subroutine write_place(self, line, is_key, place)
+   pure subroutine write_location(self, line, is_key, location)
       class(record_t), intent(in) :: self
       integer, intent(in) :: line
       logical, intent(in) :: is_key
-      character(:), allocatable, intent(out) :: place
+      character(:), allocatable, intent(out) :: location
 
-      place = self%file_name
+      location = self%file_name
       if (line > 0) then
-         place = place//":"//to_text(line)
-      else if (is_key .and. len(place) > 0) then
-         if (line == 0) place = place//" (override)"
-         if (line < 0) place = place//":"//to_text(-line)//": &sweep"
+         location = location//":"//to_text(line)
+      else if (is_key .and. len(location) > 0) then
+         if (line == 0) location = location//" (override)"
+         if (line < 0) location = location//":"//to_text(-line)//": &sweep"
       end if
-      if (len(place) > 0) place = place//": "
-      place = place//"&"//self%name
-      if (self%is_repeated) place = place//"("//to_text(self%number)//")"
-   end subroutine write_place
+      if (len(location) > 0) location = location//": "
+      location = location//"&"//self%name
+      if (self%is_repeated) location = location//"("//to_text(self%number)//")"
+   end subroutine write_location
 
    !> Appends a line unless there are too many already.
    pure subroutine add_line(lines, n, line)

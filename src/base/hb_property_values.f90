@@ -38,7 +38,7 @@ module hb_property_values
       type(value_t), allocatable :: values(:)               !! (capacity)
       type(string_t), allocatable :: words(:)               !! set from outside
       ! What its reader uses, given or default:
-      integer :: asked = 0                                  !! position among the requested keys; 0: not requested
+      integer :: requested = 0                              !! position among the requested keys; 0: not requested
       type(rule_t), allocatable :: rule                     !! for the key, from the table of keys
       character(max_unit) :: unit = ""
       integer :: kind = 0                                   !! one of `kind_of`, `none` if nothing has been read

@@ -20,15 +20,15 @@ module hb_cancellation
    end type verdict_t
    type(verdict_t), parameter :: verdict = verdict_t()
 
-   type :: place_t
+   type :: slot_t
       class(cancellation_t), pointer :: cancellation => null()
-   end type place_t
+   end type slot_t
 
    type :: cancellation_t
       integer :: verdict = verdict%go_on
       real(wp), private :: cpu_end = huge(1.0_wp)                     ! processor time at which the point has to end [s]
       integer, private :: n_entered = 0
-      type(place_t), private :: place                                 ! the pointer of the thread
+      type(slot_t), private :: slot                                   ! the pointer of the thread
       type(c_ptr), private :: outer = c_null_ptr                      ! the cancellation within which this one was entered
    contains
       procedure :: begin => cancellation_begin
@@ -75,9 +75,9 @@ contains
 
       if (self%n_entered == 0) then
          call self%begin(time_limit)
-         self%place%cancellation => self
+         self%slot%cancellation => self
          self%outer = hb_current_cancellation()
-         call hb_set_current_cancellation(c_loc(self%place))
+         call hb_set_current_cancellation(c_loc(self%slot))
       end if
       self%n_entered = self%n_entered + 1
    end subroutine cancellation_enter
@@ -95,7 +95,7 @@ contains
    !> Whether the point must end; `verdict` then gives the reason.
    recursive logical function cancellation_is_over(self) result(is_over)
       class(cancellation_t), intent(inout) :: self
-      type(place_t), pointer :: outer
+      type(slot_t), pointer :: outer
       real(wp) :: now
 
       if (self%verdict == verdict%go_on) then
@@ -117,7 +117,7 @@ contains
       class(cancellation_t), intent(inout) :: self
       integer, intent(in) :: level, n_unknowns
       real(wp), intent(in) :: estimate                                !! of the error, relative
-      type(place_t), pointer :: outer
+      type(slot_t), pointer :: outer
 
       if (.not. c_associated(self%outer)) return
       call c_f_pointer(self%outer, outer)
@@ -128,7 +128,7 @@ contains
    recursive subroutine cancellation_note_progress(self, n_done, n_steps)
       class(cancellation_t), intent(inout) :: self
       integer, intent(in) :: n_done, n_steps
-      type(place_t), pointer :: outer
+      type(slot_t), pointer :: outer
 
       if (.not. c_associated(self%outer)) return
       call c_f_pointer(self%outer, outer)
@@ -153,35 +153,35 @@ contains
       integer, intent(in) :: level, n_unknowns
       real(wp), intent(in) :: estimate                                !! of the error, relative
       type(c_ptr) :: current
-      type(place_t), pointer :: place
+      type(slot_t), pointer :: slot
 
       current = hb_current_cancellation()
       if (.not. c_associated(current)) return
-      call c_f_pointer(current, place)
-      call place%cancellation%note_level(level, n_unknowns, estimate)
+      call c_f_pointer(current, slot)
+      call slot%cancellation%note_level(level, n_unknowns, estimate)
    end subroutine note_level
 
    !> Reports the progress of a time integration to the current cancellation of this thread.
    subroutine note_progress(n_done, n_steps)
       integer, intent(in) :: n_done, n_steps
       type(c_ptr) :: current
-      type(place_t), pointer :: place
+      type(slot_t), pointer :: slot
 
       current = hb_current_cancellation()
       if (.not. c_associated(current)) return
-      call c_f_pointer(current, place)
-      call place%cancellation%note_progress(n_done, n_steps)
+      call c_f_pointer(current, slot)
+      call slot%cancellation%note_progress(n_done, n_steps)
    end subroutine note_progress
 
    !> Why the work of this thread must end; `go_on` if it need not, or if there is no cancellation.
    integer function verdict_on_work() result(found)
       type(c_ptr) :: current
-      type(place_t), pointer :: place
+      type(slot_t), pointer :: slot
 
       found = verdict%go_on
       current = hb_current_cancellation()
       if (.not. c_associated(current)) return
-      call c_f_pointer(current, place)
-      if (place%cancellation%is_over()) found = place%cancellation%verdict
+      call c_f_pointer(current, slot)
+      if (slot%cancellation%is_over()) found = slot%cancellation%verdict
    end function verdict_on_work
 end module hb_cancellation

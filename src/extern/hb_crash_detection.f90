@@ -22,10 +22,10 @@ module hb_crash_detection
    end type hb_crash_location_t
 
    interface
-      integer(c_int) function hb_detect_crashes(path, place) bind(c, name="hb_detect_crashes")
+      integer(c_int) function hb_detect_crashes(path, location) bind(c, name="hb_detect_crashes")
          import :: c_char, c_int, hb_crash_location_t
          character(c_char), intent(in) :: path(*)
-         type(hb_crash_location_t), intent(in) :: place
+         type(hb_crash_location_t), intent(in) :: location
       end function hb_detect_crashes
 
       subroutine hb_begin_point(row) bind(c, name="hb_begin_point")
@@ -46,14 +46,14 @@ contains
 
    !> Records crashes in the file at `path` from now on, by this rank for its own points. If the location is not known
    !> or the file cannot be opened a second time, crashes are not recorded; nothing else changes.
-   subroutine detect_crashes(path, place)
+   subroutine detect_crashes(path, location)
       character(*), intent(in) :: path
-      type(crash_location_t), intent(in) :: place
+      type(crash_location_t), intent(in) :: location
       integer(c_int) :: ignored
 
-      ignored = hb_detect_crashes(path//c_null_char, hb_crash_location_t(int(place%status_offset, c_long_long), &
-         int(place%message_offset, c_long_long), int(place%message_length, c_long_long), int(place%status, c_int), &
-         int(place%exit_status, c_int)))
+      ignored = hb_detect_crashes(path//c_null_char, hb_crash_location_t(int(location%status_offset, c_long_long), &
+         int(location%message_offset, c_long_long), int(location%message_length, c_long_long), int(location%status, c_int), &
+         int(location%exit_status, c_int)))
    end subroutine detect_crashes
 
    !> Marks the beginning of point `i`, counted from 1.

@@ -1,4 +1,6 @@
-!> FFTW 3 behind a few types: aligned memory, batched real n-dimensional plans, complex plans along an axis, wisdom.
+!> FFTW 3 behind a few types: aligned memory, batched real n-dimensional plans, complex plans along an axis.
+!> Plans are chosen without measurements, so that every run and every MPI rank has the same plan and therefore bitwise
+!> the same numbers.
 !> The only module that calls FFTW. Each thread may solve a model of its own: access to the store of plans and
 !> planning are protected by a lock (hb_lock.h).
 !>
@@ -9,19 +11,10 @@ module hb_fftw
    use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: axis_plan_t, complex_block_t, export_wisdom, fft_plan_t, forget_plans, import_wisdom, new_axis_plan
-   public :: new_complex_block, new_fft_plan, new_real_block, planning, real_block_t, two_together
+   public :: axis_plan_t, complex_block_t, fft_plan_t, forget_plans, new_axis_plan
+   public :: new_complex_block, new_fft_plan, new_real_block, real_block_t, two_together
 
    include 'fftw3.f03'
-
-   !> Effort of the choice of an algorithm. `estimate` measures nothing, so that every run and every MPI rank gets the
-   !> same plan and therefore bitwise the same numbers; the others are reproducible only with a wisdom file.
-   type :: planning_t
-      integer :: estimate = int(FFTW_ESTIMATE)
-      integer :: measure = int(FFTW_MEASURE)
-      integer :: patient = int(FFTW_PATIENT)
-   end type planning_t
-   type(planning_t), parameter :: planning = planning_t()
 
    !> Real array (n, m) in memory aligned for SIMD transforms.
    type :: real_block_t
@@ -64,7 +57,7 @@ module hb_fftw
 
    !> A pair of plans in the store, reused from model to model, because planning takes longer than many solutions.
    type :: stored_plan_t
-      integer, allocatable :: key(:)                                  ! kind, flags, n_batch, n_samples or the shape of an axis
+      integer, allocatable :: key(:)                                  ! kind, n_batch, n_samples or the shape of an axis
       type(c_ptr) :: backward = c_null_ptr
       type(c_ptr) :: forward = c_null_ptr
       integer :: n_users = 0
@@ -75,7 +68,7 @@ module hb_fftw
                                                                        !! memory suffices: aligned allocation takes longer than
                                                                        !! its transform
    integer, parameter :: is_real = 1, is_along_axis = 2                ! kinds of plans
-   integer, parameter :: n_places = 128                               ! in the store, unless more are in use at once
+   integer, parameter :: n_slots = 128                                ! in the store, unless more are in use at once
    type(stored_plan_t), allocatable, save :: store(:)
    integer(int64), save :: n_uses = 0
 
@@ -151,14 +144,12 @@ contains
    !> Plans `n_batch` real transforms of shape `n_samples` (first axis fastest), out of place, in both directions.
    !>
    !> Samples of one transform are contiguous, (product(n_samples), n_batch); its spectrum is the half that FFTW
-   !> stores, (n_samples(1)/2 + 1, n_samples(2), ...), (n_spectrum, n_batch). The given arrays are overwritten during
-   !> planning; arrays used later must come from `new_real_block` and `new_complex_block`. Plans remain in the store
-   !> for the next user of the same shape.
-   subroutine new_fft_plan(self, n_samples, n_batch, effort, samples, spectrum, error)
+   !> stores, (n_samples(1)/2 + 1, n_samples(2), ...), (n_spectrum, n_batch). Arrays used later must come from
+   !> `new_real_block` and `new_complex_block`. Plans remain in the store for the next user of the same shape.
+   subroutine new_fft_plan(self, n_samples, n_batch, samples, spectrum, error)
       type(fft_plan_t), intent(inout) :: self
       integer, intent(in) :: n_samples(:)
       integer, intent(in) :: n_batch
-      integer, intent(in) :: effort                                   !! one of `planning`
       real(wp), intent(inout), contiguous :: samples(:, :)
       complex(wp), intent(inout), contiguous :: spectrum(:, :)
       type(error_t), allocatable, intent(out) :: error
@@ -167,11 +158,11 @@ contains
       type(c_ptr) :: backward, forward
 
       call self%destroy()
-      key = [is_real, effort, n_batch, n_samples]
+      key = [is_real, n_batch, n_samples]
       call lock_store()
       slot = slot_of(key)
       if (slot == 0) then
-         call plan_real(n_samples, n_batch, effort, samples, spectrum, backward, forward)
+         call plan_real(n_samples, n_batch, samples, spectrum, backward, forward)
          call keep(key, backward, forward, slot)
       end if
       call borrow(self, slot, error)
@@ -185,11 +176,10 @@ contains
    !> Executed from any other position of the leading axis they transform the `n_inner` columns from there on. Arrays
    !> used later must be aligned to 16 bytes, as each column of the blocks of this module is. Plans remain in the
    !> store.
-   subroutine new_axis_plan(self, n, n_inner, n_outer, lead_spectrum, lead_samples, effort, error)
+   subroutine new_axis_plan(self, n, n_inner, n_outer, lead_spectrum, lead_samples, error)
       type(axis_plan_t), intent(inout) :: self
       integer, intent(in) :: n, n_inner, n_outer
       integer, intent(in) :: lead_spectrum, lead_samples              !! >= n_inner
-      integer, intent(in) :: effort                                   !! one of `planning`
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: key(:)
       integer :: slot
@@ -197,7 +187,7 @@ contains
       type(complex_block_t) :: samples, spectrum
 
       call self%destroy()
-      key = [is_along_axis, effort, n, n_inner, n_outer, lead_spectrum, lead_samples]
+      key = [is_along_axis, n, n_inner, n_outer, lead_spectrum, lead_samples]
       call lock_store()
       slot = slot_of(key)
       if (slot == 0) then
@@ -218,16 +208,14 @@ contains
       subroutine plan_axis(spectrum, samples)
          complex(wp), intent(inout), contiguous :: spectrum(:, :), samples(:, :)
          type(fftw_iodim) :: axis(1), batch(2)
-         integer(c_int) :: flags
 
-         flags = int(effort, c_int)
          axis(1) = fftw_iodim(n, lead_spectrum, lead_samples)
          batch(1) = fftw_iodim(n_inner, 1, 1)
          batch(2) = fftw_iodim(n_outer, lead_spectrum*n, lead_samples*n)
-         backward = fftw_plan_guru_dft(1, axis, 2, batch, spectrum, samples, FFTW_BACKWARD, flags)
+         backward = fftw_plan_guru_dft(1, axis, 2, batch, spectrum, samples, FFTW_BACKWARD, FFTW_ESTIMATE)
          axis(1) = fftw_iodim(n, lead_samples, lead_spectrum)
          batch(2) = fftw_iodim(n_outer, lead_samples*n, lead_spectrum*n)
-         forward = fftw_plan_guru_dft(1, axis, 2, batch, samples, spectrum, FFTW_FORWARD, flags)
+         forward = fftw_plan_guru_dft(1, axis, 2, batch, samples, spectrum, FFTW_FORWARD, FFTW_ESTIMATE)
       end subroutine plan_axis
    end subroutine new_axis_plan
 
@@ -277,7 +265,7 @@ contains
          if (c_associated(forward)) call fftw_destroy_plan(forward)
          return
       end if
-      if (.not. allocated(store)) allocate (store(n_places))
+      if (.not. allocated(store)) allocate (store(n_slots))
       do i = 1, size(store)
          if (store(i)%n_users > 0) cycle
          if (slot == 0) slot = i
@@ -296,27 +284,26 @@ contains
    subroutine enlarge_store()
       type(stored_plan_t), allocatable :: larger(:)
 
-      allocate (larger(size(store) + n_places))
+      allocate (larger(size(store) + n_slots))
       larger(:size(store)) = store
       call move_alloc(larger, store)
    end subroutine enlarge_store
 
-   subroutine plan_real(n_samples, n_batch, effort, samples, spectrum, backward, forward)
-      integer, intent(in) :: n_samples(:), n_batch, effort
+   subroutine plan_real(n_samples, n_batch, samples, spectrum, backward, forward)
+      integer, intent(in) :: n_samples(:), n_batch
       real(wp), intent(inout), contiguous :: samples(:, :)
       complex(wp), intent(inout), contiguous :: spectrum(:, :)
       type(c_ptr), intent(out) :: backward, forward
-      integer(c_int) :: rank, samples_c(size(n_samples)), spectrum_c(size(n_samples)), flags
+      integer(c_int) :: rank, samples_c(size(n_samples)), spectrum_c(size(n_samples))
 
-      flags = int(effort, c_int)
       rank = size(n_samples)
       samples_c = n_samples(rank:1:-1)                                ! C order: last axis fastest
       spectrum_c = samples_c
       spectrum_c(rank) = n_samples(1)/2 + 1
       backward = fftw_plan_many_dft_c2r(rank, samples_c, n_batch, spectrum, spectrum_c, 1, product(spectrum_c), &
-                                        samples, samples_c, 1, product(samples_c), flags)
+                                        samples, samples_c, 1, product(samples_c), FFTW_ESTIMATE)
       forward = fftw_plan_many_dft_r2c(rank, samples_c, n_batch, samples, samples_c, 1, product(samples_c), &
-                                       spectrum, spectrum_c, 1, product(spectrum_c), flags)
+                                       spectrum, spectrum_c, 1, product(spectrum_c), FFTW_ESTIMATE)
    end subroutine plan_real
 
    subroutine empty_slot(slot)
@@ -391,22 +378,4 @@ contains
       call fftw_forget_wisdom()
       call unlock_store()
    end subroutine forget_plans
-
-   !> Reads wisdom of earlier runs from a file; false if there is none that can be used.
-   logical function import_wisdom(path)
-      character(*), intent(in) :: path
-
-      call lock_store()
-      import_wisdom = fftw_import_wisdom_from_filename(path//c_null_char) /= 0
-      call unlock_store()
-   end function import_wisdom
-
-   !> Writes the accumulated wisdom to a file; false if the file cannot be written.
-   logical function export_wisdom(path)
-      character(*), intent(in) :: path
-
-      call lock_store()
-      export_wisdom = fftw_export_wisdom_to_filename(path//c_null_char) /= 0
-      call unlock_store()
-   end function export_wisdom
 end module hb_fftw

@@ -6,7 +6,7 @@ module hb_file_location
    use hb_text, only: to_text
    implicit none
    private
-   public :: check_place, check_source, put_in_place
+   public :: check_source, check_target, put_in_place
 
    integer, parameter :: longest_name = 240                           ! bytes; parallel HDF5 under Open MPI aborts from 245 on
 
@@ -33,7 +33,7 @@ contains
    end subroutine check_source
 
    !> Fails if a file of this name cannot or must not be created.
-   subroutine check_place(path, overwrite, error)
+   subroutine check_target(path, overwrite, error)
       character(*), intent(in) :: path
       logical, intent(in) :: overwrite
       type(error_t), allocatable, intent(out) :: error
@@ -58,7 +58,7 @@ contains
       else if (kind /= file_kind%none .and. .not. overwrite) then
          call fail(error, "exists; give --overwrite or another --output")
       end if
-   end subroutine check_place
+   end subroutine check_target
 
    !> Gives a finished file its final name, atomically.
    subroutine put_in_place(temporary, path, overwrite, error)
@@ -67,7 +67,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       logical :: ok
 
-      call check_place(path, overwrite, error)                        ! the name may have been taken in the meantime
+      call check_target(path, overwrite, error)                       ! the name may have been taken in the meantime
       if (allocated(error)) return
       if (.not. overwrite) then
          ! another run may have created the file at this moment: link refuses then, rename would not

@@ -113,7 +113,7 @@ contains
       integer(hid_t) :: access
       integer :: ignored, status
 
-      self%place = "file '"//path//"'"
+      self%location = "file '"//path//"'"
       call start_library(error)
       if (.not. allocated(error)) then
          call h5pcreate_f(H5P_FILE_ACCESS_F, access, status)
@@ -133,7 +133,7 @@ contains
          call h5pclose_f(access, ignored)
       end if
       if (allocated(error)) self%id = no_id
-      call annotate(error, self%place)
+      call annotate(error, self%location)
    end subroutine open_as
 
    !> Flushes written data, so that other ranks read them after a barrier; collective.
@@ -143,7 +143,7 @@ contains
       integer :: status
 
       call h5fflush_f(self%id, H5F_SCOPE_LOCAL_F, status)
-      call check(status, "flush", error, self%place)
+      call check(status, "flush", error, self%location)
    end subroutine file_flush
 
    !> Closes the file with all its datasets; safe to call twice. Does not replace an earlier error.
@@ -155,7 +155,7 @@ contains
 
       if (self%id == no_id) return
       call h5fclose_f(self%id, status)
-      call check(status, "close", own, self%place)
+      call check(status, "close", own, self%location)
       if (.not. allocated(error)) call move_alloc(own, error)
       if (status < 0) is_library_sound = .false.
       self%id = no_id
@@ -241,7 +241,7 @@ contains
       call add_dataset(self, name, extents, text_type, dataset, error, .false.)
       if (allocated(error) .or. size(addresses) == 0) return
       call h5dwrite_f(dataset%id, text_type, c_loc(addresses), status)
-      call check(status, "write", error, dataset%place)
+      call check(status, "write", error, dataset%location)
    end subroutine add_varying
 
    !> Adds a dataset with early allocation.
@@ -259,7 +259,7 @@ contains
       real(wp), target :: none
       type(c_ptr) :: fill
 
-      dataset%place = file%place//": dataset '"//name//"'"
+      dataset%location = file%location//": dataset '"//name//"'"
       dataset%extents = int(extents, hsize_t)
       file_type = type
       fill = c_null_ptr                                ! zero bytes
@@ -278,7 +278,7 @@ contains
       if (status >= 0) call h5pset_fill_time_f(properties, merge(H5D_FILL_TIME_NEVER_F, H5D_FILL_TIME_ALLOC_F, is_hole), status)
       if (status >= 0 .and. c_associated(fill)) call h5pset_fill_value_f(properties, type, fill, status)
       if (status >= 0) call h5dcreate_f(file%id, name, file_type, space, dataset%id, status, properties)
-      call check(status, "create", error, dataset%place)
+      call check(status, "create", error, dataset%location)
       if (allocated(error)) then
          dataset%id = no_id
          return
@@ -298,10 +298,10 @@ contains
       integer(hid_t) :: space
       integer :: class, n_dimensions, status
 
-      dataset%place = self%place//": dataset '"//name//"'"
+      dataset%location = self%location//": dataset '"//name//"'"
       call name_guarded(name)
       call h5dopen_f(self%id, name, dataset%id, status)
-      call check(status, "open", error, dataset%place)
+      call check(status, "open", error, dataset%location)
       if (allocated(error)) then
          dataset%id = no_id
          return
@@ -313,15 +313,15 @@ contains
          allocate (dataset%extents(n_dimensions), max_extents(n_dimensions))
          if (n_dimensions > 0) call h5sget_simple_extent_dims_f(space, dataset%extents, max_extents, status)
       end if
-      call check(status, "ask for the extents", error, dataset%place)
+      call check(status, "ask for the extents", error, dataset%location)
       if (.not. allocated(error)) then
          call h5sclose_f(space, status)
          if (class == H5S_NULL_F) then
-            call fail(error, dataset%place//" has no extents")
+            call fail(error, dataset%location//" has no extents")
          else if (any(dataset%extents > huge(1))) then
-            call fail(error, dataset%place//" has an axis of "//to_text(maxval(dataset%extents))//" entries")
+            call fail(error, dataset%location//" has an axis of "//to_text(maxval(dataset%extents))//" entries")
          else if (present(extents)) then
-            call check_extents(dataset%place, dataset%get_extents(), extents, error)
+            call check_extents(dataset%location, dataset%get_extents(), extents, error)
          end if
       end if
       if (.not. allocated(error)) call check_stored(dataset, error)
@@ -343,12 +343,12 @@ contains
       if (status >= 0) call h5tget_size_f(value_type, n_bytes, status)
       if (status >= 0) dataset%kind = kind_of_type(value_type)
       if (status >= 0) call h5tclose_f(value_type, status)
-      call check(status, "ask for the type", error, dataset%place)
+      call check(status, "ask for the type", error, dataset%location)
       if (allocated(error)) return
       call h5dget_storage_size_f(dataset%id, n_stored, status)
       if (status < 0) n_stored = 0                        ! also fails if nothing is stored
       associate (n_claimed => product(real(dataset%extents, wp))*real(n_bytes, wp))
-         if (n_claimed - real(n_stored, wp) > most_compressed) call fail(error, dataset%place//" claims "// &
+         if (n_claimed - real(n_stored, wp) > most_compressed) call fail(error, dataset%location//" claims "// &
             to_text(nint(n_claimed/1.0e6_wp))//" MB, and "//to_text(nint(n_stored/1.0e6_wp))// &
             " MB of it are in the file; if it is compressed: h5repack -f NONE")
       end associate
@@ -435,7 +435,7 @@ contains
       call open_for_get(self, name, dataset, n, error, extents, row)
       if (allocated(error)) return
       allocate (values(n), stat=status)
-      if (status /= 0) call fail(error, dataset%place//": not enough memory for its "//to_text(n)//" entries")
+      if (status /= 0) call fail(error, dataset%location//": not enough memory for its "//to_text(n)//" entries")
       if (.not. allocated(error)) call dataset%read(values, error, row)
       call dataset%close()
    end subroutine file_get_real
@@ -482,7 +482,7 @@ contains
       n = 0
       if (allocated(error)) return
       if (.not. self%has(name)) then
-         call fail(error, self%place//" has no '"//name//"'")
+         call fail(error, self%location//" has no '"//name//"'")
          return
       end if
       call self%open_dataset(name, dataset, error)
@@ -492,23 +492,23 @@ contains
       n = product(found)
       if (present(row)) n = product(found(:size(found) - 1))
       if (present(extents)) then
-         call check_extents(dataset%place, found, extents, error)
+         call check_extents(dataset%location, found, extents, error)
       else
-         call check_extents(dataset%place, found, found(:1), error)
+         call check_extents(dataset%location, found, found(:1), error)
       end if
       if (allocated(error)) call dataset%close()
    end subroutine open_for_get
 
    !> Fails if extents differ from the expected ones.
-   subroutine check_extents(place, found, extents, error)
-      character(*), intent(in) :: place
+   subroutine check_extents(location, found, extents, error)
+      character(*), intent(in) :: location
       integer, intent(in) :: found(:), extents(:)
       type(error_t), allocatable, intent(inout) :: error
 
       if (size(found) /= size(extents)) then
-         call fail(error, place//" has "//to_text(size(found))//" axes, expected "//to_text(size(extents)))
+         call fail(error, location//" has "//to_text(size(found))//" axes, expected "//to_text(size(extents)))
       else if (any(found /= extents)) then
-         call fail(error, place//" has "//joined(found)//" values, expected "//joined(extents))
+         call fail(error, location//" has "//joined(found)//" values, expected "//joined(extents))
       end if
    contains
       function joined(numbers) result(text)

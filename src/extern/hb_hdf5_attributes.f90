@@ -16,7 +16,7 @@ module hb_hdf5_attributes
    !> An object with attributes: a file (its root group) or a dataset.
    type :: h5_object_t
       integer(hid_t) :: id = no_id
-      character(:), allocatable :: place               ! name in messages
+      character(:), allocatable :: location            ! name in messages
    contains
       generic :: get_attribute => get_integer_attribute, get_text_attribute
       generic :: set_attribute => set_integer_attribute, set_text_attribute
@@ -64,7 +64,7 @@ contains
       call new_space(space, extents, status)
       if (status >= 0) call h5acreate_f(self%id, name, file_type, space, attribute, status)
       if (status >= 0) call h5awrite_f(attribute, memory_type, address, status)
-      call check(status, "set attribute '"//name//"'", error, self%place)
+      call check(status, "set attribute '"//name//"'", error, self%location)
       if (allocated(error)) return
       call h5aclose_f(attribute, status)
       call h5sclose_f(space, status)
@@ -86,7 +86,7 @@ contains
       call open_single(self, name, attribute, error)
       if (allocated(error)) return
       call h5aread_f(attribute, text_type, list, status)
-      call check(status, "read attribute '"//name//"'", error, self%place)
+      call check(status, "read attribute '"//name//"'", error, self%location)
       if (allocated(error)) return
       value = c_text(addresses(1))
       call h5aget_space_f(attribute, space, status)
@@ -112,7 +112,7 @@ contains
       value = found
       if (allocated(error)) return
       call h5aread_f(attribute, H5T_NATIVE_INTEGER, address, status)
-      call check(status, "read attribute '"//name//"'", error, self%place)
+      call check(status, "read attribute '"//name//"'", error, self%location)
       value = found
       if (.not. allocated(error)) call h5aclose_f(attribute, status)
    end subroutine object_get_integer_attribute
@@ -131,11 +131,11 @@ contains
       call h5aopen_f(self%id, name, attribute, status)
       if (status >= 0) call h5aget_space_f(attribute, space, status)
       if (status >= 0) call h5sget_simple_extent_npoints_f(space, n_values, status)
-      call check(status, "read attribute '"//name//"'", error, self%place)
+      call check(status, "read attribute '"//name//"'", error, self%location)
       if (allocated(error)) return
       call h5sclose_f(space, status)
       if (n_values == 1) return
-      call fail(error, self%place//": attribute '"//name//"' has "//to_text(n_values)//" values, expected 1")
+      call fail(error, self%location//": attribute '"//name//"' has "//to_text(n_values)//" values, expected 1")
       call h5aclose_f(attribute, status)
    end subroutine open_single
 end module hb_hdf5_attributes

@@ -170,7 +170,7 @@ contains
       if (present(first)) then
          call select_rows(self, first, memory%n_values, in_file, in_memory, error, n_used)
       else if (memory%n_values /= product(self%extents)) then
-         call fail(error, self%place//": "//to_text(memory%n_values)//" values, expected "//to_text(product(self%extents)))
+         call fail(error, self%location//": "//to_text(memory%n_values)//" values, expected "//to_text(product(self%extents)))
       end if
       if (allocated(error) .or. memory%n_values == 0) return
       buffer = memory%address
@@ -179,7 +179,7 @@ contains
       else
          call h5dwrite_f(self%id, memory_type(memory%kind), buffer, status, in_memory, in_file)
       end if
-      call check(status, merge("read ", "write", is_reading), error, self%place)
+      call check(status, merge("read ", "write", is_reading), error, self%location)
       if (.not. present(first)) return
       call h5sclose_f(in_memory, status)
       call h5sclose_f(in_file, status)
@@ -198,7 +198,7 @@ contains
 
       n = size(self%extents)
       if (n == 0) then
-         call fail(error, self%place//" has no rows")
+         call fail(error, self%location//" has no rows")
          return
       end if
       block = self%extents
@@ -207,9 +207,9 @@ contains
       block(n) = n_values/max(row_size, 1_hsize_t)
       last = first + block(n) - 1
       if (n_values /= row_size*block(n)) then
-         call fail(error, self%place//": "//to_text(n_values)//" values, a row has "//to_text(row_size))
+         call fail(error, self%location//": "//to_text(n_values)//" values, a row has "//to_text(row_size))
       else if (first < 1 .or. last > self%extents(n)) then
-         call fail(error, self%place//": no row "//to_text(merge(int(first, hsize_t), last, first < 1))//", there are "// &
+         call fail(error, self%location//": no row "//to_text(merge(int(first, hsize_t), last, first < 1))//", there are "// &
             to_text(self%extents(n)))
       end if
       if (n_values == 0 .or. allocated(error)) return
@@ -218,7 +218,7 @@ contains
       call new_space(in_file, self%extents, status)
       if (status >= 0) call h5sselect_hyperslab_f(in_file, H5S_SELECT_SET_F, start, block, status)
       if (status >= 0) call new_space(in_memory, [n_values], status)
-      call check(status, "select rows of", error, self%place)
+      call check(status, "select rows of", error, self%location)
    end subroutine select_rows
 
    !> Reads a row of bytes as text without trailing zeros.
@@ -232,7 +232,7 @@ contains
 
       text = ""
       if (self%kind /= is_characters .or. size(self%extents) /= 2) then
-         call fail(error, self%place//" has no rows of text")
+         call fail(error, self%location//" has no rows of text")
          return
       end if
       allocate (bytes(self%extents(1)), source=0_int8)
@@ -264,7 +264,7 @@ contains
          end if
          call h5tclose_f(text_type, status)
       end if
-      call annotate(error, self%place)
+      call annotate(error, self%location)
    end subroutine dataset_read_texts
 
    subroutine read_varying(self, text_type, values, error)
@@ -314,7 +314,7 @@ contains
       integer :: status
 
       call h5dsset_scale_f(self%id, status, name)
-      call check(status, "make a dimension scale", error, self%place)
+      call check(status, "make a dimension scale", error, self%location)
    end subroutine dataset_make_scale
 
    !> Sets the unit and meaning of the dataset and, if present, a scale for each dimension, which also names the
@@ -330,7 +330,7 @@ contains
          do i = 1, size(scales)
             if (allocated(error)) return
             call h5dsattach_scale_f(self%id, scales(i)%id, file_index(self, i), status)
-            call check(status, "attach a dimension scale", error, self%place)
+            call check(status, "attach a dimension scale", error, self%location)
          end do
       end if
       if (.not. allocated(error)) call self%set_attribute("units", units, error)

@@ -79,11 +79,11 @@ contains
    end subroutine switch_locking_off
 
    !> Raises an error for a negative status: the action, and the innermost cause that the library reports.
-   subroutine check(status, action, error, place)
+   subroutine check(status, action, error, location)
       integer, intent(in) :: status
       character(*), intent(in) :: action
       type(error_t), allocatable, intent(out) :: error
-      character(*), intent(in), optional :: place      !! put before the message
+      character(*), intent(in), optional :: location   !! put before the message
       type(cause_t), target :: cause
       character(*), parameter :: opening = "error message = '"
       character(:), allocatable :: text
@@ -100,7 +100,7 @@ contains
       if (i > 0) text = text(:index(text//"'", "'") - 1)
       if (cause%length > 0) text = " ("//text//")"
       call fail(error, "HDF5 cannot "//action//text)
-      if (present(place)) call annotate(error, place)
+      if (present(location)) call annotate(error, location)
    end subroutine check
 
    !> Callback of `H5Ewalk2`: stores the description of the innermost entry.

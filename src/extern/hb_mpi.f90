@@ -80,12 +80,12 @@ contains
 
    !> Whether mpirun, srun or a similar launcher has started this process, possibly with others.
    logical function is_launched()
-      character(*), parameter :: marks(4) = [character(20) :: "OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_STEP_ID"]
+      character(*), parameter :: variables(4) = [character(20) :: "OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_STEP_ID"]
       integer :: i, status
 
       is_launched = .false.
-      do i = 1, size(marks)
-         call get_environment_variable(trim(marks(i)), status=status)
+      do i = 1, size(variables)
+         call get_environment_variable(trim(variables(i)), status=status)
          is_launched = is_launched .or. status /= 1                   ! 1: there is no such variable
       end do
    end function is_launched

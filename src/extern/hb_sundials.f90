@@ -1,7 +1,7 @@
 !> CVODE of SUNDIALS behind one type: ordinary differential equations by multistep methods of variable order and step, with
 !> location of events. The only module that calls SUNDIALS, by hb_cvode.h.
 !>
-!> In the order of use: extend `hb_ode%ode_t`, `new_cvode`, `restart` (also after each event), `advance` any number of
+!> In the order of use: extend `ode_t`, `new_cvode`, `restart` (also after each event), `advance` any number of
 !> times, `destroy`. Source: A. C. Hindmarsh et al., SUNDIALS: Suite of nonlinear and differential/algebraic equation
 !> solvers, ACM Trans. Math. Software 31 (2005) 363-396; user documentation for CVODE 6.4.
 module hb_sundials
@@ -11,14 +11,49 @@ module hb_sundials
    use hb_cancellation, only: work_is_over
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
-   use hb_ode, only: ode_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: cvode_t, has_cvode, new_cvode
+   public :: cvode_t, has_cvode, new_cvode, ode_t
 
    integer(c_int), parameter :: recoverable = 1, unrecoverable = -1   ! of a right-hand side: any > 0, any < 0
-   integer, parameter :: looks_between = 32                           ! evaluations between two checks of the cancellation
+   integer, parameter :: evaluations_between = 32                     ! evaluations between two checks of the cancellation
+
+   !> Equations y' = rhs(t, y) with event functions.
+   type, abstract :: ode_t
+      logical :: is_over = .false.                                    !! set by `rhs` to end the integration
+   contains
+      procedure(rhs_of_ode), deferred :: rhs
+      procedure(events_of_ode), deferred :: events
+      procedure(weights_of_ode), deferred :: weights
+   end type ode_t
+
+   abstract interface
+      subroutine rhs_of_ode(self, t, y, dydt)
+         import :: ode_t, wp
+         class(ode_t), intent(inout) :: self
+         real(wp), intent(in) :: t
+         real(wp), intent(in), contiguous :: y(:)
+         real(wp), intent(out), contiguous :: dydt(:)
+      end subroutine rhs_of_ode
+
+      !> Functions whose zeros stop the integration.
+      subroutine events_of_ode(self, t, y, g)
+         import :: ode_t, wp
+         class(ode_t), intent(inout) :: self
+         real(wp), intent(in) :: t
+         real(wp), intent(in), contiguous :: y(:)
+         real(wp), intent(out), contiguous :: g(:)
+      end subroutine events_of_ode
+
+      !> Weights w of the error norm: |w(i) error(i)| = 1 is just tolerable.
+      subroutine weights_of_ode(self, y, w)
+         import :: ode_t, wp
+         class(ode_t), intent(inout) :: self
+         real(wp), intent(in), contiguous :: y(:)
+         real(wp), intent(out), contiguous :: w(:)
+      end subroutine weights_of_ode
+   end interface
 
    !> Data of the callbacks.
    type :: handle_t
@@ -42,7 +77,7 @@ module hb_sundials
 
    !> hb_cvode_problem_t
    type, bind(c) :: problem_t
-      type(c_funptr) :: rhs, events, weights, tell
+      type(c_funptr) :: rhs, events, weights, report
       type(c_ptr) :: data
       integer(c_int) :: n, n_events, is_stiff
    end type problem_t
@@ -178,7 +213,7 @@ contains
       if (.not. all(ieee_is_finite(dydt_values))) call_rhs = recoverable
       if (handle%is_stuck .or. handle%ode%is_over) call_rhs = unrecoverable
       handle%n_rhs = handle%n_rhs + 1
-      if (modulo(handle%n_rhs, looks_between) > 0) return
+      if (modulo(handle%n_rhs, evaluations_between) > 0) return
       if (work_is_over()) call_rhs = unrecoverable
    end function call_rhs
 

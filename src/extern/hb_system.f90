@@ -6,7 +6,7 @@ module hb_system
    implicit none
    private
    public :: beside, check_held, exists, file_kind, finish_file, folder_of, follow_links, has_space, held_file_t, hold_file, &
-      is_same_file, is_terminal, kind_of_file, library_place, link_file, process_id, release_file, remove_file, rename_file, &
+      is_same_file, is_terminal, kind_of_file, library_path, link_file, process_id, release_file, remove_file, rename_file, &
       sync_file, take_file, utc_now
 
    !> Kinds of file names; links are followed.
@@ -194,8 +194,8 @@ contains
       select case (descriptor)
       case (0:); return
       case (-2); call fail(error, "another run is making it at this moment; give another --output")
-      case (-3); call fail(error, "'"//path//"' is in its way and no regular file; remove that or give another --output")
-      case (-4); call fail(error, "'"//path//"' is in its way, a file that no run has left; move it or give another --output")
+      case (-3); call fail(error, "'"//path//"' is not a regular file; remove it or give another --output")
+      case (-4); call fail(error, "'"//path//"' was not written by a run; move it or give another --output")
       case default
          call fail(error, "cannot be made; check the permission of its folder or give another --output")
       end select
@@ -311,7 +311,7 @@ contains
    !> Path of a shared library named in an input, padded with blanks. Code is never loaded from the current folder of
    !> the program: a library that is not beside the input is passed to the loader by name alone, which searches the
    !> system folders.
-   function library_place(input, name) result(path)
+   function library_path(input, name) result(path)
       character(*), intent(in) :: input                               !! path of the input file
       character(*), intent(in) :: name                                !! as in the input
       character(len(input) + len(name) + 2) :: path
@@ -319,5 +319,5 @@ contains
       path = beside(input, name)
       if (index(name, "/") <= 1 .or. path /= name) return
       path = input(:index(input, "/", back=.true.))//name
-   end function library_place
+   end function library_path
 end module hb_system

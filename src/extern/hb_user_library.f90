@@ -99,7 +99,7 @@ module hb_user_library
       procedure :: evaluate => user_library_evaluate
       procedure :: advance => user_library_advance
       procedure :: has_touched => user_library_has_touched
-      procedure :: mark => user_library_fingerprint
+      procedure :: fingerprint => user_library_fingerprint
    end type user_library_t
 
    abstract interface

@@ -4,7 +4,7 @@
 module hb_integration_file
    use hb_error, only: annotate, error_t
    use hb_file_columns, only: amplitude_convention, file_columns_t
-   use hb_file_location, only: check_place, put_in_place
+   use hb_file_location, only: check_target, put_in_place
    use hb_hdf5, only: create_file, h5_dataset_t, h5_file_t, open_file
    use hb_integration, only: integration_t
    use hb_integration_laws, only: integration_laws_t
@@ -52,7 +52,7 @@ contains
       type(writer_t) :: writer
       character(:), allocatable :: temporary
 
-      call check_place(path, overwrite, error)
+      call check_target(path, overwrite, error)
       temporary = path//"."//to_text(process_id())//".part"
       if (.not. allocated(error)) then
          call create_file(writer%file, temporary, .true., error)
@@ -103,8 +103,9 @@ contains
       call self%add_axis("time", size(content%record%time), "time")
       self%axes(1)%values = content%record%time
       self%axes(1)%units = "s"
-      associate (kept => origin%retained_dofs)
-         call self%add_axis("dof", size(kept), "label of the degree of freedom", structure%labels(kept), structure%units(kept))
+      associate (retained => origin%retained_dofs)
+         call self%add_axis("dof", size(retained), "label of the degree of freedom", structure%labels(retained), &
+                            structure%units(retained))
       end associate
       if (laws%n_coordinates > 0) &
          call self%add_axis("law_coordinate", laws%n_coordinates, "coordinate of a law", laws%coordinate_labels())

@@ -76,34 +76,34 @@ contains
       type(content_t) :: content
       type(parameter_t) :: parameter
       type(scan_t) :: scan
-      character(:), allocatable :: body, key, name, place, selector
+      character(:), allocatable :: body, key, name, location, selector
       logical :: is_one_key
 
-      place = "override '"//shown(path)//" = "//shown(value_text)//"': "
+      location = "override '"//shown(path)//" = "//shown(value_text)//"': "
       if (index(path//value_text, achar(0)) > 0) then
-         call fail(error, place//"contains a NUL byte")
+         call fail(error, location//"contains a NUL byte")
          return
       end if
       call split_path(trim(adjustl(path)), name, selector, key)
       if (.not. is_name(name) .or. len(key) == 0) then
-         call fail(error, place//"is not a path to a key; "//path_help)
+         call fail(error, location//"is not a path to a key; "//path_help)
          return
       end if
       body = key//" = "//value_text//new_line("a")//"/"
       call parse_body(body, scan, name, content)
       if (allocated(scan%problem)) then
-         call fail(error, place//scan%problem)
+         call fail(error, location//scan%problem)
          return
       end if
       is_one_key = scan%position > len(body) .and. content%names%n == 1
       if (is_one_key) is_one_key = content%keys(1)%second_line == 0
       if (.not. is_one_key) then
-         call fail(error, place//"must be one key with its values; "//path_help)
+         call fail(error, location//"must be one key with its values; "//path_help)
          return
       end if
       call self%resolve(path, parameter, error)
       if (allocated(error)) then
-         error%message = place//error%message
+         error%message = location//error%message
          return
       end if
       associate (group => self%groups%holders(parameter%i_group)%group)
@@ -135,12 +135,12 @@ contains
       integer :: i
 
       call lines%add("&"//self%name//new_line("a"))
-      do i = 1, self%n_asked
-         associate (asked => self%content%keys(self%asked(i)))
-            call texts_of(asked, texts)
+      do i = 1, self%n_requested
+         associate (requested => self%content%keys(self%requested(i)))
+            call texts_of(requested, texts)
             if (size(texts) == 0) cycle
-            call write_list(texts, asked%row_length, list)
-            call lines%add("   "//trim(self%content%names%names(self%asked(i)))//" = ")
+            call write_list(texts, requested%row_length, list)
+            call lines%add("   "//trim(self%content%names%names(self%requested(i)))//" = ")
             call lines%add(list)
             call lines%add(new_line("a"))
          end associate
@@ -149,30 +149,30 @@ contains
    end subroutine write_group
 
    !> Values in namelist form; none if a namelist file cannot express one of them.
-   pure subroutine texts_of(asked, texts)
-      type(key_t), intent(in) :: asked
+   pure subroutine texts_of(requested, texts)
+      type(key_t), intent(in) :: requested
       type(string_t), allocatable, intent(out) :: texts(:)
       character(:), allocatable :: text
       logical :: is_repeated
       integer :: i
 
-      select case (asked%kind)
+      select case (requested%kind)
       case (kind_of%none)
          allocate (texts(0))
       case (kind_of%word)
-         allocate (texts(merge(size(asked%texts), 0, all([(can_be_written(asked%texts(i)), i=1, size(asked%texts))]))))
+         allocate (texts(merge(size(requested%texts), 0, all([(can_be_written(requested%texts(i)), i=1, size(requested%texts))]))))
          do i = 1, size(texts)
-            texts(i)%value = quote(asked%texts(i)%value)
+            texts(i)%value = quote(requested%texts(i)%value)
          end do
       case default
-         allocate (texts(merge(size(asked%numbers), 0, all(ieee_is_finite(asked%numbers)))))
+         allocate (texts(merge(size(requested%numbers), 0, all(ieee_is_finite(requested%numbers)))))
          do i = 1, size(texts)
             is_repeated = i > 1                             ! matrices have long rows of equal numbers; zeros have signs
-            if (is_repeated) is_repeated = transfer(asked%numbers(i), 0_int64) == transfer(asked%numbers(i - 1), 0_int64)
+            if (is_repeated) is_repeated = transfer(requested%numbers(i), 0_int64) == transfer(requested%numbers(i - 1), 0_int64)
             if (.not. is_repeated) then
-               text = to_text(asked%numbers(i))
-               if (asked%kind == kind_of%whole) text = to_text(nint(asked%numbers(i)))
-               if (asked%kind == kind_of%truth) text = to_text(asked%numbers(i) > 0.0_wp)
+               text = to_text(requested%numbers(i))
+               if (requested%kind == kind_of%whole) text = to_text(nint(requested%numbers(i)))
+               if (requested%kind == kind_of%truth) text = to_text(requested%numbers(i) > 0.0_wp)
             end if
             texts(i)%value = text
          end do

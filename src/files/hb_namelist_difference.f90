@@ -40,36 +40,36 @@ contains
       subroutine add_keys(from, to, is_first)
          type(document_t), intent(in) :: from, to
          logical, intent(in) :: is_first
-         character(:), allocatable :: its, place, value
+         character(:), allocatable :: its, location, value
          integer :: first, i, k
 
          do i = 1, from%groups%n
             associate (group => from%groups%holders(i)%group)
                do k = 1, group%content%names%n
-                  place = "&"//group%name
-                  if (group%is_repeated) place = place//"("//to_text(group%number)//")"
-                  place = place//": "//trim(group%content%names%names(k))
+                  location = "&"//group%name
+                  if (group%is_repeated) location = location//"("//to_text(group%number)//")"
+                  location = location//": "//trim(group%content%names%names(k))
                   call get_value(from, group%name, group%number, trim(group%content%names%names(k)), value)
                   call get_value(to, group%name, group%number, trim(group%content%names%names(k)), its)
                   if (.not. allocated(its)) then
-                     if (is_first) call add(place, shown(value), "nothing")
-                     if (.not. is_first) call add(place, "nothing", shown(value))
+                     if (is_first) call add(location, shown(value), "nothing")
+                     if (.not. is_first) call add(location, "nothing", shown(value))
                   else if (is_first .and. value /= its) then
                      first = first_difference(value, its)
-                     call add(place, shown(value, first), shown(its, first))
+                     call add(location, shown(value, first), shown(its, first))
                   end if
                end do
             end associate
          end do
       end subroutine add_keys
 
-      subroutine add(place, our_value, their_value)
-         character(*), intent(in) :: place, our_value, their_value
+      subroutine add(location, our_value, their_value)
+         character(*), intent(in) :: location, our_value, their_value
 
          n = n + 1
          if (n > max_lines) return
          if (n > 1) call lines%add(new_line("a"))
-         call lines%add(place//": "//our_value//" in "//name_of_one//", "//their_value//" in "//name_of_other)
+         call lines%add(location//": "//our_value//" in "//name_of_one//", "//their_value//" in "//name_of_other)
       end subroutine add
    end function input_differences
 

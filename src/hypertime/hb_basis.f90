@@ -16,7 +16,7 @@ module hb_basis
       type(harmonics_t) :: whole                                      !! tuples of the motion
       type(harmonics_t) :: harmonics                                  !! those whose coefficients are unknowns
       type(torus_t) :: torus                                          !! grid of the forces
-      integer, allocatable :: places(:)                               !! positions of `harmonics` in `whole`
+      integer, allocatable :: positions(:)                            !! positions of `harmonics` in `whole`
    contains
       procedure :: restrict => basis_restrict
       procedure :: expand => basis_expand
@@ -35,8 +35,8 @@ contains
 
       self%whole = whole
       self%torus = torus
-      self%places = pack([(h, h=1, whole%n_harmonics)], is_unknown)
-      call new_subset(self%harmonics, whole, self%places, error)
+      self%positions = pack([(h, h=1, whole%n_harmonics)], is_unknown)
+      call new_subset(self%harmonics, whole, self%positions, error)
    end subroutine new_basis
 
    !> Basis in which all tuples of a set are unknowns.
@@ -49,7 +49,7 @@ contains
       self%whole = whole
       self%harmonics = whole
       self%torus = torus
-      self%places = [(h, h=1, whole%n_harmonics)]
+      self%positions = [(h, h=1, whole%n_harmonics)]
    end function whole_basis
 
    !> Unknowns of a motion from all its coefficients.

@@ -13,7 +13,7 @@ module hb_characteristic
    public :: characteristic_t, new_characteristic, samples_along_time
 
    integer, parameter :: n_nodes = 4                                  ! of a cubic, at -1, 0, 1, 2
-   real(wp), parameter :: longest_way = 2.0_wp                        ! of any tone in one step, in its samples
+   real(wp), parameter :: longest_step = 2.0_wp                       ! of any tone in one step, in its samples
 
    type :: characteristic_t
       integer :: tone = 0                                             !! leading tone
@@ -45,7 +45,7 @@ contains
       integer :: i, inner, outer, p
 
       associate (speed => omega*torus%n_samples)
-         self%tone = minloc(speed, mask=speed*longest_way >= maxval(speed), dim=1)
+         self%tone = minloc(speed, mask=speed*longest_step >= maxval(speed), dim=1)
       end associate
       if (present(tone)) self%tone = tone
       self%n_steps = torus%n_samples(self%tone)
@@ -89,10 +89,10 @@ contains
             best(lead) = n
             do m = 1, size(least)
                if (m == lead) cycle
-               do steps = 1, int(longest_way)
+               do steps = 1, int(longest_step)
                   ideal = steps*n*omega(lead)/omega(m)
                   associate (nearest => fast_size(max(least(m), ceiling(ideal*(1.0_wp - off)))))
-                     if (nearest <= ideal*merge(1.0_wp, 1.0_wp + off, steps == int(longest_way))) best(m) = min(best(m), nearest)
+                     if (nearest <= ideal*merge(1.0_wp, 1.0_wp + off, steps == int(longest_step))) best(m) = min(best(m), nearest)
                   end associate
                end do
             end do

@@ -35,7 +35,7 @@ module hb_harmonics
       procedure :: coefficients => harmonics_coefficients
       procedure :: times => harmonics_times
       procedure :: norms => harmonics_norms
-      procedure :: places_of => harmonics_places_of
+      procedure :: indices_of => harmonics_indices_of
    end type harmonics_t
 
 contains
@@ -103,19 +103,19 @@ contains
 
    !> Some tuples of a set, in their order; the largest entries are those of the whole set, so that choices based on
    !> them, such as grids, are the same.
-   subroutine new_subset(self, set, kept, error)
+   subroutine new_subset(self, set, retained, error)
       type(harmonics_t), intent(out) :: self
       type(harmonics_t), intent(in) :: set
-      integer, intent(in) :: kept(:)                                  !! numbers of harmonics, ascending
+      integer, intent(in) :: retained(:)                              !! numbers of harmonics, ascending
       type(error_t), allocatable, intent(out) :: error
 
-      if (size(kept) == 0) then
+      if (size(retained) == 0) then
          call fail(error, "the set of harmonics has none of the requested tuples")
          return
       end if
       self%n_tones = set%n_tones
-      self%n_harmonics = size(kept)
-      self%tuples = set%tuples(:, kept)
+      self%n_harmonics = size(retained)
+      self%tuples = set%tuples(:, retained)
       call index_coefficients(self, error, set%highest)
    end subroutine new_subset
 
@@ -125,7 +125,7 @@ contains
       integer, intent(in) :: orders(:), largest_sum
       logical, intent(in) :: odd_only
       type(error_t), allocatable, intent(out) :: error
-      integer :: j(size(orders)), n_kept, pass
+      integer :: j(size(orders)), n_retained, pass
 
       if (size(orders) < 1 .or. any(orders < 0)) then
          call fail(error, "harmonics need one order of 0 or more for each tone")
@@ -138,39 +138,39 @@ contains
       end if
       self%n_tones = size(orders)
       do pass = 1, 2                                                   ! count, then store
-         n_kept = 0
+         n_retained = 0
          j = 0                                                        ! only tuples of canonical sign follow it
          box: do
-            if (is_kept(j)) then
-               n_kept = n_kept + 1
-               if (pass == 2) self%tuples(:, n_kept) = j
+            if (is_retained(j)) then
+               n_retained = n_retained + 1
+               if (pass == 2) self%tuples(:, n_retained) = j
             end if
             if (.not. advanced(j)) exit box
          end do box
          if (pass == 1) then
-            if (n_kept == 0) then
+            if (n_retained == 0) then
                call fail(error, "the set of harmonics is empty")
                return
-            else if (n_kept > most_harmonics) then
-               call fail(error, "the set of harmonics would have "//to_text(n_kept)//" tuples, more than "// &
+            else if (n_retained > most_harmonics) then
+               call fail(error, "the set of harmonics would have "//to_text(n_retained)//" tuples, more than "// &
                          to_text(most_harmonics)//"; lower the order")
                return
             end if
-            allocate (self%tuples(self%n_tones, n_kept))
+            allocate (self%tuples(self%n_tones, n_retained))
          end if
       end do
-      self%n_harmonics = n_kept
+      self%n_harmonics = n_retained
       call index_coefficients(self, error)
 
    contains
 
-      pure logical function is_kept(tuple)
+      pure logical function is_retained(tuple)
          integer, intent(in) :: tuple(:)
 
-         is_kept = sum(abs(tuple)) <= largest_sum
+         is_retained = sum(abs(tuple)) <= largest_sum
          ! the sum of entries has the same parity as the sum of their magnitudes
-         if (is_kept .and. odd_only) is_kept = mod(sum(abs(tuple)), 2) == 1
-      end function is_kept
+         if (is_retained .and. odd_only) is_retained = mod(sum(abs(tuple)), 2) == 1
+      end function is_retained
 
       !> Next tuple in odometer order, last entry fastest; false after the last one.
       logical function advanced(tuple)
@@ -326,22 +326,22 @@ contains
    end function harmonics_norms
 
    !> Where the coefficients of a part of this set stand among its own, of some degrees of freedom one after the other.
-   pure function harmonics_places_of(self, part, n_dofs) result(places)
+   pure function harmonics_indices_of(self, part, n_dofs) result(positions)
       class(harmonics_t), intent(in) :: self
       type(harmonics_t), intent(in) :: part                           !! all of whose tuples this set has
       integer, intent(in) :: n_dofs
-      integer :: places(part%n_coefficients, n_dofs)
+      integer :: positions(part%n_coefficients, n_dofs)
       integer :: h, i, k
 
       do h = 1, part%n_harmonics
          k = self%index_of(part%tuples(:, h))
-         places(part%cos_at(h), 1) = self%cos_at(k)
-         if (part%sin_at(h) > 0) places(part%sin_at(h), 1) = self%sin_at(k)
+         positions(part%cos_at(h), 1) = self%cos_at(k)
+         if (part%sin_at(h) > 0) positions(part%sin_at(h), 1) = self%sin_at(k)
       end do
       do i = 2, n_dofs
-         places(:, i) = places(:, 1) + (i - 1)*self%n_coefficients
+         positions(:, i) = positions(:, 1) + (i - 1)*self%n_coefficients
       end do
-   end function harmonics_places_of
+   end function harmonics_indices_of
 
    !> Angular frequencies j.omega [rad/s] of all harmonics, (n_harmonics); may be negative.
    pure function harmonics_frequencies(self, omega) result(frequencies)

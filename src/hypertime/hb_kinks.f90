@@ -30,7 +30,7 @@ module hb_kinks
                                                                       !! opposite sign; (0:n_parts, any), 0 the sample itself,
                                                                       !! others as `shift`
       real(wp), allocatable :: value(:, :)                            !! slope [N/m], as column; without the sign
-      integer, allocatable, private :: place(:)                       ! of each sample in the arrays, 0: none; (n_samples)
+      integer, allocatable, private :: position(:)                    ! of each sample in the arrays, 0: none; (n_samples)
    contains
       procedure :: forget => kink_slopes_forget
       procedure, private :: find => kink_slopes_find
@@ -48,7 +48,7 @@ module hb_kinks
    contains
       procedure :: correct => kink_grid_correct
       procedure :: shift => kink_grid_shift
-      procedure, private :: place => kink_grid_place
+      procedure, private :: position => kink_grid_place
       procedure, private :: neighbour => kink_grid_neighbour
       procedure, private :: add_cell => kink_grid_add_cell
       procedure, private :: find_share => kink_grid_find_share
@@ -105,11 +105,11 @@ contains
 
    !> Adds the sampling errors of a function of z to its samples f, and their derivatives with respect to the samples
    !> of z.
-   subroutine kink_grid_correct(self, z, places, jumps, f, slopes)
+   subroutine kink_grid_correct(self, z, positions, jumps, f, slopes)
       class(kink_grid_t), intent(inout) :: self
       real(wp), intent(in), contiguous :: z(:)                        !! [m], (n_samples)
-      real(wp), intent(in) :: places(:)                               !! positions of the jumps of the slope [m]
-      real(wp), intent(in) :: jumps(:)                                !! their sizes, as z rises [N/m], as places
+      real(wp), intent(in) :: positions(:)                            !! positions of the jumps of the slope [m]
+      real(wp), intent(in) :: jumps(:)                                !! their sizes, as z rises [N/m], as positions
       real(wp), intent(inout), contiguous :: f(:)                     !! [N], (n_samples)
       type(kink_slopes_t), intent(inout), optional :: slopes          !! are added to
       type(neighbour_t) :: there
@@ -157,16 +157,16 @@ contains
          real(wp) :: distance(block_size)
          integer :: first_cell, i, k, n
 
-         do k = 1, size(places)
+         do k = 1, size(positions)
             do first_cell = 0, size(b) - 1, block_size
                n = min(block_size, size(b) - first_cell)
                associate (from => first_cell + 1)
-                  call find_distances(n, a(from:), b(from:), c(from:), d(from:), places(k), distance)
+                  call find_distances(n, a(from:), b(from:), c(from:), d(from:), positions(k), distance)
                end associate
                do i = 1, n
                   if (.not. distance(i) <= 0.0_wp) cycle
                   associate (at => first_cell + i)
-                     call self%add_cell(m, first + at - 1, [a(at), b(at), c(at), d(at)] - places(k), jumps(k), z, f, slopes)
+                     call self%add_cell(m, first + at - 1, [a(at), b(at), c(at), d(at)] - positions(k), jumps(k), z, f, slopes)
                   end associate
                end do
             end do
@@ -216,7 +216,7 @@ contains
    pure type(neighbour_t) function kink_grid_neighbour(self, sample, from, m, steps) result(there)
       class(kink_grid_t), intent(in) :: self
       integer, intent(in) :: sample
-      integer, intent(in) :: from                                     !! its index along tone m, see `place`
+      integer, intent(in) :: from                                     !! its index along tone m, see `position`
       integer, intent(in) :: m
       integer, intent(in) :: steps
       integer :: j, lower
@@ -237,18 +237,18 @@ contains
 
    !> Computes the distance of a position from the range of the cubics of cells. Not positive: it is between their
    !> ends, or as near as a cubic can be to its chord.
-   pure subroutine find_distances(n, a, b, c, d, place, distance)
+   pure subroutine find_distances(n, a, b, c, d, position, distance)
       integer, intent(in) :: n                                        !! cells
       real(wp), intent(in) :: a(n), b(n), c(n), d(n)                  !! values before, at, after and beyond each cell [m]
-      real(wp), intent(in) :: place                                   !! [m]
+      real(wp), intent(in) :: position                                !! [m]
       real(wp), intent(out) :: distance(n)                            !! [m]
       real(wp), parameter :: furthest = 2.0_wp/27.0_wp
       real(wp) :: at_left, at_right
       integer :: i
 
       do i = 1, n                                                     ! without a branch: vectorised
-         at_left = b(i) - place
-         at_right = c(i) - place
+         at_left = b(i) - position
+         at_right = c(i) - position
          distance(i) = max(min(at_left, at_right), -max(at_left, at_right)) &
                        - furthest*(abs(a(i) - 2.0_wp*b(i) + c(i)) + abs(b(i) - 2.0_wp*c(i) + d(i)))
       end do
@@ -271,14 +271,14 @@ contains
 
       call correct_cell(values, jump, present(slopes), added, by_values, has_kink)
       if (.not. has_kink) return
-      call self%place(sample, from)
+      call self%position(sample, from)
       do k = before, beyond
          around(k) = self%neighbour(sample, from(m), m, k - left)
       end do
       do row = left, right
          share = 1.0_wp
          if (size(self%n) > 1) then
-            if (row == right) call self%place(around(row)%sample, from)
+            if (row == right) call self%position(around(row)%sample, from)
             call self%find_share(m, around(row)%sample, from, z, share, share_slopes, beside)
          end if
          associate (here => around(row))
@@ -323,7 +323,7 @@ contains
    pure subroutine kink_grid_find_share(self, m, sample, from, z, share, slopes, beside)
       class(kink_grid_t), intent(in) :: self
       integer, intent(in) :: m, sample
-      integer, intent(in) :: from(most_tones)                         !! see `place`
+      integer, intent(in) :: from(most_tones)                         !! see `position`
       real(wp), intent(in) :: z(:)
       real(wp), intent(out) :: share
       real(wp), intent(out) :: slopes(most_tones)                     !! [1/m], (n_tones) of them
@@ -503,26 +503,26 @@ contains
    pure subroutine kink_slopes_forget(self)
       class(kink_slopes_t), intent(inout) :: self
 
-      if (self%n > 0) self%place(self%row(:self%n)) = 0
+      if (self%n > 0) self%position(self%row(:self%n)) = 0
       self%n = 0
    end subroutine kink_slopes_forget
 
    !> Position of a sample in the arrays; a new one starts with zero slopes.
-   pure subroutine kink_slopes_find(self, row, n_parts, n_samples, place)
+   pure subroutine kink_slopes_find(self, row, n_parts, n_samples, position)
       class(kink_slopes_t), intent(inout) :: self
       integer, intent(in) :: row, n_parts
       integer, intent(in) :: n_samples                                !! the same each time
-      integer, intent(out) :: place
+      integer, intent(out) :: position
       integer, parameter :: first_size = 256
       integer, allocatable :: column(:, :)
       real(wp), allocatable :: value(:, :)
 
       if (.not. allocated(self%row)) then
          allocate (self%row(first_size), self%column(0:n_parts, first_size), self%value(0:n_parts, first_size))
-         allocate (self%place(n_samples), source=0)
+         allocate (self%position(n_samples), source=0)
       end if
-      place = self%place(row)
-      if (place > 0) return
+      position = self%position(row)
+      if (position > 0) return
       if (self%n == size(self%row)) then
          allocate (column(0:n_parts, 2*self%n), value(0:n_parts, 2*self%n))
          column(:, :self%n) = self%column
@@ -532,10 +532,10 @@ contains
          self%row = [self%row, self%row]
       end if
       self%n = self%n + 1
-      place = self%n
-      self%place(row) = place
-      self%row(place) = row
-      self%column(:, place) = row
-      self%value(:, place) = 0.0_wp
+      position = self%n
+      self%position(row) = position
+      self%row(position) = row
+      self%column(:, position) = row
+      self%value(:, position) = 0.0_wp
    end subroutine kink_slopes_find
 end module hb_kinks

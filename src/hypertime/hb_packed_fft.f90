@@ -56,8 +56,8 @@ module hb_packed_fft
       type(complex_block_t), private :: work(2)                       ! intermediate arrays of the transform to the spectrum
       type(complex_block_t), private :: loose                         ! samples, if they are not transformed in place
    contains
-      procedure :: place => packed_fft_place
-      procedure :: n_places => packed_fft_n_places
+      procedure :: position => packed_fft_position
+      procedure :: n_positions => packed_fft_n_positions
       procedure :: factors => packed_fft_factors
       procedure :: shares => packed_fft_shares
       procedure :: spectrum => packed_fft_spectrum
@@ -69,13 +69,12 @@ module hb_packed_fft
 contains
 
    !> Plans the transforms of one function at a time on a grid, between samples and tuples with |j_m| <= highest(m).
-   subroutine new_packed_fft(self, torus, parity, highest, directions, effort, error)
+   subroutine new_packed_fft(self, torus, parity, highest, directions, error)
       type(packed_fft_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
       integer, intent(in) :: parity                                   !! 1 or 0: of the sums of tuples; arbitrary on the whole grid
       integer, intent(in) :: highest(:)                               !! (n_tones) >= 0; larger than the grid resolves: all
       integer, intent(in) :: directions                               !! one of `direction`
-      integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
       integer :: grid(size(highest)), m, n_tones
 
@@ -156,14 +155,14 @@ contains
             stage%high_spectrum = n_inner
             stage%high_samples = before*next_grid - n_inner
          end if
-         call new_axis_plan(stage%plan, grid(m), n_inner, product(grid(m + 1:)), before*next, before*next_grid, effort, &
+         call new_axis_plan(stage%plan, grid(m), n_inner, product(grid(m + 1:)), before*next, before*next_grid, &
                             error)
       end subroutine plan_stage
    end subroutine new_packed_fft
 
    !> Position of tuple j in the spectrum. On half a grid its sum has the parity of the plan; other tuples get the
    !> position of a neighbour.
-   pure integer function packed_fft_place(self, j)
+   pure integer function packed_fft_position(self, j)
       class(packed_fft_t), intent(in) :: self
       integer, intent(in) :: j(:)                                     !! any integers, (n_tones)
       integer :: last, m
@@ -173,12 +172,12 @@ contains
          last = last - modulo(self%parity - sum(j(:size(j) - 1)), 2)
          last = (last - modulo(last, 2))/2
       end if
-      packed_fft_place = wrapped(last, self%extent(size(j)))
+      packed_fft_position = wrapped(last, self%extent(size(j)))
       do m = size(j) - 1, 1, -1
-         packed_fft_place = packed_fft_place*self%extent(m) + wrapped(j(m), self%extent(m))
+         packed_fft_position = packed_fft_position*self%extent(m) + wrapped(j(m), self%extent(m))
       end do
-      packed_fft_place = packed_fft_place + 1
-   end function packed_fft_place
+      packed_fft_position = packed_fft_position + 1
+   end function packed_fft_position
 
    !> modulo(j, n), without a division if j is small: positions of thousands of tuples are computed for each solution.
    pure integer function wrapped(j, n)
@@ -228,17 +227,17 @@ contains
    end function turn_by
 
    !> Number of elements of the spectrum.
-   pure integer function packed_fft_n_places(self)
+   pure integer function packed_fft_n_positions(self)
       class(packed_fft_t), intent(in) :: self
 
-      packed_fft_n_places = product(self%extent)
-   end function packed_fft_n_places
+      packed_fft_n_positions = product(self%extent)
+   end function packed_fft_n_positions
 
    !> The spectrum from which `to_samples` starts, zero at first and not modified: a caller that always writes the
    !> same elements need not clear it.
    function packed_fft_spectrum(self) result(spectrum)
       class(packed_fft_t), intent(in) :: self
-      complex(wp), pointer, contiguous :: spectrum(:)                 !! by `place`
+      complex(wp), pointer, contiguous :: spectrum(:)                 !! by `position`
 
       spectrum => self%stages(size(self%stages))%spectrum%values(:, 1)
    end function packed_fft_spectrum
@@ -279,7 +278,7 @@ contains
    subroutine packed_fft_to_spectrum(self, samples, spectrum)
       class(packed_fft_t), intent(inout) :: self
       real(wp), intent(inout), contiguous, target :: samples(:)       !! (n_samples), a column of a block of hb_fftw; unchanged
-      complex(wp), intent(out), pointer, contiguous :: spectrum(:)    !! by `place`
+      complex(wp), intent(out), pointer, contiguous :: spectrum(:)    !! by `position`
       complex(wp), pointer, contiguous :: z(:)
       integer :: from, m
 

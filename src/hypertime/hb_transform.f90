@@ -19,9 +19,8 @@ module hb_transform
       integer :: n_channels = 0                                       !! functions in a block of samples
       type(packed_fft_t), private :: fft
       type(packed_fft_t), private :: products                         ! of tuples up to twice the highest, after `prepare_products`
-      integer, private :: effort = 0                                  ! one of hb_fftw%planning
       integer, allocatable, private :: at(:), mirror_at(:)            ! (n_harmonics) positions of j and -j in the spectrum
-      logical, private :: has_shared_places = .false.                 ! of several harmonics
+      logical, private :: has_shared_positions = .false.              ! of several harmonics
       complex(wp), allocatable, private :: near_factor(:), far_factor(:)   ! (n_harmonics), see hb_packed_fft%factors
       complex(wp), allocatable, private :: near_share(:), far_share(:)     ! (n_harmonics), see hb_packed_fft%shares
    contains
@@ -52,12 +51,11 @@ module hb_transform
 contains
 
    !> Plans the transforms of `n_channels` functions, in both directions or one.
-   subroutine new_transform(self, harmonics, torus, n_channels, effort, error, directions)
+   subroutine new_transform(self, harmonics, torus, n_channels, error, directions)
       type(transform_t), intent(inout) :: self
       type(harmonics_t), intent(in) :: harmonics                      !! on half a torus with sums of one parity
       type(torus_t), intent(in) :: torus
       integer, intent(in) :: n_channels                               !! >= 1
-      integer, intent(in) :: effort                                   !! one of hb_fftw%planning
       type(error_t), allocatable, intent(out) :: error
       integer, intent(in), optional :: directions                     !! one of hb_packed_fft%direction, default: both
       logical, allocatable :: is_used(:)
@@ -68,18 +66,17 @@ contains
       self%harmonics = harmonics
       self%torus = torus
       self%n_channels = n_channels
-      self%effort = effort
       chosen = direction%both
       if (present(directions)) chosen = directions
-      call new_packed_fft(self%fft, torus, modulo(sum(harmonics%tuples(:, 1)), 2), harmonics%highest, chosen, effort, error)
+      call new_packed_fft(self%fft, torus, modulo(sum(harmonics%tuples(:, 1)), 2), harmonics%highest, chosen, error)
       if (allocated(error)) return
       if (allocated(self%at)) deallocate (self%at, self%mirror_at)
       allocate (self%at(harmonics%n_harmonics), self%mirror_at(harmonics%n_harmonics))
       do h = 1, harmonics%n_harmonics
          j = harmonics%tuples(:, h)
-         self%at(h) = self%fft%place(j)
+         self%at(h) = self%fft%position(j)
          j = -j
-         self%mirror_at(h) = self%fft%place(j)
+         self%mirror_at(h) = self%fft%position(j)
       end do
       first = [(h, h=0, size(first) - 1)]                             ! of retained tuples none is negative
       call self%fft%factors(first, near, far)
@@ -88,10 +85,10 @@ contains
       self%near_share = self%near_factor
       self%far_share = self%far_factor
       call self%fft%shares(self%near_factor, self%far_factor, self%near_share, self%far_share)
-      allocate (is_used(self%fft%n_places()), source=.false.)
+      allocate (is_used(self%fft%n_positions()), source=.false.)
       is_used(self%at) = .true.
       is_used(self%mirror_at) = .true.
-      self%has_shared_places = count(is_used) < 2*harmonics%n_harmonics - merge(1, 0, harmonics%has_zero)
+      self%has_shared_positions = count(is_used) < 2*harmonics%n_harmonics - merge(1, 0, harmonics%has_zero)
    end subroutine new_transform
 
    !> Samples of the motions with coefficients `x`.
@@ -145,7 +142,7 @@ contains
       integer :: h
 
       spectrum => self%fft%spectrum()
-      if (self%has_shared_places) then
+      if (self%has_shared_positions) then
          spectrum(self%at) = (0.0_wp, 0.0_wp)
          spectrum(self%mirror_at) = (0.0_wp, 0.0_wp)
          do h = 1, size(c)
@@ -219,7 +216,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (allocated(table%at)) return
-      call new_packed_fft(self%products, self%torus, 0, 2*self%harmonics%highest, direction%to_spectrum, self%effort, error)
+      call new_packed_fft(self%products, self%torus, 0, 2*self%harmonics%highest, direction%to_spectrum, error)
       if (.not. allocated(error)) call index_table(self, table, n_parts, error)
    end subroutine transform_prepare_products
 
@@ -281,7 +278,7 @@ contains
                j(m) = modulo(quotient, extent(m)) - 2*set%highest(m)
                quotient = quotient/extent(m)
             end do
-            table%at(i) = self%products%place(j)
+            table%at(i) = self%products%position(j)
          end do
          allocate (table%near_share(extent(1)), table%far_share(extent(1)))
          associate (n => 2*set%highest(1))

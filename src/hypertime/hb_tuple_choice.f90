@@ -9,7 +9,7 @@ module hb_tuple_choice
    use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: chosen_tuples, largest_places, lowest_order, new_doubled_set, new_lowest_set, shifted, tuple_union_t
+   public :: chosen_tuples, largest_indices, lowest_order, new_doubled_set, new_lowest_set, shifted, tuple_union_t
 
    !> The union of many sets of tuples, in the order of addition: a hash table with open addressing, so that the sets
    !> of all points of a sweep take linear time. Source of the hash: FNV-1a, 32 bit, entry by entry.
@@ -63,30 +63,30 @@ contains
    end subroutine new_lowest_set
 
    !> Returns the tuples that carry a motion: all needed ones, and the largest of the others until the root sum of
-   !> squares of the remainder is at most `tail`, or `room` is used up. Retained tuples keep their order, new ones
+   !> squares of the remainder is at most `tail`, or `capacity` is used up. Retained tuples keep their order, new ones
    !> follow.
-   function chosen_tuples(kept, carried, around, neglected, is_needed, tail, room) result(tuples)
-      type(harmonics_t), intent(in) :: kept
-      real(wp), intent(in) :: carried(:)                              !! amplitudes (kept%n_harmonics)
+   function chosen_tuples(retained, carried, around, neglected, is_needed, tail, capacity) result(tuples)
+      type(harmonics_t), intent(in) :: retained
+      real(wp), intent(in) :: carried(:)                              !! amplitudes (retained%n_harmonics)
       type(harmonics_t), intent(in) :: around                         !! a set with further tuples
       real(wp), intent(in) :: neglected(:) !! their amplitudes (around%n_harmonics); ignored for retained tuples
-      logical, intent(in) :: is_needed(:)                             !! (kept%n_harmonics)
+      logical, intent(in) :: is_needed(:)                             !! (retained%n_harmonics)
       real(wp), intent(in) :: tail                                    !! in the unit of the amplitudes
-      integer, intent(in) :: room                                     !! largest number of tuples of the set
-      integer, allocatable :: tuples(:, :)                            !! (n_tones, at most `room`)
+      integer, intent(in) :: capacity                                 !! largest number of tuples of the set
+      integer, allocatable :: tuples(:, :)                            !! (n_tones, at most `capacity`)
       integer, allocatable :: chosen(:), others(:)
       real(wp), allocatable :: amplitudes(:)
       integer :: h
 
-      others = pack([(h, h=1, around%n_harmonics)], [(kept%index_of(around%tuples(:, h)) == 0, h=1, around%n_harmonics)])
+      others = pack([(h, h=1, around%n_harmonics)], [(retained%index_of(around%tuples(:, h)) == 0, h=1, around%n_harmonics)])
       amplitudes = [merge(huge(1.0_wp), min(retention*carried, huge(1.0_wp)/retention), is_needed), neglected(others)]
-      chosen = largest_places(amplitudes, tail, room)
-      allocate (tuples(kept%n_tones, size(chosen)))
+      chosen = largest_indices(amplitudes, tail, capacity)
+      allocate (tuples(retained%n_tones, size(chosen)))
       do h = 1, size(chosen)
-         if (chosen(h) <= kept%n_harmonics) then
-            tuples(:, h) = kept%tuples(:, chosen(h))
+         if (chosen(h) <= retained%n_harmonics) then
+            tuples(:, h) = retained%tuples(:, chosen(h))
          else
-            tuples(:, h) = around%tuples(:, others(chosen(h) - kept%n_harmonics))
+            tuples(:, h) = around%tuples(:, others(chosen(h) - retained%n_harmonics))
          end if
       end do
    end function chosen_tuples
@@ -182,12 +182,12 @@ contains
    end function shifted
 
    !> Positions, ascending, of the largest amplitudes: as few as leave a remainder of at most `tail`, but no more than
-   !> `room`. Of equal ones the first has precedence.
-   pure function largest_places(amplitudes, tail, room) result(places)
+   !> `capacity`. Of equal ones the first has precedence.
+   pure function largest_indices(amplitudes, tail, capacity) result(positions)
       real(wp), intent(in) :: amplitudes(:)                           !! >= 0
       real(wp), intent(in) :: tail                                    !! root of the sum of squares
-      integer, intent(in) :: room
-      integer, allocatable :: places(:)
+      integer, intent(in) :: capacity
+      integer, allocatable :: positions(:)
       integer :: order(size(amplitudes))
       logical :: is_taken(size(amplitudes))
       real(wp) :: left_out
@@ -203,9 +203,9 @@ contains
          n = n - 1
       end do
       is_taken = .false.
-      is_taken(order(:min(n, max(1, room)))) = .true.
-      places = pack([(i, i=1, size(order))], is_taken)
-   end function largest_places
+      is_taken(order(:min(n, max(1, capacity)))) = .true.
+      positions = pack([(i, i=1, size(order))], is_taken)
+   end function largest_indices
 
    !> Order of numbers from the largest to the smallest, stable: a merge sort.
    pure subroutine sort_descending(values, order)
@@ -253,7 +253,7 @@ contains
       integer :: h
 
       do h = 1, size(tuples, 2)
-         if (.not. has_room(self)) call enlarge(self, size(tuples, 1), self%n + size(tuples, 2) - h + 1)
+         if (.not. has_capacity(self)) call enlarge(self, size(tuples, 1), self%n + size(tuples, 2) - h + 1)
          call self%add_one(tuples(:, h))
       end do
    end subroutine tuple_union_add
@@ -264,7 +264,7 @@ contains
       integer, intent(in) :: tuple(:)                                 !! sign as those of hb_harmonics
       integer :: slot
 
-      if (.not. has_room(self)) call enlarge(self, size(tuple), self%n + 1)
+      if (.not. has_capacity(self)) call enlarge(self, size(tuple), self%n + 1)
       slot = slot_of(self, tuple)
       if (self%slots(slot) > 0) return
       self%n = self%n + 1
@@ -280,12 +280,12 @@ contains
       tuples = self%entries(:, :self%n)
    end function tuple_union_list
 
-   pure logical function has_room(self)
+   pure logical function has_capacity(self)
       class(tuple_union_t), intent(in) :: self
 
-      has_room = .false.
-      if (allocated(self%entries)) has_room = self%n < size(self%entries, 2)
-   end function has_room
+      has_capacity = .false.
+      if (allocated(self%entries)) has_capacity = self%n < size(self%entries, 2)
+   end function has_capacity
 
    !> Allocates memory for `n_wanted` tuples, or twice as many as before.
    pure subroutine enlarge(self, n_tones, n_wanted)

@@ -3,7 +3,7 @@
 !>
 !> A point y outside is mapped to x = y - sum over i of l_i c_i with l_i >= 0, x in the polygon and l_i (h_i - n_i.x)
 !> = 0: on an edge, with one load, or at a corner, with two. With directions along the normals x is the nearest point.
-!> Redundant half planes are removed: of equal ones the first is kept, of three edges through one corner the outer
+!> Redundant half planes are removed: of equal ones the first is retained, of three edges through one corner the outer
 !> two.
 !>
 !> Source: docs/why/theory.md, section 5.3; intersection of half planes sorted by angle: de Berg, Cheong, van Kreveld, Overmars,
@@ -24,7 +24,7 @@ module hb_contact_polygon
       integer, allocatable :: contact(:)                              !! half plane of each edge, counterclockwise, (n_edges)
       real(wp), allocatable :: normal(:, :)                           !! n_i, (n_edges, 2)
       real(wp), allocatable :: distance(:)                            !! h_i, (n_edges)
-      real(wp), allocatable :: push(:, :)                             !! c_i, (n_edges, 2)
+      real(wp), allocatable :: direction(:, :)                        !! c_i, (n_edges, 2)
       logical, allocatable :: is_joined(:)                            !! to the next edge, by a corner, (n_edges)
       real(wp), allocatable :: corner(:, :)                           !! between an edge and the next, (n_edges, 2)
       real(wp), allocatable :: share(:, :, :)                         !! inverse of (c_i, c_next) there, (2, 2, n_edges)
@@ -45,30 +45,30 @@ module hb_contact_polygon
 contains
 
    !> Creates the polygon of half planes; `failure` states why there is none.
-   pure subroutine new_contact_polygon(self, normals, distances, pushes, failure)
+   pure subroutine new_contact_polygon(self, normals, distances, directions, failure)
       type(contact_polygon_t), intent(out) :: self
       real(wp), intent(in) :: normals(:, :)                           !! n_i, not zero, (n_contacts, 2)
       real(wp), intent(in) :: distances(:)                            !! h_i, (n_contacts)
-      real(wp), intent(in) :: pushes(:, :)                            !! c_i, as normals
+      real(wp), intent(in) :: directions(:, :)                        !! c_i, as normals
       character(:), allocatable, intent(out) :: failure               !! empty on success
-      integer, allocatable :: kept(:)
+      integer, allocatable :: retained(:)
       real(wp) :: c(2), d(2), determinant
       integer :: i, k, n
 
       n = size(distances)
-      call intersect(normals, distances, kept, failure)
+      call intersect(normals, distances, retained, failure)
       if (len(failure) > 0) return
-      self%contact = pack(kept, kept <= n)                            ! the others are sides of the box
+      self%contact = pack(retained, retained <= n)                    ! the others are sides of the box
       self%n_edges = size(self%contact)
-      self%is_joined = pack(cshift(kept, 1) <= n, kept <= n)
+      self%is_joined = pack(cshift(retained, 1) <= n, retained <= n)
       self%normal = normals(self%contact, :)
       self%distance = distances(self%contact)
-      self%push = pushes(self%contact, :)
+      self%direction = directions(self%contact, :)
       allocate (self%corner(self%n_edges, 2), self%share(2, 2, self%n_edges), source=0.0_wp)
       do i = 1, self%n_edges
          k = self%next(i)
-         c = self%push(i, :)
-         d = self%push(k, :)
+         c = self%direction(i, :)
+         d = self%direction(k, :)
          if (dot_product(self%normal(i, :), c) <= rounding*norm2(self%normal(i, :))*norm2(c)) then
             failure = "contact "//to_text(self%contact(i))//" does not open its gap under its own load: the friction is too large"
             return
@@ -89,10 +89,10 @@ contains
 
    !> Half planes that bound the intersection, counterclockwise; numbers above size(distances) are sides of a large
    !> box.
-   pure subroutine intersect(normals, distances, kept, failure)
+   pure subroutine intersect(normals, distances, retained, failure)
       real(wp), intent(in) :: normals(:, :)                           !! (n_contacts, 2)
       real(wp), intent(in) :: distances(:)                            !! (n_contacts)
-      integer, allocatable, intent(out) :: kept(:)
+      integer, allocatable, intent(out) :: retained(:)
       character(:), allocatable, intent(out) :: failure
       real(wp), parameter :: sides(4, 2) = reshape([1.0_wp, 0.0_wp, -1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, -1.0_wp], [4, 2])
       real(wp), allocatable :: h(:), length(:), n(:, :)
@@ -132,8 +132,8 @@ contains
          if (.not. is_cut_off(queue(first), queue(first + 1), queue(last))) exit
          first = first + 1
       end do
-      kept = queue(first:last)
-      if (.not. has_room(n, h, kept, rounding*scale)) failure = "the gaps leave no room to move"
+      retained = queue(first:last)
+      if (.not. is_not_empty(n, h, retained, rounding*scale)) failure = "the gaps leave no room to move"
 
    contains
 
@@ -148,23 +148,23 @@ contains
    end subroutine intersect
 
    !> Whether the centre of the corners is inside all half planes.
-   pure logical function has_room(n, h, kept, rounding)
+   pure logical function is_not_empty(n, h, retained, rounding)
       real(wp), intent(in) :: n(:, :), h(:)                           !! normals of length 1, distances
-      integer, intent(in) :: kept(:)                                  !! those with a side, in order
+      integer, intent(in) :: retained(:)                              !! those with a side, in order
       real(wp), intent(in) :: rounding
       real(wp) :: center(2)
       integer :: i
 
-      has_room = .false.
+      is_not_empty = .false.
       center = 0.0_wp
-      do i = 1, size(kept)
-         associate (a => kept(i), b => kept(1 + modulo(i, size(kept))))
+      do i = 1, size(retained)
+         associate (a => retained(i), b => retained(1 + modulo(i, size(retained))))
             if (cross(n(a, :), n(b, :)) <= 0.0_wp) exit
-            center = center + crossing(n(a, :), h(a), n(b, :), h(b))/real(size(kept), wp)
+            center = center + crossing(n(a, :), h(a), n(b, :), h(b))/real(size(retained), wp)
          end associate
       end do
-      if (i > size(kept) .and. size(kept) > 2) has_room = all(matmul(n, center) < h - rounding)
-   end function has_room
+      if (i > size(retained) .and. size(retained) > 2) is_not_empty = all(matmul(n, center) < h - rounding)
+   end function is_not_empty
 
    !> Half planes sorted by the angle of their normals; of those with the same direction only the most restrictive,
    !> the first of equal ones.
@@ -173,7 +173,7 @@ contains
       real(wp), intent(in) :: h(:)
       integer, allocatable :: order(:)
       real(wp) :: angle(size(h))
-      integer :: gap, i, k, moving, n_kept
+      integer :: gap, i, k, moving, n_retained
 
       angle = atan2(n(:, 2), n(:, 1))
       where (angle < -acos(-1.0_wp) + rounding) angle = angle + 2.0_wp*acos(-1.0_wp)
@@ -192,18 +192,18 @@ contains
             order(k) = moving
          end do
       end do
-      n_kept = 1
+      n_retained = 1
       do i = 2, size(order)
-         associate (best => order(n_kept), found => order(i))
+         associate (best => order(n_retained), found => order(i))
             if (angle(found) - angle(best) > rounding) then
-               n_kept = n_kept + 1
-               order(n_kept) = found
+               n_retained = n_retained + 1
+               order(n_retained) = found
             else if (h(found) < h(best) .or. (h(found) <= h(best) .and. found < best)) then
-               order(n_kept) = found
+               order(n_retained) = found
             end if
          end associate
       end do
-      order = order(:n_kept)
+      order = order(:n_retained)
 
    contains
 
@@ -253,12 +253,12 @@ contains
 
       missed = huge(1.0_wp)
       if (beyond <= 0.0_wp) return
-      opening = dot_product(self%normal(i, :), self%push(i, :))
+      opening = dot_product(self%normal(i, :), self%direction(i, :))
       landing%n_active = 1
       landing%edge(1) = i
       landing%load(1) = beyond/opening
       landing%slope(1, :) = self%normal(i, :)/opening
-      x = y - landing%load(1)*self%push(i, :)
+      x = y - landing%load(1)*self%direction(i, :)
       missed = 0.0_wp
       if (self%is_joined(i)) missed = max(missed, past(self%next(i)))
       before = 1 + modulo(i - 2, self%n_edges)
@@ -286,7 +286,7 @@ contains
       landing%edge = [i, self%next(i)]
       landing%slope = self%share(:, :, i)
       landing%load = matmul(self%share(:, :, i), y - self%corner(i, :))
-      missed = max(-landing%load(1)*norm2(self%push(i, :)), -landing%load(2)*norm2(self%push(self%next(i), :)))
+      missed = max(-landing%load(1)*norm2(self%direction(i, :)), -landing%load(2)*norm2(self%direction(self%next(i), :)))
       landing%load = max(landing%load, 0.0_wp)                        ! tensile loads due to rounding alone
    end subroutine land_in_corner
 
@@ -309,8 +309,8 @@ contains
                return
             end if
          end if
-         load = max(dot_product(force, self%push(i, :))/sum(self%push(i, :)**2), 0.0_wp)
-         remains = norm2(force - load*self%push(i, :))
+         load = max(dot_product(force, self%direction(i, :))/sum(self%direction(i, :)**2), 0.0_wp)
+         remains = norm2(force - load*self%direction(i, :))
          if (remains >= pull) cycle
          pull = remains
          landing = landing_t(n_active=1, edge=[i, 0], load=[load, 0.0_wp])

@@ -11,7 +11,7 @@ module hb_law
    use hb_text, only: string_t, to_text
    implicit none
    private
-   public :: defects_t, hold_t, kink_t, law_box_t, law_t, place_coordinate, place_on_dofs, read_dofs, read_place
+   public :: defects_t, hold_t, kink_t, law_box_t, law_t, place_coordinate, place_on_dofs, read_dofs, read_location
 
    !> Largest defects over the samples.
    type :: defects_t
@@ -33,18 +33,18 @@ module hb_law
    end type hold_t
 
    !> Kinks of the force along one combination z = form . coordinates: the force is smooth except for the sum over k
-   !> of jumps(k) max(z - places(k), 0) in `direction`.
+   !> of jumps(k) max(z - positions(k), 0) in `direction`.
    type :: kink_t
-      real(wp), allocatable :: form(:), direction(:)                  !! (n_coordinates)
-      real(wp), allocatable :: places(:)                              !! [m], (any)
-      real(wp), allocatable :: jumps(:)                               !! of the slope as z rises [N/m], as places
+      real(wp), allocatable :: functional(:), direction(:)            !! (n_coordinates)
+      real(wp), allocatable :: positions(:)                           !! [m], (any)
+      real(wp), allocatable :: jumps(:)                               !! of the slope as z rises [N/m], as positions
    end type kink_t
 
    type, abstract :: law_t
       character(:), allocatable :: label                              !! name given by the user, otherwise kind and number
       integer, allocatable :: dofs(:)                                 !! degrees of freedom of the structure
       real(wp), allocatable :: shape(:, :)                            !! (n_dofs, n_coordinates)
-      integer, allocatable :: places(:, :)                            !! (n_dofs, n_places): `dofs` of all laws that a law on
+      integer, allocatable :: positions(:, :)                         !! (n_dofs, n_places): `dofs` of all laws that a law on
                                                                       !! sets of nodes represents; not allocated: of this one
                                                                       !! only
       integer :: degree = 0                                           !! of a polynomial law; 0: not a polynomial
@@ -73,7 +73,7 @@ module hb_law
       procedure :: defects => law_defects
       procedure :: potential => law_potential
       procedure :: explain => law_explain
-      procedure :: mark => law_fingerprint
+      procedure :: fingerprint => law_fingerprint
       procedure :: has_touched_inputs => law_has_touched_inputs
       procedure :: hold => law_hold
       procedure :: switches => law_switches
@@ -86,7 +86,7 @@ module hb_law
    end type law_box_t
 
    abstract interface
-      !> Reads the law's own keys, and its coordinates with `read_place`, from a `&law` group that collects the
+      !> Reads the law's own keys, and its coordinates with `read_location`, from a `&law` group that collects the
       !> problems.
       subroutine read_law(self, group, structure)
          import :: law_t, properties_t, structure_t
@@ -256,7 +256,7 @@ contains
 
    !> Reads the first coordinate of a law: `dof`, or `dofs` and `weights` for z = sum of weight times degree of
    !> freedom (weights 1, -1: a relative displacement).
-   subroutine read_place(self, group, structure)
+   subroutine read_location(self, group, structure)
       class(law_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
@@ -283,7 +283,7 @@ contains
          names(1)%value = name
          call place_coordinate(self, group, structure, "dof", names, [1.0_wp])
       end if
-   end subroutine read_place
+   end subroutine read_location
 
    !> Adds a coordinate of the law, z = sum of weights times the named degrees of freedom; those of previous
    !> coordinates may be named again. The name of a set of nodes places the law at every node of the set; single
@@ -296,44 +296,44 @@ contains
       type(string_t), intent(in) :: names(:)
       real(wp), intent(in) :: weights(:)
       type(error_t), allocatable :: error
-      integer, allocatable :: dofs(:), places(:, :)
-      integer :: i, n_places
+      integer, allocatable :: dofs(:), positions(:, :)
+      integer :: i, n_positions
 
       if (size(weights) /= size(names)) then
          call group%problem(key, "there must be as many weights as degrees of freedom")
          return
       end if
-      n_places = 1
-      if (allocated(self%places)) n_places = size(self%places, 2)
+      n_positions = 1
+      if (allocated(self%positions)) n_positions = size(self%positions, 2)
       do i = 1, size(names)
          call structure%find_dofs(names(i)%value, dofs, error)
          if (allocated(error)) then
             call group%problem(key, error%message)
             return
          end if
-         if (.not. allocated(places)) allocate (places(size(names), max(n_places, size(dofs))))
-         if (size(places, 2) == 1 .and. size(dofs) > 1) places = spread(places(:, 1), 2, size(dofs))
-         if (size(dofs) == 1) dofs = spread(dofs(1), 1, size(places, 2))
-         if (size(dofs) /= size(places, 2)) then
+         if (.not. allocated(positions)) allocate (positions(size(names), max(n_positions, size(dofs))))
+         if (size(positions, 2) == 1 .and. size(dofs) > 1) positions = spread(positions(:, 1), 2, size(dofs))
+         if (size(dofs) == 1) dofs = spread(dofs(1), 1, size(positions, 2))
+         if (size(dofs) /= size(positions, 2)) then
             call group%problem(key, "'"//names(i)%value//"' stands for "//to_text(size(dofs))//" degrees of freedom, another "// &
-                               "set of this law for "//to_text(size(places, 2))//"; sets that meet need equal numbers of nodes")
+                               "set of this law for "//to_text(size(positions, 2))//"; sets that meet need equal numbers of nodes")
             return
          end if
-         places(i, :) = dofs
-         if (any(places(1:i - 1, :) == spread(dofs, 1, i - 1))) then
+         positions(i, :) = dofs
+         if (any(positions(1:i - 1, :) == spread(dofs, 1, i - 1))) then
             call group%problem(key, "degree of freedom '"//names(i)%value//"' is named twice")
             return
          end if
       end do
       if (all(weights == 0.0_wp)) call group%problem("weights", "at least one weight must not be zero")
-      call append_coordinate(self, places, weights)
+      call append_coordinate(self, positions, weights)
    end subroutine place_coordinate
 
-   pure subroutine append_coordinate(self, places, weights)
+   pure subroutine append_coordinate(self, positions, weights)
       class(law_t), intent(inout) :: self
-      integer, intent(in) :: places(:, :)                             !! (any, n_places); n_places is at least that of the law
+      integer, intent(in) :: positions(:, :)                          !! (any, n_places); n_places is at least that of the law
       real(wp), intent(in) :: weights(:)
-      integer, allocatable :: all_places(:, :), row(:)
+      integer, allocatable :: all_positions(:, :), row(:)
       real(wp), allocatable :: shape(:, :)
       integer :: i, k, n, n_before, n_coordinates
 
@@ -343,32 +343,32 @@ contains
          n_before = size(self%dofs)
          n_coordinates = size(self%shape, 2) + 1
       end if
-      allocate (all_places(n_before + size(weights), size(places, 2)), row(size(weights)))
-      if (allocated(self%places)) then
-         all_places(:n_before, :) = self%places
+      allocate (all_positions(n_before + size(weights), size(positions, 2)), row(size(weights)))
+      if (allocated(self%positions)) then
+         all_positions(:n_before, :) = self%positions
       else if (n_before > 0) then
-         all_places(:n_before, :) = spread(self%dofs, 2, size(places, 2))
+         all_positions(:n_before, :) = spread(self%dofs, 2, size(positions, 2))
       end if
       n = n_before
       do i = 1, size(weights)
          row(i) = 0
          do k = 1, n
-            if (all(all_places(k, :) == places(i, :))) row(i) = k
+            if (all(all_positions(k, :) == positions(i, :))) row(i) = k
          end do
          if (row(i) > 0) cycle
          n = n + 1
          row(i) = n
-         all_places(n, :) = places(i, :)
+         all_positions(n, :) = positions(i, :)
       end do
       allocate (shape(n, n_coordinates), source=0.0_wp)
       if (n_before > 0) shape(:n_before, :n_coordinates - 1) = self%shape
       do i = 1, size(weights)
          shape(row(i), n_coordinates) = weights(i)
       end do
-      self%dofs = all_places(:n, 1)
+      self%dofs = all_positions(:n, 1)
       call move_alloc(shape, self%shape)
-      if (allocated(self%places)) deallocate (self%places)
-      if (size(all_places, 2) > 1) self%places = all_places(:n, :)
+      if (allocated(self%positions)) deallocate (self%positions)
+      if (size(all_positions, 2) > 1) self%positions = all_positions(:n, :)
    end subroutine append_coordinate
 
    !> Reads the coordinates of a law with several of them: `dofs`, each a coordinate of its own.

@@ -13,7 +13,7 @@
 module hb_law_bouc_wen
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
-   use hb_law, only: read_place
+   use hb_law, only: read_location
    use hb_properties, only: properties_t
    use hb_slider, only: turning_point
    use hb_structure, only: structure_t
@@ -57,7 +57,7 @@ contains
       self%n_states = 1
       self%is_odd = .true.
       self%length_scale = self%yield_displacement
-      call read_place(self, group, structure)
+      call read_location(self, group, structure)
    end subroutine bouc_wen_read
 
    subroutine bouc_wen_advance(self, s_old, path, s_new, ds_ds_old, ds_dpath)
@@ -65,7 +65,8 @@ contains
       real(wp), intent(in), contiguous :: s_old(:, :), path(:, :, :)
       real(wp), intent(out), contiguous :: s_new(:, :)
       real(wp), intent(out), contiguous, optional :: ds_ds_old(:, :, :), ds_dpath(:, :, :, :)
-      real(wp) :: by_path(n_path_parts), by_start, kept, slope, stops(n_path_parts, 2), w, way(n_path_parts), z(n_path_parts)
+      real(wp) :: by_path(n_path_parts), by_start, retained, slope, w
+      real(wp) :: rest_by_path(n_path_parts), stops(n_path_parts, 2), z(n_path_parts)
       integer :: i, k, n_pieces
 
       do i = 1, size(s_old, 1)
@@ -74,7 +75,7 @@ contains
          by_start = 1.0_wp
          by_path = 0.0_wp
          by_path(path_part%at_start) = 1.0_wp
-         way = -by_path
+         rest_by_path = -by_path
          n_pieces = 1
          if (z(path_part%start_rate)*z(path_part%end_rate) < 0.0_wp) then
             stops(:, 1) = turning_point(z)
@@ -83,11 +84,11 @@ contains
          stops(:, n_pieces) = 0.0_wp
          stops(path_part%at_end, n_pieces) = 1.0_wp
          do k = 1, n_pieces
-            way = way + stops(:, k)                                   ! the piece has the length dot_product(way, z)
-            call load(self, dot_product(way, z), w, kept, slope)
-            by_start = kept*by_start
-            by_path = kept*by_path + slope*way
-            way = -stops(:, k)
+            rest_by_path = rest_by_path + stops(:, k)                 ! the piece has the length dot_product(rest_by_path, z)
+            call load(self, dot_product(rest_by_path, z), w, retained, slope)
+            by_start = retained*by_start
+            by_path = retained*by_path + slope*rest_by_path
+            rest_by_path = -stops(:, k)
          end do
          s_new(i, 1) = z(path_part%at_end) - w
          if (.not. (present(ds_ds_old) .and. present(ds_dpath))) cycle
@@ -201,10 +202,10 @@ contains
       real(wp), intent(in) :: v_last
       real(wp), intent(inout) :: v
       real(wp), intent(inout) :: rest
-      real(wp) :: at(2*size(nodes)), longest, step, way
+      real(wp) :: at(2*size(nodes)), longest, step, length
       integer :: i
 
-      way = rest
+      length = rest
       do i = 1, max_iterations
          if (v > yielding) then
             v = v + n*rest
@@ -218,7 +219,7 @@ contains
          at = v + 0.5_wp*step*[1.0_wp - nodes, 1.0_wp + nodes]
          rest = rest - 0.5_wp*step*sum([weights, weights]/slope(at))
          v = v + step
-         if (abs(rest) <= 4.0_wp*epsilon(1.0_wp)*way) then
+         if (abs(rest) <= 4.0_wp*epsilon(1.0_wp)*length) then
             rest = 0.0_wp
             return
          end if

@@ -7,7 +7,7 @@
 !> Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375. Sign: f stands beside K q on the left-hand side.
 module hb_law_coulomb_rigid
    use hb_kinds, only: wp
-   use hb_law, only: defects_t, hold_t, law_t, read_place
+   use hb_law, only: defects_t, hold_t, law_t, read_location
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -39,7 +39,7 @@ contains
       self%needs_velocity = .true.
       self%has_potential = .true.
       self%is_odd = .true.
-      call read_place(self, group, structure)
+      call read_location(self, group, structure)
    end subroutine coulomb_rigid_read
 
    subroutine coulomb_rigid_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)

@@ -4,7 +4,7 @@
 !> Source: docs/why/theory.md, section 5.5. Sign: f stands beside K q on the left-hand side.
 module hb_law_coulomb_tanh
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_place
+   use hb_law, only: law_t, read_location
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -32,7 +32,7 @@ contains
       self%needs_velocity = .true.
       self%has_potential = .true.
       self%is_odd = .true.
-      call read_place(self, group, structure)
+      call read_location(self, group, structure)
    end subroutine coulomb_tanh_read
 
    subroutine coulomb_tanh_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)

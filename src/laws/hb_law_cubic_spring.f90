@@ -2,7 +2,7 @@
 !> Source: docs/why/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
 module hb_law_cubic_spring
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_place
+   use hb_law, only: law_t, read_location
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -29,7 +29,7 @@ contains
       self%degree = 3
       self%has_potential = .true.
       self%is_odd = .true.
-      call read_place(self, group, structure)
+      call read_location(self, group, structure)
    end subroutine cubic_spring_read
 
    subroutine cubic_spring_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)

@@ -2,7 +2,7 @@
 !> Source: docs/why/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
 module hb_law_elastic_stop
    use hb_kinds, only: wp
-   use hb_law, only: kink_t, law_t, read_place
+   use hb_law, only: kink_t, law_t, read_location
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -39,7 +39,7 @@ contains
       self%n_switches = merge(2, 1, self%two_sided)
       self%kinks = [kink_t([1.0_wp], [1.0_wp], [self%gap], [self%stiffness])]
       if (self%two_sided) self%kinks = [kink_t([1.0_wp], [1.0_wp], [self%gap, -self%gap], [self%stiffness, -self%stiffness])]
-      call read_place(self, group, structure)
+      call read_location(self, group, structure)
    end subroutine elastic_stop_read
 
    subroutine elastic_stop_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)

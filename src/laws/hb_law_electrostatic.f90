@@ -5,7 +5,7 @@
 module hb_law_electrostatic
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_place
+   use hb_law, only: law_t, read_location
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: to_text
@@ -43,7 +43,7 @@ contains
       call group%get("voltage_sin", self%wave(2))
       self%length_scale = self%gap/3                                   ! static pull-in
       self%has_potential = .not. allocated(self%modulation)
-      call read_place(self, group, structure)
+      call read_location(self, group, structure)
       if (allocated(self%modulation)) then
          self%n_phases = size(self%modulation)
          if (all(self%modulation == 0)) call group%problem("tuple", "all zero: a constant voltage belongs to 'voltage'")

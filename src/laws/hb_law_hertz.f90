@@ -3,7 +3,7 @@
 !> for chi. Sign: f stands beside K q on the left-hand side.
 module hb_law_hertz
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_place
+   use hb_law, only: law_t, read_location
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -39,7 +39,7 @@ contains
       self%has_potential = .true.
       self%length_scale = abs(self%gap)
       self%n_switches = 1
-      call read_place(self, group, structure)
+      call read_location(self, group, structure)
    end subroutine hertz_read
 
    subroutine hertz_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)

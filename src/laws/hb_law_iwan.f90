@@ -5,7 +5,7 @@
 module hb_law_iwan
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
-   use hb_law, only: read_place
+   use hb_law, only: read_location
    use hb_properties, only: properties_t
    use hb_slider, only: move_slider, pushed_by
    use hb_structure, only: structure_t
@@ -43,7 +43,7 @@ contains
          self%n_states = size(self%stiffness)
          self%length_scale = minval(self%limit/self%stiffness)
       end if
-      call read_place(self, group, structure)
+      call read_location(self, group, structure)
    end subroutine iwan_read
 
    subroutine iwan_advance(self, s_old, path, s_new, ds_ds_old, ds_dpath)

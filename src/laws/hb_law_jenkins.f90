@@ -6,7 +6,7 @@
 module hb_law_jenkins
    use hb_hysteretic_law, only: advance_step_by_step, hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
-   use hb_law, only: place_coordinate, read_place
+   use hb_law, only: place_coordinate, read_location
    use hb_properties, only: properties_t
    use hb_slider, only: move_slider, move_steadily, pushed_by
    use hb_structure, only: structure_t
@@ -43,7 +43,7 @@ contains
       self%has_bounds = .true.
       call read_limit(self, group)
       self%is_piecewise_linear = .not. self%normal_load_varies
-      call read_place(self, group, structure)
+      call read_location(self, group, structure)
       call read_normal(self, group, structure)
    end subroutine jenkins_read
 

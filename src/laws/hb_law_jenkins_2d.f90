@@ -10,7 +10,7 @@
 module hb_law_jenkins_2d
    use hb_hysteretic_law, only: path_part
    use hb_kinds, only: wp
-   use hb_law, only: place_coordinate, read_place
+   use hb_law, only: place_coordinate, read_location
    use hb_law_jenkins, only: jenkins_t, read_limit, read_normal
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
@@ -40,7 +40,7 @@ contains
 
       self%n_states = 2
       call read_limit(self, group)
-      call read_place(self, group, structure)
+      call read_location(self, group, structure)
       call group%get("second_dofs", names)
       if (.not. allocated(names)) return
       call group%get("second_weights", weights, n=size(names))
@@ -133,7 +133,7 @@ contains
       real(wp), intent(in) :: longest(2), displacement(2)
       real(wp), intent(inout) :: elongation(2)
       real(wp), intent(inout) :: by(2, 6) !! in: derivatives of `elongation` with respect to the first two and longest(1)
-      real(wp) :: a, angle, b, c, cut(2, 2), growth, kept, length, mean, root, share, since, slid, taut(2), turned, unit(2)
+      real(wp) :: a, angle, b, c, cut(2, 2), growth, decay, length, mean, root, share, since, slid, taut(2), turned, unit(2)
       real(wp) :: cut_by_longest(2), d_angle(6), d_share(6), d_since(6), d_slid(6), d_taut(2, 6)
 
       ! |elongation + share displacement| = longest(1) + share growth: a share**2 + 2 b share + c = 0
@@ -170,13 +170,13 @@ contains
          d_slid(3:4) = d_slid(3:4) + (1.0_wp - share)*displacement/length/mean
          d_slid(6) = d_slid(6) - 0.5_wp*slid/mean
          angle = 0.5_wp*atan2(displacement(1)*taut(2) - displacement(2)*taut(1), dot_product(displacement, taut))
-         kept = exp(-slid)
-         turned = 1.0_wp/(cos(angle)**2 + (kept*sin(angle))**2)       ! kept*turned: angle at the end by angle when taut
-         d_angle = kept*turned*d_angle
-         ! The remainder, 1 - kept*turned, without cancellation if the path is short
-         d_angle(3:4) = d_angle(3:4) + tanh(0.5_wp*slid)*(1.0_wp + kept)*(1.0_wp - sin(angle)**2*(1.0_wp + kept))*turned/length* &
+         decay = exp(-slid)
+         turned = 1.0_wp/(cos(angle)**2 + (decay*sin(angle))**2)      ! decay*turned: angle at the end by angle when taut
+         d_angle = decay*turned*d_angle
+         ! The remainder, 1 - decay*turned, without cancellation if the path is short
+         d_angle(3:4) = d_angle(3:4) + tanh(0.5_wp*slid)*(1.0_wp + decay)*(1.0_wp - sin(angle)**2*(1.0_wp + decay))*turned/length* &
                         [-displacement(2), displacement(1)]/length
-         a = 2.0_wp*atan2(kept*sin(angle), cos(angle))
+         a = 2.0_wp*atan2(decay*sin(angle), cos(angle))
          d_angle = d_angle - sin(a)*d_slid
          a = a - 2.0_wp*angle
          unit = [cos(a)*unit(1) - sin(a)*unit(2), sin(a)*unit(1) + cos(a)*unit(2)]

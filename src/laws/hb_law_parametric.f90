@@ -6,7 +6,7 @@
 !> side.
 module hb_law_parametric
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_place
+   use hb_law, only: law_t, read_location
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -47,7 +47,7 @@ contains
       else
          self%degree = 3                                              ! samples also for a tuple of twice the order
       end if
-      call read_place(self, group, structure)
+      call read_location(self, group, structure)
       if (.not. allocated(self%modulation)) return
       self%n_phases = size(self%modulation)
       if (all(self%modulation == 0)) call group%problem("tuple", "all zero: constant terms belong to the structure")

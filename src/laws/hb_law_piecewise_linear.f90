@@ -1,9 +1,9 @@
 !> Continuous piecewise linear spring: slope s_1 below the first breakpoint, s_2 to the second, ..., s_(n+1) above the last.
 !> Source: docs/why/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
 module hb_law_piecewise_linear
-   use hb_interval, only: interval_of, is_ascending
+   use hb_interpolation, only: interval_of, is_ascending
    use hb_kinds, only: wp
-   use hb_law, only: kink_t, law_t, read_place
+   use hb_law, only: kink_t, law_t, read_location
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -73,7 +73,7 @@ contains
             if (size(slopes) == size(breakpoints) + 1) call new_piecewise_linear(self, breakpoints, slopes, force_at_zero)
          end if
       end if
-      call read_place(self, group, structure)
+      call read_location(self, group, structure)
    end subroutine piecewise_linear_read
 
    subroutine piecewise_linear_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)

@@ -2,7 +2,7 @@
 !> Source: docs/why/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
 module hb_law_polynomial
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_place
+   use hb_law, only: law_t, read_location
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -37,7 +37,7 @@ contains
       self%needs_velocity = size(self%damping) > 0
       self%has_potential = .true.
       self%is_odd = all(abs(self%stiffness(2::2)) <= 0.0_wp) .and. all(abs(self%damping(2::2)) <= 0.0_wp)
-      call read_place(self, group, structure)
+      call read_location(self, group, structure)
    end subroutine polynomial_read
 
    subroutine polynomial_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)

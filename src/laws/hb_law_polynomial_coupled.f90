@@ -30,12 +30,12 @@ module hb_law_polynomial_coupled
       integer, allocatable :: coordinate(:)                           !! of each factor
       integer, allocatable :: exponent(:)                             !! of each factor, > 0
       logical, allocatable :: is_rate(:)                              !! of each factor: of the rate of the coordinate
-      character(:), allocatable, private :: file_mark                 ! fingerprint of its file
+      character(:), allocatable, private :: file_fingerprint          ! fingerprint of its file
    contains
       procedure :: read => polynomial_coupled_read
       procedure :: evaluate => polynomial_coupled_evaluate
       procedure :: potential => polynomial_coupled_potential
-      procedure :: mark => polynomial_coupled_mark
+      procedure :: fingerprint => polynomial_coupled_fingerprint
    end type polynomial_coupled_t
 
 contains
@@ -178,27 +178,27 @@ contains
    end subroutine sort_by_term
 
    !> Positions of the named degrees of freedom among those of the law; not allocated after a problem.
-   subroutine find_coordinates(self, names, group, structure, places)
+   subroutine find_coordinates(self, names, group, structure, positions)
       class(polynomial_coupled_t), intent(in) :: self
       type(string_t), intent(in) :: names(:)
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      integer, allocatable, intent(out) :: places(:)
+      integer, allocatable, intent(out) :: positions(:)
       type(error_t), allocatable :: error
       integer :: dof, i
 
-      allocate (places(size(names)))
+      allocate (positions(size(names)))
       do i = 1, size(names)
          call structure%find_dof(names(i)%value, dof, error)
          if (allocated(error)) then
             call group%problem("acts_on", error%message)
-            deallocate (places)
+            deallocate (positions)
             return
          end if
-         places(i) = findloc(self%dofs, dof, dim=1)
-         if (places(i) == 0) then
+         positions(i) = findloc(self%dofs, dof, dim=1)
+         if (positions(i) == 0) then
             call group%problem("acts_on", "'"//names(i)%value//"' must be one of 'dofs' as well")
-            deallocate (places)
+            deallocate (positions)
             return
          end if
       end do
@@ -251,7 +251,7 @@ contains
       self%is_rate = self%is_rate(:self%first(n + 1) - 1)
       if (n == 0) call fail(error, "'"//name//"' has no terms; a line each, such as '1.2e5 q1 q1 q1 q2'")
       write (sum_of_bytes, "(z8.8)") checksum(0, text)
-      self%file_mark = name//", CRC-32 "//sum_of_bytes//", "//to_text(len(text))//" bytes"
+      self%file_fingerprint = name//", CRC-32 "//sum_of_bytes//", "//to_text(len(text))//" bytes"
       call describe(self, size(self%dofs))
    end subroutine read_terms
 
@@ -305,13 +305,13 @@ contains
    end subroutine read_term
 
    !> Fingerprint of the file of the terms, if there is one.
-   function polynomial_coupled_mark(self) result(text)
+   function polynomial_coupled_fingerprint(self) result(text)
       class(polynomial_coupled_t), intent(in) :: self
       character(300) :: text
 
       text = ""
-      if (allocated(self%file_mark)) text = self%file_mark
-   end function polynomial_coupled_mark
+      if (allocated(self%file_fingerprint)) text = self%file_fingerprint
+   end function polynomial_coupled_fingerprint
 
    subroutine polynomial_coupled_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(polynomial_coupled_t), intent(in) :: self

@@ -7,7 +7,7 @@
 !> 353-375.
 module hb_law_rigid_wall
    use hb_kinds, only: wp
-   use hb_law, only: defects_t, hold_t, law_t, read_place
+   use hb_law, only: defects_t, hold_t, law_t, read_location
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -45,7 +45,7 @@ contains
       self%has_potential = .true.
       self%is_odd = self%two_sided
       self%length_scale = abs(self%gap)
-      call read_place(self, group, structure)
+      call read_location(self, group, structure)
    end subroutine rigid_wall_read
 
    subroutine rigid_wall_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)

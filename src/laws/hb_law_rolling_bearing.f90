@@ -5,7 +5,7 @@
 !> 2001; docs/why/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
 module hb_law_rolling_bearing
    use hb_kinds, only: two_pi, wp
-   use hb_law, only: law_t, place_coordinate, read_place
+   use hb_law, only: law_t, place_coordinate, read_location
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t
@@ -42,7 +42,7 @@ contains
       call group%get("tuple", self%modulation)
       if (allocated(self%modulation)) self%n_phases = size(self%modulation)
       self%length_scale = abs(self%clearance)
-      call read_place(self, group, structure)
+      call read_location(self, group, structure)
       call group%get("second_dofs", names)
       if (.not. allocated(names)) return
       call group%get("second_weights", weights, n=size(names))

@@ -10,7 +10,7 @@
 !> 2010, chapter 6; docs/why/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
 module hb_law_short_bearing
    use hb_kinds, only: two_pi, wp
-   use hb_law, only: defects_t, law_t, place_coordinate, read_place
+   use hb_law, only: defects_t, law_t, place_coordinate, read_location
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t
@@ -64,7 +64,7 @@ contains
       self%is_odd = .true.
       self%has_potential = .not. abs(self%rotor_speed) > 0.0_wp
       self%length_scale = self%clearance
-      call read_place(self, group, structure)
+      call read_location(self, group, structure)
       call group%get("second_dofs", names)
       if (.not. allocated(names)) return
       call group%get("second_weights", weights, n=size(names))

@@ -1,10 +1,9 @@
-!> Spring through measured points (z_i, f_i), interpolated by a monotone cubic (hb_monotone_cubic). Sign: f stands
+!> Spring through measured points (z_i, f_i), interpolated by a monotone cubic (hb_interpolation). Sign: f stands
 !> beside K q on the left-hand side.
 module hb_law_tabulated
-   use hb_interval, only: interval_of, is_ascending
+   use hb_interpolation, only: interval_of, is_ascending, monotone_cubic_t, new_monotone_cubic
    use hb_kinds, only: wp
-   use hb_law, only: kink_t, law_t, read_place
-   use hb_monotone_cubic, only: monotone_cubic_t, new_monotone_cubic
+   use hb_law, only: kink_t, law_t, read_location
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -66,7 +65,7 @@ contains
             if (size(forces) == size(nodes)) call new_tabulated(self, nodes, forces, beyond == 2)
          end if
       end if
-      call read_place(self, group, structure)
+      call read_location(self, group, structure)
    end subroutine tabulated_read
 
    subroutine tabulated_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)

@@ -7,10 +7,10 @@ module hb_law_user
    use hb_error, only: error_t, fail
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
-   use hb_law, only: law_box_t, law_t, read_dofs, read_place
+   use hb_law, only: law_box_t, law_t, read_dofs, read_location
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
-   use hb_system, only: library_place
+   use hb_system, only: library_path
    use hb_text, only: to_text
    use hb_user_library, only: any_number, load_user_library, user_library_t
    implicit none
@@ -30,7 +30,7 @@ module hb_law_user
       procedure :: frequency_slope => user_law_frequency_slope
       procedure :: evaluate => user_law_evaluate
       procedure :: explain => user_law_explain
-      procedure :: mark => user_law_fingerprint
+      procedure :: fingerprint => user_law_fingerprint
       procedure :: has_touched_inputs => user_law_has_touched_inputs
    end type user_law_t
 
@@ -41,7 +41,7 @@ module hb_law_user
       procedure :: read => user_memory_read
       procedure :: advance => user_memory_advance
       procedure :: force => user_memory_force
-      procedure :: mark => user_memory_mark
+      procedure :: fingerprint => user_memory_fingerprint
    end type user_memory_t
 
 contains
@@ -85,7 +85,7 @@ contains
          if (group%given("dof")) call group%problem("dofs", "give either 'dof' or 'dofs', not both")
          call read_dofs(self, group, structure)
       else
-         call read_place(self, group, structure)
+         call read_location(self, group, structure)
       end if
       allocate (parameters(0))
       call group%get("library", library)
@@ -93,7 +93,7 @@ contains
       call group%get("parameters", parameters)
       call group%get("odd", self%is_odd)                              ! only the user can know
       if (.not. (allocated(library) .and. allocated(name))) return
-      if (len(library) > 0) library = trim(library_place(group%file_name, library))
+      if (len(library) > 0) library = trim(library_path(group%file_name, library))
       call load_user_law(self, library, name, parameters, error)
       if (self%is_odd .and. self%n_phases > 0) call group%problem("odd", "a law that needs phases cannot be declared odd")
       if (allocated(error)) then
@@ -148,7 +148,7 @@ contains
       class(user_law_t), intent(in) :: self
       character(300) :: text
 
-      text = self%name//", "//self%library%mark()
+      text = self%name//", "//self%library%fingerprint()
    end function user_law_fingerprint
 
    !> Calls the library again and checks whether it writes to its input arguments.
@@ -206,7 +206,7 @@ contains
          memory%label = law%label
          if (allocated(law%dofs)) memory%dofs = law%dofs
          if (allocated(law%shape)) memory%shape = law%shape
-         if (allocated(law%places)) memory%places = law%places
+         if (allocated(law%positions)) memory%positions = law%positions
          memory%n_states = law%n_states
          memory%is_users_own = .true.
          memory%is_odd = law%is_odd
@@ -261,10 +261,10 @@ contains
       if (present(df_ds)) df_ds = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine user_memory_force
 
-   function user_memory_mark(self) result(text)
+   function user_memory_fingerprint(self) result(text)
       class(user_memory_t), intent(in) :: self
       character(300) :: text
 
-      text = self%own%mark()
-   end function user_memory_mark
+      text = self%own%fingerprint()
+   end function user_memory_fingerprint
 end module hb_law_user

@@ -2,7 +2,7 @@
 !> 2 (1926) 978-992, with a = 1; docs/why/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
 module hb_law_van_der_pol
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_place
+   use hb_law, only: law_t, read_location
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -32,7 +32,7 @@ contains
       self%has_potential = .true.
       self%is_odd = .true.
       self%length_scale = self%threshold
-      call read_place(self, group, structure)
+      call read_location(self, group, structure)
    end subroutine van_der_pol_read
 
    subroutine van_der_pol_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)

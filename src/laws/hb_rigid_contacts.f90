@@ -55,7 +55,7 @@ contains
       type(rigid_contacts_t), intent(inout) :: self
       real(wp), intent(in) :: shapes(:, :)
       character(:), allocatable, intent(out) :: failure
-      real(wp) :: left(size(shapes, 1), size(shapes, 2)), largest, reach(size(shapes, 2)), turn(2)
+      real(wp) :: left(size(shapes, 1), size(shapes, 2)), largest, lengths(size(shapes, 2)), turn(2)
       integer :: i, k, pass
 
       failure = ""
@@ -70,9 +70,9 @@ contains
             left = left - matmul(matmul(left, transpose(self%plane(:i, :))), self%plane(:i, :))
          end do
       end do
-      reach = norm2(self%plane, dim=1)
-      k = findloc(reach >= maxval(reach) - dependent, .true., dim=1)
-      turn = self%plane(:, k)/reach(k)
+      lengths = norm2(self%plane, dim=1)
+      k = findloc(lengths >= maxval(lengths) - dependent, .true., dim=1)
+      turn = self%plane(:, k)/lengths(k)
       self%plane = matmul(reshape([turn(1), -turn(2), turn(2), turn(1)], [2, 2]), self%plane)
       if (sqrt(maxval(sum(left**2, dim=2))) > dependent*largest) failure = "rigid contacts may depend on two independent "// &
          "combinations of 'dofs', and these depend on more (blades with different 'shares' do)"
@@ -128,7 +128,7 @@ contains
       do i = 1, size(z, 1)
          landing = self%polygon%land(matmul(self%plane, z(i, :)))
          do k = 1, landing%n_active
-            corrected(i, :) = corrected(i, :) - landing%load(k)*matmul(self%polygon%push(landing%edge(k), :), self%plane)
+            corrected(i, :) = corrected(i, :) - landing%load(k)*matmul(self%polygon%direction(landing%edge(k), :), self%plane)
          end do
       end do
    end subroutine rigid_contacts_correct

@@ -32,21 +32,21 @@ contains
       integer, intent(out) :: pusher                                  !! one of `pushed_by`
       real(wp), intent(out) :: weights(n_path_parts)
       real(wp) :: turn(n_path_parts), extreme
-      integer :: place ! part of the path where it was moved last, 0: the turning point
+      integer :: position ! part of the path where it was moved last, 0: the turning point
 
       w = w_old
       pusher = pushed_by%nothing
-      place = path_part%at_start
-      if (w < lower(place)) pusher = pushed_by%lower
-      if (w > upper(place)) pusher = pushed_by%upper
-      w = min(max(w, lower(place)), upper(place))
+      position = path_part%at_start
+      if (w < lower(position)) pusher = pushed_by%lower
+      if (w > upper(position)) pusher = pushed_by%upper
+      w = min(max(w, lower(position)), upper(position))
       if (lower(path_part%start_rate) > 0.0_wp .and. lower(path_part%end_rate) < 0.0_wp) then
          turn = turning_point(lower)
          extreme = dot_product(turn, lower)
          if (w < extreme) then
             w = extreme
             pusher = pushed_by%lower
-            place = 0
+            position = 0
          end if
       end if
       if (upper(path_part%start_rate) < 0.0_wp .and. upper(path_part%end_rate) > 0.0_wp) then
@@ -56,25 +56,25 @@ contains
             w = extreme
             turn = weights
             pusher = pushed_by%upper
-            place = 0
+            position = 0
          end if
       end if
       if (w < lower(path_part%at_end)) then
          w = lower(path_part%at_end)
          pusher = pushed_by%lower
-         place = path_part%at_end
+         position = path_part%at_end
       end if
       if (w > upper(path_part%at_end)) then
          w = upper(path_part%at_end)
          pusher = pushed_by%upper
-         place = path_part%at_end
+         position = path_part%at_end
       end if
       weights = 0.0_wp
       if (pusher == pushed_by%nothing) return
-      if (place == 0) then
+      if (position == 0) then
          weights = turn
       else
-         weights(place) = 1.0_wp
+         weights(position) = 1.0_wp
       end if
    end subroutine move_slider
 

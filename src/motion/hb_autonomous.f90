@@ -50,7 +50,7 @@ contains
       associate (tones => model%tones)
          self%tones = pack([(m, m=1, tones%n_tones)], tones%is_unknown)
          self%has_motion = any([(any(basis%harmonics%tuples(self%tones, h) /= 0) .and. &
-                                 .not. model%start%is_zero_at(basis%places(h)), h=1, basis%harmonics%n_harmonics)])
+                                 .not. model%start%is_zero_at(basis%positions(h)), h=1, basis%harmonics%n_harmonics)])
          self%omega = tones%omega
          where (self%omega <= 0.0_wp) self%omega = 1.0_wp             ! arbitrary: the base motion does not contain these tones
          call new_base_balance(balance, model, basis, coordinates, self%omega, error)
@@ -87,15 +87,15 @@ contains
       type(dynamic_stiffness_t) :: stiffness
       type(harmonics_t) :: set
       type(torus_t) :: grid
-      integer, allocatable :: tuples(:, :), kept(:)
+      integer, allocatable :: tuples(:, :), retained(:)
       integer :: h, samples(size(omega))
 
       associate (harmonics => basis%harmonics, is_unknown => model%tones%is_unknown)
-         kept = pack([(h, h=1, harmonics%n_harmonics)], [(all(harmonics%tuples(:, h) == 0 .or. .not. is_unknown), &
-                                                          h=1, harmonics%n_harmonics)])
-         tuples = harmonics%tuples(:, kept)
+         retained = pack([(h, h=1, harmonics%n_harmonics)], [(all(harmonics%tuples(:, h) == 0 .or. .not. is_unknown), &
+                                                              h=1, harmonics%n_harmonics)])
+         tuples = harmonics%tuples(:, retained)
          if (.not. harmonics%has_zero) tuples = reshape([spread(0, 1, size(omega)), reshape(tuples, [size(tuples)])], &
-                                                        [size(omega), size(kept) + 1])
+                                                        [size(omega), size(retained) + 1])
          call new_harmonics(set, tuples, error)
          if (allocated(error)) return
          samples = default_samples(set, 0)
@@ -107,7 +107,7 @@ contains
       call new_dynamic_stiffness(stiffness, model%structure, coordinates, set%frequencies(omega), &
                                  model%loads%in_set(model%harmonics, set), error)
       if (.not. allocated(error)) call new_balance(balance, set, grid, omega, stiffness, laws_at(coordinates, model%laws), &
-                                                  model%planning, error)
+                                                  error)
    end subroutine new_base_balance
 
    !> Prepares the energy of motions of a balance relative to the motion without the unknown tone.
@@ -134,7 +134,7 @@ contains
 
       is_free = .true.
       is_free(self%base%n_linear + 1:) = .false.
-      if (.not. model%normal_mode%is_asked) is_free = is_free .and. self%base%is_at_laws
+      if (.not. model%normal_mode%is_requested) is_free = is_free .and. self%base%is_at_laws
       mode = 0
       associate (modes => self%base%modes, guess => model%tones%omega)
          do m = 1, size(mode)
@@ -142,14 +142,14 @@ contains
             mode(m) = minloc(abs(modes%frequency - guess(self%tones(m))), mask=is_free, dim=1)
             if (mode(m) > 0) is_free(mode(m)) = .false.
          end do
-         if (model%normal_mode%is_asked .and. mode(1) == 0) then
+         if (model%normal_mode%is_requested .and. mode(1) == 0) then
             mode(1) = max(1, model%normal_mode%mode)
             if (mode(1) > self%base%n_linear) mode(1) = 0
          else if (model%normal_mode%mode > 0) then
             mode(1) = merge(model%normal_mode%mode, 0, model%normal_mode%mode <= self%base%n_linear)
          end if
          is_grown = .false.
-         do i = 1, count(mode == 0 .and. .not. model%normal_mode%is_asked)
+         do i = 1, count(mode == 0 .and. .not. model%normal_mode%is_requested)
             m = maxloc(modes%growth, mask=is_free, dim=1)
             if (m == 0) exit
             is_free(m) = .false.
@@ -191,7 +191,7 @@ contains
          call new_energy(energy, model%structure, constant_load(model), balance, start%base%u)
          call find_mode_of_energy(search, energy, model%normal_mode%energy, start%has_motion, u)
          return
-      else if (model%normal_mode%is_asked) then
+      else if (model%normal_mode%is_requested) then
          call find_normal_mode(search, model%normal_mode%amplitude, model%normal_mode%is_peak, &
                                balance%stiffness%coordinates%number_of(model%normal_mode%dof), start%has_motion, u)
          return
@@ -221,11 +221,11 @@ contains
       real(wp), intent(inout) :: u(:, :)                              !! [m], (n_coefficients, n_dofs)
       logical, intent(inout) :: is_found
       real(wp) :: merit(start%base%modes%n_modes), reached
-      real(wp), allocatable :: spare_u(:, :), spare_omega(:)
+      real(wp), allocatable :: unstable_u(:, :), unstable_omega(:)
       integer :: best, k
       logical :: is_neutral, runs_away
       character(7) :: amplitude
-      character(:), allocatable :: driven, spare_message, failure
+      character(:), allocatable :: driven, unstable_message, failure
       type(error_t), allocatable :: error
 
       merit = merit_of_modes(start, guess)
@@ -240,10 +240,10 @@ contains
          search%modes = [best]
          call search_from_modes(search, u, is_found)
          if (is_found .and. .not. search%is_left) return
-         if (is_found .and. .not. allocated(spare_u)) then
-            spare_u = u
-            spare_omega = balance%omega
-            spare_message = search%message
+         if (is_found .and. .not. allocated(unstable_u)) then
+            unstable_u = u
+            unstable_omega = balance%omega
+            unstable_message = search%message
          end if
          if (search%report%status == outcome%stalled) then
             failure = search%message
@@ -255,11 +255,11 @@ contains
          is_neutral = is_neutral .and. search%is_neutral
          if (is_neutral) return
       end do
-      if (allocated(spare_u)) then
-         u = spare_u
-         call balance%move(spare_omega, 0.0_wp*spare_omega, error)
+      if (allocated(unstable_u)) then
+         u = unstable_u
+         call balance%move(unstable_omega, 0.0_wp*unstable_omega, error)
          call search%from_start(u, is_found)
-         search%message = spare_message
+         search%message = unstable_message
          if (is_found) return
       end if
       if (allocated(failure)) then

@@ -90,10 +90,10 @@ contains
 
    !> Transfers the motion of a point on another curve to the set of a model, or to one chosen around it if sets are
    !> chosen by a tolerance. Fails if it does not fit.
-   subroutine new_curve_origin(self, is_torus, place, tuples, model, error)
+   subroutine new_curve_origin(self, is_torus, position, tuples, model, error)
       type(curve_origin_t), intent(out) :: self
       logical, intent(in) :: is_torus                                 !! otherwise the period doubles
-      type(curve_position_t), intent(in) :: place                     !! on the other curve
+      type(curve_position_t), intent(in) :: position                  !! on the other curve
       integer, intent(in) :: tuples(:, :)                             !! on the other curve, (its tones, its harmonics)
       type(model_t), intent(in) :: model                              !! with the wider set
       type(error_t), allocatable, intent(out) :: error
@@ -106,21 +106,21 @@ contains
       self%is_torus = is_torus
       self%multiple = merge(1, 2, is_torus)
       n_further = 1 + count(model%tones%is_unknown) - merge(1, 0, is_torus)
-      n = size(place%unknowns)
+      n = size(position%unknowns)
       n_coordinates = (n - n_further)/other%n_coefficients
       if (n_coordinates < 1 .or. n /= n_coordinates*other%n_coefficients + n_further .or. &
           model%harmonics%n_tones /= other%n_tones + merge(1, 0, is_torus)) then
          call fail(error, "its motion does not fit the tones, harmonics and laws of this input")
          return
       end if
-      call choose_level(self%level, other, is_torus, model, error, place%n_samples)
+      call choose_level(self%level, other, is_torus, model, error, position%n_samples)
       if (allocated(error)) return
       call new_harmonics(same, tuples_here(other%tuples, is_torus), error)
       if (allocated(error)) return
       allocate (self%u(self%level%set%n_coefficients, n_coordinates))
       call transfer_coefficients(same, self%level%set, &
-                                 reshape(place%unknowns(:n - n_further), [other%n_coefficients, n_coordinates]), self%u)
-      associate (found => place%unknowns(n - n_further + 1:n - 1), value => place%unknowns(n), angle => place%angle)
+                                 reshape(position%unknowns(:n - n_further), [other%n_coefficients, n_coordinates]), self%u)
+      associate (found => position%unknowns(n - n_further + 1:n - 1), value => position%unknowns(n), angle => position%angle)
          if (is_torus) then
             first = model%tones%omega(1)
             if (model%tones%is_unknown(1)) first = found(1)

@@ -245,7 +245,7 @@ contains
                    [self%known%rise, search%known%rise]/curve%units(n), search%has_fold)
          if (.not. search%has_fold) return
          associate (found => self%waiting(size(self%waiting)))
-            search%fold = [found%place, found%x(n)]
+            search%fold = [found%position, found%x(n)]
          end associate
       end associate
    end subroutine find_fold
@@ -322,13 +322,14 @@ contains
       integer :: i, n_before
 
       call sort_by_position(self%waiting)
-      grazes = pack(self%waiting%place, self%waiting%kind == curve_kind%graze)
+      grazes = pack(self%waiting%position, self%waiting%kind == curve_kind%graze)
       do i = 0, size(grazes)
          piece%ends = [0.0_wp, self%curve%last_step]
          piece%stability = [self%known%stability, search%known%stability]
          associate (tolerance => self%model%stability%tolerance, length => self%curve%last_step)
-            if (i > 0) call look_at(self, grazes(i) + agreement*length, tolerance, piece%ends(1), piece%stability(1))
-            if (i < size(grazes)) call look_at(self, grazes(i + 1) - agreement*length, tolerance, piece%ends(2), piece%stability(2))
+            if (i > 0) call evaluate_stability_at(self, grazes(i) + agreement*length, tolerance, piece%ends(1), piece%stability(1))
+            if (i < size(grazes)) call evaluate_stability_at(self, grazes(i + 1) - agreement*length, tolerance, piece%ends(2), &
+                                                             piece%stability(2))
          end associate
          if (.not. (piece%ends(1) < piece%ends(2) .and. has_multipliers(piece))) cycle
          call make_certain(self, piece%ends(1), piece%stability(1))
@@ -347,15 +348,15 @@ contains
 
    !> Recomputes multipliers that are so close to the unit circle that their error may determine on which side they
    !> are.
-   subroutine make_certain(self, place, there)
+   subroutine make_certain(self, position, there)
       class(followed_motion_t), intent(inout), target :: self
-      real(wp), intent(in) :: place
+      real(wp), intent(in) :: position
       type(stability_t), intent(inout) :: there
       type(stability_t) :: better
-      real(wp) :: same_place
+      real(wp) :: same_position
 
       if (minval(abs(abs(there%multipliers) - 1.0_wp)) > uncertain*self%model%stability%tolerance) return
-      call look_at(self, place, sharp, same_place, better)
+      call evaluate_stability_at(self, position, sharp, same_position, better)
       if (allocated(better%multipliers)) there%multipliers = better%multipliers
    end subroutine make_certain
 
@@ -366,7 +367,7 @@ contains
       type(piece_t), intent(in) :: piece
       type(bifurcation_event_t) :: change
       type(stability_t) :: there
-      real(wp) :: at_ends(2), place, x(size(self%curve%x))
+      real(wp) :: at_ends(2), position, x(size(self%curve%x))
       integer :: kind
       logical :: is_found
 
@@ -376,7 +377,7 @@ contains
          at_ends(2) = bifurcation_value(kind, piece%stability(2)%multipliers)
          if (.not. at_ends(1)*at_ends(2) < 0.0_wp .or. minval(abs(at_ends)) <= rounding) cycle
          change = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind)
-         call self%curve%find_zero(change, piece%ends, at_ends, x, place, is_found)
+         call self%curve%find_zero(change, piece%ends, at_ends, x, position, is_found)
          search%is_lost = search%is_lost .or. .not. is_found
          if (.not. is_found) cycle
          if (kind == bifurcation%torus) then
@@ -384,7 +385,7 @@ contains
             if (.not. allocated(there%multipliers)) cycle
             if (.not. is_torus(there%multipliers)) cycle
          end if
-         call add_bifurcation(self, kind, piece, place, x)
+         call add_bifurcation(self, kind, piece, position, x)
       end do
    end subroutine find_by_kind
 
@@ -398,7 +399,7 @@ contains
       integer, parameter :: most_changes = 8
       type(count_event_t) :: number
       type(stability_t) :: there
-      real(wp) :: begin, place, x(size(self%curve%x))
+      real(wp) :: begin, position, x(size(self%curve%x))
       integer :: i, kind, n_last
       logical :: is_found, is_new
 
@@ -411,7 +412,7 @@ contains
       begin = piece%ends(1)
       do i = 1, most_changes
          if (number%n == n_last) return
-         call self%curve%find_zero(number, [begin, piece%ends(2)], [1.0_wp, -1.0_wp], x, place, is_found)
+         call self%curve%find_zero(number, [begin, piece%ends(2)], [1.0_wp, -1.0_wp], x, position, is_found)
          search%is_lost = search%is_lost .or. .not. is_found
          if (.not. is_found) return
          call self%find_stability(x, sharp, there)
@@ -419,9 +420,9 @@ contains
          associate (nearest => there%multipliers(minloc(abs(abs(there%multipliers) - 1.0_wp), dim=1)))
             kind = kind_at(nearest)
             is_new = .not. (kind == bifurcation%branch .and. is_branch_known(self, search))
-            if (abs(abs(nearest) - 1.0_wp) <= agreement .and. is_new) call add_bifurcation(self, kind, piece, place, x)
+            if (abs(abs(nearest) - 1.0_wp) <= agreement .and. is_new) call add_bifurcation(self, kind, piece, position, x)
          end associate
-         call look_at(self, min(piece%ends(2), place + rounding*self%curve%last_step), sharp, begin, there)
+         call evaluate_stability_at(self, min(piece%ends(2), position + rounding*self%curve%last_step), sharp, begin, there)
          if (.not. allocated(there%multipliers)) return
          number%n = n_outside(there)
       end do
@@ -437,7 +438,7 @@ contains
       n_single = 0
       n_pairs = 0
       do i = 1, size(points)
-         if (points(i)%place < piece%ends(1) .or. points(i)%place > piece%ends(2)) cycle
+         if (points(i)%position < piece%ends(1) .or. points(i)%position > piece%ends(2)) cycle
          if (any(points(i)%kind == [curve_kind%fold, curve_kind%branch, curve_kind%flip, curve_kind%split])) n_single = n_single + 1
          if (points(i)%kind == curve_kind%torus) n_pairs = n_pairs + 1
       end do
@@ -462,14 +463,14 @@ contains
    end function is_branch_known
 
    !> Adds a bifurcation of the series, if the motion of the time domain has it.
-   subroutine add_bifurcation(self, kind, piece, place, x)
+   subroutine add_bifurcation(self, kind, piece, position, x)
       class(followed_motion_t), intent(inout), target :: self
       integer, intent(in) :: kind
       type(piece_t), intent(in) :: piece
-      real(wp), intent(in) :: place, x(:)
+      real(wp), intent(in) :: position, x(:)
       logical :: is_there
 
-      call add(self, kind_of(kind), place, x)
+      call add(self, kind_of(kind), position, x)
       call sharpen(self, kind, piece%ends, is_there)
       if (.not. is_there) self%waiting = self%waiting(:size(self%waiting) - 1)
    end subroutine add_bifurcation
@@ -482,7 +483,7 @@ contains
       real(wp), intent(in) :: piece(2) !! of the step, on which the integrated motion is searched for it
       logical, intent(out) :: is_there !! false: the integrated motion has none there, as far as known
       type(bifurcation_event_t) :: integrated
-      real(wp) :: ends(2), place, values(2), x(size(self%curve%x))
+      real(wp) :: ends(2), position, values(2), x(size(self%curve%x))
       integer :: i, k
       logical :: is_on_curve
 
@@ -494,7 +495,7 @@ contains
          if (is_there) return
          integrated = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind, .true.)
          do i = -3, 0                                                ! decades of the step
-            ends = min(max(found%place + 10.0_wp**i*curve%last_step*[-1.0_wp, 1.0_wp], piece(1)), piece(2))
+            ends = min(max(found%position + 10.0_wp**i*curve%last_step*[-1.0_wp, 1.0_wp], piece(1)), piece(2))
             do k = 1, 2
                call curve%point_at(ends(k), x, is_on_curve)
                if (.not. is_on_curve) return
@@ -502,9 +503,9 @@ contains
                if (ieee_is_nan(values(k))) return
             end do
             if (.not. values(1)*values(2) < 0.0_wp) cycle
-            call curve%find_zero(integrated, ends, values, x, place, is_there)
+            call curve%find_zero(integrated, ends, values, x, position, is_there)
             if (.not. is_there) return
-            found%place = place
+            found%position = position
             found%x = x
             return
          end do
@@ -517,16 +518,16 @@ contains
       type(search_t), intent(inout) :: search
       type(value_event_t) :: event
       real(wp), allocatable :: wanted(:)
-      real(wp) :: place, places(3), values(3), x(size(self%curve%x))
+      real(wp) :: position, positions(3), values(3), x(size(self%curve%x))
       integer :: i, k, n
       logical :: is_found, is_there
 
       n = size(x)
       associate (curve => self%curve, request => self%request)
-         places = [0.0_wp, curve%last_step, curve%last_step]
+         positions = [0.0_wp, curve%last_step, curve%last_step]
          values = [curve%last_x(n), curve%x(n), curve%x(n)]
          if (search%has_fold) then
-            places(2) = search%fold(1)
+            positions(2) = search%fold(1)
             values(2) = search%fold(2)
          end if
          wanted = [request%from, request%to, request%values]
@@ -539,12 +540,12 @@ contains
                if (.not. (values(k) - wanted(i))*(values(k + 1) - wanted(i)) < 0.0_wp) then
                   if (.not. abs(values(k + 1) - wanted(i)) <= 0.0_wp) cycle
                end if
-               call curve%find_zero(event, places(k:k + 1), (values(k:k + 1) - wanted(i))/event%unit, x, place, is_found)
+               call curve%find_zero(event, positions(k:k + 1), (values(k:k + 1) - wanted(i))/event%unit, x, position, is_found)
                if (.not. is_found) search%is_lost = search%is_lost .or. i <= 2     ! nothing lies beyond the ends
                if (.not. is_found) cycle
                x(n) = wanted(i)
                call self%land(x, is_there)
-               call add(self, merge(curve_kind%end, curve_kind%value, i <= 2), place, x)
+               call add(self, merge(curve_kind%end, curve_kind%value, i <= 2), position, x)
             end do
          end do
       end associate
@@ -558,35 +559,35 @@ contains
       real(wp), intent(in) :: at_ends(2)
       logical, intent(out) :: is_found
       class(event_t), allocatable :: sought
-      real(wp) :: place, x(size(self%curve%x))
+      real(wp) :: position, x(size(self%curve%x))
 
       allocate (sought, source=event)
-      call self%curve%find_zero(sought, [0.0_wp, self%curve%last_step], at_ends, x, place, is_found)
+      call self%curve%find_zero(sought, [0.0_wp, self%curve%last_step], at_ends, x, position, is_found)
       search%is_lost = search%is_lost .or. .not. is_found
-      if (is_at_origin(self)) is_found = is_found .and. place > next_to_none*self%curve%last_step
-      if (is_found) call add(self, event%kind, place, x)
+      if (is_at_origin(self)) is_found = is_found .and. position > next_to_none*self%curve%last_step
+      if (is_found) call add(self, event%kind, position, x)
    end subroutine find
 
-   subroutine look_at(self, there, tolerance, place, stability)
+   subroutine evaluate_stability_at(self, there, tolerance, position, stability)
       class(followed_motion_t), intent(inout), target :: self
       real(wp), intent(in) :: there, tolerance
-      real(wp), intent(out) :: place
+      real(wp), intent(out) :: position
       type(stability_t), intent(out) :: stability                     !! without multipliers if they are not found
       real(wp) :: x(size(self%curve%x))
       logical :: is_on_curve
 
-      place = there
-      call self%curve%point_at(place, x, is_on_curve)
+      position = there
+      call self%curve%point_at(position, x, is_on_curve)
       if (is_on_curve) call self%find_stability(x, tolerance, stability)
-   end subroutine look_at
+   end subroutine evaluate_stability_at
 
    !> Adds a point of a kind to the waiting ones.
-   subroutine add(self, kind, place, x)
+   subroutine add(self, kind, position, x)
       class(followed_motion_t), intent(inout) :: self
       integer, intent(in) :: kind
-      real(wp), intent(in) :: place, x(:)
+      real(wp), intent(in) :: position, x(:)
 
-      self%waiting = [self%waiting, waiting_t(kind, place, x)]
+      self%waiting = [self%waiting, waiting_t(kind, position, x)]
    end subroutine add
 
    !> Bound of a function at its zero, from rounding or from the roughness of the residual.
@@ -600,7 +601,7 @@ contains
    pure logical function is_at_origin(self)
       class(followed_motion_t), intent(in) :: self
 
-      is_at_origin = self%way > 2 .and. self%length <= 0.0_wp
+      is_at_origin = self%i_branch > 2 .and. self%length <= 0.0_wp
    end function is_at_origin
 
    !> Whether all motions of one period are included, so that the determinant reports all intersections: multipliers
@@ -631,10 +632,10 @@ contains
       is_back = .false.
       associate (curve => self%curve, units => self%curve%units)
          if (self%length < 3.0_wp*curve%last_step) return
-         associate (way => (self%start%x - curve%last_x)/units, direction => curve%last_direction/units)
-            along = dot_product(way, direction)/norm2(direction)
+         associate (gap => (self%start%x - curve%last_x)/units, direction => curve%last_direction/units)
+            along = dot_product(gap, direction)/norm2(direction)
             if (along <= 0.0_wp .or. along > curve%last_step) return
-            if (norm2(way - along*direction/norm2(direction)) > minor*curve%last_step) return
+            if (norm2(gap - along*direction/norm2(direction)) > minor*curve%last_step) return
             is_back = dot_product(self%start%direction/units, direction) > 0.0_wp
          end associate
       end associate
@@ -698,7 +699,7 @@ contains
          point = points(i)
          k = i - 1
          do while (k >= 1)
-            if (points(k)%place <= point%place) exit
+            if (points(k)%position <= point%position) exit
             points(k + 1) = points(k)
             k = k - 1
          end do

@@ -35,10 +35,10 @@ contains
       class(followed_motion_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
       type(extreme_t) :: extreme
-      logical :: is_kept(size(self%waiting))
+      logical :: is_retained(size(self%waiting))
       integer :: i
 
-      is_kept = .true.
+      is_retained = .true.
       do i = self%first_waiting, size(self%waiting)
          associate (point => self%waiting(i), curve => self%curve)
             if (.not. any(point%kind == [curve_kind%fold, curve_kind%peak, curve_kind%minimum])) cycle
@@ -48,13 +48,13 @@ contains
             call raise_error(self, extreme, point%x, error)
             if (.not. allocated(error)) call raise_error(self, extreme, curve%last_x, error)
             if (.not. allocated(error)) call raise_error(self, extreme, curve%x, error)
-            if (.not. allocated(error)) call find_fall(self, extreme, 1, is_kept(i), error)
-            if (is_kept(i) .and. .not. allocated(error)) call find_fall(self, extreme, -1, is_kept(i), error)
+            if (.not. allocated(error)) call find_fall(self, extreme, 1, is_retained(i), error)
+            if (is_retained(i) .and. .not. allocated(error)) call find_fall(self, extreme, -1, is_retained(i), error)
             if (allocated(error)) return
          end associate
       end do
       call self%renew()
-      if (.not. all(is_kept)) self%waiting = pack(self%waiting, is_kept)
+      if (.not. all(is_retained)) self%waiting = pack(self%waiting, is_retained)
    end subroutine drop_doubtful
 
    !> The function at a point of the curve: the moving value, or the square of a response.

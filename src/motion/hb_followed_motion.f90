@@ -23,9 +23,9 @@ module hb_followed_motion
    use hb_motion_description, only: describe_motion
    use hb_motion_result, only: motion_result_t
    use hb_newton, only: solve_newton
-   use hb_normal_mode, only: amplitude_forms
+   use hb_normal_mode, only: amplitude_functionals
    use hb_outcome, only: outcome
-   use hb_phase, only: energy_row_t, shift_form
+   use hb_phase, only: energy_row_t, shift_functional
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
    use hb_thresholds, only: agreement, faint
@@ -47,7 +47,7 @@ module hb_followed_motion
    !> A point that was found and is not yet reported.
    type :: waiting_t
       integer :: kind = curve_kind%none
-      real(wp) :: place = 0.0_wp                                      !! position on the step
+      real(wp) :: position = 0.0_wp                                   !! position on the step
       real(wp), allocatable :: x(:)
       type(stability_t), allocatable :: stability                     !! if known
       type(motion_result_t), allocatable :: result                    !! its results, if already computed
@@ -88,9 +88,9 @@ module hb_followed_motion
       type(model_problem_t) :: problem
       type(energy_t) :: energy                                        !! of its motions, for a normal mode with given energy
       type(model_problem_t), allocatable :: odd_problem               !! of odd motions alone, if the equations are odd
-      integer, allocatable :: odd_places(:)                           !! positions of its unknowns among those of the problem
+      integer, allocatable :: odd_indices(:)                          !! positions of its unknowns among those of the problem
       real(wp), allocatable :: weights(:)                             !! typical motion, (unknowns of the balance)
-      integer :: way = 1                                              !! number of the branch: 1 and 2 from the start; 2 k + 1
+      integer :: i_branch = 1                                         !! number of the branch: 1 and 2 from the start; 2 k + 1
                                                                       !! and 2 k + 2 along the other curve from the k-th branch
                                                                       !! point, or from a separate motion
       type(origin_t), allocatable :: origins(:) !! branch points on the branches from the start, separate motions
@@ -138,7 +138,7 @@ contains
       type(model_t), intent(in) :: model
 
       n_further = 1 + count(model%tones%is_unknown)
-      if (model%normal_mode%is_asked) n_further = n_further + 1
+      if (model%normal_mode%is_requested) n_further = n_further + 1
    end function n_further
 
    !> Sets up the problem of the curve on a set and a grid, at its start.
@@ -155,7 +155,7 @@ contains
          n_unknown = count(tones%is_unknown)
          which = pack([(i, i=1, tones%n_tones)], tones%is_unknown)
          tones%omega(which) = self%further(:n_unknown)
-         if (found%normal_mode%is_asked) which = [which, tones%n_tones + which]
+         if (found%normal_mode%is_requested) which = [which, tones%n_tones + which]
       end associate
       if (found%accuracy%is_on .or. any(level%n_samples /= found%torus%n_samples)) then
          call put_on_level(found, self%model, level, error)
@@ -211,7 +211,7 @@ contains
       call new_model_problem(self%odd_problem, reduced, self%document, self%request%moving, self%request%start, &
                              self%request%available_memory, error)
       associate (n => self%problem%n_unknowns, m => size(self%problem%which))
-         self%odd_places = [model%harmonics%places_of(odd, self%problem%n_dofs), (n + i, i=1, m)]
+         self%odd_indices = [model%harmonics%indices_of(odd, self%problem%n_dofs), (n + i, i=1, m)]
       end associate
    end subroutine make_odd_problem
 
@@ -251,16 +251,16 @@ contains
       config%growth = 2.0_wp
    end function followed_motion_config
 
-   !> Assigns to the curve a problem with a given last form; the other forms are not set.
-   subroutine border(self, form)
+   !> Assigns to the curve a problem with a given last functional; the other functionals are not set.
+   subroutine border(self, functional)
       class(followed_motion_t), intent(inout), target :: self
-      real(wp), intent(in) :: form(:)
+      real(wp), intent(in) :: functional(:)
       type(bordered_problem_t) :: bordered
-      real(wp) :: forms(size(form), size(self%problem%which))
+      real(wp) :: functionals(size(functional), size(self%problem%which))
 
-      forms = 0.0_wp
-      forms(:, size(forms, 2)) = form
-      call new_bordered_problem(bordered, self%problem, self%problem%which, forms, 0.0_wp*forms(1, :))
+      functionals = 0.0_wp
+      functionals(:, size(functionals, 2)) = functional
+      call new_bordered_problem(bordered, self%problem, self%problem%which, functionals, 0.0_wp*functionals(1, :))
       self%curve%problem = bordered
    end subroutine border
 
@@ -274,8 +274,8 @@ contains
          if (.not. allocated(self%odd_problem)) return
          if (even_part_of(curve%x) > most_even .or. even_part_of(curve%direction) > most_even) return
          allocate (curve%part)
-         curve%kept = self%odd_places
-         call new_bordered_problem(curve%part, self%odd_problem, self%problem%which, curve%problem%forms(curve%kept, :), &
+         curve%retained = self%odd_indices
+         call new_bordered_problem(curve%part, self%odd_problem, self%problem%which, curve%problem%functionals(curve%retained, :), &
                                    curve%problem%values)
       end associate
 
@@ -286,7 +286,7 @@ contains
          real(wp) :: odd(size(x))
 
          odd = 0.0_wp
-         odd(self%odd_places) = x(self%odd_places)
+         odd(self%odd_indices) = x(self%odd_indices)
          even_part_of = norm2((x - odd)/self%curve%units)/norm2(x/self%curve%units)
       end function even_part_of
    end subroutine followed_motion_keep_symmetry
@@ -308,7 +308,7 @@ contains
       call border(self, direction/units**2)
       call self%put_conditions()
       associate (problem => self%curve%problem, last => size(self%curve%problem%values))
-         problem%values(last) = dot_product(x, problem%forms(:, last))
+         problem%values(last) = dot_product(x, problem%functionals(:, last))
       end associate
       call self%curve%problem%rescale()
       corrector = self%problem%model%solver
@@ -352,8 +352,8 @@ contains
 
       problem = self%curve%problem
       last = size(problem%values)
-      problem%forms(:, last) = 0.0_wp
-      problem%forms(size(x), last) = 1.0_wp
+      problem%functionals(:, last) = 0.0_wp
+      problem%functionals(size(x), last) = 1.0_wp
       problem%values(last) = x(size(x))
       call problem%rescale()
       there = x
@@ -374,23 +374,23 @@ contains
       n = self%problem%n_unknowns
       scale = reshape(self%weights, shape(scale))
       associate (mode => self%problem%model%normal_mode, set => self%problem%model%harmonics, which => self%problem%which, &
-                 forms => self%curve%problem%forms, n_dofs => self%problem%n_dofs)
+                 functionals => self%curve%problem%functionals, n_dofs => self%problem%n_dofs)
          if (mode%has_energy) then
-            forms(:n, 1) = shift_form(set, which(1), reshape(self%curve%x(:n), shape(scale)), scale)
+            functionals(:n, 1) = shift_functional(set, which(1), reshape(self%curve%x(:n), shape(scale)), scale)
             self%curve%problem%row = energy_row_t(self%energy, which, .true.)
             self%curve%problem%row_at = 2
             self%curve%problem%values(2) = 1.0_wp
-         else if (mode%is_asked) then
-            forms(:n, :2) = amplitude_forms(set, n_dofs, self%problem%stiffness%coordinates%number_of(mode%dof), which(1), &
+         else if (mode%is_requested) then
+            functionals(:n, :2) = amplitude_functionals(set, n_dofs, self%problem%stiffness%coordinates%number_of(mode%dof), which(1), &
                                             mode%is_peak)
             self%curve%problem%values(2) = mode%amplitude
             if (self%problem%moves_mode) then
-               forms(size(forms, 1), 2) = -1.0_wp
+               functionals(size(functionals, 1), 2) = -1.0_wp
                self%curve%problem%values(2) = 0.0_wp
             end if
          else
             do i = 1, size(which) - 1
-               forms(:n, i) = shift_form(set, which(i), reshape(self%curve%x(:n), shape(scale)), scale)
+               functionals(:n, i) = shift_functional(set, which(i), reshape(self%curve%x(:n), shape(scale)), scale)
             end do
          end if
       end associate
@@ -599,7 +599,7 @@ contains
          result%status = outcome%converged
          if (allocated(point%stability)) result%stability = point%stability
          result%frequency = balance%omega
-         if (model%normal_mode%is_asked) result%artificial_damping = balance%xi
+         if (model%normal_mode%is_requested) result%artificial_damping = balance%xi
          result%n_harmonics = model%harmonics%n_harmonics
          result%n_unknowns = n
          if (model%certificate%is_on) call put_across(self, point)
@@ -637,8 +637,8 @@ contains
       associate (u => point%x(:self%problem%n_unknowns), problem => self%curve%problem)
          units = [spread(max(norm2(u), tiny(1.0_wp)), 1, size(u)), self%problem%parameter_scales(self%problem%which)]
          last = size(problem%values)
-         problem%forms(:, last) = tangent/units**2/norm2(tangent/units)
-         problem%values(last) = dot_product(problem%forms(:, last), point%x)
+         problem%functionals(:, last) = tangent/units**2/norm2(tangent/units)
+         problem%values(last) = dot_product(problem%functionals(:, last), point%x)
          call problem%rescale()
          if (is_crossed) problem%units_across = units
       end associate
@@ -648,15 +648,15 @@ contains
    pure logical function followed_motion_has_left_branch(self) result(has)
       class(followed_motion_t), intent(in) :: self
 
-      has = self%way > 2
-      if (has) has = .not. self%origins((self%way - 1)/2)%is_apart
+      has = self%i_branch > 2
+      if (has) has = .not. self%origins((self%i_branch - 1)/2)%is_apart
    end function followed_motion_has_left_branch
 
    !> 1 on the first of two branches from one point, -1 on the other.
    pure real(wp) function followed_motion_sense(self) result(sense)
       class(followed_motion_t), intent(in) :: self
 
-      sense = merge(1.0_wp, -1.0_wp, modulo(self%way, 2) == 1)
+      sense = merge(1.0_wp, -1.0_wp, modulo(self%i_branch, 2) == 1)
    end function followed_motion_sense
 
    !> Frees the balance; safe to call twice.

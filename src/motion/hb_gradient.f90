@@ -21,9 +21,9 @@ module hb_gradient
    use hb_model_problem, only: model_problem_t, moving_value_t, new_model_problem
    use hb_model_reader, only: update_model
    use hb_motion_result, only: as_pairs, gradient_t, motion_result_t
-   use hb_normal_mode, only: amplitude_forms
+   use hb_normal_mode, only: amplitude_functionals
    use hb_outcome, only: is_solved, outcome
-   use hb_phase, only: coefficient_form, shift_form
+   use hb_phase, only: coefficient_functional, shift_functional
    use hb_problem, only: problem_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
    use hb_thresholds, only: difference_step, sharp
@@ -103,7 +103,7 @@ contains
          known%tones = pack([(m, m=1, model%tones%n_tones)], model%tones%is_unknown)
          known%which = known%tones
          known%x = [unknowns(:known%n), known%model%tones%omega(known%tones)]
-         if (model%normal_mode%is_asked) then
+         if (model%normal_mode%is_requested) then
             known%which = [known%which, model%tones%n_tones + known%tones]
             known%x = [known%x, result%artificial_damping(known%tones)]
          end if
@@ -263,8 +263,8 @@ contains
          if (allocated(error)) return
          problem => here
          if (size(known%tones) > 0) then
-            associate (forms => conditions(known, here))
-               call new_bordered_problem(with_frequencies, here, known%which, forms, matmul(known%x(:n), forms))
+            associate (functionals => conditions(known, here))
+               call new_bordered_problem(with_frequencies, here, known%which, functionals, matmul(known%x(:n), functionals))
             end associate
             problem => with_frequencies
          end if
@@ -336,28 +336,28 @@ contains
 
    !> Conditions for the phases of unknown tones: sines that are zero, or no component along a shift of the motion. Those
    !> of a normal mode are its phase and its amplitude.
-   function conditions(known, problem) result(forms)
+   function conditions(known, problem) result(functionals)
       type(known_t), intent(in) :: known
       type(model_problem_t), intent(in) :: problem
-      real(wp), allocatable :: forms(:, :)
+      real(wp), allocatable :: functionals(:, :)
       real(wp), dimension(problem%harmonics%n_coefficients, problem%n_dofs) :: scale, u
       integer :: i
 
       u = reshape(known%x(:known%n), shape(u))
       scale = reshape(problem%x_scale, shape(u))
-      allocate (forms(size(u), size(known%which)))
+      allocate (functionals(size(u), size(known%which)))
       associate (set => problem%harmonics, dofs => known%model%phase_dofs, mode => known%model%normal_mode)
-         if (mode%is_asked) then
-            forms = amplitude_forms(set, problem%n_dofs, problem%stiffness%coordinates%number_of(mode%dof), known%tones(1), &
+         if (mode%is_requested) then
+            functionals = amplitude_functionals(set, problem%n_dofs, problem%stiffness%coordinates%number_of(mode%dof), known%tones(1), &
                                     mode%is_peak)
             return
          end if
          do i = 1, size(known%tones)
             if (size(dofs) > 0) then
-               forms(:, i) = coefficient_form(set, problem%n_dofs, set%sin_at(fundamental(set, known%tones(i))), &
-                                              problem%stiffness%coordinates%number_of(dofs(i)))
+               functionals(:, i) = coefficient_functional(set, problem%n_dofs, set%sin_at(fundamental(set, known%tones(i))), &
+                                                          problem%stiffness%coordinates%number_of(dofs(i)))
             else
-               forms(:, i) = shift_form(set, known%tones(i), u, scale)
+               functionals(:, i) = shift_functional(set, known%tones(i), u, scale)
             end if
          end do
       end associate

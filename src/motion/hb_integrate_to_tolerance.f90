@@ -25,12 +25,12 @@ module hb_integrate_to_tolerance
    use hb_thresholds, only: reliable, safety, well_solved
    use hb_time_domain, only: integration_counts_t, integration_is_cheaper, primary_method, steady_motion_t
    use hb_torus, only: samples_for
-   use hb_tuple_choice, only: largest_places, lowest_order, new_lowest_set
+   use hb_tuple_choice, only: largest_indices, lowest_order, new_lowest_set
    implicit none
    private
    public :: integrate_from_balance, integrate_to_tolerance, integrates_first, keep_lines, loaded_tuples, status_within
 
-   integer, parameter :: candidates_of_kept = 4                       ! at most, for each tuple of a set
+   integer, parameter :: candidates_of_retained = 4                   ! at most, for each tuple of a set
    real(wp), parameter :: fall = 0.7_wp                               ! power of the tolerance with which orders of candidates grow
    real(wp), parameter :: fall_of_one_tone = 0.4_wp                   ! likewise: with one tone a larger box is cheap
    real(wp), parameter :: nearly = 0.9_wp                             ! of the tolerance: the error at which a time integration ends
@@ -43,10 +43,10 @@ module hb_integrate_to_tolerance
       type(coordinates_t) :: coordinates
       type(harmonics_t) :: candidates
       integer :: order = 1                                            ! of their box
-      integer :: room = 0                                             ! most tuples of a set
+      integer :: capacity = 0                                         ! most tuples of a set
       integer :: n_found = 0                                          ! motions
       real(wp) :: work = 0.0_wp, most_work = 0.0_wp
-      type(steady_motion_t) :: settled                               ! of the best motion, otherwise of the first candidates
+      type(steady_motion_t) :: steady                                ! of the best motion, otherwise of the first candidates
       type(motion_result_t) :: result
       type(level_t) :: found
       logical :: is_ended = .false.                                   ! a larger box cannot be better
@@ -98,23 +98,23 @@ contains
       logical, intent(out) :: is_done
       type(motion_result_t) :: integrated
       type(level_t) :: found
-      type(steady_motion_t) :: settled
+      type(steady_motion_t) :: steady
 
       is_done = .false.
       if (.not. can_integrate(model)) return
       integrated%integration_work = result%integration_work
-      call integration(model, settled, integrated, found)
-      is_done = work_is_over() .or. settled%status /= outcome%pending
+      call integration(model, steady, integrated, found)
+      is_done = work_is_over() .or. steady%status /= outcome%pending
       if (.not. is_done) then
-         if (settled%is_out_of_work) result%reason = reason%fallback_work
-         if (allocated(settled%message) .and. allocated(result%message)) result%message = settled%message//"; "//result%message
+         if (steady%is_out_of_work) result%reason = reason%fallback_work
+         if (allocated(steady%message) .and. allocated(result%message)) result%message = steady%message//"; "//result%message
          return
       end if
       integrated%is_integrated_first = result%work <= 0.0_wp
       integrated%work = integrated%work + result%work
-      integrated%status = settled%status
-      integrated%n_periods = settled%n_repeat
-      if (allocated(integrated%coefficients)) integrated%status = status_within(model, settled, integrated)
+      integrated%status = steady%status
+      integrated%n_periods = steady%n_repeat
+      if (allocated(integrated%coefficients)) integrated%status = status_within(model, steady, integrated)
       if (work_is_over()) integrated%status = status_of_ended()
       result = integrated
    end subroutine integrate_to_tolerance
@@ -130,7 +130,7 @@ contains
       type(motion_result_t) :: integrated
       type(level_t) :: found
       type(model_t) :: from
-      type(steady_motion_t) :: settled
+      type(steady_motion_t) :: steady
       real(wp) :: apart, estimate, estimate_before
       logical :: is_struck, is_there
 
@@ -138,19 +138,19 @@ contains
       if (allocated(result%output_estimate)) return                   ! time integration has no estimates of outputs
       call start_on(model, top, from, is_there)
       if (.not. is_there) return
-      call integration(from, settled, integrated, found)
-      result%work = result%work + settled%work
+      call integration(from, steady, integrated, found)
+      result%work = result%work + steady%work
       if (verdict_on_work() == verdict%interrupted) result%status = outcome%interrupted
       if (work_is_over()) return                      ! there is a motion even without time left
       is_struck = model%lacks_impacts_of(result%status)
-      if (settled%status == outcome%pending .or. .not. (is_struck .or. allocated(integrated%coefficients))) then
-         if (allocated(settled%message)) result%message = settled%message
-         if (settled%is_out_of_work) result%reason = reason%fallback_work
-         if (is_struck .and. settled%is_out_of_work) result%status = outcome%out_of_budget
-         if (any(settled%status == [outcome%subharmonic, outcome%broadband]) .and. estimate_of(result) >= reliable) then
+      if (steady%status == outcome%pending .or. .not. (is_struck .or. allocated(integrated%coefficients))) then
+         if (allocated(steady%message)) result%message = steady%message
+         if (steady%is_out_of_work) result%reason = reason%fallback_work
+         if (is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
+         if (any(steady%status == [outcome%subharmonic, outcome%broadband]) .and. estimate_of(result) >= reliable) then
             call forget_motion(result)                                ! its estimate says that it is no motion
-            result%status = settled%status
-            result%n_periods = settled%n_repeat
+            result%status = steady%status
+            result%n_periods = steady%n_repeat
          end if
          return
       end if
@@ -165,8 +165,8 @@ contains
          end if
          if (estimate >= estimate_before) return
       end if
-      integrated%status = settled%status
-      if (allocated(integrated%coefficients)) integrated%status = status_within(model, settled, integrated)
+      integrated%status = steady%status
+      if (allocated(integrated%coefficients)) integrated%status = status_within(model, steady, integrated)
       integrated%effort_t = result%effort_t
       integrated%level_difference = apart
       if (is_struck) then
@@ -178,12 +178,12 @@ contains
    end subroutine integrate_from_balance
 
    !> Status of an integrated motion: converged if its estimate is within the tolerance.
-   pure integer function status_within(model, settled, result) result(status)
+   pure integer function status_within(model, steady, result) result(status)
       type(model_t), intent(in) :: model
-      type(steady_motion_t), intent(in) :: settled
+      type(steady_motion_t), intent(in) :: steady
       type(motion_result_t), intent(in) :: result
 
-      status = merge(settled%status, outcome%truncated, estimate_of(result) <= model%accuracy%tolerance)
+      status = merge(steady%status, outcome%truncated, estimate_of(result) <= model%accuracy%tolerance)
    end function status_within
 
    !> Whether an integrated motion is acceptable.
@@ -191,7 +191,7 @@ contains
       type(model_t), intent(in) :: model
 
       can_integrate = model%accuracy%grows_set .and. size(model%laws) > 0 .and. .not. any(model%tones%is_unknown) .and. &
-                  .not. model%normal_mode%is_asked
+                  .not. model%normal_mode%is_requested
    end function can_integrate
 
    !> Sets the motion of a level as the start of the model, in all degrees of freedom.
@@ -212,9 +212,9 @@ contains
    !> Integrates with candidates in a box, then in a box of twice the order if the misfit is too large, and stores the
    !> important tuples of the best one. Lines outside a small box appear as a motion that is not periodic; with
    !> several tones the larger box therefore decides. Without a motion only its description is returned.
-   subroutine integration(model, settled, result, found)
+   subroutine integration(model, steady, result, found)
       type(model_t), intent(in), target :: model
-      type(steady_motion_t), intent(out) :: settled
+      type(steady_motion_t), intent(out) :: steady
       type(motion_result_t), intent(inout) :: result
       type(level_t), intent(out) :: found                             !! its set and motion
       type(refined_record_t) :: record
@@ -225,21 +225,21 @@ contains
       record%here%integration%tolerance = max(model%integration%tolerance, well_solved*record%here%integration%aim)
       record%here%certificate%truncation = min(model%certificate%truncation, model%accuracy%tolerance)
       record%coordinates = coordinates_of(model)
-      record%room = share_of_integrated*model%accuracy%max_harmonics
-      record%order = first_order(model, candidates_of_kept*record%room)
+      record%capacity = share_of_integrated*model%accuracy%max_harmonics
+      record%order = first_order(model, candidates_of_retained*record%capacity)
       record%most_work = 2.0_wp*model%integration%work_limit - result%integration_work ! two methods may need as much
       record%most_failures = huge(1)
       record%result = result
       call new_lowest_set(record%candidates, model%tones%n_tones, loaded_tuples(model), record%error, record%order)
       if (.not. allocated(record%error)) call refine(record)
-      settled = record%settled
-      settled%work = record%work
+      steady = record%steady
+      steady%work = record%work
       found = record%found
       result = record%result
       result%work = record%work
       result%integration_work = record%work
-      result%n_motions = settled%n_motions
-      if (allocated(settled%message)) result%message = settled%message
+      result%n_motions = steady%n_motions
+      if (allocated(steady%message)) result%message = steady%message
    end subroutine integration
 
    !> Integrates with the candidates chosen last, and stores the motion if it is the best so far.
@@ -248,36 +248,36 @@ contains
       logical, intent(out) :: is_solved
       type(motion_result_t) :: result
       type(level_t) :: found
-      type(steady_motion_t) :: settled
+      type(steady_motion_t) :: steady
 
       is_solved = .false.
       call put_on_set(self%here, self%model, self%candidates)
       self%here%integration%work_limit = 0.5_wp*max(0.0_wp, self%most_work - self%work)
-      call self%model%callbacks%time_domain_solver%settle(self%here, self%coordinates%dofs, settled, self%error)
-      self%work = self%work + settled%work
-      settled%work = self%work
+      call self%model%callbacks%time_domain_solver%find_steady_motion(self%here, self%coordinates%dofs, steady, self%error)
+      self%work = self%work + steady%work
+      steady%work = self%work
       if (allocated(self%error)) then
          if (self%n_levels > 0) return
-         self%settled%message = "integration: "//self%error%message
-         self%settled%is_out_of_work = settled%is_out_of_work
+         self%steady%message = "integration: "//self%error%message
+         self%steady%is_out_of_work = steady%is_out_of_work
          return
       end if
-      if (self%n_found == 0) self%settled = settled
-      is_solved = any(settled%status == [outcome%time_domain, outcome%several])
-      self%is_ended = .not. (is_solved .or. any(settled%status == [outcome%subharmonic, outcome%broadband]) .and. &
+      if (self%n_found == 0) self%steady = steady
+      is_solved = any(steady%status == [outcome%time_domain, outcome%several])
+      self%is_ended = .not. (is_solved .or. any(steady%status == [outcome%subharmonic, outcome%broadband]) .and. &
                              .not. shows_returns(self%model))
       if (work_is_over() .or. .not. is_solved) return
       result = self%result
-      call keep_lines(self%here, self%coordinates, self%room, settled, result, found)
+      call keep_lines(self%here, self%coordinates, self%capacity, steady, result, found)
       self%n_found = self%n_found + 1
       if (self%n_found == 1 .or. estimate_of(result) < self%estimate) then
-         self%settled = settled
+         self%steady = steady
          self%result = result
          self%found = found
          self%estimate = estimate_of(result)
       end if
       self%result%n_levels = self%n_found
-      self%is_ended = settled%change_by_steps > self%model%accuracy%tolerance   ! a larger box cannot reduce this
+      self%is_ended = steady%change_by_steps > self%model%accuracy%tolerance    ! a larger box cannot reduce this
    end subroutine refined_record_solve
 
    !> Chooses the candidates in a box of twice the order, within the limits of size and work.
@@ -289,9 +289,9 @@ contains
       self%order = 2*self%order
       call new_lowest_set(self%candidates, self%model%tones%n_tones, loaded_tuples(self%model), self%error, self%order)
       if (allocated(self%error)) return
-      if (self%candidates%n_harmonics > candidates_of_kept*self%room) return
+      if (self%candidates%n_harmonics > candidates_of_retained*self%capacity) return
       is_there = self%work < self%most_work
-      if (.not. is_there .and. self%n_found == 0) call leave_open(self%settled, self%here%harmonics%n_harmonics)
+      if (.not. is_there .and. self%n_found == 0) call leave_open(self%steady, self%here%harmonics%n_harmonics)
    end subroutine refined_record_choose
 
    logical function refined_record_is_accurate(self) result(is_accurate)
@@ -315,14 +315,14 @@ contains
    end function shows_returns
 
    !> Leaves the verdict open: the misfit may consist of lines of the next box, for which no work is left.
-   subroutine leave_open(settled, n_candidates)
-      type(steady_motion_t), intent(inout) :: settled
+   subroutine leave_open(steady, n_candidates)
+      type(steady_motion_t), intent(inout) :: steady
       integer, intent(in) :: n_candidates
 
-      settled%status = outcome%pending
-      settled%is_out_of_work = .true.
-      settled%message = "time integration over "//to_text(settled%n_periods)//" periods of the slowest tone: a series of "// &
-                        to_text(n_candidates)//" harmonics misses the record by "//rounded(settled%spread)// &
+      steady%status = outcome%pending
+      steady%is_out_of_work = .true.
+      steady%message = "time integration over "//to_text(steady%n_periods)//" periods of the slowest tone: a series of "// &
+                        to_text(n_candidates)//" harmonics misses the record by "//rounded(steady%spread)// &
                         " in its worst quarter, and no work is left for a longer series; raise &solver fallback_work"
    end subroutine leave_open
 
@@ -340,42 +340,42 @@ contains
    end function first_order
 
    !> Selects the important candidates, and the motion in them. The estimate includes the others.
-   subroutine keep_lines(model, coordinates, room, settled, result, found)
+   subroutine keep_lines(model, coordinates, capacity, steady, result, found)
       type(model_t), intent(in) :: model                              !! on all candidates
       type(coordinates_t), intent(in) :: coordinates
-      integer, intent(in) :: room                                     !! tuples
-      type(steady_motion_t), intent(in) :: settled
+      integer, intent(in) :: capacity                                 !! tuples
+      type(steady_motion_t), intent(in) :: steady
       type(motion_result_t), intent(inout) :: result
       type(level_t), intent(out) :: found
       type(error_t), allocatable :: error
       type(model_t) :: here
-      type(steady_motion_t) :: kept
+      type(steady_motion_t) :: retained
       real(wp) :: carried(model%harmonics%n_harmonics), tail
-      logical :: is_kept(model%harmonics%n_harmonics), is_needed(model%harmonics%n_harmonics)
-      integer, allocatable :: places(:)
+      logical :: is_retained(model%harmonics%n_harmonics), is_needed(model%harmonics%n_harmonics)
+      integer, allocatable :: positions(:)
       integer :: h, k
 
       carried = 0.0_wp
-      do k = 1, size(settled%averages, 2)
-         carried = max(carried, abs(settled%averages(:, k))/max(norm2(abs(settled%averages(:, k))), tiny(1.0_wp)))
+      do k = 1, size(steady%averages, 2)
+         carried = max(carried, abs(steady%averages(:, k))/max(norm2(abs(steady%averages(:, k))), tiny(1.0_wp)))
       end do
       is_needed = [(sum(abs(model%harmonics%tuples(:, h))) <= 1 .or. .not. model%loads%is_zero_at(h), h=1, size(carried))]
       tail = share_of_tail*model%integration%aim
-      places = largest_places(merge(huge(1.0_wp), carried, is_needed), tail, room)
-      is_kept = .false.
-      is_kept(places) = .true.
-      tail = norm2(pack(carried, .not. is_kept))
-      call new_harmonics(found%set, model%harmonics%tuples(:, places), error)
+      positions = largest_indices(merge(huge(1.0_wp), carried, is_needed), tail, capacity)
+      is_retained = .false.
+      is_retained(positions) = .true.
+      tail = norm2(pack(carried, .not. is_retained))
+      call new_harmonics(found%set, model%harmonics%tuples(:, positions), error)
       if (allocated(error)) return                                    ! impossible: they are tuples of a set
       here = model
       call put_on_set(here, model, found%set)
-      kept = settled
-      kept%amplitudes = settled%amplitudes(:, places)
-      kept%averages = settled%averages(places, :)
-      call keep_integrated(here, coordinates, kept, result)
-      result%certificate%truncation = hypot(settled%spread, tail)
+      retained = steady
+      retained%amplitudes = steady%amplitudes(:, positions)
+      retained%averages = steady%averages(positions, :)
+      call keep_integrated(here, coordinates, retained, result)
+      result%certificate%truncation = hypot(steady%spread, tail)
       found%n_samples = samples_for(found%set%highest, degree_of(model))
-      found%unknowns = guess_from(here, coordinates, kept)
+      found%unknowns = guess_from(here, coordinates, retained)
       result%harmonics = found%set
       result%n_samples = found%n_samples
    end subroutine keep_lines

@@ -7,7 +7,7 @@ module hb_integrated_result
    use hb_kinds, only: wp
    use hb_mean_energy, only: new_mean_energy
    use hb_model, only: model_t
-   use hb_motion_description, only: ask_for_stability
+   use hb_motion_description, only: request_stability
    use hb_motion_result, only: as_pairs, motion_result_t
    use hb_outcome, only: outcome
    use hb_stability, only: harmonic_motion_t, stability_method, stability_t, verdict
@@ -28,27 +28,27 @@ contains
    end function is_lost
 
    !> First guess of the balance in the form of hb_motion: coefficients at the coordinates, then all base frequencies.
-   function guess_from(model, coordinates, settled) result(guess)
+   function guess_from(model, coordinates, steady) result(guess)
       type(model_t), intent(in) :: model
       type(coordinates_t), intent(in) :: coordinates
-      type(steady_motion_t), intent(in) :: settled
+      type(steady_motion_t), intent(in) :: steady
       real(wp), allocatable :: guess(:)
 
-      guess = [model%harmonics%coefficients(coordinates%amplitudes_of(settled%amplitudes)), model%tones%omega]
+      guess = [model%harmonics%coefficients(coordinates%amplitudes_of(steady%amplitudes)), model%tones%omega]
    end function guess_from
 
    !> Stores an integrated motion in a result. The forces of the laws follow from its inertia, damping, stiffness and
    !> loads.
-   subroutine keep_integrated(model, coordinates, settled, result)
+   subroutine keep_integrated(model, coordinates, steady, result)
       type(model_t), intent(in) :: model
       type(coordinates_t), intent(in) :: coordinates
-      type(steady_motion_t), intent(in) :: settled
+      type(steady_motion_t), intent(in) :: steady
       type(motion_result_t), intent(inout) :: result
       complex(wp), dimension(model%loads%n_dofs, model%harmonics%n_harmonics) :: c, forces
       real(wp) :: w(model%harmonics%n_harmonics)
       integer :: h
 
-      c = settled%amplitudes
+      c = steady%amplitudes
       w = model%harmonics%frequencies(model%tones%omega)
       do h = 1, size(w)
          forces(:, h) = model%loads%of(h) - forces_of(model, c(:, h), w(h))
@@ -59,16 +59,16 @@ contains
       result%coefficients = as_pairs(c(model%output%dofs, :))
       result%force_coefficients = as_pairs(forces(coordinates%dofs, :))
       result%corrected_coefficients = as_pairs(c(coordinates%dofs, :))
-      call find_stability(model, settled, result%stability)
+      call find_stability(model, steady, result%stability)
       associate (found => result%certificate, nan => ieee_value(1.0_wp, ieee_quiet_nan))
          call near_commensurate(model%tones, found%combination, found%combination_frequency)
          result%is_near_commensurate = model%tones%n_tones > 1 .and. &
             found%combination_frequency < model%certificate%commensurability*maxval(model%tones%omega)
-         found%truncation = settled%spread
+         found%truncation = steady%spread
          found%aliasing = 0.0_wp
          if (model%integration%aim <= 0.0_wp) then                   ! averages: tuples outside the set, and the scatter
-            found%truncation = settled%left_out
-            found%aliasing = settled%spread
+            found%truncation = steady%left_out
+            found%aliasing = steady%spread
          end if
          found%impact = nan
          found%defects%penetration = nan
@@ -83,21 +83,21 @@ contains
 
    !> Stable, because time integration converged to it; if walls are struck, with the multipliers of the periodic
    !> motion. If the motion explains almost nothing of its record, stability is unknown.
-   subroutine find_stability(model, settled, stability)
+   subroutine find_stability(model, steady, stability)
       type(model_t), intent(in) :: model
-      type(steady_motion_t), intent(in) :: settled
+      type(steady_motion_t), intent(in) :: steady
       type(stability_t), intent(out) :: stability
 
-      if (allocated(settled%monodromy)) then
-         if (model%stability%method /= stability_method%off) stability = stability_of_map(settled%monodromy, model%tones%omega(1))
+      if (allocated(steady%monodromy)) then
+         if (model%stability%method /= stability_method%off) stability = stability_of_map(steady%monodromy, model%tones%omega(1))
          return
       end if
       if (model%tones%n_tones == 1 .and. model%lacks_impacts_of(outcome%impact)) &
-         call ask_for_stability(model, model%stability, &
-                                harmonic_motion_t(model%harmonics%tuples, model%tones, settled%amplitudes), settled%work, stability)
+         call request_stability(model, model%stability, &
+                                harmonic_motion_t(model%harmonics%tuples, model%tones, steady%amplitudes), steady%work, stability)
       select case (stability%verdict)
       case (verdict%unknown)
-         if (settled%spread < reliable) stability = stability_t(verdict=verdict%stable, method=stability_method%integration)
+         if (steady%spread < reliable) stability = stability_t(verdict=verdict%stable, method=stability_method%integration)
       case (verdict%unstable)                                         ! the two results contradict each other
          stability%verdict = verdict%unknown
       end select

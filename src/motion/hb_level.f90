@@ -13,7 +13,7 @@ module hb_level
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_thresholds, only: minor, next_to_none, reliable
    use hb_torus, only: fast_size, new_torus, samples_for
-   use hb_tuple_choice, only: chosen_tuples, largest_places, tuple_union_t
+   use hb_tuple_choice, only: chosen_tuples, largest_indices, tuple_union_t
    implicit none
    private
    public :: carry, choose_next, choose_smaller, degree_of, distance, estimate_of, estimate_of_motion, estimate_of_wanted
@@ -120,7 +120,7 @@ contains
       type(harmonics_t) :: around
       real(wp), allocatable :: carried(:), neglected(:)
       real(wp) :: amplification, smallest, tail
-      integer :: room
+      integer :: capacity
       logical, allocatable :: is_needed(:)
       integer :: h
 
@@ -143,10 +143,10 @@ contains
       amplification = raised_by(result)*result%certificate%truncation/max(norm2(neglected), tiny(1.0_wp)) ! by the tuples of the set
       amplification = max(1.0_wp, min(amplification, largest_amplification))
       tail = share_of_tail*goal/amplification
-      room = min(model%accuracy%max_harmonics, int(largest_growth*max(top%set%n_harmonics, smallest_growing)))
+      capacity = min(model%accuracy%max_harmonics, int(largest_growth*max(top%set%n_harmonics, smallest_growing)))
       smallest = next_to_none*tail
       do while (tail > smallest)                                      ! neglected tuples may appear small and still have an effect
-         call new_harmonics(set, chosen_tuples(top%set, carried, around, neglected, is_needed, tail, room), error)
+         call new_harmonics(set, chosen_tuples(top%set, carried, around, neglected, is_needed, tail, capacity), error)
          if (allocated(error)) return
          if (raised_by(result)*result%certificate%truncation <= goal .or. &
              set%n_harmonics > least_growth*top%set%n_harmonics) return
@@ -177,7 +177,7 @@ contains
       type(level_t) :: trimmed
       type(error_t), allocatable :: error
       real(wp), allocatable :: amplitudes(:)
-      integer, allocatable :: kept(:)
+      integer, allocatable :: retained(:)
       integer :: h
 
       amplitudes = level%set%norms(coefficients_of(level))
@@ -185,9 +185,9 @@ contains
       do h = 1, level%set%n_harmonics
          if (is_needed_at(model, level%set%tuples(:, h))) amplitudes(h) = huge(1.0_wp)
       end do
-      kept = largest_places(amplitudes, minor*model%accuracy%tolerance, size(amplitudes))
-      if (size(kept) == size(amplitudes)) return
-      call new_harmonics(trimmed%set, level%set%tuples(:, kept), error)
+      retained = largest_indices(amplitudes, minor*model%accuracy%tolerance, size(amplitudes))
+      if (size(retained) == size(amplitudes)) return
+      call new_harmonics(trimmed%set, level%set%tuples(:, retained), error)
       if (allocated(error)) return
       trimmed%n_samples = level%n_samples
       trimmed%unknowns = on_other_set(level, trimmed%set)
@@ -237,17 +237,17 @@ contains
    end subroutine join
 
    !> Set and grid of a stored point; those of the model if it has none of its own.
-   function level_of(model, place) result(level)
+   function level_of(model, position) result(level)
       type(model_t), intent(in) :: model
-      type(curve_position_t), intent(in), optional :: place
+      type(curve_position_t), intent(in), optional :: position
       type(level_t) :: level
       type(error_t), allocatable :: error
 
       level%set = model%harmonics
       level%n_samples = model%torus%n_samples
-      if (.not. present(place)) return
-      if (allocated(place%tuples)) call new_harmonics(level%set, place%tuples, error)  ! cannot fail: there was a motion in it
-      if (allocated(place%n_samples)) level%n_samples = place%n_samples
+      if (.not. present(position)) return
+      if (allocated(position%tuples)) call new_harmonics(level%set, position%tuples, error) ! cannot fail: there was a motion in it
+      if (allocated(position%n_samples)) level%n_samples = position%n_samples
    end function level_of
 
    !> Whether a set must contain a tuple: the mean value, the fundamentals, and tuples with loads.

@@ -6,7 +6,6 @@ module hb_model
    use hb_document, only: parameter_t
    use hb_error, only: error_t
    use hb_fe_model, only: fe_model_source_t
-   use hb_fftw, only: planning
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law, only: hold_t, law_box_t
@@ -84,7 +83,7 @@ module hb_model
    !> procedures return an error, or nothing.
    type, abstract :: time_domain_solver_t
    contains
-      procedure(settle), deferred, nopass :: settle
+      procedure(find_steady_motion), deferred, nopass :: find_steady_motion
       procedure(first_guess), deferred, nopass :: first_guess
       procedure(find_locking), deferred, nopass :: find_locking
    end type time_domain_solver_t
@@ -121,8 +120,6 @@ module hb_model
       logical :: start_from_linear = .true.                           !! first guess: the motion without laws, otherwise zero
       logical :: start_from_integration = .false.                     !! or the end of a time integration
       type(chain_config_t) :: chain
-      integer :: planning = planning%estimate                         !! effort of FFTW
-      character(:), allocatable :: wisdom                             !! file with FFTW's wisdom
       type(accuracy_t) :: accuracy
       type(certificate_config_t) :: certificate
       type(stability_config_t) :: stability
@@ -139,13 +136,13 @@ module hb_model
    abstract interface
       !> Integrates the model until it is steady or the budget of work is exhausted. An error is one of the
       !> integration, such as a law that cannot be integrated.
-      subroutine settle(model, law_dofs, settled, error)
+      subroutine find_steady_motion(model, law_dofs, steady, error)
          import :: error_t, model_t, steady_motion_t
          type(model_t), intent(in) :: model                           !! with all tones given
          integer, intent(in) :: law_dofs(:)
-         type(steady_motion_t), intent(out) :: settled
+         type(steady_motion_t), intent(out) :: steady
          type(error_t), allocatable, intent(out) :: error
-      end subroutine settle
+      end subroutine find_steady_motion
 
       !> Returns a first guess in the form of hb_motion: coefficients at the laws, then all base frequencies. It is
       !> not allocated if the motion vanishes, or has no unknown tone.

@@ -63,7 +63,7 @@ contains
       if (present(n_laws)) last = n_laws
       allocate (wanted(0))
       if (allocated(model%phase_dofs)) wanted = model%phase_dofs
-      if (model%normal_mode%is_asked .and. .not. model%normal_mode%has_energy) wanted = [wanted, model%normal_mode%dof]
+      if (model%normal_mode%is_requested .and. .not. model%normal_mode%has_energy) wanted = [wanted, model%normal_mode%dof]
       call new_law_coordinates(coordinates, model%structure, model%laws(:last), wanted)
    end function coordinates_of
 

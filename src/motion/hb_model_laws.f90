@@ -28,10 +28,10 @@ contains
          group => document%group("law", i)
          call read_law(boxes(i), group, self%structure, i)
          if (.not. allocated(boxes(i)%law)) then
-            call group%tell_first(error)
+            call group%report_first(error)
             return
          end if
-         self%law_groups = [self%law_groups, spread(i, 1, n_places(boxes(i)))]
+         self%law_groups = [self%law_groups, spread(i, 1, n_positions(boxes(i)))]
          if (boxes(i)%law%n_phases > self%tones%n_tones) then
             call group%problem(trim(merge("tuple", "tone ", allocated(boxes(i)%law%modulation))), "there "// &
                trim(merge("is ", "are", self%tones%n_tones == 1))//" only "//number_of(self%tones%n_tones, "tone"))
@@ -42,7 +42,7 @@ contains
       do i = 1, size(boxes)
          group => document%group("law", i)
          first = last + 1
-         last = last + n_places(boxes(i))
+         last = last + n_positions(boxes(i))
          call put_laws(boxes(i), self%structure, self%laws(first:last))
          call check_rigid_laws(self%laws(:first - 1), self%laws(first:last), group)
       end do
@@ -65,7 +65,7 @@ contains
          if (.not. associated(group)) cycle
          call read_law(box, group, self%structure, i)
          if (.not. allocated(box%law)) return
-         allocate (laws(n_places(box)))
+         allocate (laws(n_positions(box)))
          call put_laws(box, self%structure, laws)
          if (size(laws) /= count(self%law_groups == i)) return
          n = findloc(self%law_groups, i, dim=1) - 1
@@ -79,12 +79,12 @@ contains
    end subroutine update_laws
 
    !> Number of laws for which one group stands.
-   pure integer function n_places(box)
+   pure integer function n_positions(box)
       type(law_box_t), intent(in) :: box
 
-      n_places = 1
-      if (allocated(box%law%places)) n_places = size(box%law%places, 2)
-   end function n_places
+      n_positions = 1
+      if (allocated(box%law%positions)) n_positions = size(box%law%positions, 2)
+   end function n_positions
 
    !> Creates one law for each location of a group, labelled by its first degree of freedom there.
    subroutine put_laws(box, structure, laws)
@@ -93,15 +93,15 @@ contains
       type(law_box_t), intent(inout) :: laws(:)                       !! (n_places), empty
       integer :: i
 
-      if (.not. allocated(box%law%places)) then
+      if (.not. allocated(box%law%positions)) then
          call move_alloc(box%law, laws(1)%law)
          return
       end if
       do i = 1, size(laws)
          allocate (laws(i)%law, source=box%law)
-         laws(i)%law%dofs = box%law%places(:, i)
-         laws(i)%law%label = box%law%label//" "//trim(structure%labels(box%law%places(1, i)))
-         deallocate (laws(i)%law%places)
+         laws(i)%law%dofs = box%law%positions(:, i)
+         laws(i)%law%label = box%law%label//" "//trim(structure%labels(box%law%positions(1, i)))
+         deallocate (laws(i)%law%positions)
       end do
    end subroutine put_laws
 

@@ -160,7 +160,7 @@ contains
             if (allocated(error)) return
          end if
          call new_balance(self%balance_t, model%harmonics, model%torus, model%tones%omega, stiffness, &
-                          laws_at(coordinates, model%laws), model%planning, error)
+                          laws_at(coordinates, model%laws), error)
       end associate
       self%has_stiffness = .not. allocated(error)
       if (allocated(error)) return

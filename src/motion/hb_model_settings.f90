@@ -2,7 +2,6 @@
 module hb_model_settings
    use hb_document, only: document_t
    use hb_error, only: error_t
-   use hb_fftw, only: planning
    use hb_kinds, only: gib, wp
    use hb_model, only: accuracy_t, certificate_config_t, model_t
    use hb_properties, only: properties_t
@@ -95,7 +94,7 @@ contains
       self%max_work = work*unit_of_work
    end subroutine read_accuracy
 
-   !> Reads `&sampling`: `samples` per tone, whether kinks between them are corrected, effort and wisdom file of FFTW.
+   !> Reads `&sampling`: `samples` per tone, whether kinks between them are corrected.
    subroutine read_sampling(self, group)
       type(model_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
@@ -103,8 +102,7 @@ contains
       character(:), allocatable :: kinks
       type(error_t), allocatable :: error
       real(wp) :: oversampling
-      integer, parameter :: efforts(3) = [planning%estimate, planning%measure, planning%patient]
-      integer :: degree, effort, i
+      integer :: degree, i
 
       degree = 1
       do i = 1, size(self%laws)
@@ -130,10 +128,6 @@ contains
       if (self%accuracy%is_on .or. self%callbacks%is_followed) kinks = "corrected"   ! samples must not create folds
       call group%get("kinks", kinks)
       self%torus%corrects_kinks = kinks == "corrected"
-
-      call group%choose("planning", effort)
-      self%planning = efforts(effort)
-      call group%get("wisdom", self%wisdom)
    end subroutine read_sampling
 
    !> Reads `&certificate`: whether it is computed, and its thresholds.

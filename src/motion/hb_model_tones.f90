@@ -66,7 +66,7 @@ contains
       call new_tones(self, omega, error, is_unknown)
       self%subharmonic = subharmonic
       self%is_in_hertz = group%given("hertz")
-      if (allocated(error)) call annotate(error, group%place())
+      if (allocated(error)) call annotate(error, group%location())
 
    contains
 
@@ -134,12 +134,12 @@ contains
       type(properties_t), intent(inout) :: group
       integer :: i, m
 
-      if (size(self%laws) == 0) call group%problem_as_is(group%place()//": unknown tones need a law; without one nothing "// &
+      if (size(self%laws) == 0) call group%problem_as_is(group%location()//": unknown tones need a law; without one nothing "// &
                                                          "determines the amplitude")
       do m = 1, self%tones%n_tones
          associate (tuple => [(merge(1, 0, i == m), i=1, self%tones%n_tones)])
             if (self%tones%is_unknown(m) .and. self%harmonics%index_of(tuple) == 0) &
-               call group%problem_as_is(group%place()//": the set of harmonics needs "//tuple_text(tuple)// &
+               call group%problem_as_is(group%location()//": the set of harmonics needs "//tuple_text(tuple)// &
                                         ", the fundamental of an unknown tone")
          end associate
       end do
@@ -172,7 +172,7 @@ contains
 
       measure = 1
       associate (mode => self%normal_mode)
-         mode%is_asked = .true.
+         mode%is_requested = .true.
          mode%has_energy = group%given("energy")
          call group%get("mode", mode%mode)
          if (mode%has_energy) then
@@ -190,10 +190,10 @@ contains
          mode%is_peak = measure == 1
          if (allocated(dof)) call find_law_dof(self, group, "dof", dof, mode%dof)
       end associate
-      if (self%start_from_integration) call group%problem_as_is(group%place()//": a normal mode is not an attractor, so that "// &
+      if (self%start_from_integration) call group%problem_as_is(group%location()//": a normal mode is not an attractor, "// &
          "&solver first_guess = 'integration' does not find it")
       if (count(self%tones%is_unknown) /= 1) then
-         call group%problem_as_is(group%place()//": a normal mode needs one unknown tone: give 'unknown' in &tones")
+         call group%problem_as_is(group%location()//": a normal mode needs one unknown tone: give 'unknown' in &tones")
       else if (self%normal_mode%has_energy) then
          if (self%tones%n_tones > 1) call group%problem("energy", "with several tones the energy is not that of one motion")
       else if (self%normal_mode%is_peak .and. self%tones%n_tones > 1) then

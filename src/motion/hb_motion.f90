@@ -37,20 +37,20 @@ contains
 
    !> Solves the model. An `error` is a failure of this point alone, such as a singular interior; a solver that does
    !> not converge is reported by the status of the result.
-   subroutine solve_motion(model, result, error, guess, unknowns, kept)
+   subroutine solve_motion(model, result, error, guess, unknowns, cached)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: guess(:)                      !! replaces that of the model: coefficients at the
                                                                       !! coordinates of the laws, then all base frequencies
       real(wp), allocatable, intent(out), optional :: unknowns(:) !! of a converged solution, ordered as `guess`; none without laws
-      type(cached_linear_parts_t), intent(inout), optional, target :: kept !! of the previous motion, reused if possible
+      type(cached_linear_parts_t), intent(inout), optional, target :: cached !! of the previous motion, reused if possible
       type(cancellation_t), target :: cancellation
       real(wp), allocatable :: found(:)
 
       call cancellation%enter(model%solver%time_limit)
       if (present(guess)) found = guess
-      call solve_with_cancellation(model, result, error, found, kept)
+      call solve_with_cancellation(model, result, error, found, cached)
       call cancellation%leave()
       if (allocated(error)) then
          call forget_motion(result)
@@ -60,20 +60,20 @@ contains
    end subroutine solve_motion
 
    !> Solves the model under a cancellation that has been entered.
-   subroutine solve_with_cancellation(model, result, error, unknowns, kept)
+   subroutine solve_with_cancellation(model, result, error, unknowns, cached)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(inout) :: unknowns(:)             !! on entry a first guess as that of `solve_motion`, if
                                                                       !! allocated; on return the solution
-      type(cached_linear_parts_t), intent(inout), optional, target :: kept
+      type(cached_linear_parts_t), intent(inout), optional, target :: cached
       type(cached_linear_parts_t), pointer :: parts
       type(basis_t) :: basis
       real(wp), allocatable :: first_guess(:)
       logical :: is_done, is_odd
 
       nullify (parts)
-      if (present(kept) .and. .not. any(model%tones%is_unknown)) parts => kept   ! no slopes, no drives
+      if (present(cached) .and. .not. any(model%tones%is_unknown)) parts => cached ! no slopes, no drives
       call move_alloc(unknowns, first_guess)
       if (model%primary_method == primary_method%integration .and. model%has_time_domain() .and. .not. allocated(first_guess)) then
          call integrate_first(model, result, is_done)
@@ -101,24 +101,24 @@ contains
       logical, intent(out) :: is_done
       type(coordinates_t) :: coordinates
       type(error_t), allocatable :: error
-      type(steady_motion_t) :: settled
+      type(steady_motion_t) :: steady
 
       is_done = .false.
-      if (any(model%tones%is_unknown) .or. model%normal_mode%is_asked) return
+      if (any(model%tones%is_unknown) .or. model%normal_mode%is_requested) return
       coordinates = coordinates_of(model)
       if (coordinates%n == 0) return
-      call model%callbacks%time_domain_solver%settle(model, coordinates%dofs, settled, error)
-      is_done = work_is_over() .or. settled%status /= outcome%pending .and. .not. allocated(error)
+      call model%callbacks%time_domain_solver%find_steady_motion(model, coordinates%dofs, steady, error)
+      is_done = work_is_over() .or. steady%status /= outcome%pending .and. .not. allocated(error)
       if (.not. is_done) return
       result%is_integrated_first = .true.
-      result%work = settled%work
-      result%integration_work = settled%work
-      result%n_motions = settled%n_motions
-      result%status = settled%status
-      result%n_periods = settled%n_repeat
+      result%work = steady%work
+      result%integration_work = steady%work
+      result%n_motions = steady%n_motions
+      result%status = steady%status
+      result%n_periods = steady%n_repeat
       if (work_is_over()) result%status = status_of_ended()
-      if (allocated(settled%message)) result%message = settled%message
-      if (is_solved(result%status)) call keep_integrated(model, coordinates, settled, result)
+      if (allocated(steady%message)) result%message = steady%message
+      if (is_solved(result%status)) call keep_integrated(model, coordinates, steady, result)
    end subroutine integrate_first
 
    !> The last method: if the balance has found no motion, or one that strikes walls with a given restitution, the
@@ -130,43 +130,43 @@ contains
       real(wp), allocatable, intent(inout) :: unknowns(:)
       type(coordinates_t) :: coordinates
       type(error_t), allocatable :: error
-      type(steady_motion_t) :: settled
+      type(steady_motion_t) :: steady
       type(model_t), allocatable :: from
       logical :: has_start, is_struck
 
       is_struck = model%lacks_impacts_of(result%status)
       if (.not. (model%solver%fallback .and. model%solver%fallback_by_integration)) return
       if (.not. (is_struck .or. is_lost(result%status))) return
-      if (any(model%tones%is_unknown) .or. model%normal_mode%is_asked) return
+      if (any(model%tones%is_unknown) .or. model%normal_mode%is_requested) return
       coordinates = coordinates_of(model)
       if (coordinates%n == 0) return
       allocate (from)
       has_start = is_struck .and. allocated(unknowns)
       if (has_start) call start_from(model, unknowns, from, has_start)
       if (.not. has_start) from = model
-      call model%callbacks%time_domain_solver%settle(from, coordinates%dofs, settled, error)
-      result%work = result%work + settled%work
-      result%integration_work = settled%work
-      if (allocated(error)) settled%message = "integration: "//error%message
-      if (.not. (work_is_over() .or. is_struck) .and. settled%status == outcome%time_domain) &
-         call balance_from(model, guess_from(model, coordinates, settled), result, unknowns)
-      result%n_motions = settled%n_motions
+      call model%callbacks%time_domain_solver%find_steady_motion(from, coordinates%dofs, steady, error)
+      result%work = result%work + steady%work
+      result%integration_work = steady%work
+      if (allocated(error)) steady%message = "integration: "//error%message
+      if (.not. (work_is_over() .or. is_struck) .and. steady%status == outcome%time_domain) &
+         call balance_from(model, guess_from(model, coordinates, steady), result, unknowns)
+      result%n_motions = steady%n_motions
       if (work_is_over()) then
          result%status = status_of_ended()
       else if (result%fallback == fallback%integration) then
          return                                                       ! the balance has converged
-      else if (settled%status == outcome%pending) then
-         if (allocated(result%message)) settled%message = settled%message//"; "//result%message
-         result%message = settled%message
-         if (settled%is_out_of_work) result%reason = reason%fallback_work
-         if (is_struck .and. settled%is_out_of_work) result%status = outcome%out_of_budget
+      else if (steady%status == outcome%pending) then
+         if (allocated(result%message)) steady%message = steady%message//"; "//result%message
+         result%message = steady%message
+         if (steady%is_out_of_work) result%reason = reason%fallback_work
+         if (is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
       else
          call forget_motion(result)
          if (allocated(unknowns)) deallocate (unknowns)
-         result%status = settled%status
-         result%n_periods = settled%n_repeat
-         result%message = settled%message
-         if (is_solved(settled%status)) call keep_integrated(model, coordinates, settled, result)
+         result%status = steady%status
+         result%n_periods = steady%n_repeat
+         result%message = steady%message
+         if (is_solved(steady%status)) call keep_integrated(model, coordinates, steady, result)
       end if
    end subroutine fallback_by_integration
 
@@ -247,14 +247,14 @@ contains
    end subroutine forget_motion
 
    !> Solves the model in a basis.
-   subroutine solve_model(model, basis, result, error, unknowns, kept)
+   subroutine solve_model(model, basis, result, error, unknowns, cached)
       type(model_t), intent(in) :: model
       type(basis_t), intent(in) :: basis
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(inout) :: unknowns(:)             !! on entry a first guess in the whole set, as that of
                                                                       !! `solve_motion`, if allocated; on return the solution
-      type(cached_linear_parts_t), pointer, intent(in), optional :: kept
+      type(cached_linear_parts_t), pointer, intent(in), optional :: cached
       type(dynamic_stiffness_t) :: stiffness
       type(linear_part_t), allocatable :: linear
       type(balance_t), target :: balance
@@ -273,15 +273,15 @@ contains
       result%frequency = start%omega
       result%n_harmonics = basis%whole%n_harmonics
       keeps = .false.
-      if (present(kept)) keeps = associated(kept) .and. coordinates%n > 0
+      if (present(cached)) keeps = associated(cached) .and. coordinates%n > 0
       if (keeps) then
-         call kept%narrow%take(model%structure, coordinates, basis%harmonics%frequencies(start%omega), &
-                               model%loads%at(basis%places), linear, error)
+         call cached%narrow%take(model%structure, coordinates, basis%harmonics%frequencies(start%omega), &
+                                 model%loads%at(basis%positions), linear, error)
       else
          call new_dynamic_stiffness(stiffness, model%structure, coordinates, basis%harmonics%frequencies(start%omega), &
-                                    model%loads%at(basis%places), error, &
+                                    model%loads%at(basis%positions), error, &
                                     wanted_slopes_t(is_on=is_autonomous, of_motion=model%normal_mode%has_energy, &
-                                                    loads=model%load_slopes%at(basis%places)))
+                                                    loads=model%load_slopes%at(basis%positions)))
       end if
       if (allocated(error)) return
       if (coordinates%n == 0) then
@@ -294,14 +294,14 @@ contains
          call new_linear_part(linear, stiffness)
       end if
       call new_balance(balance, basis%harmonics, basis%torus, start%omega, linear, laws_at(coordinates, model%laws), &
-                       model%planning, error)
-      if (keeps) balance%cached_wide => kept%wide
+                       error)
+      if (keeps) balance%cached_wide => cached%wide
       result%setup_seconds = wall_clock() - started
       if (.not. allocated(error)) call solve_balance(model, basis, start, balance, result, error, first_guess, unknowns)
       if (model%has_time_domain() .and. is_autonomous .and. model%tones%n_tones > 1 .and. .not. allocated(error) &
           .and. result%status /= outcome%interrupted) &
-         call look_for_locking(model, start, coordinates%dofs, result)
-      if (keeps) call kept%narrow%give_back(balance%stiffness)
+         call search_for_locking(model, start, coordinates%dofs, result)
+      if (keeps) call cached%narrow%give_back(balance%stiffness)
       call balance%destroy()
    end subroutine solve_model
 
@@ -384,7 +384,7 @@ contains
       if (.not. all(ieee_is_finite(result%coefficients))) result%status = outcome%not_finite
       if (model%certificate%is_on .and. result%status == outcome%converged) &
          call certify_linear(result%certificate, model%structure, model%tones, basis%harmonics%frequencies(model%tones%omega), &
-                             model%loads%at(basis%places), c)
+                             model%loads%at(basis%positions), c)
    end subroutine solve_linear_model
 
    !> Solves the balance, and describes the motion found.
@@ -509,7 +509,7 @@ contains
 
    !> Checks whether the tones have locked, in which case there is no torus: if the search for a torus failed, or if
    !> its motion is no better than a guess and its tones are nearly commensurate.
-   subroutine look_for_locking(model, start, law_dofs, result)
+   subroutine search_for_locking(model, start, law_dofs, result)
       type(model_t), intent(in) :: model
       type(autonomous_start_t), intent(in) :: start
       integer, intent(in) :: law_dofs(:)
@@ -536,7 +536,7 @@ contains
       result%certificate = none                                       ! of a torus that does not exist
       result%is_near_commensurate = .false.
       where (model%tones%is_unknown) result%frequency = locking%multiples*locking%base
-   end subroutine look_for_locking
+   end subroutine search_for_locking
 
    !> Status of a point that must end early.
    integer function status_of_ended() result(status)
@@ -551,7 +551,7 @@ contains
       type(motion_result_t), intent(inout) :: result
 
       result%frequency = balance%omega
-      if (model%normal_mode%is_asked) result%artificial_damping = balance%xi
+      if (model%normal_mode%is_requested) result%artificial_damping = balance%xi
       if (any(report%status == [outcome%collapsed, outcome%no_motion])) then
          where (model%tones%is_unknown) result%frequency = ieee_value(1.0_wp, ieee_quiet_nan)
       end if
@@ -579,7 +579,7 @@ contains
       real(wp), intent(inout) :: u(:, :)
       type(amplitudes_t) :: start
 
-      start = model%start%at(basis%places)
+      start = model%start%at(basis%positions)
       if (.not. start%is_zero()) u = u + basis%harmonics%coefficients(coordinates%amplitudes_of(start%whole()))
    end subroutine add_start
 end module hb_motion

@@ -258,36 +258,37 @@ contains
    subroutine curve_columns(t, m)
       class(columns_t), intent(inout) :: t
       type(motion_result_t), intent(in) :: m
-      type(curve_position_t) :: place
+      type(curve_position_t) :: position
       integer :: n
 
       t%is_there = t%has_curve
       if (.not. t%is_there) return
       t%is_known = allocated(m%curve)
-      if (t%is_known) place = m%curve
+      if (t%is_known) position = m%curve
       n = 0
-      if (allocated(place%unknowns)) n = size(place%unknowns)
-      if (n > 0 .and. .not. t%has_own_tuples) place%unknowns = padded(place%unknowns, t%n_curve_unknowns)
-      if (allocated(place%direction) .and. .not. t%has_own_tuples) place%direction = padded(place%direction, t%n_curve_unknowns)
-      call t%integer("curve_kind", "1", "", "kind of the point of a curve", place%kind, curve_kind_names)
+      if (allocated(position%unknowns)) n = size(position%unknowns)
+      if (n > 0 .and. .not. t%has_own_tuples) position%unknowns = padded(position%unknowns, t%n_curve_unknowns)
+      if (allocated(position%direction) .and. .not. t%has_own_tuples) &
+         position%direction = padded(position%direction, t%n_curve_unknowns)
+      call t%integer("curve_kind", "1", "", "kind of the point of a curve", position%kind, curve_kind_names)
       call t%integer("curve_branch", "1", "", &
-         "number of the branch point from which this part of the curve starts, from 1; 0: from its start", place%branch)
+         "number of the branch point from which this part of the curve starts, from 1; 0: from its start", position%branch)
       call t%real("curve_length", "1", "", "length of the curve from its start, "// &
-         "in units of the range and of the largest motion; negative in the other direction", place%length)
+         "in units of the range and of the largest motion; negative in the other direction", position%length)
       call t%integer("curve_response", "1", "", "number of the response that is located there, of 'peak_of', 'minimum_of', "// &
-         "'amplitude_of' and 'resonance_of' together; 0: none", place%response)
-      call t%real("curve_over", "1", "", "value of 'over' in its unit for continued located points, else 0", place%over)
+         "'amplitude_of' and 'resonance_of' together; 0: none", position%response)
+      call t%real("curve_over", "1", "", "value of 'over' in its unit for continued located points, else 0", position%over)
       call t%integer("curve_n_unknowns", "1", "", "number of unknowns of the curve in use", n)
-      call t%real("curve_unknowns", "1", "curve_unknown", "unknowns of the curve, the value last", place%unknowns)
+      call t%real("curve_unknowns", "1", "curve_unknown", "unknowns of the curve, the value last", position%unknowns)
       call t%real("curve_direction", "1", "curve_unknown", "tangent of the curve, where it continues from the point", &
-         place%direction)
-      call t%real("curve_step", "1", "", "length of the next step; 0 except at the end of a step", place%step)
+         position%direction)
+      call t%real("curve_step", "1", "", "length of the next step; 0 except at the end of a step", position%step)
       call t%real("curve_orientation", "1", "", &
-         "sign of the determinant of the bordered tangent, at the end of a step; 0: unknown", place%orientation)
+         "sign of the determinant of the bordered tangent, at the end of a step; 0: unknown", position%orientation)
       call t%real("curve_largest_motion", "1", "", &
-         "largest motion so far, at the end of a step, relative to a typical one: the unit of lengths", place%largest_motion)
-      call t%real("curve_angle", "rad", "", "angle of the pair of multipliers of a flip or torus, else 0", place%angle)
-      call t%real(t%curve_column, t%curve_units, "", "value of "//t%curve_path//" along the curve", place%parameter)
+         "largest motion so far, at the end of a step, relative to a typical one: the unit of lengths", position%largest_motion)
+      call t%real("curve_angle", "rad", "", "angle of the pair of multipliers of a flip or torus, else 0", position%angle)
+      call t%real(t%curve_column, t%curve_units, "", "value of "//t%curve_path//" along the curve", position%parameter)
    end subroutine curve_columns
 
    !> Columns with `&output samples`.

@@ -20,7 +20,7 @@ module hb_motion_curve
    use hb_level, only: estimate_of, join, level_of, level_t
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t, motion_result_t
-   use hb_motions_apart, only: look_apart
+   use hb_motions_apart, only: search_separate
    use hb_outcome, only: is_solved, outcome, reason
    use hb_point, only: solve_point
    use hb_solver_types, only: report_t
@@ -47,7 +47,7 @@ module hb_motion_curve
       procedure :: begin_next_to => motion_curve_begin_next_to
       procedure :: continue_from => motion_curve_continue_from
       procedure :: next => motion_curve_next
-      procedure :: look_for => motion_curve_look_for
+      procedure :: search_for => motion_curve_search_for
       procedure :: measure => motion_curve_measure
       procedure :: start_branch => motion_curve_start_branch
       procedure :: go
@@ -96,7 +96,7 @@ contains
       end if
       if (self%is_done) return
       further = [pack(result%frequency, model%tones%is_unknown)]
-      if (model%normal_mode%is_asked) further = [further, pack(result%artificial_damping, model%tones%is_unknown)]
+      if (model%normal_mode%is_requested) further = [further, pack(result%artificial_damping, model%tones%is_unknown)]
       further = [further, request%start]
       call self%prepare(model, document, further, level, error)
       self%is_done = allocated(error)
@@ -178,22 +178,22 @@ contains
 
    !> Replaces `begin`: starts from a motion and tangent of another curve, in the plane across the tangent and
    !> slightly before the motion, so that the events there are ahead. `is_found` is false if there is no motion.
-   subroutine motion_curve_begin_next_to(self, model, document, request, place, is_found, error)
+   subroutine motion_curve_begin_next_to(self, model, document, request, position, is_found, error)
       class(motion_curve_t), intent(inout), target :: self
       type(model_t), intent(in) :: model
       type(document_t), intent(in) :: document                        !! from which it was read
       type(curve_request_t), intent(in) :: request
-      type(curve_position_t), intent(in) :: place                     !! a fold or peak of the other curve, with its tangent
+      type(curve_position_t), intent(in) :: position                  !! a fold or peak of the other curve, with its tangent
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
 
       self%request = request
-      self%way = 1
+      self%i_branch = 1
       is_found = .false.
-      call self%prepare(model, document, further_of(place, model), level_of(model, place), error)
+      call self%prepare(model, document, further_of(position, model), level_of(model, position), error)
       if (allocated(error)) return
-      associate (direction => place%direction)
-         self%first%x = place%unknowns - run_up*request%longest_step*direction/norm2(direction/self%units_at(place%unknowns))
+      associate (direction => position%direction)
+         self%first%x = position%unknowns - run_up*request%longest_step*direction/norm2(direction/self%units_at(position%unknowns))
          self%first%direction = direction
       end associate
       call self%find_on_plane(self%first%x, self%first%direction, is_found)
@@ -228,8 +228,8 @@ contains
          call store_met_motion(self, stored(i)%unknowns, level)
       end do
       associate (last => stored(size(stored)))
-         self%way = 2*last%branch + merge(2, 1, last%length < 0.0_wp .or. &
-                                          (last%branch > 0 .and. count(stored%kind == curve_kind%start .and. &
+         self%i_branch = 2*last%branch + merge(2, 1, last%length < 0.0_wp .or. &
+                                               (last%branch > 0 .and. count(stored%kind == curve_kind%start .and. &
                                                                        stored%branch == last%branch) > 1))
          call self%start_branch(error)
          if (allocated(error)) return
@@ -264,12 +264,12 @@ contains
    end subroutine motion_curve_continue_from
 
    !> The unknowns of a point other than those of the balance.
-   pure function further_of(place, model) result(further)
-      type(curve_position_t), intent(in) :: place
+   pure function further_of(position, model) result(further)
+      type(curve_position_t), intent(in) :: position
       type(model_t), intent(in) :: model
       real(wp) :: further(n_further(model))
 
-      further = place%unknowns(size(place%unknowns) - size(further) + 1:)
+      further = position%unknowns(size(position%unknowns) - size(further) + 1:)
    end function further_of
 
    !> Prepares the curve for its start on a set and a grid.
@@ -311,10 +311,10 @@ contains
       real(wp), allocatable :: direction(:)
 
       self%branch_start = self%first
-      if (self%way > 2) self%branch_start = self%origins((self%way - 1)/2)
+      if (self%i_branch > 2) self%branch_start = self%origins((self%i_branch - 1)/2)
       if (self%model%accuracy%is_on) call self%put_on(self%branch_start%level, error)
       if (allocated(error)) return
-      if (self%way <= 2 .and. allocated(self%first%direction)) then
+      if (self%i_branch <= 2 .and. allocated(self%first%direction)) then
          direction = self%first%direction
       else if (self%has_left_branch()) then
          direction = self%branch_start%direction
@@ -370,23 +370,23 @@ contains
       real(wp), allocatable :: x(:)
       logical :: is_found
 
-      if (self%is_closed .and. modulo(self%way, 2) == 1) self%way = self%way + 1   ! the other branch would be the same
+      if (self%is_closed .and. modulo(self%i_branch, 2) == 1) self%i_branch = self%i_branch + 1 ! the other branch would be the same
       self%is_closed = .false.
       self%ends_here = .false.
-      self%way = self%way + 1
+      self%i_branch = self%i_branch + 1
       associate (request => self%request) ! the other branch from an origin has the same motions, shifted
-         if (self%way == 2 .and. ((request%start - request%from)*(request%start - request%to) >= 0.0_wp .or. &
-                                  allocated(request%origin))) self%way = 3
+         if (self%i_branch == 2 .and. ((request%start - request%from)*(request%start - request%to) >= 0.0_wp .or. &
+                                       allocated(request%origin))) self%i_branch = 3
       end associate
-      if (self%way > 2*(1 + size(self%origins)) .and. self%n_reported + 1 < self%request%n_points) then
-         call look_apart(self, self%met, x, is_found, error)
+      if (self%i_branch > 2*(1 + size(self%origins)) .and. self%n_reported + 1 < self%request%n_points) then
+         call search_separate(self, self%met, x, is_found, error)
          if (allocated(error)) return
          if (is_found) self%origins = [self%origins, origin_t(.true., x, 0.0_wp*x, self%level)]
       end if
-      self%is_done = self%way > 2*(1 + size(self%origins))
+      self%is_done = self%i_branch > 2*(1 + size(self%origins))
       if (self%is_done) return
       call self%start_branch(error)
-      if (self%way > 2 .and. .not. allocated(error)) call put_start(self)
+      if (self%i_branch > 2 .and. .not. allocated(error)) call put_start(self)
    end subroutine leave
 
    !> Makes the start of this branch the only waiting point.
@@ -472,7 +472,7 @@ contains
    end subroutine find_next
 
    !> Follows the curve to the first point of a kind, within a number of steps, and returns that point alone.
-   subroutine motion_curve_look_for(self, kind, most_steps, result, n_steps, is_found, error)
+   subroutine motion_curve_search_for(self, kind, most_steps, result, n_steps, is_found, error)
       class(motion_curve_t), intent(inout), target :: self
       integer, intent(in) :: kind, most_steps
       type(motion_result_t), intent(out) :: result
@@ -493,7 +493,7 @@ contains
       if (.not. is_found) return
       call report(self, i, result, error)
       call count_work(self%curve%report, report_t(), result)
-   end subroutine motion_curve_look_for
+   end subroutine motion_curve_search_for
 
    !> Performs one step, to the tolerance if one is requested.
    subroutine go(self, error)
@@ -531,38 +531,38 @@ contains
       class(motion_curve_t), intent(inout), target :: self
       type(waiting_t), intent(in) :: point
       type(motion_result_t), intent(inout) :: result
-      type(curve_position_t) :: place
+      type(curve_position_t) :: position
 
       call store_met_motion(self, point%x, self%level)
-      place%kind = point%kind
-      place%parameter = point%x(size(point%x))
-      place%length = self%sense()*(self%length + point%place)
-      place%branch = (self%way - 1)/2
-      place%unknowns = self%pack(point%x)
+      position%kind = point%kind
+      position%parameter = point%x(size(point%x))
+      position%length = self%sense()*(self%length + point%position)
+      position%branch = (self%i_branch - 1)/2
+      position%unknowns = self%pack(point%x)
       if (self%model%accuracy%is_on) then
-         place%tuples = self%level%set%tuples
-         place%n_samples = self%level%n_samples
+         position%tuples = self%level%set%tuples
+         position%n_samples = self%level%n_samples
       end if
       if (all(point%kind /= [curve_kind%value, curve_kind%end, curve_kind%split, curve_kind%graze])) &
-         place%direction = self%pack(self%curve%direction)
+         position%direction = self%pack(self%curve%direction)
       select case (point%kind)
       case (curve_kind%regular, curve_kind%start)
-         self%length = self%length + point%place
-         place%step = self%curve%step
-         place%orientation = self%curve%orientation
-         place%largest_motion = self%largest
+         self%length = self%length + point%position
+         position%step = self%curve%step
+         position%orientation = self%curve%orientation
+         position%largest_motion = self%largest
       case (curve_kind%branch)
-         if (self%request%switches .and. self%way <= 2) &
-            self%origins = [self%origins, origin_t(.false., place%unknowns, place%direction, self%level)]
+         if (self%request%switches .and. self%i_branch <= 2) &
+            self%origins = [self%origins, origin_t(.false., position%unknowns, position%direction, self%level)]
       case (curve_kind%amplitude, curve_kind%resonance)
-         place%response = point%response
+         position%response = point%response
       case (curve_kind%fold, curve_kind%peak, curve_kind%minimum)
-         place%response = point%response
-         self%reported = [self%reported, reported_extreme_t(point%response, self%length + point%place)]
+         position%response = point%response
+         self%reported = [self%reported, reported_extreme_t(point%response, self%length + point%position)]
       case (curve_kind%flip, curve_kind%torus)
-         if (allocated(result%stability%multipliers)) place%angle = angle_of_pair(result%stability%multipliers)
+         if (allocated(result%stability%multipliers)) position%angle = angle_of_pair(result%stability%multipliers)
       end select
-      result%curve = place
+      result%curve = position
       call find_curve_gradient(self, point, result)
    end subroutine add_position
 

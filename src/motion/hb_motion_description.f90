@@ -27,7 +27,7 @@ module hb_motion_description
    use hb_transform, only: new_transform, transform_t
    implicit none
    private
-   public :: allow_for_growth, ask_for_stability, compare_with_refined, describe_motion, keep_motion, stability_of
+   public :: allow_for_growth, compare_with_refined, describe_motion, keep_motion, request_stability, stability_of
 
 contains
 
@@ -82,7 +82,7 @@ contains
       config = model%stability
       config%tolerance = tolerance
       if (present(is_integrated)) config%is_integrated = is_integrated
-      call ask_for_stability(model, config, harmonic_motion_t(balance%harmonics%tuples, tones_of(model, balance), c), &
+      call request_stability(model, config, harmonic_motion_t(balance%harmonics%tuples, tones_of(model, balance), c), &
                              usual_work(model, balance), stability)
    end subroutine stability_of
 
@@ -105,8 +105,8 @@ contains
       config%patience = 1.0_wp
       if (stability%n_periods > 0) config%fewest_periods = max(fewest_periods, nint(share_of_periods*stability%n_periods))
       if (stability%n_periods > 0) config%most_periods = stability%n_periods
-      call ask_for_stability(model, config, harmonic_motion_t(found%around%tuples, tones, found%refined), huge(1.0_wp), refined)
-      call stability%hold_against(refined)
+      call request_stability(model, config, harmonic_motion_t(found%around%tuples, tones, found%refined), huge(1.0_wp), refined)
+      call stability%compare_with(refined)
    end subroutine compare_with_refined
 
    !> If disturbances grow within a period of a slow tone before they decay, so does the residual of a solution, in
@@ -126,19 +126,19 @@ contains
    end subroutine allow_for_growth
 
    !> Calls the stability finder of the model; without one the stability is unknown.
-   subroutine ask_for_stability(model, config, motion, work_allowed, stability)
+   subroutine request_stability(model, config, motion, work_allowed, stability)
       type(model_t), intent(in) :: model
       type(stability_config_t), intent(in) :: config
       type(harmonic_motion_t), intent(in) :: motion
       real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
       type(stability_t), intent(out) :: stability
 
-      if (model%normal_mode%is_asked .or. config%method == stability_method%off) return
+      if (model%normal_mode%is_requested .or. config%method == stability_method%off) return
       if (.not. allocated(model%callbacks%stability_finder)) return
       call model%callbacks%stability_finder%find(stability, config, motion, model%structure, model%laws, &
                                                  excitation_t(model%loads, model%harmonics%frequencies(motion%tones%omega), &
                                                               model%integration%restitution), work_allowed)
-   end subroutine ask_for_stability
+   end subroutine request_stability
 
    !> The tones of a model at the frequencies of a solution.
    type(tones_t) function tones_of(model, balance) result(tones)
@@ -180,7 +180,7 @@ contains
 
       allocate (result%coefficients(2, basis%whole%n_harmonics, size(model%output%dofs)), source=0.0_wp)
       do i = 1, size(model%output%dofs)                               ! a copy of all would take as much memory again
-         result%coefficients(:, basis%places, i:i) = as_pairs(c(model%output%dofs(i:i), :))
+         result%coefficients(:, basis%positions, i:i) = as_pairs(c(model%output%dofs(i:i), :))
       end do
    end subroutine keep_motion
 
@@ -244,7 +244,7 @@ contains
          allocate (result%output_estimate(size(outputs)), source=1.0_wp)
          allocate (result%output_level_estimate(size(outputs)), source=0.0_wp)
          do i = 1, size(outputs)
-            result%outputs(basis%places, i) = c(outputs(i)%dof, :)
+            result%outputs(basis%positions, i) = c(outputs(i)%dof, :)
             if (allocated(found%refined)) result%output_estimate(i) = min(1.0_wp, &
                outputs(i)%distance(basis%harmonics, c(outputs(i)%dof, :), found%around, found%refined(outputs(i)%dof, :)))
          end do
@@ -269,10 +269,10 @@ contains
          any([(model%laws(i)%law%n_switches + model%laws(i)%law%n_states > 0, i=1, size(model%laws))])
       if (allocated(model%accuracy%outputs)) wanted%refined = wanted%refined .or. size(model%accuracy%outputs) > 0
       if (any(model%tones%is_unknown) .and. present(search)) then
-         call certify(result%certificate, model%structure, model%loads%at(basis%places), balance, u, wanted, error, search%phase)
+         call certify(result%certificate, model%structure, model%loads%at(basis%positions), balance, u, wanted, error, search%phase)
       else
          wanted%improvement_steps = model%certificate%improvement_steps
-         call certify(result%certificate, model%structure, model%loads%at(basis%places), balance, u, wanted, error, curve)
+         call certify(result%certificate, model%structure, model%loads%at(basis%positions), balance, u, wanted, error, curve)
       end if
       if (allocated(error)) return
       if (allocated(result%certificate%improved)) call keep_improved(basis, result, error)
@@ -283,7 +283,7 @@ contains
          if (is_missed(found%truncation, limit%truncation)) result%status = outcome%truncated
          if (any(is_missed(found%frequency_error/balance%omega, limit%truncation))) result%status = outcome%truncated
          if (is_missed(found%aliasing, limit%aliasing)) result%status = outcome%aliased
-         if (found%impact > limit%impact .and. .not. model%normal_mode%is_asked) &   ! a free motion without damping loses no energy
+         if (found%impact > limit%impact .and. .not. model%normal_mode%is_requested) & ! a free motion loses no energy
             result%status = outcome%impact                            ! a larger set does not help
          if (.not. all(ieee_is_finite([found%power_in, found%energy%lost, found%power_laws]))) &
             result%status = outcome%not_finite
@@ -339,10 +339,10 @@ contains
       associate (coordinates => balance%stiffness%coordinates)
          allocate (linear, source=balance%stiffness)
          call new_balance(shown, basis%harmonics, torus, balance%omega, linear, laws_at(coordinates, model%laws), &
-                          model%planning, error)
+                          error)
          if (.not. allocated(error)) call new_real_block(samples, torus%n_total, size(coordinates%dofs), error)
          if (.not. allocated(error)) &
-            call new_transform(transform, basis%harmonics, torus, size(coordinates%dofs), model%planning, error)
+            call new_transform(transform, basis%harmonics, torus, size(coordinates%dofs), error)
          if (.not. allocated(error)) then
             call shown%sample(u)
             call shown%law_set%evaluate()

@@ -99,7 +99,7 @@ module hb_motion_result
 
 contains
 
-   !> Adds what another motion on the way has taken; its fallback counts where that is a later one.
+   !> Adds the work of another motion; its fallback counts if it is a later one.
    pure subroutine effort_add(self, other)
       class(effort_t), intent(inout) :: self
       type(effort_t), intent(in) :: other

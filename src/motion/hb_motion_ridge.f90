@@ -158,14 +158,14 @@ contains
       if (kind /= curve_kind%start) self%length = self%length + abs(value - self%value)/self%request%moving%typical
       self%last = result%curve
       self%value = value
-      associate (place => result%curve)
-         place%kind = kind
-         place%parameter = value
-         place%over = place%unknowns(size(place%unknowns))
-         place%length = self%length
-         place%branch = 0
-         place%step = self%step
-         if (all(kind /= [curve_kind%start, curve_kind%regular])) deallocate (place%direction)   ! not a point of continuation
+      associate (position => result%curve)
+         position%kind = kind
+         position%parameter = value
+         position%over = position%unknowns(size(position%unknowns))
+         position%length = self%length
+         position%branch = 0
+         position%step = self%step
+         if (all(kind /= [curve_kind%start, curve_kind%regular])) deallocate (position%direction) ! not a point of continuation
       end associate
       self%n_reported = self%n_reported + 1
       self%is_done = kind == curve_kind%end .or. self%n_reported >= self%request%n_points
@@ -185,16 +185,16 @@ contains
 
       started = wall_clock()
       call cancellation%enter(self%model%solver%time_limit)
-      associate (request => self%request, way => sign(1.0_wp, self%request%to - self%request%from))
+      associate (request => self%request, sense => sign(1.0_wp, self%request%to - self%request%from))
          do
-            value = self%value + way*self%step*request%moving%typical
+            value = self%value + sense*self%step*request%moving%typical
             kind = curve_kind%regular
             far = request%to
             do i = 1, size(request%values)
-               if (way*(request%values(i) - self%value) > 0.0_wp .and. way*(far - request%values(i)) > 0.0_wp) &
+               if (sense*(request%values(i) - self%value) > 0.0_wp .and. sense*(far - request%values(i)) > 0.0_wp) &
                   far = request%values(i)
             end do
-            if (way*(value - far) >= 0.0_wp) then
+            if (sense*(value - far) >= 0.0_wp) then
                value = far
                kind = merge(curve_kind%end, curve_kind%value, abs(far - request%to) <= 0.0_wp)
             end if
@@ -232,7 +232,7 @@ contains
       integer, intent(out) :: n_steps                                 !! of the curve
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
-      type(curve_position_t) :: place
+      type(curve_position_t) :: position
       integer :: attempt
       logical :: is_new
 
@@ -241,14 +241,14 @@ contains
       call set_values(self, value, self%last%unknowns(size(self%last%unknowns)))
       call update_model(self%model, self%document, is_new, error, self%request%available_memory)
       if (allocated(error)) return
-      place = self%last
+      position = self%last
       do attempt = 1, 2                                               ! along the curve, then in the opposite direction
          call self%short%destroy()
-         call self%short%begin_next_to(self%model, self%document, self%inner, place, is_found, error)
+         call self%short%begin_next_to(self%model, self%document, self%inner, position, is_found, error)
          if (allocated(error) .or. .not. is_found) return
-         call self%short%look_for(self%request%over%kind, most_steps, result, n_steps, is_found, error)
+         call self%short%search_for(self%request%over%kind, most_steps, result, n_steps, is_found, error)
          if (allocated(error) .or. is_found) exit
-         place%direction = -place%direction
+         position%direction = -position%direction
       end do
       if (allocated(error) .or. .not. is_found) return
       call keep_direction(self, result)
@@ -268,13 +268,13 @@ contains
    end subroutine keep_direction
 
    !> The motion of a point on its set.
-   function motion_at(self, place) result(level)
+   function motion_at(self, position) result(level)
       type(motion_ridge_t), intent(in) :: self
-      type(curve_position_t), intent(in) :: place
+      type(curve_position_t), intent(in) :: position
       type(level_t) :: level
 
-      level = level_of(self%model, place)
-      level%unknowns = [place%unknowns(:size(place%unknowns) - 1), 0.0_wp*self%model%tones%omega]
+      level = level_of(self%model, position)
+      level%unknowns = [position%unknowns(:size(position%unknowns) - 1), 0.0_wp*self%model%tones%omega]
    end function motion_at
 
    !> Frees the curve; safe to call twice.

@@ -23,12 +23,12 @@ module hb_motions_apart
    use hb_thresholds, only: agreement, faint, safety
    implicit none
    private
-   public :: deflated_share, find_other, is_other, look_apart, shifted
+   public :: deflated_share, find_other, is_other, search_separate, shifted
 
    real(wp), parameter :: factors(5) = [0.0_wp, 3.0_wp, 0.3_wp, 8.0_wp, 1.1_wp]   ! of known motions, as guesses
-   real(wp), parameter :: kicks(4) = [1.0_wp, 3.0_wp, 8.0_wp, 0.3_wp]     ! in one harmonic, relative to the size
+   real(wp), parameter :: perturbations(4) = [1.0_wp, 3.0_wp, 8.0_wp, 0.3_wp] ! in one harmonic, relative to the size
    integer, parameter :: n_turns = 4                                  ! quarters of a turn of the phases
-   integer, parameter :: most_kicked = 4                              ! harmonics, the lowest
+   integer, parameter :: most_perturbed = 4                           ! harmonics, the lowest
 
    integer, parameter :: most_iterations = 40                         ! from one first guess
    integer, parameter :: most_spurious = 4                            ! motions at a value that are known ones on a larger set
@@ -36,7 +36,7 @@ module hb_motions_apart
 contains
 
    !> Searches for a separate motion at the requested values, and returns the first one.
-   subroutine look_apart(self, met, x, is_found, error)
+   subroutine search_separate(self, met, x, is_found, error)
       class(followed_motion_t), intent(inout), target :: self
       type(origin_t), intent(in) :: met(:)                            !! motions at these values
       real(wp), allocatable, intent(out) :: x(:)                      !! on the present set
@@ -52,7 +52,7 @@ contains
          if (size(known) == 0) cycle                                  ! no motion to start from
          others = known
          do n_spurious = 0, most_spurious
-            call look_at(self, self%request%others(i), others, x, is_found, error)
+            call search_at(self, self%request%others(i), others, x, is_found, error)
             if (allocated(error)) return
             if (.not. is_found) exit
             others = [others, origin_t(x=x, level=self%level)]
@@ -61,10 +61,10 @@ contains
             if (is_found) return
          end do
       end do
-   end subroutine look_apart
+   end subroutine search_separate
 
    !> Searches for a motion at a value other than the known ones, on a set that has the tuples of all of them.
-   subroutine look_at(self, value, known, x, is_found, error)
+   subroutine search_at(self, value, known, x, is_found, error)
       class(followed_motion_t), intent(inout), target :: self
       real(wp), intent(in) :: value
       type(origin_t), intent(in) :: known(:)
@@ -75,7 +75,7 @@ contains
       type(report_t) :: report
       type(level_t) :: level
       type(solver_config_t) :: config
-      real(wp), allocatable :: form(:, :), motions(:, :), solved(:)
+      real(wp), allocatable :: functional(:, :), motions(:, :), solved(:)
       integer :: i
       logical :: is_new, is_possible
 
@@ -93,9 +93,9 @@ contains
       motions = motions_of(self, known)
       call self%problem%move_to_point(motions(:, 1), is_possible)
       if (.not. is_possible) return
-      allocate (form(size(motions, 1), 1), source=0.0_wp)
-      form(size(form), 1) = 1.0_wp
-      call new_bordered_problem(held, self%problem, self%problem%which, form, [value])
+      allocate (functional(size(motions, 1), 1), source=0.0_wp)
+      functional(size(functional), 1) = 1.0_wp
+      call new_bordered_problem(held, self%problem, self%problem%which, functional, [value])
       config = self%problem%model%solver
       config%tolerance = max(config%tolerance, 2.0_wp*self%problem%rounding_level(motions(:self%problem%n_unknowns, 1)))
       config%max_iterations = most_iterations
@@ -109,7 +109,7 @@ contains
       x = motions(:, 1)
       call find_other(held, config, self%problem%model%harmonics, motions, x, is_found)
       x(size(x)) = value
-   end subroutine look_at
+   end subroutine search_at
 
    !> Refines a motion to the tolerance; it is not accepted if it is then a known one.
    subroutine accept(self, known, x, is_accepted, error)
@@ -172,7 +172,7 @@ contains
 
       is_found = .false.
       lowest = lowest_harmonics(harmonics)
-      n_each = (size(factors) + size(lowest)*size(kicks))*n_turns
+      n_each = (size(factors) + size(lowest)*size(perturbations))*n_turns
       scale = scale_of(known, harmonics, problem%x_scale)
       do guess = 0, n_each - 1
          do i = 1, size(known, 2)
@@ -300,7 +300,7 @@ contains
          return
       end if
       k = k - size(factors)
-      associate (h => lowest(1 + k/size(kicks)), amount => kicks(1 + modulo(k, size(kicks))))
+      associate (h => lowest(1 + k/size(perturbations)), amount => perturbations(1 + modulo(k, size(perturbations))))
          do d = 1, n/harmonics%n_coefficients
             first = (d - 1)*harmonics%n_coefficients
             associate (c => first + harmonics%cos_at(h), s => first + harmonics%sin_at(h))
@@ -332,7 +332,7 @@ contains
       allocate (lowest(0))
       do order = 1, maxval(harmonics%highest)*harmonics%n_tones
          do h = 1, harmonics%n_harmonics
-            if (size(lowest) >= most_kicked) return
+            if (size(lowest) >= most_perturbed) return
             if (sum(abs(harmonics%tuples(:, h))) == order) lowest = [lowest, h]
          end do
       end do

@@ -29,7 +29,7 @@ module hb_point
 contains
 
    !> Solves a model. An `error` is a failure of this point alone.
-   subroutine solve_point(model, document, result, error, level, below, guess, kept)
+   subroutine solve_point(model, document, result, error, level, below, guess, cached)
       type(model_t), intent(inout) :: model                           !! on return with the values that follow its motion
       type(document_t), intent(in) :: document                        !! from which the model was read
       type(motion_result_t), intent(out) :: result
@@ -37,7 +37,7 @@ contains
       type(level_t), intent(out) :: level                             !! of the motion; without unknowns if none is found
       type(level_t), intent(in), optional :: below                    !! start with a tolerance
       real(wp), intent(in), optional :: guess(:)                      !! start on a given set, as that of hb_motion
-      type(cached_linear_parts_t), intent(inout), optional, target :: kept
+      type(cached_linear_parts_t), intent(inout), optional, target :: cached
       type(document_t), target :: there
       type(effort_t) :: effort
       type(level_t) :: before
@@ -46,7 +46,7 @@ contains
       integer :: i
       logical :: is_new
 
-      call solve_once(model, result, error, level, below, guess, kept)
+      call solve_once(model, result, error, level, below, guess, cached)
       tones = tied_tones(document, model%tones)
       if (size(tones) == 0) return
       there = document
@@ -89,20 +89,20 @@ contains
    end subroutine solve_point
 
    !> Solves a model at its present values.
-   subroutine solve_once(model, result, error, level, below, guess, kept)
+   subroutine solve_once(model, result, error, level, below, guess, cached)
       type(model_t), intent(in) :: model
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       type(level_t), intent(out) :: level
       type(level_t), intent(in), optional :: below
       real(wp), intent(in), optional :: guess(:)
-      type(cached_linear_parts_t), intent(inout), optional, target :: kept
+      type(cached_linear_parts_t), intent(inout), optional, target :: cached
       real(wp), allocatable :: unknowns(:)
 
       if (model%accuracy%is_on) then
          call solve_to_tolerance(model, result, error, level, below)
       else
-         call solve_motion(model, result, error, guess, unknowns, kept)
+         call solve_motion(model, result, error, guess, unknowns, cached)
          level = level_t(model%harmonics, model%torus%n_samples)
          if (allocated(unknowns)) call move_alloc(unknowns, level%unknowns)
       end if

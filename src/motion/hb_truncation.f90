@@ -17,7 +17,7 @@ module hb_truncation
       integer :: symmetry = symmetry%auto                             !! of the motions in the set, one of `symmetry_t`
       integer, allocatable :: order(:)                                !! (n_tones), of a diamond the same for all; not of a list
       integer, allocatable :: tuples(:, :)                            !! (n_tones, any) of a list, signs as given
-      character(:), allocatable :: place                              !! of the group, for messages
+      character(:), allocatable :: location                           !! of the group, for messages
    contains
       procedure :: highest => truncation_highest
       procedure :: contains => truncation_contains
@@ -33,7 +33,7 @@ contains
       type(truncation_t) :: self
 
       self%order = order
-      self%place = "the wider set of the certificate"
+      self%location = "the wider set of the certificate"
    end function box_truncation
 
    !> Reads `&harmonics`: `set` = box, diamond or list, with `order`, `odd_only`, `tuples`; and `symmetry`.
@@ -68,7 +68,7 @@ contains
       call group%finish(error)
       if (allocated(error)) return
       self%set = set
-      self%place = group%place()
+      self%location = group%location()
       if (set == "list") then
          self%tuples = reshape(tuples, [n_tones, size(tuples)/n_tones])
       else
@@ -119,7 +119,7 @@ contains
       case ("diamond"); call new_diamond(harmonics, size(self%order), self%order(1), self%odd_only, error)
       case default; call new_harmonics(harmonics, self%tuples, error)
       end select
-      if (allocated(error)) call annotate(error, self%place)
+      if (allocated(error)) call annotate(error, self%location)
    end subroutine truncation_make
 
    !> Largest |j_m| of each tone, (n_tones), of the set; all 0 if it would be empty.

@@ -27,7 +27,7 @@ module hb_bordered
    type, extends(problem_t) :: bordered_problem_t
       class(problem_t), pointer :: base => null()
       integer, allocatable :: which(:)                                !! parameters of the base problem that are unknown
-      real(wp), allocatable :: forms(:, :)                            !! (n_unknowns, added equations)
+      real(wp), allocatable :: functionals(:, :)                      !! (n_unknowns, added equations)
       real(wp), allocatable :: values(:)                              !! of the functionals, (added equations)
       class(row_t), allocatable :: row !! function for one of the values; its functional is recomputed
       integer :: row_at = 0                                           !! index of its value
@@ -80,11 +80,11 @@ module hb_bordered
 contains
 
    !> Borders a problem. There must be as many functionals as parameters.
-   subroutine new_bordered_problem(self, base, which, forms, values, row)
+   subroutine new_bordered_problem(self, base, which, functionals, values, row)
       type(bordered_problem_t), intent(out) :: self
       class(problem_t), intent(inout), target :: base
       integer, intent(in) :: which(:)                                 !! parameters of the base problem
-      real(wp), intent(in) :: forms(:, :)                             !! (unknowns of the base problem, or all; parameters)
+      real(wp), intent(in) :: functionals(:, :)                       !! (unknowns of the base problem, or all; parameters)
       real(wp), intent(in) :: values(:)                               !! (parameters)
       class(row_t), intent(in), optional :: row                       !! for the last value; its functional is arbitrary
 
@@ -96,8 +96,8 @@ contains
       self%residual_work = base%residual_work
       self%tangent_work = base%tangent_work
       self%preconditioner_work = base%preconditioner_work
-      allocate (self%forms(self%n_unknowns, size(which)), source=0.0_wp)
-      self%forms(:size(forms, 1), :) = forms
+      allocate (self%functionals(self%n_unknowns, size(which)), source=0.0_wp)
+      self%functionals(:size(functionals, 1), :) = functionals
       self%values = values
       if (present(row)) self%row = row
       self%row_at = size(values)
@@ -111,7 +111,7 @@ contains
       integer :: i
 
       self%x_scale = [self%base%x_scale, self%base%parameter_scales(self%which)]
-      self%r_scale = [self%base%r_scale, (norm2(self%forms(:, i)*self%x_scale), i=1, size(self%values))]
+      self%r_scale = [self%base%r_scale, (norm2(self%functionals(:, i)*self%x_scale), i=1, size(self%values))]
       if (allocated(self%row)) self%r_scale(self%n_base + self%row_at) = abs(self%values(self%row_at))
    end subroutine bordered_rescale
 
@@ -146,7 +146,7 @@ contains
       end if
       associate (n => self%n_base)
          call self%base%residual(x(:n), r(:n))
-         r(n + 1:) = matmul(x, self%forms) - self%values
+         r(n + 1:) = matmul(x, self%functionals) - self%values
          if (allocated(self%row)) r(n + self%row_at) = self%row%value(self%base, x) - self%values(self%row_at)
          if (allocated(self%is_held)) then
             where (self%is_held) r(:n) = x(:n)*self%r_scale(:n)/self%x_scale(:n)
@@ -171,8 +171,8 @@ contains
          self%tangent_work = self%base%tangent_work
          jacobian(:n, :n) = block
          call take_failure(self)
-         if (allocated(self%row)) call self%row%gradient(self%base, x, self%forms(:, self%row_at))
-         jacobian(n + 1:, :) = transpose(self%forms)
+         if (allocated(self%row)) call self%row%gradient(self%base, x, self%functionals(:, self%row_at))
+         jacobian(n + 1:, :) = transpose(self%functionals)
          call self%find_border(x, self%border)
          jacobian(:n, n + 1:) = self%border
          if (.not. allocated(self%is_held)) return
@@ -207,7 +207,7 @@ contains
       call self%move_to(x, is_ready)
       if (.not. is_ready) return
       call self%find_border(x, self%border)
-      if (allocated(self%row)) call self%row%gradient(self%base, x, self%forms(:, self%row_at))
+      if (allocated(self%row)) call self%row%gradient(self%base, x, self%functionals(:, self%row_at))
       call self%base%linearise(x(:self%n_base), is_ready)
       call take_failure(self)
    end subroutine bordered_linearise
@@ -227,7 +227,7 @@ contains
       associate (n => self%n_base)
          call self%base%apply_tangent(x(:n), product(:n))
          product(:n) = product(:n) + matmul(self%border, x(n + 1:))
-         product(n + 1:) = matmul(x, self%forms)
+         product(n + 1:) = matmul(x, self%functionals)
          if (.not. allocated(self%is_held)) return
          where (self%is_held) product(:n) = x(:n)*self%r_scale(:n)/self%x_scale(:n)
       end associate
@@ -248,7 +248,7 @@ contains
          call self%solve_block(self%border(:, i), self%eliminated(:, i))
       end do
       associate (n => self%n_base)
-         self%schur = transpose(self%forms(n + 1:, :)) - matmul(transpose(self%forms(:n, :)), self%eliminated)
+         self%schur = transpose(self%functionals(n + 1:, :)) - matmul(transpose(self%functionals(:n, :)), self%eliminated)
       end associate
       self%schur_pivots = [(i, i=1, k)]
       call dgetrf(k, k, self%schur, k, self%schur_pivots, info)
@@ -264,7 +264,7 @@ contains
       k = size(self%which)
       associate (n => self%n_base)
          call self%solve_block(r(:n), step(:n))
-         step(n + 1:) = r(n + 1:) - matmul(step(:n), self%forms(:n, :))
+         step(n + 1:) = r(n + 1:) - matmul(step(:n), self%functionals(:n, :))
          if (self%has_schur) then
             call dgetrs("N", k, 1, self%schur, k, self%schur_pivots, step(n + 1:), k, info)
             step(:n) = step(:n) - matmul(self%eliminated, step(n + 1:))

@@ -41,15 +41,15 @@ module hb_curve
    !> State of a curve. To continue from a stored point, set `x`, `direction`, `step` and `orientation`.
    type :: curve_t
       type(bordered_problem_t) :: problem
-      type(bordered_problem_t), allocatable :: part                   !! if present: the problem for the unknowns `kept` alone,
+      type(bordered_problem_t), allocatable :: part                   !! if present: the problem for the unknowns `retained` alone,
                                                                       !! on a curve along which all others are zero
-      integer, allocatable :: kept(:)                                 !! (unknowns of `part`)
+      integer, allocatable :: retained(:)                             !! (unknowns of `part`)
       type(curve_config_t) :: config
       type(solver_config_t) :: corrector                              !! its limit of work is that of the whole curve
       real(wp), allocatable :: x(:)                                   !! point on the curve, (n_unknowns)
       real(wp), allocatable :: direction(:)                           !! tangent there, of length 1
       real(wp), allocatable :: units(:)                               !! of lengths, > 0
-      real(wp), allocatable :: form(:)                                !! if present: planes are those of this functional, as
+      real(wp), allocatable :: functional(:)                          !! if present: planes are those of this functional, as
                                                                       !! long as it grows along the curve
       real(wp) :: step = 0.0_wp                                       !! length of the next step
       real(wp) :: orientation = 0.0_wp                                !! sign of the determinant on this piece; 0: not known
@@ -61,7 +61,7 @@ module hb_curve
       type(report_t) :: report                                        !! the work so far
       integer, private :: last_iterations = 0                         ! of the corrector
       logical, private :: is_turned = .false.                         ! at a kink, since the previous point
-      logical, private :: is_along_form = .false.                     ! the last plane was that of `form`
+      logical, private :: is_along_functional = .false.               ! the last plane was that of `functional`
       real(wp), private :: last_orientation = 0.0_wp                  ! at the previous point
       integer, private :: last_branch_points = 0                      ! up to the previous point
    contains
@@ -162,14 +162,14 @@ contains
       self%angle = 0.0_wp
       call self%tangent_at(self%x, direction, sign_now, is_singular)
       if (is_singular) then
-         if (.not. allocated(self%last_x)) self%status = outcome%singular   ! otherwise the old direction is kept
+         if (.not. allocated(self%last_x)) self%status = outcome%singular   ! otherwise the old direction is retained
       else
-         if (.not. self%is_along_form .and. abs(self%orientation*sign_now) > 0.0_wp) then
+         if (.not. self%is_along_functional .and. abs(self%orientation*sign_now) > 0.0_wp) then
             is_other = self%orientation*sign_now < 0.0_wp
             is_back = .false.
             if (dot_product(direction/self%units, self%direction/self%units) <= self%config%little) then
                is_back = is_other
-               if (allocated(self%part) .and. allocated(self%last_x)) call look_at_part(self, is_back)
+               if (allocated(self%part) .and. allocated(self%last_x)) call evaluate_part(self, is_back)
             end if
             if (is_other .neqv. is_back) self%n_branch_points = self%n_branch_points + 1
             if (is_back) direction = -direction
@@ -191,7 +191,7 @@ contains
 
    !> Whether the determinant of `part` changes its sign on the last step; solutions that leave this part may change
    !> the sign of the whole determinant at the same kink.
-   subroutine look_at_part(self, is_changed)
+   subroutine evaluate_part(self, is_changed)
       type(curve_t), intent(inout) :: self
       logical, intent(inout) :: is_changed                            !! unchanged if that is not known
       real(wp) :: direction(size(self%x)), sign_before, sign_now
@@ -201,7 +201,7 @@ contains
       if (is_singular) return
       call corrected_tangent(self, self%x, direction, sign_now, is_singular)
       if (.not. is_singular) is_changed = sign_before*sign_now < 0.0_wp
-   end subroutine look_at_part
+   end subroutine evaluate_part
 
    !> Angle between two vectors [rad], exact for small ones as well.
    pure real(wp) function angle_between(a, b) result(angle)
@@ -226,10 +226,10 @@ contains
       x = self%last_x + step*self%last_direction
       if (allocated(self%part)) then
          call put_part_plane(self)
-         y = x(self%kept)
+         y = x(self%retained)
          call solve_next_to(self%part, limited, y, report)
          x = 0.0_wp
-         x(self%kept) = y
+         x(self%retained) = y
       else
          call solve_next_to(self%problem, limited, x, report)
       end if
@@ -273,10 +273,10 @@ contains
    !> As `locate`, without changing the curve: by false position, in which the weight of the older end falls from step
    !> to step, and by bisection where that is slow. When the bracket cannot shrink further, the remaining changes of
    !> the function and of x distinguish a jump from a zero, and a leap to another curve from both.
-   subroutine curve_find_zero(self, event, places, values, x, step, is_found)
+   subroutine curve_find_zero(self, event, positions, values, x, step, is_found)
       class(curve_t), intent(inout) :: self
       class(event_t), intent(inout) :: event
-      real(wp), intent(in) :: places(2)                               !! positions of the bracket, from the last point on
+      real(wp), intent(in) :: positions(2)                            !! positions of the bracket, from the last point on
       real(wp), intent(in) :: values(2)                               !! of the function there, with different signs
       real(wp), intent(out) :: x(:)                                   !! the zero
       real(wp), intent(out) :: step                                   !! its position on the step, from the last point on
@@ -288,7 +288,7 @@ contains
       integer :: i, near
       logical :: is_on_curve
 
-      bracket = places
+      bracket = positions
       at_ends = values
       x_at(:, 1) = self%last_x
       x_at(:, 2) = self%x
@@ -328,12 +328,12 @@ contains
       integer :: last
 
       last = size(self%problem%values)
-      self%problem%forms(:, last) = direction/self%units**2
-      self%is_along_form = .false.
-      if (allocated(self%form)) self%is_along_form = &
-         dot_product(self%form, direction) > least_growth*maxval(abs(self%form*self%units))
-      if (self%is_along_form) self%problem%forms(:, last) = self%form/dot_product(self%form, direction)
-      self%problem%values(last) = dot_product(self%problem%forms(:, last), x) + distance
+      self%problem%functionals(:, last) = direction/self%units**2
+      self%is_along_functional = .false.
+      if (allocated(self%functional)) self%is_along_functional = &
+         dot_product(self%functional, direction) > least_growth*maxval(abs(self%functional*self%units))
+      if (self%is_along_functional) self%problem%functionals(:, last) = self%functional/dot_product(self%functional, direction)
+      self%problem%values(last) = dot_product(self%problem%functionals(:, last), x) + distance
       call self%problem%rescale()
    end subroutine curve_put_plane
 
@@ -341,7 +341,7 @@ contains
    subroutine put_part_plane(self)
       type(curve_t), intent(inout) :: self
 
-      self%part%forms = self%problem%forms(self%kept, :)
+      self%part%functionals = self%problem%functionals(self%retained, :)
       self%part%values = self%problem%values
       call self%part%rescale()
    end subroutine put_part_plane
@@ -435,15 +435,15 @@ contains
          return
       end if
       determinant_sign = 0.0_wp
-      call self%part%move_to(x(self%kept), is_possible)
+      call self%part%move_to(x(self%retained), is_possible)
       is_singular = .not. is_possible
       if (is_singular) return
       call self%put_plane(x, self%direction, 0.0_wp)
       call put_part_plane(self)
-      allocate (y(size(self%kept)))
-      call find_tangent(self%part, x(self%kept), self%report, y, determinant_sign, is_singular)
+      allocate (y(size(self%retained)))
+      call find_tangent(self%part, x(self%retained), self%report, y, determinant_sign, is_singular)
       tangent = 0.0_wp
-      tangent(self%kept) = y
+      tangent(self%retained) = y
       if (.not. is_singular) tangent = tangent/norm2(tangent/self%units)
    end subroutine corrected_tangent
 end module hb_curve

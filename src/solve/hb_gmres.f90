@@ -28,7 +28,7 @@ module hb_gmres
       real(wp), allocatable, private :: h(:, :)                       ! (n_vectors + 1, n_vectors) triangular after rotations
       real(wp), allocatable, private :: cosine(:), sine(:), g(:), y(:), again(:)
       real(wp), allocatable, private :: work(:), direction(:)         ! (n_unknowns)
-      integer, private :: n_kept = 0                                  ! products with J from previous solutions: columns of
+      integer, private :: n_retained = 0                              ! products with J from previous solutions: columns of
                                                                       !! `h`, and one more of `basis`
       real(wp), allocatable, private :: g_kept(:)                     ! (n_vectors) component of the residual in their space
       real(wp), allocatable, private :: h_kept(:, :)                  ! (n_vectors, n_vectors) and of the products that follow;
@@ -59,7 +59,7 @@ contains
    pure subroutine gmres_forget(self)
       class(gmres_t), intent(inout) :: self
 
-      self%n_kept = 0
+      self%n_retained = 0
    end subroutine gmres_forget
 
    !> Solves with the tangent of the last `problem%linearise`, from the given s, to |b - J s| <= tolerance |b| or as far as
@@ -133,7 +133,7 @@ contains
       real(wp) :: a, length
 
       n = size(self%basis, 1)
-      k = self%n_kept
+      k = self%n_retained
       if (k > 0) then
          if (.not. allocated(self%h_kept)) allocate (self%h_kept(size(self%y), size(self%y)))
          call self%take_out(self%g_kept)
@@ -180,7 +180,7 @@ contains
          if (self%is_slow) exit
       end do
       if (k + j > 0) call self%add_solution(problem, j, s)
-      if (k == 0) self%n_kept = min(j, size(self%y)/2)                ! leave memory for others
+      if (k == 0) self%n_retained = min(j, size(self%y)/2)            ! leave memory for others
    end subroutine gmres_cycle
 
    !> Decrease of the logarithm of the residual per product over the last products.
@@ -220,7 +220,7 @@ contains
       integer :: i, n
 
       n = size(self%basis, 1)
-      associate (k => self%n_kept, c => self%again)
+      associate (k => self%n_retained, c => self%again)
          call dgemv("T", n, k + 1, 1.0_wp, self%basis, n, self%work, 1, 0.0_wp, c, 1)
          do i = 1, k
             call rotate(self%cosine(i), self%sine(i), c(i), c(i + 1))
@@ -253,7 +253,7 @@ contains
       integer :: i, n
 
       n = size(s)
-      associate (k => self%n_kept, base => merge(self%n_kept + 1, 0, self%n_kept > 0), y => self%y, h => self%h)
+      associate (k => self%n_retained, base => merge(self%n_retained + 1, 0, self%n_retained > 0), y => self%y, h => self%h)
          do i = j, 1, -1
             y(base + i) = (self%g(i) - dot_product(h(i, base + i + 1:base + j), y(base + i + 1:base + j)))/h(i, base + i)
          end do

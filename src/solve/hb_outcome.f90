@@ -25,7 +25,7 @@ module hb_outcome
       integer :: locked = 14                           !! the tones are multiples of one: the motion has one tone
       integer :: timed_out = 15                        !! the point has had its processor time
       integer :: impact = 16                           !! solved, but a rigid wall is struck: a law of impact is missing
-      integer :: unused = 17                           !! room for a point of a curve that has ended before
+      integer :: unused = 17                           !! row of a curve that has ended before
       integer :: time_domain = 18 !! found by time integration instead of the balance
       integer :: subharmonic = 19                      !! time integration ends in a motion that takes several periods
       integer :: broadband = 20                        !! time integration ends in a motion without order

@@ -7,7 +7,7 @@ module hb_problem
    use hb_solver_types, only: report_t, solver_config_t
    implicit none
    private
-   public :: default_largest_dense, deformation, deformation_derivative, deformation_places, problem_t, set_deformations
+   public :: default_largest_dense, deformation, deformation_derivative, deformation_positions, problem_t, set_deformations
 
    integer, parameter :: default_largest_dense = 400                  !! unknowns up to which the dense tangent is cheaper
 
@@ -39,7 +39,7 @@ module hb_problem
       type(error_t), allocatable :: failure                           !! why a tangent, a product or a derivative by a parameter
                                                                       !! could not be computed; a solver copies it into its
                                                                       !! report
-      real(wp), private :: place(3) = 1.0_wp                          ! position along each deformation
+      real(wp), private :: position(3) = 1.0_wp                       ! position along each deformation
    contains
       procedure(residual), deferred :: residual
       procedure(tangent), deferred :: tangent
@@ -51,7 +51,7 @@ module hb_problem
       procedure :: update_preconditioner => problem_update_preconditioner
       procedure :: precondition => problem_precondition
       procedure :: update_regular_preconditioner => problem_update_regular_preconditioner
-      procedure :: parameters => deformation_places
+      procedure :: parameters => deformation_positions
       procedure :: parameter_scales => problem_parameter_scales
       procedure :: set_parameters => set_deformations
       procedure :: parameter_derivative => deformation_derivative
@@ -159,14 +159,14 @@ contains
    ! ratio of a contact stiffness to the stiffness of the structure is decisive.
 
    !> Values of some parameters.
-   pure function deformation_places(self, which) result(values)
+   pure function deformation_positions(self, which) result(values)
       class(problem_t), intent(in) :: self
       integer, intent(in) :: which(:)
       real(wp) :: values(size(which))
 
       values = 0.0_wp
-      where (which < 0) values = self%place(-which)
-   end function deformation_places
+      where (which < 0) values = self%position(-which)
+   end function deformation_positions
 
    !> Typical magnitudes of some parameters, > 0.
    pure function problem_parameter_scales(self, which) result(scales)
@@ -189,7 +189,7 @@ contains
       is_possible = all(which < 0) .and. all(abs(values) <= huge(values))
       if (.not. is_possible) return
       do i = 1, size(which)
-         self%place(-which(i)) = values(i)
+         self%position(-which(i)) = values(i)
          call self%deform(-which(i), amount_at(values(i)))
       end do
    end subroutine set_deformations
@@ -202,21 +202,21 @@ contains
       integer, intent(in) :: which
       real(wp), intent(out), contiguous :: derivative(:)              !! (n_unknowns)
       real(wp), parameter :: apart = 0.5_wp                           ! distance of the two amounts
-      real(wp) :: r(size(x)), amount, place
+      real(wp) :: r(size(x)), amount, position
 
-      place = self%place(-which)
-      amount = amount_at(place)
+      position = self%position(-which)
+      amount = amount_at(position)
       call self%deform(-which, amount + apart)
       call self%residual(x, derivative)
       call self%deform(-which, amount)
       call self%residual(x, r)
-      derivative = (derivative - r)/apart*growth*exp(growth*min(place, farthest))/(exp(growth) - 1.0_wp)
+      derivative = (derivative - r)/apart*growth*exp(growth*min(position, farthest))/(exp(growth) - 1.0_wp)
    end subroutine deformation_derivative
 
-   pure real(wp) function amount_at(place)
-      real(wp), intent(in) :: place
+   pure real(wp) function amount_at(position)
+      real(wp), intent(in) :: position
 
-      amount_at = (exp(growth*min(place, farthest)) - 1.0_wp)/(exp(growth) - 1.0_wp)
+      amount_at = (exp(growth*min(position, farthest)) - 1.0_wp)/(exp(growth) - 1.0_wp)
    end function amount_at
 
    !> Smallest fraction of its size, in each dimension, at which a reduced problem still approximates this one; 1:

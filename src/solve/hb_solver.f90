@@ -29,7 +29,7 @@ module hb_solver
                                     fallback%nonlinearity, fallback%none, fallback%other_method, fallback%both_other, &
                                        fallback%load, &
                                     fallback%several_guesses]
-   integer, parameter :: n_ways_without_matrix = 2
+   integer, parameter :: n_fallbacks_without_matrix = 2
    integer, parameter :: patience = 10                                ! with an attempt, if fallbacks remain
    integer, parameter :: easy_iterations = 2                          ! of a problem that is almost linear
    real(wp), parameter :: largest_level = 2.4_wp                      ! ratio of one problem to the next larger one
@@ -75,7 +75,7 @@ contains
       call attempt_first(problem, limited, chosen, has_continued_in_order, x, report)
       if (has_ended(report) .or. .not. config%fallback) return
       all_work = report%work + max(config%fallback_work, config%fallback_share*report%work)
-      do i = 1, merge(size(kinds), n_ways_without_matrix, problem%n_unknowns <= largest_affordable)
+      do i = 1, merge(size(kinds), n_fallbacks_without_matrix, problem%n_unknowns <= largest_affordable)
          kind = kinds(i)
          limited%work_limit = 0.5_wp*(all_work - report%work)
          if (limited%work_limit < problem%residual_work) exit
@@ -405,10 +405,10 @@ contains
          call curve%advance()
          if (curve%status /= outcome%pending) exit
          n_steps = n_steps + 1
-         associate (place => curve%x(n + 1))
-            if (place >= 1.0_wp) then                                 ! from the point of the chord where it is 1
+         associate (position => curve%x(n + 1))
+            if (position >= 1.0_wp) then                              ! from the point of the chord where it is 1
                call land(problem, config, kind, curve, trial, last)
-            else if (place < 0.0_wp) then
+            else if (position < 0.0_wp) then
                curve%status = outcome%stalled                         ! back at the easy problem
             else
                call curve%turn()
@@ -444,8 +444,8 @@ contains
       logical :: is_possible
 
       n = size(x)
-      associate (place => curve%x(n + 1), place_before => curve%last_x(n + 1))
-         x = curve%last_x(:n) + (1.0_wp - place_before)/(place - place_before)*(curve%x(:n) - curve%last_x(:n))
+      associate (position => curve%x(n + 1), position_before => curve%last_x(n + 1))
+         x = curve%last_x(:n) + (1.0_wp - position_before)/(position - position_before)*(curve%x(:n) - curve%last_x(:n))
          call problem%set_parameters([-kind], [1.0_wp], is_possible)
          call solve_newton(problem, config, x, report)
          call curve%report%add(report)

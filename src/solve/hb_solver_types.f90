@@ -58,22 +58,22 @@ module hb_solver_types
       logical :: continues_in_order = .true.                          !! from fewer harmonics first, where that pays
       logical :: line_search = .true.
       logical :: repeats_tangent = .true.                             !! Newton: steps with the factors at hand, where that will do
-      integer :: memory = 40                                          !! updates that Broyden keeps before it takes a new tangent
+      integer :: memory = 40                                          !! updates of Broyden's method before a new tangent
       logical :: start_with_tangent = .false.                         !! Broyden's first Jacobian: tangent, else linear part
-      logical :: fallback = .true.                                    !! try other ways when the direct attempt fails
-      logical :: fallback_by_integration = .true.                     !! and time integration where none of them finds a motion
+      logical :: fallback = .true.                                    !! try fallbacks if the direct attempt fails
+      logical :: fallback_by_integration = .true.                     !! and time integration if none of them finds a motion
       integer :: krylov_vectors = 150                                 !! of GMRES until it restarts
       integer :: krylov_patience = 100                                !! products until the preconditioner gets stronger, at least
       integer :: krylov_products = 1000                               !! with the tangent, at most, for one step
       integer :: preconditioner_level = 0                             !! that solutions from products begin with
-      integer :: homotopy_iterations = 500                            !! of all corrections on the way
+      integer :: homotopy_iterations = 500                            !! of all corrections together
       real(wp) :: fallback_work = 2.0e9_wp                            !! of all fallbacks, as `work` of a report
       real(wp) :: fallback_share = 4.0_wp                             !! at least so many times that of the direct attempt
       real(wp) :: work_limit = huge(1.0_wp)                           !! of the attempt that gets these settings
       real(wp) :: time_limit = huge(1.0_wp)                           !! of the processor, for one point [s]
    end type solver_config_t
 
-   !> One of the ways that were tried, and what came of it.
+   !> An attempt and its outcome.
    type :: attempt_t
       integer :: kind = fallback%none                                 !! one of `fallback`; none: the direct attempt
       integer :: status = outcome%pending                             !! one of hb_outcome%outcome
@@ -88,7 +88,7 @@ module hb_solver_types
       integer :: status = outcome%pending                             !! one of hb_outcome%outcome
       integer :: iterations = 0
       integer :: evaluations = 0                                      !! of the residual
-      integer :: levels = 0                                           !! smaller problems solved on the way to the solution
+      integer :: levels = 0                                           !! smaller problems solved before
       integer :: factorizations = 0                                   !! of a tangent
       integer :: products = 0                                         !! with a tangent
       integer :: fallback = fallback%none                             !! what led to the solution
@@ -99,7 +99,7 @@ module hb_solver_types
       integer, private :: last_gain = 0                               ! iterations up to the last clear gain
       real(wp), private :: best_then = huge(1.0_wp)                   ! least norm there
       logical :: is_out_of_work = .false.                             !! the budget of work came first
-      type(error_t), allocatable :: error                             !! what kept the problem from being solved, see hb_problem
+      type(error_t), allocatable :: error                             !! why the problem could not be solved, see hb_problem
       type(attempt_t), allocatable :: attempts(:)                     !! where the direct one was not enough, in their order
    contains
       procedure :: add => report_add
@@ -156,7 +156,7 @@ contains
       report_gains_nothing = patience > 0 .and. self%iterations - self%last_gain >= patience
    end function report_gains_nothing
 
-   !> What is kept of an attempt by the way given.
+   !> What is stored of an attempt of a given kind.
    pure type(attempt_t) function report_as_attempt(self, kind) result(attempt)
       class(report_t), intent(in) :: self
       integer, intent(in) :: kind                                     !! one of `fallback`

@@ -32,18 +32,18 @@ module hb_exponents
                                                                       !! disturbance from any time to a later one, if periods
                                                                       !! record it
    contains
-      procedure(settle_memory), deferred :: settle
+      procedure(reach_steady_state_of), deferred :: reach_steady_state
       procedure(carry_disturbances), deferred :: carry
    end type propagation_t
 
    abstract interface
       !> Advances some periods along the motion before the first one counts, until states with memory are periodic.
-      subroutine settle_memory(self, n_periods, is_done)
+      subroutine reach_steady_state_of(self, n_periods, is_done)
          import :: propagation_t
          class(propagation_t), intent(inout) :: self
          integer, intent(in) :: n_periods
          logical, intent(out) :: is_done                              !! otherwise the motion was lost
-      end subroutine settle_memory
+      end subroutine reach_steady_state_of
 
       !> Propagates disturbances through the next period.
       subroutine carry_disturbances(self, x, is_done)
@@ -76,7 +76,7 @@ contains
       logical :: is_done
 
       propagation%work_left = overrun*work_limit
-      call propagation%settle(n_forgotten_of(n_periods), is_done)
+      call propagation%reach_steady_state(n_forgotten_of(n_periods), is_done)
       if (.not. is_done .or. propagation%n_followed < 1) return
       allocate (x(propagation%size, propagation%n_followed), source=0.0_wp)
       do i = 1, propagation%n_followed

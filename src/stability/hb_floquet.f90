@@ -43,7 +43,7 @@ module hb_floquet
       real(wp), private :: refine = 0.0_wp                            ! logarithm of the growth of the first disturbance since
                                                                       !! its last minimum
    contains
-      procedure :: settle => linear_propagation_settle
+      procedure :: reach_steady_state => linear_propagation_reach_steady_state
       procedure :: carry => linear_propagation_carry
    end type linear_propagation_t
 
@@ -292,7 +292,7 @@ contains
       real(wp), allocatable :: a(:, :), imaginary(:), real_part(:), work(:)
       real(wp) :: left(1, 1), right(1, 1)
       integer :: i, info, k, n
-      complex(wp) :: kept
+      complex(wp) :: retained
 
       n = size(matrix, 1)
       if (n == 2) then
@@ -308,12 +308,12 @@ contains
          values = cmplx(real_part, imaginary, wp)
       end if
       do i = 2, n                                                     ! pairs stay adjacent: the sort is stable
-         kept = values(i)
+         retained = values(i)
          do k = i - 1, 1, -1
-            if (abs(values(k)) >= abs(kept)) exit
+            if (abs(values(k)) >= abs(retained)) exit
             values(k + 1) = values(k)
          end do
-         values(k + 1) = kept
+         values(k + 1) = retained
       end do
    end subroutine eigenvalues_of
 
@@ -374,7 +374,7 @@ contains
    end subroutine new_linear_propagation
 
    !> Advances until sliders are periodic.
-   subroutine linear_propagation_settle(self, n_periods, is_done)
+   subroutine linear_propagation_reach_steady_state(self, n_periods, is_done)
       class(linear_propagation_t), intent(inout) :: self
       integer, intent(in) :: n_periods
       logical, intent(out) :: is_done
@@ -388,7 +388,7 @@ contains
          if (.not. is_done) return
          call cut_time(self%variation, i*self%length, (i + 1)*self%length, n_instants_of(self%variation, self%length), pieces)
       end do
-   end subroutine linear_propagation_settle
+   end subroutine linear_propagation_reach_steady_state
 
    subroutine linear_propagation_carry(self, x, is_done)
       class(linear_propagation_t), intent(inout) :: self

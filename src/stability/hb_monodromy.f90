@@ -18,7 +18,7 @@ module hb_monodromy
    use hb_matrix_exponential, only: exponential_of, exponential_of_two, product_of
    use hb_thresholds, only: agreement, minor
    use hb_variation, only: piece_t, variation_t
-   use hb_variation_pieces, only: cut_time, settle_sliders
+   use hb_variation_pieces, only: cut_time, make_sliders_periodic
    implicit none
    private
    public :: find_monodromy, find_transfer, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
@@ -53,7 +53,7 @@ contains
       real(wp), intent(in) :: work_limit                              !! in about a nanosecond
 
       associate (finish => start + two_pi/variation%motion%omega(1))
-         call settle_sliders(variation, start, finish, n_instants_of(variation, finish - start))
+         call make_sliders_periodic(variation, start, finish, n_instants_of(variation, finish - start))
          call find_transfer(self, variation, start, finish, tolerance, work_limit)
       end associate
       if (variation%n_states > 0) call drop_stuck(self, variation)
@@ -164,7 +164,7 @@ contains
 
       estimate = 0.0_wp
       do i = 1, size(pieces)
-         if (.not. allocated(pieces(i)%by_place)) cycle               ! without any length
+         if (.not. allocated(pieces(i)%by_displacement)) cycle        ! without any length
          call variation%matrix_at(pieces(i), 1, a)
          estimate = estimate + epsilon(1.0_wp)*(pieces(i)%finish - pieces(i)%start)*maxval(sum(abs(a), dim=1))
       end do
@@ -223,11 +223,11 @@ contains
    subroutine drop_stuck(self, variation)
       type(monodromy_t), intent(inout) :: self
       type(variation_t), intent(in) :: variation
-      integer, allocatable :: kept(:)
+      integer, allocatable :: retained(:)
       integer :: i
 
-      kept = [[(i, i=1, 2*variation%n_dofs)], pack([(2*variation%n_dofs + i, i=1, variation%n_states)], variation%has_slipped)]
-      self%matrix = self%matrix(kept, kept)
+      retained = [[(i, i=1, 2*variation%n_dofs)], pack([(2*variation%n_dofs + i, i=1, variation%n_states)], variation%has_slipped)]
+      self%matrix = self%matrix(retained, retained)
    end subroutine drop_stuck
 
    !> Propagates changes of the state from the start to the end of a piece in steps of equal length.
@@ -271,12 +271,12 @@ contains
       real(wp), intent(inout), contiguous :: x(:, :)                  !! (size, any)
       real(wp), dimension(self%size, self%size) :: a, e
 
-      if (.not. allocated(piece%by_place)) then
+      if (.not. allocated(piece%by_displacement)) then
          associate (n => self%n_coordinates)
-            allocate (piece%by_place(n, n, 1), piece%by_rate(n, n, 1), piece%by_state(n, self%n_states, 1))
+            allocate (piece%by_displacement(n, n, 1), piece%by_rate(n, n, 1), piece%by_state(n, self%n_states, 1))
          end associate
-         call self%find_slopes(piece, self%motion%phases([0.5_wp*(piece%start + piece%finish)]), piece%by_place, piece%by_rate, &
-                               piece%by_state)
+         call self%find_slopes(piece, self%motion%phases([0.5_wp*(piece%start + piece%finish)]), piece%by_displacement, &
+                               piece%by_rate, piece%by_state)
       end if
       call self%matrix_at(piece, 1, a)
       call exponential_of((piece%finish - piece%start)*a, e)
@@ -289,15 +289,15 @@ contains
       type(piece_t), intent(in) :: piece
       real(wp), intent(in) :: h
       real(wp), intent(inout) :: x(:, :)                              !! (2, any)
-      real(wp) :: damping(0:ubound(piece%by_place, 3)), e(2, 2), stiffness(0:ubound(piece%by_place, 3))
+      real(wp) :: damping(0:ubound(piece%by_displacement, 3)), e(2, 2), stiffness(0:ubound(piece%by_displacement, 3))
       integer :: c, d, i
 
       stiffness = h*self%constant(2, 1)
       damping = h*self%constant(2, 2)
       do d = 1, self%n_coordinates
          do c = 1, self%n_coordinates
-            stiffness = stiffness - (h/self%scale*self%kick(1, c)*self%shape(1, d))*piece%by_place(c, d, :)
-            damping = damping - (h*self%kick(1, c)*self%shape(1, d))*piece%by_rate(c, d, :)
+            stiffness = stiffness - (h/self%scale*self%accelerance(1, c)*self%shape(1, d))*piece%by_displacement(c, d, :)
+            damping = damping - (h*self%accelerance(1, c)*self%shape(1, d))*piece%by_rate(c, d, :)
          end do
       end do
       do i = 0, ubound(stiffness, 1) - 2, 2
@@ -327,12 +327,12 @@ contains
       type(variation_t), intent(inout) :: self
       type(piece_t), intent(inout) :: piece
       integer, intent(in) :: n_steps
-      real(wp), allocatable :: by_place(:, :, :), by_rate(:, :, :), by_state(:, :, :)
+      real(wp), allocatable :: by_displacement(:, :, :), by_rate(:, :, :), by_state(:, :, :)
       real(wp) :: times(0:2*n_steps)
       integer :: i, known
 
       known = -1
-      if (allocated(piece%by_place)) known = ubound(piece%by_place, 3)
+      if (allocated(piece%by_displacement)) known = ubound(piece%by_displacement, 3)
       if (known == 2*n_steps) return
       associate (length => piece%finish - piece%start)
          times = piece%start + length*[(real(i, wp)/(2*n_steps), i=0, 2*n_steps)]
@@ -340,18 +340,18 @@ contains
          if (piece%is_before_event) times(2*n_steps) = piece%finish - inside*length
       end associate
       associate (n => self%n_coordinates)
-         allocate (by_place(n, n, 0:2*n_steps), by_rate(n, n, 0:2*n_steps), by_state(n, self%n_states, 0:2*n_steps))
+         allocate (by_displacement(n, n, 0:2*n_steps), by_rate(n, n, 0:2*n_steps), by_state(n, self%n_states, 0:2*n_steps))
       end associate
       if (known == n_steps) then
-         by_place(:, :, ::2) = piece%by_place
+         by_displacement(:, :, ::2) = piece%by_displacement
          by_rate(:, :, ::2) = piece%by_rate
          by_state(:, :, ::2) = piece%by_state
-         call self%find_slopes(piece, self%motion%phases(times(1::2)), by_place(:, :, 1::2), by_rate(:, :, 1::2), &
+         call self%find_slopes(piece, self%motion%phases(times(1::2)), by_displacement(:, :, 1::2), by_rate(:, :, 1::2), &
                           by_state(:, :, 1::2))
       else
-         call self%find_slopes(piece, self%motion%phases(times), by_place, by_rate, by_state)
+         call self%find_slopes(piece, self%motion%phases(times), by_displacement, by_rate, by_state)
       end if
-      call move_alloc(by_place, piece%by_place)
+      call move_alloc(by_displacement, piece%by_displacement)
       call move_alloc(by_rate, piece%by_rate)
       call move_alloc(by_state, piece%by_state)
    end subroutine refine
@@ -368,18 +368,18 @@ contains
       if (all(piece%slip == 0)) return
       call self%motion%at(self%motion%phases([piece%finish]), z, v)
       do i = 1, size(self%laws)
-         associate (place => self%places(i))
-            if (place%last_state < place%first_state) cycle
-            associate (slip => piece%slip(place%first_state:place%last_state))
+         associate (span => self%spans(i))
+            if (span%last_state < span%first_state) cycle
+            associate (slip => piece%slip(span%first_state:span%last_state))
                if (all(slip == 0)) cycle
                select type (law => self%laws(i)%law)
                class is (hysteretic_law_t)
-                  allocate (slopes(size(slip), place%last - place%first + 1))
-                  call self%find_bound_slopes(law, place, z(1, place%first:place%last), v(1, place%first:place%last), slip, slopes)
+                  allocate (slopes(size(slip), span%last - span%first + 1))
+                  call self%find_bound_slopes(law, span, z(1, span%first:span%last), v(1, span%first:span%last), slip, slopes)
                   do k = 1, size(slip)
                      if (slip(k) == 0) cycle
-                     x(2*self%n_dofs + place%first_state + k - 1, :) = &
-                        matmul(matmul(self%shape(:, place%first:place%last), slopes(k, :)), x(:self%n_dofs, :))
+                     x(2*self%n_dofs + span%first_state + k - 1, :) = &
+                        matmul(matmul(self%shape(:, span%first:span%last), slopes(k, :)), x(:self%n_dofs, :))
                   end do
                   deallocate (slopes)
                end select

@@ -127,7 +127,7 @@ contains
       real(wp), dimension(size(phases, 2), 0:self%highest, size(self%omega)) :: cosine, sine
       real(wp), dimension(size(phases, 2)) :: a, b, c, s
       real(wp), dimension(size(phases, 2), 4) :: sums                 ! of a row: displacement, rate, each real and imaginary
-      real(wp), dimension(size(phases, 2), self%n_coordinates) :: place, rate
+      real(wp), dimension(size(phases, 2), self%n_coordinates) :: displacement, rate
       integer :: coordinate, i, j, k, last, m, n, r
 
       do m = 1, size(self%omega)
@@ -140,7 +140,7 @@ contains
             sine(:, k, m) = cosine(:, k - 1, m)*b + sine(:, k - 1, m)*a
          end do
       end do
-      place = 0.0_wp
+      displacement = 0.0_wp
       rate = 0.0_wp
       last = size(self%omega)
       do r = 1, size(self%first) - 1
@@ -168,11 +168,11 @@ contains
                   end do
                end associate
             end do
-            place(:, coordinate) = place(:, coordinate) + (c*sums(:, 1) - s*sums(:, 2))
+            displacement(:, coordinate) = displacement(:, coordinate) + (c*sums(:, 1) - s*sums(:, 2))
             rate(:, coordinate) = rate(:, coordinate) + (c*sums(:, 3) - s*sums(:, 4))
          end do
       end do
-      z = place
+      z = displacement
       v = rate
    end subroutine sum_up
 end module hb_motion_series

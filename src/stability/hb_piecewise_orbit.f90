@@ -153,8 +153,8 @@ contains
       do i = 1, n_instants
          last = 0
          do n = 1, size(variation%laws)
-            associate (law => variation%laws(n)%law, place => variation%places(n))
-               call law%switches(z(i, place%first:place%last), v(i, place%first:place%last), values(last + 1:last + law%n_switches))
+            associate (law => variation%laws(n)%law, span => variation%spans(n))
+               call law%switches(z(i, span%first:span%last), v(i, span%first:span%last), values(last + 1:last + law%n_switches))
                last = last + law%n_switches
             end associate
          end do
@@ -258,7 +258,7 @@ contains
       allocate (self%noise(size(self%switches, 1)))
       last = 0
       do i = 1, size(variation%laws)
-         associate (law => variation%laws(i)%law, place => variation%places(i))
+         associate (law => variation%laws(i)%law, span => variation%spans(i))
             first = last + 1
             last = last + law%n_switches
             block
@@ -268,10 +268,10 @@ contains
                still = 0.0_wp
                call law%switches(still, still, at_zero)
                self%switches(first:last, self%n + 1) = at_zero
-               self%noise(first:last) = 16.0_wp*epsilon(1.0_wp)*(abs(at_zero) + maxval(variation%reach(place%first:place%last)))
-               do c = place%first, place%last
+               self%noise(first:last) = 16.0_wp*epsilon(1.0_wp)*(abs(at_zero) + maxval(variation%extent(span%first:span%last)))
+               do c = span%first, span%last
                   z = 0.0_wp
-                  z(c - place%first + 1) = 1.0_wp
+                  z(c - span%first + 1) = 1.0_wp
                   call law%switches(z, still, at_unit)
                   self%switches(first:last, :variation%n_dofs) = self%switches(first:last, :variation%n_dofs) &
                      + spread(at_unit - at_zero, 2, variation%n_dofs)*spread(variation%shape(:, c), 1, law%n_switches)
@@ -297,11 +297,11 @@ contains
          if (all(self%branches(number)%is_positive .eqv. is_positive)) return
       end do
       n = variation%n_dofs
-      allocate (piece%by_place(variation%n_coordinates, variation%n_coordinates, 0:0), source=0.0_wp)
-      piece%by_rate = piece%by_place
+      allocate (piece%by_displacement(variation%n_coordinates, variation%n_coordinates, 0:0), source=0.0_wp)
+      piece%by_rate = piece%by_displacement
       last = 0
       do i = 1, size(variation%laws)
-         associate (law => variation%laws(i)%law, place => variation%places(i))
+         associate (law => variation%laws(i)%law, span => variation%spans(i))
             first = last + 1
             last = last + law%n_switches
             block
@@ -309,12 +309,12 @@ contains
 
                still = 0.0_wp
                call law%evaluate_held(still, still, is_positive(first:last), at_zero)
-               forces(place%first:place%last) = at_zero
-               do c = place%first, place%last
+               forces(span%first:span%last) = at_zero
+               do c = span%first, span%last
                   z = 0.0_wp
-                  z(c - place%first + 1) = variation%reach(c)
+                  z(c - span%first + 1) = variation%extent(c)
                   call law%evaluate_held(z, still, is_positive(first:last), at_unit)
-                  piece%by_place(place%first:place%last, c, 0) = (at_unit - at_zero)/variation%reach(c)
+                  piece%by_displacement(span%first:span%last, c, 0) = (at_unit - at_zero)/variation%extent(c)
                end do
             end block
          end associate
@@ -323,7 +323,8 @@ contains
       branch%is_positive = is_positive
       branch%a = self%constant
       branch%a(:self%n, :self%n) = speeds(:self%n, :self%n)
-      branch%a(n + 1:self%n, self%n + 1) = branch%a(n + 1:self%n, self%n + 1) - matmul(variation%kick, forces)/variation%scale
+      branch%a(n + 1:self%n, self%n + 1) = branch%a(n + 1:self%n, self%n + 1) &
+                                           - matmul(variation%accelerance, forces)/variation%scale
       fastest = sqrt(variation%scale*maxval(sum(abs(speeds(n + 1:self%n, :n)), dim=2)))
       fastest = max(fastest, maxval(abs(self%constant(self%n + 1:, self%n + 1:))))
       branch%h = min(self%period/fewest_steps, two_pi/(steps_a_period*fastest))

@@ -78,7 +78,7 @@ module hb_stability
       complex(wp), allocatable :: multipliers(:)                      !! of one tone, the largest first
       real(wp), allocatable :: exponents(:)                           !! [1/s], the largest first; of one tone growth rates
    contains
-      procedure :: hold_against => stability_hold_against
+      procedure :: compare_with => stability_compare_with
    end type stability_t
 
    !> A motion of some tones.
@@ -128,7 +128,7 @@ contains
    !> Compares with the result along a more accurate motion: a verdict on which both do not agree, or which lies
    !> within twice the change of the largest multiplier or exponent, is not known; nor is stability if multipliers
    !> move too far.
-   pure subroutine stability_hold_against(self, better)
+   pure subroutine stability_compare_with(self, better)
       class(stability_t), intent(inout) :: self
       type(stability_t), intent(in) :: better
 
@@ -151,22 +151,22 @@ contains
             self%verdict = verdict%unknown
       end associate
       if (self%verdict == verdict%stable .and. move_far(self%multipliers, better%multipliers)) self%verdict = verdict%unknown
-   end subroutine stability_hold_against
+   end subroutine stability_compare_with
 
    !> Whether twice the change of a multiplier moves it to the unit circle and, for a complex one, to its nearest
    !> neighbour: with light damping pairs lie on a circle inside, on which they may rotate freely until they meet
    !> others.
    pure logical function move_far(multipliers, better)
       complex(wp), intent(in) :: multipliers(:), better(:)
-      real(wp) :: room
+      real(wp) :: margin
       integer :: i
 
       move_far = .false.
       do i = 1, size(multipliers)
          associate (m => multipliers(i), others => [multipliers(:i - 1), multipliers(i + 1:)])
-            room = 1.0_wp - abs(m)
-            if (abs(aimag(m)) > 0.0_wp .and. size(others) > 0) room = max(room, minval(abs(m - others)))
-            move_far = move_far .or. 2.0_wp*minval(abs(m - better)) >= room
+            margin = 1.0_wp - abs(m)
+            if (abs(aimag(m)) > 0.0_wp .and. size(others) > 0) margin = max(margin, minval(abs(m - others)))
+            move_far = move_far .or. 2.0_wp*minval(abs(m - better)) >= margin
          end associate
       end do
    end function move_far

@@ -24,14 +24,14 @@ module hb_variation
       logical :: is_after_event = .false., is_before_event = .false.
       integer, allocatable :: slip(:)                                 !! (n_states) 1 on the lower bound, -1 on the upper, 0 sticks
       real(wp), allocatable :: held(:)                                !! (n_states) position of sliders that stick
-      real(wp), allocatable :: by_place(:, :, :), by_rate(:, :, :), by_state(:, :, :)   !! slopes of the laws at nodes
+      real(wp), allocatable :: by_displacement(:, :, :), by_rate(:, :, :), by_state(:, :, :) !! slopes of the laws at nodes
    end type piece_t
 
    !> Position of a law in the lists of all laws.
-   type :: place_t
+   type :: span_t
       integer :: first = 0, last = 0                                  !! coordinates
       integer :: first_state = 1, last_state = 0
-   end type place_t
+   end type span_t
 
    type :: variation_t
       integer :: n_dofs = 0
@@ -45,11 +45,11 @@ module hb_variation
       real(wp), allocatable :: held(:)
       logical, allocatable :: has_slipped(:)                          !! (n_states) in any piece so far
       type(law_box_t), allocatable :: laws(:)
-      type(place_t), allocatable :: places(:)
+      type(span_t), allocatable :: spans(:)
       real(wp), allocatable :: constant(:, :)                         !! A of the structure alone, (size, size)
-      real(wp), allocatable :: kick(:, :), shape(:, :)                !! M^-1 S and S, (n_dofs, n_coordinates)
+      real(wp), allocatable :: accelerance(:, :), shape(:, :)         !! M^-1 S and S, (n_dofs, n_coordinates)
       real(wp) :: detection_frequency = 0.0_wp !! highest frequency that carries the motion, for events [rad/s]
-      real(wp), allocatable :: reach(:)                               !! amplitude of the motion of each coordinate [m]
+      real(wp), allocatable :: extent(:)                              !! amplitude of the motion of each coordinate [m]
       logical, private :: has_turning = .false.
    contains
       procedure :: matrix_at => variation_matrix_at
@@ -80,16 +80,16 @@ contains
       n = structure%n_dofs
       self%n_dofs = n
       self%laws = laws
-      allocate (self%places(size(laws)))
+      allocate (self%spans(size(laws)))
       do i = 1, size(laws)
-         associate (law => self%laws(i)%law, place => self%places(i))
+         associate (law => self%laws(i)%law, span => self%spans(i))
             if (law%is_multiplier) then
                call fail(error, "law '"//law%label//"' is rigid and has no derivative")
                return
             end if
-            place%first = self%n_coordinates + 1
+            span%first = self%n_coordinates + 1
             self%n_coordinates = self%n_coordinates + size(law%shape, 2)
-            place%last = self%n_coordinates
+            span%last = self%n_coordinates
             self%has_turning = self%has_turning .or. law%n_phases > 0
             if (law%needs_frequencies) call law%set_frequencies(omega)
             select type (law)
@@ -98,19 +98,19 @@ contains
                   call fail(error, "the memory of law '"//law%label//"' has no bounds that can be followed")
                   return
                end if
-               place%first_state = self%n_states + 1
+               span%first_state = self%n_states + 1
                self%n_states = self%n_states + law%n_states
-               place%last_state = self%n_states
+               span%last_state = self%n_states
             end select
          end associate
       end do
       self%size = 2*n + self%n_states
       allocate (self%shape(n, self%n_coordinates), source=0.0_wp)
       do i = 1, size(laws)
-         self%shape(laws(i)%law%dofs, self%places(i)%first:self%places(i)%last) = laws(i)%law%shape
+         self%shape(laws(i)%law%dofs, self%spans(i)%first:self%spans(i)%last) = laws(i)%law%shape
       end do
       call new_motion_series(self%motion, tuples, omega, matmul(transpose(self%shape), amplitudes))
-      self%reach = max(sum(abs(self%motion%amplitudes), dim=2), tiny(1.0_wp))
+      self%extent = max(sum(abs(self%motion%amplitudes), dim=2), tiny(1.0_wp))
       self%detection_frequency = carrying_frequency(self)
       allocate (self%slip(self%n_states), source=0)
       allocate (self%held(self%n_states), source=0.0_wp)
@@ -129,7 +129,7 @@ contains
          do part = n_parts, 1, -1
             frequency = maxval(frequencies)*part/n_parts
             do c = 1, self%n_coordinates
-               if (sum(amplitudes(c, :), mask=frequencies > maxval(frequencies)*(part - 1)/n_parts) > faint*self%reach(c)) return
+               if (sum(amplitudes(c, :), mask=frequencies > maxval(frequencies)*(part - 1)/n_parts) > faint*self%extent(c)) return
             end do
          end do
       end associate
@@ -151,10 +151,10 @@ contains
       end if
       stiffness = structure%stiffness
       damping = structure%damping
-      self%kick = self%shape
+      self%accelerance = self%shape
       call dpotrs("L", n, n, factor, n, stiffness, n, info)
       call dpotrs("L", n, n, factor, n, damping, n, info)
-      if (size(self%kick) > 0) call dpotrs("L", n, size(self%kick, 2), factor, n, self%kick, n, info)
+      if (size(self%accelerance) > 0) call dpotrs("L", n, size(self%accelerance, 2), factor, n, self%accelerance, n, info)
       self%scale = sqrt(maxval(sum(abs(stiffness), dim=1)))
       self%scale = max(self%scale, maxval(abs(self%motion%omega)))
       allocate (self%constant(self%size, self%size), source=0.0_wp)
@@ -206,60 +206,60 @@ contains
       a = self%constant
       do d = 1, self%n_coordinates
          do c = 1, self%n_coordinates
-            if (abs(piece%by_place(c, d, node)) + abs(piece%by_rate(c, d, node)) <= 0.0_wp) cycle
+            if (abs(piece%by_displacement(c, d, node)) + abs(piece%by_rate(c, d, node)) <= 0.0_wp) cycle
             do k = 1, n
                factor = self%shape(k, d)
                if (.not. abs(factor) > 0.0_wp) cycle
                do i = 1, n
-                  a(n + i, k) = a(n + i, k) - self%kick(i, c)*(piece%by_place(c, d, node)*factor/self%scale)
-                  a(n + i, n + k) = a(n + i, n + k) - self%kick(i, c)*(piece%by_rate(c, d, node)*factor)
+                  a(n + i, k) = a(n + i, k) - self%accelerance(i, c)*(piece%by_displacement(c, d, node)*factor/self%scale)
+                  a(n + i, n + k) = a(n + i, n + k) - self%accelerance(i, c)*(piece%by_rate(c, d, node)*factor)
                end do
             end do
          end do
       end do
       do k = 1, self%n_states
-         a(n + 1:2*n, 2*n + k) = -matmul(self%kick, piece%by_state(:, k, node))/self%scale
+         a(n + 1:2*n, 2*n + k) = -matmul(self%accelerance, piece%by_state(:, k, node))/self%scale
       end do
    end subroutine variation_matrix_at
 
    !> Slopes of the forces of all laws at the coordinates of the motion, at several phases within a piece.
-   subroutine variation_find_slopes(self, piece, phases, by_place, by_rate, by_state)
+   subroutine variation_find_slopes(self, piece, phases, by_displacement, by_rate, by_state)
       class(variation_t), intent(inout) :: self
       type(piece_t), intent(in) :: piece
       real(wp), intent(in) :: phases(:, :)                            !! [rad], (n_tones, n_times)
-      real(wp), intent(out) :: by_place(:, :, :), by_rate(:, :, :)    !! (n_coordinates, n_coordinates, n_times)
+      real(wp), intent(out) :: by_displacement(:, :, :), by_rate(:, :, :) !! (n_coordinates, n_coordinates, n_times)
       real(wp), intent(out) :: by_state(:, :, :)                      !! (n_coordinates, n_states, n_times), for sliders that stick
       real(wp) :: v(size(phases, 2), self%n_coordinates), z(size(phases, 2), self%n_coordinates)
       real(wp), allocatable :: df_dp(:, :, :), df_dv(:, :, :), df_dz(:, :, :), f(:, :), nothing(:, :)
       integer :: c, d, i, n, n_times
 
       n_times = size(phases, 2)
-      by_place = 0.0_wp
+      by_displacement = 0.0_wp
       by_rate = 0.0_wp
       by_state = 0.0_wp
       call self%motion%at(phases, z, v)
       do i = 1, size(self%laws)
-         associate (law => self%laws(i)%law, place => self%places(i))
+         associate (law => self%laws(i)%law, span => self%spans(i))
             n = size(law%shape, 2)
             if (law%n_phases > 0) call law%set_phases(phases)
             select type (law)
             class is (hysteretic_law_t)
-               call find_slopes_with_memory(self, law, place, piece, z(:, place%first:place%last), v(:, place%first:place%last), &
-                                            by_place, by_state)
+               call find_slopes_with_memory(self, law, span, piece, z(:, span%first:span%last), v(:, span%first:span%last), &
+                                            by_displacement, by_state)
             class default
                if (allocated(f)) deallocate (f, df_dz, df_dv, df_dp, nothing)
                allocate (f(n_times, n), df_dz(n_times, n, n), df_dp(n_times, n, 0), nothing(n_times, 0))
                allocate (df_dv(n_times, n, merge(n, 0, law%needs_velocity)))
                df_dv = 0.0_wp
                if (law%needs_velocity) then
-                  call law%evaluate(z(:, place%first:place%last), v(:, place%first:place%last), nothing, f, df_dz, df_dv, df_dp)
+                  call law%evaluate(z(:, span%first:span%last), v(:, span%first:span%last), nothing, f, df_dz, df_dv, df_dp)
                else
-                  call law%evaluate(z(:, place%first:place%last), nothing, nothing, f, df_dz, df_dv, df_dp)
+                  call law%evaluate(z(:, span%first:span%last), nothing, nothing, f, df_dz, df_dv, df_dp)
                end if
                do d = 1, n
                   do c = 1, n
-                     by_place(place%first + c - 1, place%first + d - 1, :) = df_dz(:, c, d)
-                     if (law%needs_velocity) by_rate(place%first + c - 1, place%first + d - 1, :) = df_dv(:, c, d)
+                     by_displacement(span%first + c - 1, span%first + d - 1, :) = df_dz(:, c, d)
+                     if (law%needs_velocity) by_rate(span%first + c - 1, span%first + d - 1, :) = df_dv(:, c, d)
                   end do
                end do
             end select
@@ -268,35 +268,35 @@ contains
    end subroutine variation_find_slopes
 
    !> Derivatives of a law with memory: sliders that slip move with their bounds.
-   subroutine find_slopes_with_memory(self, law, place, piece, z, v, by_place, by_state)
+   subroutine find_slopes_with_memory(self, law, span, piece, z, v, by_displacement, by_state)
       class(variation_t), intent(in) :: self
       class(hysteretic_law_t), intent(in) :: law
-      type(place_t), intent(in) :: place
+      type(span_t), intent(in) :: span
       type(piece_t), intent(in) :: piece
       real(wp), intent(in) :: z(:, :), v(:, :)
-      real(wp), intent(inout) :: by_place(:, :, :), by_state(:, :, :)
+      real(wp), intent(inout) :: by_displacement(:, :, :), by_state(:, :, :)
       real(wp) :: df_ds(size(z, 1), size(z, 2), law%n_states), df_dz(size(z, 1), size(z, 2), size(z, 2))
       real(wp) :: f(size(z, 1), size(z, 2)), s(size(z, 1), law%n_states), slopes(law%n_states, size(z, 2))
       real(wp), dimension(law%n_states) :: lower, lower_rate, upper, upper_rate
       integer :: c, d, i, k
 
-      associate (slip => piece%slip(place%first_state:place%last_state), held => piece%held(place%first_state:place%last_state), &
-                 first => place%first)
+      associate (slip => piece%slip(span%first_state:span%last_state), held => piece%held(span%first_state:span%last_state), &
+                 first => span%first)
          do i = 1, size(z, 1)
             call law%bounds(z(i, :), v(i, :), lower, upper, lower_rate, upper_rate)
             s(i, :) = merge(held, merge(lower, upper, slip > 0), slip == 0)
          end do
          call law%force(z, s, f, df_dz, df_ds)
          do i = 1, size(z, 1)
-            by_place(first:place%last, first:place%last, i) = df_dz(i, :, :)
-            if (any(slip /= 0)) call self%find_bound_slopes(law, place, z(i, :), v(i, :), slip, slopes)
+            by_displacement(first:span%last, first:span%last, i) = df_dz(i, :, :)
+            if (any(slip /= 0)) call self%find_bound_slopes(law, span, z(i, :), v(i, :), slip, slopes)
             do k = 1, law%n_states
                do c = 1, size(z, 2)
                   if (slip(k) == 0) then
-                     by_state(first + c - 1, place%first_state + k - 1, i) = df_ds(i, c, k)
+                     by_state(first + c - 1, span%first_state + k - 1, i) = df_ds(i, c, k)
                   else
                      do d = 1, size(z, 2)
-                        by_place(first + c - 1, first + d - 1, i) = by_place(first + c - 1, first + d - 1, i) &
+                        by_displacement(first + c - 1, first + d - 1, i) = by_displacement(first + c - 1, first + d - 1, i) &
                                                                     + df_ds(i, c, k)*slopes(k, d)
                      end do
                   end if
@@ -308,10 +308,10 @@ contains
 
    !> Derivative of the bound of each slipping slider with respect to each coordinate, (n_states, n_coordinates); zero
    !> for those that stick.
-   pure subroutine variation_find_bound_slopes(self, law, place, z, v, slip, slopes)
+   pure subroutine variation_find_bound_slopes(self, law, span, z, v, slip, slopes)
       class(variation_t), intent(in) :: self
       class(hysteretic_law_t), intent(in) :: law
-      type(place_t), intent(in) :: place
+      type(span_t), intent(in) :: span
       real(wp), intent(in) :: z(:), v(:)
       integer, intent(in) :: slip(:)
       real(wp), intent(out) :: slopes(:, :)
@@ -320,7 +320,7 @@ contains
       integer :: c
 
       do c = 1, size(z)
-         step = difference_step*self%reach(place%first + c - 1)
+         step = difference_step*self%extent(span%first + c - 1)
          other = z
          other(c) = z(c) + step
          call law%bounds(other, v, lower, upper, lower_rate, upper_rate)

@@ -12,7 +12,7 @@ module hb_variation_pieces
    use hb_variation, only: piece_t, variation_t
    implicit none
    private
-   public :: bracket_t, cut_time, settle_sliders
+   public :: bracket_t, cut_time, make_sliders_periodic
 
    integer, parameter :: most_passes = 3                              ! events of a slider between two detection times
    integer, parameter :: most_periods = 4                             ! until sliders are periodic
@@ -74,7 +74,7 @@ contains
                call find_switching(self, i, times, z, v, found)
                events = [events, found]
             end if
-            if (self%places(i)%last_state >= self%places(i)%first_state) then
+            if (self%spans(i)%last_state >= self%spans(i)%first_state) then
                call find_slipping(self, i, times, z, v, found)
                events = [events, found]
             end if
@@ -92,7 +92,7 @@ contains
    end function needs_rates
 
    !> Propagates sliders round a period until they are periodic.
-   subroutine settle_sliders(self, start, finish, n_instants)
+   subroutine make_sliders_periodic(self, start, finish, n_instants)
       type(variation_t), intent(inout) :: self
       real(wp), intent(in) :: start, finish                           !! [s]
       integer, intent(in) :: n_instants
@@ -105,10 +105,10 @@ contains
          if (work_is_over()) exit
          before = self%held
          call cut_time(self, start, finish, n_instants, pieces)
-         if (period > 1 .and. all(abs(self%held - before) <= rounding*maxval(self%reach))) exit
+         if (period > 1 .and. all(abs(self%held - before) <= rounding*maxval(self%extent))) exit
       end do
       self%has_slipped = .false.
-   end subroutine settle_sliders
+   end subroutine make_sliders_periodic
 
    !> Sign changes of the switches of law i, all located together, because a motion is evaluated more cheaply at many
    !> times at once.
@@ -202,10 +202,10 @@ contains
       real(wp), intent(out) :: values(:, :)                           !! (n_switches, n_times)
       integer :: k
 
-      associate (place => self%places(i))
+      associate (span => self%spans(i))
          do k = 1, size(times)
             call set_time(self, i, times(k))
-            call self%laws(i)%law%switches(z(k, place%first:place%last), v(k, place%first:place%last), values(:, k))
+            call self%laws(i)%law%switches(z(k, span%first:span%last), v(k, span%first:span%last), values(:, k))
          end do
       end associate
    end subroutine switches_at
@@ -223,8 +223,8 @@ contains
       do i = 1, size(self%laws)
          select type (law => self%laws(i)%law)
          class is (hysteretic_law_t)
-            associate (a => self%places(i)%first, b => self%places(i)%last, m => self%places(i)%first_state, &
-                       n => self%places(i)%last_state)
+            associate (a => self%spans(i)%first, b => self%spans(i)%last, m => self%spans(i)%first_state, &
+                       n => self%spans(i)%last_state)
                call law%bounds(z(1, a:b), v(1, a:b), lower(m:n), upper(m:n), lower_rate(m:n), upper_rate(m:n))
             end associate
          end select
@@ -252,21 +252,21 @@ contains
 
       search%variation => self
       search%i = i
-      associate (place => self%places(i))
-         n = place%last_state - place%first_state + 1
+      associate (span => self%spans(i))
+         n = span%last_state - span%first_state + 1
          allocate (search%lower(n), search%upper(n), search%lower_rate(n), search%upper_rate(n))
          allocate (search%events(most_passes*size(times)*n))
-         call find_bounds(search, z(1, place%first:place%last), v(1, place%first:place%last))
+         call find_bounds(search, z(1, span%first:span%last), v(1, span%first:span%last))
          do k = 2, size(times)
             search%times = times(k - 1:k)
             before_lower = search%lower_rate
             before_upper = search%upper_rate
-            call find_bounds(search, z(k, place%first:place%last), v(k, place%first:place%last))
+            call find_bounds(search, z(k, span%first:span%last), v(k, span%first:span%last))
             do s = 1, n
                search%s = s
-               search%slider = place%first_state + s - 1
-               call follow_slider(search, before_lower(s), before_upper(s), z(k, place%first:place%last), &
-                                  v(k, place%first:place%last))
+               search%slider = span%first_state + s - 1
+               call follow_slider(search, before_lower(s), before_upper(s), z(k, span%first:span%last), &
+                                  v(k, span%first:span%last))
             end do
          end do
       end associate
@@ -295,9 +295,9 @@ contains
             else if (slip == -1 .and. upper_rate > 0.0_wp) then
                call note(search, 0, time_of(search, -1, .true., now))
             else if (slip == 0 .and. lower_rate_before > 0.0_wp .and. lower_rate < 0.0_wp) then
-               if (.not. gives_way_at_turn(search, 1, margin)) exit
+               if (.not. slips_at_turn(search, 1, margin)) exit
             else if (slip == 0 .and. upper_rate_before < 0.0_wp .and. upper_rate > 0.0_wp) then
-               if (.not. gives_way_at_turn(search, -1, margin)) exit
+               if (.not. slips_at_turn(search, -1, margin)) exit
             else
                exit
             end if
@@ -337,16 +337,16 @@ contains
 
    !> Whether a bound that reverses between two detection times moves the slider there: however short the slip, the
    !> slider forgets its position.
-   logical function gives_way_at_turn(search, side, margin) result(gives_way)
+   logical function slips_at_turn(search, side, margin) result(slips)
       type(slip_search_t), intent(inout) :: search
       integer, intent(in) :: side
       real(wp), intent(in) :: margin
       real(wp) :: turn
 
       turn = time_of(search, side, .true., search%times(2))
-      gives_way = beyond(search, turn, side, .false.) > margin
-      if (gives_way) call note(search, side, time_of(search, side, .false., turn))
-   end function gives_way_at_turn
+      slips = beyond(search, turn, side, .false.) > margin
+      if (slips) call note(search, side, time_of(search, side, .false., turn))
+   end function slips_at_turn
 
    !> Time until which a bound reaches the slider or, with `stops`, the bound that moves it reverses; sets the bounds
    !> to that time.
@@ -401,25 +401,25 @@ contains
       real(wp), intent(in) :: time
       real(wp), dimension(1, search%variation%n_coordinates) :: v, z
 
-      associate (motion => search%variation%motion, place => search%variation%places(search%i))
+      associate (motion => search%variation%motion, span => search%variation%spans(search%i))
          call motion%at(motion%phases([time]), z, v)
-         call find_bounds(search, z(1, place%first:place%last), v(1, place%first:place%last))
+         call find_bounds(search, z(1, span%first:span%last), v(1, span%first:span%last))
       end associate
    end subroutine update_bounds
 
    !> Sorts events by time.
    pure subroutine sort(events)
       type(event_t), intent(inout) :: events(:)
-      type(event_t) :: kept
+      type(event_t) :: retained
       integer :: i, k
 
       do i = 2, size(events)
-         kept = events(i)
+         retained = events(i)
          do k = i - 1, 1, -1
-            if (events(k)%time <= kept%time) exit
+            if (events(k)%time <= retained%time) exit
             events(k + 1) = events(k)
          end do
-         events(k + 1) = kept
+         events(k + 1) = retained
       end do
    end subroutine sort
 

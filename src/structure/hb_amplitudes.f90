@@ -152,32 +152,32 @@ contains
    end function renumbered
 
    !> Amplitudes of some harmonics only.
-   pure function amplitudes_at(self, places) result(part)
+   pure function amplitudes_at(self, positions) result(part)
       class(amplitudes_t), intent(in) :: self
-      integer, intent(in) :: places(:)                                !! their numbers
+      integer, intent(in) :: positions(:)                             !! their numbers
       type(amplitudes_t) :: part
       integer :: i, numbers(self%n_harmonics)
 
       numbers = 0
-      numbers(places) = [(i, i=1, size(places))]
-      part = renumbered(self, numbers, size(places))
+      numbers(positions) = [(i, i=1, size(positions))]
+      part = renumbered(self, numbers, size(positions))
    end function amplitudes_at
 
    !> Replaces the amplitudes of some harmonics by those of an object that contains only these.
-   pure subroutine amplitudes_replace(self, places, part)
+   pure subroutine amplitudes_replace(self, positions, part)
       class(amplitudes_t), intent(inout) :: self
-      integer, intent(in) :: places(:)                                !! their numbers, ascending
+      integer, intent(in) :: positions(:)                             !! their numbers, ascending
       type(amplitudes_t), intent(in) :: part
-      type(amplitudes_t) :: kept
+      type(amplitudes_t) :: retained
       integer :: k, numbers(self%n_harmonics)
 
       numbers = [(k, k=1, self%n_harmonics)]
-      numbers(places) = 0
-      kept = renumbered(self, numbers, self%n_harmonics)
-      call move_alloc(kept%harmonics, self%harmonics)
-      call move_alloc(kept%values, self%values)
+      numbers(positions) = 0
+      retained = renumbered(self, numbers, self%n_harmonics)
+      call move_alloc(retained%harmonics, self%harmonics)
+      call move_alloc(retained%values, self%values)
       do k = 1, size(part%harmonics)
-         call self%add(places(part%harmonics(k)), part%values(:, k))
+         call self%add(positions(part%harmonics(k)), part%values(:, k))
       end do
    end subroutine amplitudes_replace
 

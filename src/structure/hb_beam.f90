@@ -15,7 +15,7 @@ module hb_beam
    use hb_kinds, only: pi, wp
    use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
-   use hb_structure, only: check_room, label_length, new_structure, structure_t, unit_length
+   use hb_structure, only: check_memory_of_structure, label_length, new_structure, structure_t, unit_length
    use hb_text, only: to_text
    implicit none
    private
@@ -44,13 +44,13 @@ contains
       call read_proportional_damping(group, damping)
       call group%finish(error)
       if (allocated(error)) return
-      call check_room(2*n_elements + 2, error, memory_limit)
+      call check_memory_of_structure(2*n_elements + 2, error, memory_limit)
       ends(1) = left_support
       ends(2) = right_support
       if (.not. allocated(error)) then
          call new_beam(structure, length, bending_stiffness, mass_per_length, n_elements, ends, damping, error)
       end if
-      call annotate(error, group%place())
+      call annotate(error, group%location())
    end subroutine read_beam
 
    !> Creates a beam; fails if no degree of freedom is free.
@@ -67,7 +67,7 @@ contains
       character(label_length), allocatable :: labels(:)
       character(unit_length), allocatable :: units(:)
       logical, allocatable :: is_free(:)
-      integer, allocatable :: kept(:)
+      integer, allocatable :: retained(:)
       real(wp) :: element_mass(4, 4), element_stiffness(4, 4)
       integer :: i, n_all
 
@@ -83,8 +83,8 @@ contains
       allocate (is_free(n_all), source=.true.)
       is_free(:2) = is_free_at(ends(1))
       is_free(n_all - 1:) = is_free_at(ends(2))
-      kept = pack([(i, i=1, n_all)], is_free)
-      if (size(kept) == 0) then
+      retained = pack([(i, i=1, n_all)], is_free)
+      if (size(retained) == 0) then
          call fail(error, "beam: one element between clamped ends has no degree of freedom; use 2 or more")
          return
       end if
@@ -96,10 +96,10 @@ contains
          units(2*i - 1) = "m"
          units(2*i) = "rad"
       end do
-      mass = mass(kept, kept)
-      stiffness = stiffness(kept, kept)
-      call new_structure(structure, mass, damping%matrix(mass, stiffness), stiffness, labels(kept), &
-                         units(kept), error)
+      mass = mass(retained, retained)
+      stiffness = stiffness(retained, retained)
+      call new_structure(structure, mass, damping%matrix(mass, stiffness), stiffness, labels(retained), &
+                         units(retained), error)
    end subroutine new_beam
 
    !> Whether deflection and rotation of a node at this support are free.
@@ -160,11 +160,11 @@ contains
       call read_proportional_damping(group, damping)
       call group%finish(error)
       if (allocated(error)) return
-      call check_room(n_modes, error, memory_limit)
+      call check_memory_of_structure(n_modes, error, memory_limit)
       if (.not. allocated(error)) then
          call new_modal_beam(structure, length, bending_stiffness, mass_per_length, n_modes, damping, error)
       end if
-      call annotate(error, group%place())
+      call annotate(error, group%location())
    end subroutine read_modal_beam
 
    !> Creates a modal beam, M_kk = rho A L/2 and K_kk = E I (k pi/L)**4 L/2.

@@ -1,9 +1,8 @@
 !> Reads `&bearing`: stiffness and damping of two directions, tabulated over the speed of a shaft.
 module hb_bearing
    use hb_error, only: error_t
-   use hb_interval, only: is_ascending
+   use hb_interpolation, only: is_ascending, monotone_cubic_t, new_monotone_cubic
    use hb_kinds, only: wp
-   use hb_monotone_cubic, only: monotone_cubic_t, new_monotone_cubic
    use hb_properties, only: properties_t
    use hb_sparse, only: sparse_from_entries, sparse_sum
    use hb_structure, only: structure_t

@@ -1,7 +1,7 @@
 !> Linear equations with a square block of the dynamic stiffness, at one frequency after the other.
 !>
 !> Blocks that are diagonal except for a border are factorised as such, narrow ones as band
-!> matrices (hb_small_lu, or LAPACK), if necessary in another order of the unknowns (hb_narrow_order), large ones
+!> matrices (hb_small_lu, or LAPACK), if necessary in another order of the unknowns, large ones
 !> with few entries as sparse matrices (UMFPACK), others as dense ones (LAPACK, or hb_small_lu); all but the first with
 !> row exchanges. Rows and columns are scaled once by the magnitudes on the diagonal, so that the verdict "singular"
 !> does not depend on units.
@@ -14,8 +14,7 @@
 module hb_block_solver
    use hb_kinds, only: wp
    use hb_lapack, only: zgbtrf, zgbtrs, zgemm, zgetrf, zgetrs
-   use hb_narrow_order, only: narrow_order
-   use hb_small_lu, only: factorise_narrow, factorise_small, largest_small, solve_narrow, solve_small, widest_narrow
+   use hb_small_lu, only: factorise_narrow, factorise_small, largest_small, narrow_order, solve_narrow, solve_small, widest_narrow
    use hb_structure_block, only: structure_block_t
    use hb_umfpack, only: umfpack_t
    implicit none
@@ -129,17 +128,17 @@ contains
    !> Reorders the unknowns if that gives a narrow band, and returns the number of rows of the band.
    integer function sort_by_position(self) result(n_rows)
       class(block_solver_t), intent(inout) :: self
-      integer :: i, place(self%n)
+      integer :: i, position(self%n)
       type(structure_block_t) :: before
 
       before = self%entries
-      place = narrow_order(self%n, before%row, before%column)
-      self%entries%row = place(before%row)
-      self%entries%column = place(before%column)
+      position = narrow_order(self%n, before%row, before%column)
+      self%entries%row = position(before%row)
+      self%entries%column = position(before%column)
       n_rows = find_band(self)
       if (2*n_rows <= self%n) then
          allocate (self%order(self%n))
-         self%order(place) = [(i, i=1, self%n)]
+         self%order(position) = [(i, i=1, self%n)]
       else
          self%entries = before
          n_rows = find_band(self)

@@ -5,7 +5,7 @@ module hb_chain
    use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_sparse, only: sparse_from_entries, sparse_sum, sparse_t
-   use hb_structure, only: check_room, label_length, most_dense, new_structure, structure_t, unit_length
+   use hb_structure, only: check_memory_of_structure, label_length, most_dense, new_structure, structure_t, unit_length
    use hb_text, only: to_text
    implicit none
    private
@@ -37,11 +37,11 @@ contains
       end if
       call group%finish(error)
       if (allocated(error)) return
-      call check_room(min(n_masses, most_dense), error, memory_limit)
+      call check_memory_of_structure(min(n_masses, most_dense), error, memory_limit)
       if (.not. allocated(error)) then
          call new_chain(structure, mass, coupling_stiffness, ground_stiffness, ends, damping, error)
       end if
-      call annotate(error, group%place())
+      call annotate(error, group%location())
    end subroutine read_chain
 
    !> Creates a chain; fails if a number of springs does not match the number of masses.

@@ -30,7 +30,7 @@ module hb_condensation
    end type blocks_t
 
    type, extends(blocks_t) :: condensation_t
-      integer, allocatable :: places(:), interior(:)         !! degrees of freedom of coordinates and of the interior
+      integer, allocatable :: positions(:), interior(:)      !! degrees of freedom of coordinates and of the interior
       type(block_pattern_t) :: pattern                       !! of S_c
       type(amplitudes_t) :: loads                            !! [N]
       type(amplitudes_t) :: load_slopes                      !! dP/dw [N s]
@@ -62,8 +62,8 @@ contains
       real(wp), parameter :: mostly = 0.5_wp                          ! fill ratio of a matrix
       integer :: half_bandwidth, n_interior
 
-      self%places = coordinates%places
-      self%interior = all_but(coordinates%places, structure%n_dofs)
+      self%positions = coordinates%positions
+      self%interior = all_but(coordinates%positions, structure%n_dofs)
       n_interior = size(self%interior)
       self%loads = loads
       self%loads%values = coordinates%forces_in(loads%values)
@@ -100,7 +100,7 @@ contains
       real(wp) :: reciprocal_condition
       integer :: e, k, n_interior, n_law
 
-      n_law = size(self%places)
+      n_law = size(self%positions)
       n_interior = size(self%interior)
       self%drive = drive
       associate (ll => self%ll, lr => self%lr, rl => self%rl, solver => self%solver, s_lr => self%s_lr)
@@ -127,7 +127,7 @@ contains
             if (ll%row(e) == ll%column(e)) magnitude(ll%row(e)) = self%magnitude(e)
          end do
          load = (0.0_wp, 0.0_wp)
-         if (k > 0) load = self%loads%values(self%places, k)
+         if (k > 0) load = self%loads%values(self%positions, k)
          call lr%evaluate(frequency, drive, s_lr)
          if (allocated(self%full_lr)) then
             do e = 1, lr%n_entries
@@ -162,10 +162,10 @@ contains
       subroutine find_in(turned)
          type(structure_t), intent(in) :: turned
 
-         associate (places => coordinates%places)
-            call new_structure_block(blocks%ll, turned, places, places)
-            call new_structure_block(blocks%lr, turned, places, interior)
-            call new_structure_block(blocks%rl, turned, interior, places)
+         associate (positions => coordinates%positions)
+            call new_structure_block(blocks%ll, turned, positions, positions)
+            call new_structure_block(blocks%lr, turned, positions, interior)
+            call new_structure_block(blocks%rl, turned, interior, positions)
             call new_structure_block(blocks%rr, turned, interior, interior)
          end associate
       end subroutine find_in
@@ -182,7 +182,7 @@ contains
       complex(wp), intent(out) :: condensed(:, :), load(:)
       integer :: e, k, n
 
-      n = size(self%places)
+      n = size(self%positions)
       k = 0
       if (.not. by_drive) k = findloc(self%load_slopes%harmonics, h, dim=1)
       if (.not. allocated(self%load_slope)) allocate (self%load_slope(self%load_slopes%n_dofs))
@@ -194,7 +194,7 @@ contains
          solver%rhs = (0.0_wp, 0.0_wp)
          solver%rhs(:, n + 1) = self%load_slope(self%interior)
          condensed = (0.0_wp, 0.0_wp)
-         load = self%load_slope(self%places)
+         load = self%load_slope(self%positions)
          if (by_drive) then
             call add_slopes(self, self, slope_by%drive, frequency, 1.0_wp, condensed, load)
          else if (allocated(self%change)) then
@@ -223,7 +223,7 @@ contains
       complex(wp), allocatable :: slope(:)
       integer :: e, k, n
 
-      n = size(self%places)
+      n = size(self%positions)
       associate (rhs => self%solver%rhs, transfer => self%transfer, held_motion => self%held_motion, &
                  rl => blocks%rl, rr => blocks%rr, ll => blocks%ll, lr => blocks%lr, shift => self%pattern%shift)
          slope = slopes_of(rl)
@@ -284,7 +284,7 @@ contains
       type(blocks_t) :: blocks
       integer, allocatable :: interior(:)
 
-      interior = all_but(coordinates%places, structure%n_dofs)
+      interior = all_but(coordinates%positions, structure%n_dofs)
       call find_blocks(blocks, structure, coordinates, interior)
       half_bandwidth = half_bandwidth_of(blocks, size(interior))
    end function condensed_half_bandwidth

@@ -22,7 +22,7 @@ module hb_coordinates
       integer :: n = 0
       logical :: are_dofs = .true.                                    !! each coordinate is a degree of freedom: T is 1
       integer, allocatable :: dofs(:)                                 !! of the structure, in the shape
-      integer, allocatable :: places(:)                               !! (n) degrees of freedom that they replace
+      integer, allocatable :: positions(:)                            !! (n) degrees of freedom that they replace
       real(wp), allocatable :: shape(:, :)                            !! (size(dofs), n); not allocated where `are_dofs`
       integer, allocatable, private :: pivots(:), others(:)           ! among `dofs`
       real(wp), allocatable, private :: of_z(:, :), of_others(:, :)   ! G and B
@@ -48,7 +48,7 @@ contains
 
       self%n = size(dofs)
       self%dofs = dofs
-      self%places = dofs
+      self%positions = dofs
    end function dofs_as_coordinates
 
    !> Compliance of degrees of freedom [m/N], from the diagonal stiffness; those without stiffness count as very soft.
@@ -85,7 +85,7 @@ contains
       call find_pivots(shape, sqrt(softness(structure, dofs)), column_at)
       self%pivots = pack([(i, i=1, size(dofs))], column_at > 0)
       self%others = pack([(i, i=1, size(dofs))], column_at == 0)
-      self%places = dofs(self%pivots)
+      self%positions = dofs(self%pivots)
       self%shape = shape(:, column_at(self%pivots))
       factors = transpose(self%shape(self%pivots, :))
       allocate (self%of_z(self%n, self%n), source=0.0_wp)
@@ -133,7 +133,7 @@ contains
       class(coordinates_t), intent(in) :: self
       integer, intent(in) :: dof
 
-      number = findloc(self%places, dof, dim=1)
+      number = findloc(self%positions, dof, dim=1)
       if (number == 0 .or. self%are_dofs) return
       if (any(abs(self%shape(:, number) - merge(1.0_wp, 0.0_wp, self%dofs == dof)) > 0.0_wp)) number = 0
    end function coordinates_number_of
@@ -193,7 +193,7 @@ contains
       end if
       allocate (at_pivots(self%n, size(shape, 2)), source=0.0_wp)
       do k = 1, size(dofs)
-         i = findloc(self%places, dofs(k), dim=1)
+         i = findloc(self%positions, dofs(k), dim=1)
          if (i > 0) at_pivots(i, :) = shape(k, :)
       end do
       in_coordinates = matmul(transpose(self%of_z), at_pivots)
@@ -208,17 +208,17 @@ contains
    end subroutine coordinates_place
 
    !> Weights at `dofs` of a linear functional of some coordinates.
-   pure function coordinates_weights_of(self, numbers, form) result(weights)
+   pure function coordinates_weights_of(self, numbers, functional) result(weights)
       class(coordinates_t), intent(in) :: self
       integer, intent(in) :: numbers(:)                               !! of coordinates
-      real(wp), intent(in) :: form(:)                                 !! (size(numbers))
+      real(wp), intent(in) :: functional(:)                           !! (size(numbers))
       real(wp) :: weights(size(self%dofs))
 
       if (self%are_dofs) then
          weights = 0.0_wp
-         weights(numbers) = form
+         weights(numbers) = functional
       else
-         weights = matmul(self%shape(:, numbers), form)
+         weights = matmul(self%shape(:, numbers), functional)
       end if
    end function coordinates_weights_of
 
@@ -253,7 +253,7 @@ contains
          real(wp), intent(inout) :: matrix(:, :)
          real(wp), allocatable :: at_pivots(:, :)
 
-         associate (p => self%places, r => self%dofs(self%others))
+         associate (p => self%positions, r => self%dofs(self%others))
             at_pivots = matrix(:, p)
             matrix(:, r) = matrix(:, r) + matmul(at_pivots, self%of_others)
             matrix(:, p) = matmul(at_pivots, self%of_z)
@@ -266,7 +266,7 @@ contains
       pure subroutine turn_vector(vector)
          real(wp), intent(inout) :: vector(:)
 
-         associate (p => self%places, r => self%dofs(self%others))
+         associate (p => self%positions, r => self%dofs(self%others))
             vector(r) = vector(r) + matmul(vector(p), self%of_others)
             vector(p) = matmul(vector(p), self%of_z)
          end associate
@@ -288,15 +288,15 @@ contains
       type(sparse_t) :: t
       integer, allocatable :: column(:), row(:)
       real(wp), allocatable :: value(:)
-      logical :: is_place(n_dofs)
+      logical :: is_replaced(n_dofs)
       integer :: i, k
 
-      is_place = .false.
-      is_place(self%places) = .true.
-      row = pack([(i, i=1, n_dofs)], .not. is_place)
+      is_replaced = .false.
+      is_replaced(self%positions) = .true.
+      row = pack([(i, i=1, n_dofs)], .not. is_replaced)
       column = row
       value = spread(1.0_wp, 1, size(row))
-      associate (p => self%places, r => self%dofs(self%others))
+      associate (p => self%positions, r => self%dofs(self%others))
          do k = 1, size(p)
             row = [row, p]
             column = [column, spread(p(k), 1, size(p))]
@@ -319,7 +319,7 @@ contains
 
       turned = forces
       if (self%are_dofs) return
-      associate (p => self%places, r => self%dofs(self%others))
+      associate (p => self%positions, r => self%dofs(self%others))
          turned(p, :) = matmul(transpose(self%of_z), forces(p, :))
          turned(r, :) = forces(r, :) + matmul(transpose(self%of_others), forces(p, :))
       end associate
@@ -331,7 +331,7 @@ contains
       complex(wp), intent(inout) :: y(:, :)                           !! [m], (all degrees of freedom, any)
 
       if (self%are_dofs) return
-      associate (p => self%places, r => self%dofs(self%others))
+      associate (p => self%positions, r => self%dofs(self%others))
          y(p, :) = matmul(self%of_z, y(p, :)) + matmul(self%of_others, y(r, :))
       end associate
    end subroutine coordinates_motion_from

@@ -100,7 +100,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(wanted_slopes_t), intent(in), optional :: slopes
       type(wanted_slopes_t) :: wanted
-      type(condensation_t), allocatable :: kept
+      type(condensation_t), allocatable :: retained
       type(condensation_t) :: once                                    ! not `allocatable`: several kB, for each point
 
       call check_input(structure, coordinates%dofs, frequencies, loads, error)
@@ -108,9 +108,9 @@ contains
       if (present(slopes)) wanted = slopes
       if (.not. allocated(wanted%drives)) wanted%drives = 0.0_wp*frequencies
       if (wanted%is_on) then
-         allocate (kept)
-         call condense_with(kept)
-         call move_alloc(kept, self%condensation)
+         allocate (retained)
+         call condense_with(retained)
+         call move_alloc(retained, self%condensation)
       else
          call condense_with(once)
       end if
@@ -195,29 +195,29 @@ contains
 
    !> Copies the loads of some harmonics from a stiffness of only these, of the same structure, coordinates and
    !> frequencies; both without slopes.
-   subroutine dynamic_stiffness_take_loads(self, part, places)
+   subroutine dynamic_stiffness_take_loads(self, part, positions)
       class(dynamic_stiffness_t), intent(inout) :: self
       type(dynamic_stiffness_t), intent(in) :: part
-      integer, intent(in) :: places(:)                                !! numbers of its harmonics here
+      integer, intent(in) :: positions(:)                             !! numbers of its harmonics here
 
-      self%load(:, places) = part%load
-      call self%held_motion%replace(places, part%held_motion)
+      self%load(:, positions) = part%load
+      call self%held_motion%replace(positions, part%held_motion)
    end subroutine dynamic_stiffness_take_loads
 
    !> The condensed part of some harmonics, without slopes and without the data for `recover`.
-   pure function dynamic_stiffness_restricted_to(self, kept) result(part)
+   pure function dynamic_stiffness_restricted_to(self, retained) result(part)
       class(dynamic_stiffness_t), intent(in) :: self
-      integer, intent(in) :: kept(:)                                  !! numbers of the harmonics
+      integer, intent(in) :: retained(:)                              !! numbers of the harmonics
       type(dynamic_stiffness_t) :: part
 
       part%n_dofs = self%n_dofs
       part%n_law = self%n_law
-      part%n_harmonics = size(kept)
+      part%n_harmonics = size(retained)
       part%pattern = self%pattern
       part%coordinates = self%coordinates
-      part%condensed = self%condensed(:, :, kept)
-      part%load = self%load(:, kept)
-      part%magnitude = self%magnitude(:, kept)
+      part%condensed = self%condensed(:, :, retained)
+      part%load = self%load(:, retained)
+      part%magnitude = self%magnitude(:, retained)
    end function dynamic_stiffness_restricted_to
 
    !> Condenses each harmonic, with slopes if there is memory for them.
@@ -262,7 +262,7 @@ contains
       integer :: h
 
       do h = 1, self%n_harmonics
-         coefficients(self%coordinates%places, h) = law_coefficients(:, h)
+         coefficients(self%coordinates%positions, h) = law_coefficients(:, h)
          if (size(held) == 0) cycle
          held = self%held_motion%of(h)
          coefficients(self%interior, h) = held - matmul(self%transfer(:, :, h), law_coefficients(:, h))
@@ -286,7 +286,7 @@ contains
       complex(wp), intent(out) :: slope(:, :)                         !! [m s] or [m s**2], (n_dofs, n_harmonics)
       integer :: h
 
-      slope(self%coordinates%places, :) = (0.0_wp, 0.0_wp)
+      slope(self%coordinates%positions, :) = (0.0_wp, 0.0_wp)
       do h = 1, self%n_harmonics
          associate (change => self%motion_slope(:, :, merge(2, 1, by_drive), h))
             slope(self%interior, h) = change(:, self%n_law + 1) - matmul(change(:, :self%n_law), law_coefficients(:, h))
@@ -306,7 +306,7 @@ contains
 
       g = self%coordinates%forces_in(gradient)
       do h = 1, self%n_harmonics
-         law_gradient(:, h) = g(self%coordinates%places, h) &
+         law_gradient(:, h) = g(self%coordinates%positions, h) &
                               - matmul(transpose(conjg(self%transfer(:, :, h))), g(self%interior, h))
       end do
    end subroutine dynamic_stiffness_map_to_laws

@@ -9,7 +9,7 @@ module hb_fe_model
    use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
    use hb_sparse, only: sparse_sum, sparse_t
-   use hb_structure, only: check_room, max_sparse_dofs, new_structure, structure_t
+   use hb_structure, only: check_memory_of_structure, max_sparse_dofs, new_structure, structure_t
    use hb_system, only: beside
    use hb_text, only: number_of, to_text
    implicit none
@@ -84,13 +84,13 @@ contains
       else
          call source%fetch(trim(beside(group%file_name, file)), fe_model, error)
       end if
-      if (.not. allocated(error)) call check_room(fe_model%n_dofs, error, memory_limit, fe_model%mass%n_entries() + &
+      if (.not. allocated(error)) call check_memory_of_structure(fe_model%n_dofs, error, memory_limit, fe_model%mass%n_entries() + &
                                                         2*fe_model%stiffness%n_entries() + fe_model%damping%n_entries())
       if (.not. allocated(error)) call new_fe_model_structure(structure, fe_model, proportional, structural_frequency, speeds, &
          error)
       structure%model_file = file
       if (.not. allocated(error)) structure%origin = "model '"//file//"': "//trim(structure_fingerprint(structure))
-      call annotate(error, group%place())
+      call annotate(error, group%location())
    end subroutine read_fe_model
 
    !> Creates a structure from a model. Structural damping becomes viscous damping that is equal at one frequency.

@@ -4,8 +4,8 @@
 !> the dynamic stiffness of hb_dynamic_stiffness. Motions are real: Z(-w) = conj(Z(w)). Kinds: below and
 !> docs/why/theory.md, section 4.
 module hb_frequency_part
+   use hb_interpolation, only: monotone_cubic_t
    use hb_kinds, only: wp
-   use hb_monotone_cubic, only: monotone_cubic_t
    implicit none
    private
    public :: frequency_part_t, kind_of_part

@@ -2,9 +2,8 @@
 module hb_frequency_part_input
    use hb_error, only: error_t
    use hb_frequency_part, only: frequency_part_t, kind_of_part
-   use hb_interval, only: is_ascending
+   use hb_interpolation, only: is_ascending, new_monotone_cubic
    use hb_kinds, only: wp
-   use hb_monotone_cubic, only: new_monotone_cubic
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t
@@ -27,7 +26,7 @@ contains
 
       call group%get("type", name)
       if (.not. allocated(name)) then
-         call group%tell_first(error)
+         call group%report_first(error)
          return
       end if
       if (group%given("label")) call group%get("label", label)        ! used by paths
@@ -55,7 +54,7 @@ contains
          call read_table(group, part)
          is_complete = allocated(part%loss%nodes)
       end select
-      call read_places(group, structure, part)
+      call read_locations(group, structure, part)
       if (.not. (is_complete .and. allocated(part%feels) .and. allocated(part%acts))) return   ! already reported
       allocate (parts(0))
       if (allocated(structure%parts)) parts = structure%parts
@@ -92,7 +91,7 @@ contains
    end subroutine read_table
 
    !> Reads the coordinate of the part and the direction of its force, which is the same by default.
-   subroutine read_places(group, structure, part)
+   subroutine read_locations(group, structure, part)
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
       type(frequency_part_t), intent(inout) :: part
@@ -117,7 +116,7 @@ contains
          return
       end if
       call find_vector(group, structure, "force_", force_name, force_names, force_weights, part%acts)
-   end subroutine read_places
+   end subroutine read_locations
 
    !> A degree of freedom, or several with weights, as a vector over all of them; not allocated if they are
    !> incomplete.

@@ -67,7 +67,7 @@ contains
       call group%finish(error)
       if (allocated(error)) return
       call new_jeffcott(structure, rotor, damping, error)
-      call annotate(error, group%place())
+      call annotate(error, group%location())
    end subroutine read_jeffcott
 
    !> Creates the rotor: `x`, `y`, then `tilt_x`, `tilt_y`, then `ring_x`, `ring_y` if present. Fails if the coupling

@@ -4,7 +4,7 @@ module hb_matrices
    use hb_kinds, only: wp
    use hb_properties, only: properties_t
    use hb_proportional_damping, only: proportional_damping_t, read_proportional_damping
-   use hb_structure, only: check_room, label_length, new_structure, structure_t
+   use hb_structure, only: check_memory_of_structure, label_length, new_structure, structure_t
    use hb_text, only: string_t, to_text
    implicit none
    private
@@ -60,7 +60,7 @@ contains
       call read_proportional_damping(group, proportional)
       call group%finish(error)
       if (allocated(error)) return
-      call check_room(n_dofs, error, memory_limit)
+      call check_memory_of_structure(n_dofs, error, memory_limit)
       if (.not. allocated(error)) call check_skew("gyroscopic", full(of(3)%values, n_dofs), error)
       if (.not. allocated(error)) call check_skew("gyroscopic_by_speed", full(of(5)%values, n_dofs), error)
       if (.not. allocated(error)) then
@@ -73,7 +73,7 @@ contains
             call new_structure(structure, m, damping, stiffness, words(labels), words(units), error)
          end associate
       end if
-      call annotate(error, group%place())
+      call annotate(error, group%location())
    end subroutine read_matrices
 
    subroutine check_skew(name, matrix, error)

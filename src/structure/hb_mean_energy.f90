@@ -60,16 +60,16 @@ contains
       if (allocated(structure%sparse)) then
          associate (s => structure%sparse)
             call s%mass%times(x, y)
-            moved = forms()
+            moved = functionals()
             call s%damping%times(x, y)
-            damped = forms()
+            damped = functionals()
             call s%stiffness%times(x, y)
-            strained = forms()
+            strained = functionals()
          end associate
       else
-         moved = forms_in(structure%mass)
-         damped = forms_in(structure%damping)
-         strained = forms_in(structure%stiffness)
+         moved = functionals_in(structure%mass)
+         damped = functionals_in(structure%damping)
+         strained = functionals_in(structure%stiffness)
       end if
       do h = 1, n
          associate (w => frequencies(h))
@@ -85,24 +85,24 @@ contains
 
    contains
 
-      function forms_in(matrix)
+      function functionals_in(matrix)
          real(wp), intent(in) :: matrix(:, :)
-         real(wp) :: forms_in(n)
+         real(wp) :: functionals_in(n)
 
          associate (m => size(x, 1))
             call dgemm("N", "N", m, 2*n, m, 1.0_wp, matrix, m, x, m, 0.0_wp, y, m)
          end associate
-         forms_in = forms()
-      end function forms_in
+         functionals_in = functionals()
+      end function functionals_in
 
-      function forms()
-         real(wp) :: forms(n)
+      function functionals()
+         real(wp) :: functionals(n)
          integer :: i
 
          do i = 1, n
-            forms(i) = dot_product(x(:, i), y(:, i)) + dot_product(x(:, n + i), y(:, n + i))
+            functionals(i) = dot_product(x(:, i), y(:, i)) + dot_product(x(:, n + i), y(:, n + i))
          end do
-      end function forms
+      end function functionals
    end subroutine add_energies
 
    !> Loss factor equivalent to a mean power loss; 0 without strain energy.

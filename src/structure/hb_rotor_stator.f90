@@ -48,7 +48,7 @@ contains
       call group%finish(error)
       if (allocated(error)) return
       call new_rotor_stator(structure, n_diameters, speed, frame, disk, casing, damping, error)
-      call annotate(error, group%place())
+      call annotate(error, group%location())
    end subroutine read_rotor_stator
 
    !> Creates disk and casing.

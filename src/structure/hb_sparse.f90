@@ -133,14 +133,14 @@ contains
       real(wp), intent(in) :: a, b
       type(sparse_t), intent(in) :: one, other
       type(sparse_t) :: total
-      integer, allocatable :: place(:)                                ! position of a column among the entries of the row so far
+      integer, allocatable :: position(:)                             ! position of a column among the entries of the row so far
       integer :: i, n
 
       total%n_rows = one%n_rows
       total%n_columns = one%n_columns
       n = merge(one%n_entries(), 0, abs(a) > 0.0_wp) + merge(other%n_entries(), 0, abs(b) > 0.0_wp)
       allocate (total%first(one%n_rows + 1), total%column(n), total%value(n))
-      allocate (place(one%n_columns), source=0)
+      allocate (position(one%n_columns), source=0)
       n = 0
       do i = 1, one%n_rows
          total%first(i) = n + 1
@@ -159,7 +159,7 @@ contains
          integer :: e
 
          do e = matrix%first(i), matrix%first(i + 1) - 1
-            associate (at => place(matrix%column(e)))
+            associate (at => position(matrix%column(e)))
                if (at < total%first(i)) then
                   n = n + 1
                   at = n

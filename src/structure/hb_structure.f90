@@ -15,7 +15,7 @@ module hb_structure
    use hb_text, only: join, parse_integer, to_text
    implicit none
    private
-   public :: check_room, label_length, max_dofs, max_sparse_dofs, most_dense, new_structure, structure_t, unit_length
+   public :: check_memory_of_structure, label_length, max_dofs, max_sparse_dofs, most_dense, new_structure, structure_t, unit_length
 
    integer, parameter :: label_length = 16                   !! longest name of a degree of freedom
    integer, parameter :: unit_length = 8
@@ -73,7 +73,7 @@ contains
 
    !> Fails if the matrices of a structure need more than the limit; for readers, before the matrices are allocated.
    !> Sparse ones are counted by their entries.
-   subroutine check_room(n_dofs, error, memory_limit, n_entries)
+   subroutine check_memory_of_structure(n_dofs, error, memory_limit, n_entries)
       integer, intent(in) :: n_dofs
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: memory_limit                  !! bytes
@@ -99,7 +99,7 @@ contains
       call fail(error, "the matrices of "//to_text(n_dofs)//" degrees of freedom would need "//trim(adjustl(needed))// &
                 " GiB of memory while they are read, "//trim(adjustl(there))//" GiB are available for each process; at most "// &
                 to_text(int(sqrt(memory_limit/structure_bytes(1))))//" would fit")
-   end subroutine check_room
+   end subroutine check_memory_of_structure
 
    !> Creates a structure from its matrices.
    !>

@@ -109,7 +109,7 @@ contains
       type(structure_block_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: rows(:), columns(:)
-      integer, allocatable :: number(:), place(:)                     ! of a column in the block; of its entry in the row
+      integer, allocatable :: number(:), position(:)                  ! of a column in the block; of its entry in the row
       integer :: first, i, n
 
       allocate (number(structure%n_dofs), source=0)
@@ -121,9 +121,9 @@ contains
          do i = 1, size(rows)
             n = n + m%n_in_row(rows(i)) + d%n_in_row(rows(i)) + k%n_in_row(rows(i))
          end do
-         allocate (self%row(n), self%column(n), place(size(columns)))
+         allocate (self%row(n), self%column(n), position(size(columns)))
          allocate (self%mass(n), self%damping(n), self%stiffness(n), source=0.0_wp)
-         place = 0
+         position = 0
          n = 0
          do i = 1, size(rows)
             first = n + 1
@@ -150,13 +150,13 @@ contains
          do e = matrix%first(rows(i)), matrix%first(rows(i) + 1) - 1
             j = number(matrix%column(e))
             if (j == 0 .or. .not. abs(matrix%value(e)) > 0.0_wp) cycle
-            if (place(j) < first) then
+            if (position(j) < first) then
                n = n + 1
-               place(j) = n
+               position(j) = n
                self%row(n) = i
                self%column(n) = j
             end if
-            values(place(j)) = matrix%value(e)
+            values(position(j)) = matrix%value(e)
          end do
       end subroutine add_row
    end subroutine collect_sparse

@@ -29,7 +29,7 @@ contains
 
       call group%get("type", name)
       if (.not. allocated(name)) then
-         call group%tell_first(error)
+         call group%report_first(error)
          return
       end if
       select case (name)

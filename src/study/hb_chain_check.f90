@@ -162,15 +162,15 @@ contains
    end function is_doubtful
 
    !> Describes the outcome if there is one to report.
-   subroutine describe(tracking, place, result)
+   subroutine describe(tracking, location, result)
       type(tracking_t), intent(in) :: tracking
-      character(*), intent(in) :: place                               !! position at which the tracking ended
+      character(*), intent(in) :: location                            !! position at which the tracking ended
       type(motion_result_t), intent(inout) :: result
       character(:), allocatable :: text
 
       select case (tracking%finding)
       case (finding%ends)
-         text = "not on the branch of the previous point, which ends near "//place
+         text = "not on the branch of the previous point, which ends near "//location
       case (finding%goes_on)
          text = "not on the branch of the previous point, which continues here with another motion"
       case default

@@ -31,7 +31,7 @@ module hb_curve_plan
    type, extends(curve_request_t) :: curve_plan_t
       character(:), allocatable :: path                               !! in the input, such as tones%frequency
       character(:), allocatable :: units                              !! of the value; empty until known
-      character(:), allocatable :: place                              !! of the group, for messages
+      character(:), allocatable :: location                           !! of the group, for messages
       type(names_t) :: responses_of(size(keys_of_responses))          !! as the keys
       real(wp), allocatable :: amplitudes(:)                          !! of each of `amplitude_of`
       character(:), allocatable :: origin_path !! result file whose point is the origin of the curve; empty: none
@@ -59,7 +59,7 @@ contains
 
       call document%required_group("curve", group, error)
       if (allocated(error)) return
-      self%place = group%place()
+      self%location = group%location()
       self%units = ""
       allocate (self%values(0), self%others(0), self%amplitudes(0))
       call group%get("parameter", self%path)
@@ -163,7 +163,7 @@ contains
 
       call document%resolve(self%path, self%moving%parameter, error)
       if (allocated(error)) then
-         error%message = self%place//": parameter '"//shown(self%path)//"': "//error%message
+         error%message = self%location//": parameter '"//shown(self%path)//"': "//error%message
          return
       end if
       if (allocated(self%over)) then
@@ -176,19 +176,19 @@ contains
             end if
          end if
          if (allocated(error)) then
-            error%message = self%place//": over '"//shown(self%over_path)//"': "//error%message
+            error%message = self%location//": over '"//shown(self%over_path)//"': "//error%message
             return
          end if
       end if
       associate (name => document%groups%holders(self%moving%parameter%i_group)%group%name)
          if (.not. any([character(len(moving_groups)) :: moving_groups, "normal_mode"] == name)) &
-            call fail(error, self%place//": parameter '"//shown(self%path)// &
+            call fail(error, self%location//": parameter '"//shown(self%path)// &
                       "': a curve follows a number of "//movable//", or of &normal_mode; give others to &sweep")
          if (name /= "tones" .and. self%moving%is_tied) &
-            call fail(error, self%place//": tie: 'ratio' is for the frequency of a tone")
+            call fail(error, self%location//": tie: 'ratio' is for the frequency of a tone")
       end associate
       if (document%n_tones_of(self%moving%parameter) > 1) &
-         call fail(error, self%place//": parameter '"//shown(self%path)//"': there are "// &
+         call fail(error, self%location//": parameter '"//shown(self%path)//"': there are "// &
                    to_text(document%n_tones_of(self%moving%parameter))//" tones; say which of them moves, such as '"// &
                    trim(lower(self%path))//"(1)', and tie = 'ratio' if the others move along")
    end subroutine find_values
@@ -217,7 +217,7 @@ contains
                call fail(error, "'"//response%name//"': the set of harmonics does not have this tuple")
             if (response%kind == curve_kind%resonance .and. .not. allocated(error)) call check_loads(model, response, error)
             if (allocated(error)) then
-               error%message = self%place//": "//trim(keys_of_responses(k))//": "//error%message
+               error%message = self%location//": "//trim(keys_of_responses(k))//": "//error%message
                return
             end if
             if (response%kind /= curve_kind%amplitude) request%responses = [request%responses, response]
@@ -290,11 +290,11 @@ contains
          if (any(model%tones%is_unknown) .and. self%moving%is_tied) error_text = "tie = 'ratio' needs tones that are all given"
       end if
       if (len(error_text) > 0) then
-         call fail(error, self%place//": parameter '"//shown(self%path)//"': "//error_text)
+         call fail(error, self%location//": parameter '"//shown(self%path)//"': "//error_text)
          return
       end if
       if (size(self%others) > 0 .and. any(model%tones%is_unknown)) then
-         call fail(error, self%place//": others: motions apart from a curve are sought where all tones are given")
+         call fail(error, self%location//": others: motions apart from a curve are sought where all tones are given")
          return
       end if
       if (allocated(self%over)) then
@@ -310,7 +310,7 @@ contains
          else if (.not. document%is_real(self%over%moving%parameter)) then
             error_text = "is not a real number; only real numbers can vary continuously"
          end if
-         if (len(error_text) > 0) call fail(error, self%place//": over '"//shown(self%over_path)//"': "//error_text)
+         if (len(error_text) > 0) call fail(error, self%location//": over '"//shown(self%over_path)//"': "//error_text)
       end if
    end subroutine check_model
 
@@ -358,7 +358,7 @@ contains
 
       if (document%groups%holders(self%moving%parameter%i_group)%group%name /= "tones") return
       if (self%moving%parameter%element(1) > size(omega)) then
-         call fail(error, self%place//": parameter '"//shown(self%path)//"': the highest number of a tone is "// &
+         call fail(error, self%location//": parameter '"//shown(self%path)//"': the highest number of a tone is "// &
             to_text(size(omega)))
       else if (self%moving%is_tied) then
          self%ratios = omega/omega(max(1, self%moving%parameter%element(1)))

@@ -16,7 +16,7 @@ module hb_neighbour
    !> The last two solutions of a chain.
    type :: neighbour_t
       private
-      integer :: n_kept = 0
+      integer :: n_retained = 0
       type(level_t) :: last                                           ! with its grid, if points choose their own
       real(wp), allocatable :: before(:)                              ! unknowns in the same set
       real(wp) :: last_value = 0.0_wp, before_value = 0.0_wp
@@ -33,7 +33,7 @@ contains
    pure subroutine neighbour_forget(self)
       class(neighbour_t), intent(inout) :: self
 
-      self%n_kept = 0
+      self%n_retained = 0
    end subroutine neighbour_forget
 
    !> Stores the solution of a point. The previous one is removed if its harmonics differ or if the motion has jumped:
@@ -47,11 +47,11 @@ contains
       is_same = .false.
       if (allocated(self%last%unknowns)) &
          is_same = size(level%unknowns) == size(self%last%unknowns) .and. same_set(level%set, self%last%set)
-      if (.not. is_same) self%n_kept = 0
-      if (self%n_kept == 2) then
-         if (has_jumped(self, parameter, level%unknowns)) self%n_kept = 0
+      if (.not. is_same) self%n_retained = 0
+      if (self%n_retained == 2) then
+         if (has_jumped(self, parameter, level%unknowns)) self%n_retained = 0
       end if
-      if (self%n_kept > 0) then
+      if (self%n_retained > 0) then
          self%before = self%last%unknowns
          self%before_value = self%last_value
       end if
@@ -59,7 +59,7 @@ contains
       self%last%unknowns = level%unknowns
       if (allocated(level%n_samples)) self%last%n_samples = level%n_samples
       self%last_value = parameter
-      self%n_kept = min(2, self%n_kept + 1)
+      self%n_retained = min(2, self%n_retained + 1)
    end subroutine neighbour_keep
 
    !> Returns a first guess for the next point, unallocated if there is no neighbour: the last solution x1 or, with
@@ -72,13 +72,13 @@ contains
       logical, intent(in) :: secant                                   !! false: the unchanged last solution
       real(wp), allocatable, intent(out) :: start(:)
 
-      if (self%n_kept == 0) return
+      if (self%n_retained == 0) return
       if (.not. same_set(set, self%last%set)) then
          start = carry(self%last%set, set, self%last%unknowns, set%n_tones)      ! the base frequencies follow the coefficients
          return
       end if
       start = self%last%unknowns
-      if (.not. secant .or. self%n_kept < 2) return
+      if (.not. secant .or. self%n_retained < 2) return
       if (.not. abs(parameter - self%last_value) <= farthest*abs(self%last_value - self%before_value)) return
       start = start + (start - self%before)*((parameter - self%last_value)/(self%last_value - self%before_value))
    end subroutine neighbour_predict
@@ -91,7 +91,7 @@ contains
       type(model_t), intent(in) :: model
       type(level_t), intent(out) :: level
 
-      if (.not. model%chain%is_on .or. self%n_kept == 0) return
+      if (.not. model%chain%is_on .or. self%n_retained == 0) return
       level = self%last
       call self%predict(parameter, self%last%set, model%chain%secant, level%unknowns)
    end subroutine neighbour_predict_level

@@ -18,7 +18,7 @@ module hb_point_source
       type(sweep_plan_t) :: plan                                      !! values of all points
       type(results_layout_t) :: layout                                !! of the file
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes
-      type(cached_linear_parts_t) :: kept                             !! of the point solved last
+      type(cached_linear_parts_t) :: cached                           !! of the point solved last
       integer :: rank = 0                                             !! of this process
    end type point_source_t
 end module hb_point_source

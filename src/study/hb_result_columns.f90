@@ -40,7 +40,7 @@ module hb_result_columns
    !> The contents of a file besides swept parameters and texts.
    type, extends(file_columns_t) :: plan_t
       type(column_t), allocatable :: columns(:)         ! one row per point
-      type(column_t), allocatable :: times(:)           ! one row per rank: hb_timing%rank_times_t and the overhead
+      type(column_t), allocatable :: times(:)           ! one row per rank: hb_results_layout%rank_times_t and the overhead
       ! Going through the table:
       integer, private :: row = 0                       ! of the buffers into which values are stored; 0: columns are listed
       integer, private :: i = 0                         ! column
@@ -80,7 +80,7 @@ contains
       t%is_known = .true.
    end subroutine later_columns
 
-   !> One row per rank: hb_timing%rank_times_t%as_row and the overhead.
+   !> One row per rank: hb_results_layout%rank_times_t%as_row and the overhead.
    subroutine time_columns(t)
       type(plan_t), intent(inout) :: t
 

@@ -16,12 +16,11 @@ module hb_results
    use hb_outcome, only: outcome
    use hb_result_columns, only: measure_row, message_length, new_plan
    use hb_results_file, only: make_file
-   use hb_results_layout, only: check_layout, results_layout_t, swept_parameter_t
-   use hb_row_buffer, only: hold_seconds, new_row_buffer, room_for
+   use hb_results_layout, only: check_layout, n_times, rank_times_t, results_layout_t, swept_parameter_t
+   use hb_row_buffer, only: capacity_for, hold_seconds, new_row_buffer
    use hb_stored_rows, only: stored_file_t
    use hb_system, only: check_held, held_file_t, hold_file, release_file
    use hb_text, only: to_text
-   use hb_timing, only: n_times, rank_times_t
    implicit none
    private
    public :: create_results, open_results, results_layout_t, results_t
@@ -32,14 +31,14 @@ module hb_results
       character(:), allocatable :: path
       integer :: n_points = 0, i_checksum = 0
       logical :: is_resumed = .false.                   !! rows may contain results of a previous run
-      integer :: room = 1, first_held = 1, n_held = 0   ! points that are held
+      integer :: capacity = 1, first_held = 1, n_held = 0 ! points that are held
       real(wp) :: hold = 0.0_wp, flushed = 0.0_wp       ! [s] how long, and time of the last write
-      type(held_file_t) :: place                        ! of rank 0: whether the file has been replaced
+      type(held_file_t) :: held_file                    ! of rank 0: whether the file has been replaced
    contains
       procedure :: abandon => results_abandon
       procedure :: close => results_close
       procedure :: read_curve => results_read_curve
-      procedure :: crash_place => results_crash_place
+      procedure :: crash_location => results_crash_location
       procedure :: flush => results_flush
       procedure :: hold_seconds => results_hold_seconds
       procedure :: motion_size => results_motion_size
@@ -108,7 +107,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
-      if (rank_of(comm) == 0) call hold_file(self%path, self%place, error)
+      if (rank_of(comm) == 0) call hold_file(self%path, self%held_file, error)
       call share_error(comm, error)
       if (allocated(error)) return
       if (self%is_resumed) call raise_guard("'"//self%path//"': HDF5 crashed on this file; it is damaged")
@@ -118,7 +117,7 @@ contains
          call lower_guard()
          return
       end if
-      if (self%is_resumed) call fit_places(self, error)
+      if (self%is_resumed) call fit_harmonics(self, error)
       do i = 1, size(self%plan%columns)
          associate (column => self%plan%columns(i))
             if (.not. allocated(error)) &
@@ -131,16 +130,16 @@ contains
       call share_error(comm, error)
       if (allocated(error)) then
          call self%file%close(error)
-         call release_file(self%place%descriptor)
+         call release_file(self%held_file%descriptor)
       else
-         call make_room(self, size(layout%parameters), size_of(comm))
+         call allocate_rows(self, size(layout%parameters), size_of(comm))
       end if
       call lower_guard()
    end subroutine open_datasets
 
    !> Reduces the number of harmonics to that of the file, if it is complete and has room for fewer than the input
    !> permits.
-   subroutine fit_places(self, error)
+   subroutine fit_harmonics(self, error)
       type(results_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
       type(h5_dataset_t) :: dataset
@@ -158,26 +157,26 @@ contains
             axis%length = min(axis%length, extents(k))
          end associate
       end do
-   end subroutine fit_places
+   end subroutine fit_harmonics
 
    !> Allocates memory for the held rows.
-   subroutine make_room(self, n_parameters, n_ranks)
+   subroutine allocate_rows(self, n_parameters, n_ranks)
       type(results_t), intent(inout) :: self
       integer, intent(in) :: n_parameters, n_ranks
       real(wp) :: n_bytes
       integer :: i, n_datasets
 
       call measure_row(self%plan, n_parameters, n_bytes, n_datasets)
-      self%room = room_for(n_bytes, self%n_points)
+      self%capacity = capacity_for(n_bytes, self%n_points)
       self%hold = hold_seconds(n_ranks, n_datasets)
       self%flushed = wall_clock()
       self%i_checksum = self%plan%index_of("checksum")
       do i = 1, size(self%plan%columns)
          associate (column => self%plan%columns(i), extents => self%plan%extents_of(self%plan%columns(i)))
-            call new_row_buffer(column%held, column%kind, extents(:size(extents) - 1), self%room, column%is_part_used)
+            call new_row_buffer(column%held, column%kind, extents(:size(extents) - 1), self%capacity, column%is_part_used)
          end associate
       end do
-   end subroutine make_room
+   end subroutine allocate_rows
 
    !> Receives the result of point `i`, from 1; any rank may write any point at any time. Consecutive points are held
    !> for a while and written together, see hb_row_buffer and `flush`.
@@ -208,7 +207,7 @@ contains
          self%n_held = self%n_held - 1                  ! a row with an error is not written in part
          return
       end if
-      if (self%n_held == self%room .or. wall_clock() - self%flushed >= self%hold) call self%flush(error)
+      if (self%n_held == self%capacity .or. wall_clock() - self%flushed >= self%hold) call self%flush(error)
    end subroutine results_write_point
 
    !> Time [s] for which a rank holds results.
@@ -219,14 +218,14 @@ contains
    end function results_hold_seconds
 
    !> Location in the file at which a crash is recorded, for hb_crash_detection.
-   type(crash_location_t) function results_crash_place(self) result(place)
+   type(crash_location_t) function results_crash_location(self) result(location)
       class(results_t), intent(in) :: self
 
-      place%status = outcome%crashed
-      place%status_offset = self%plan%columns(self%plan%index_of("status"))%dataset%get_offset(4)
-      place%message_offset = self%plan%columns(self%plan%index_of("message"))%dataset%get_offset(1)
-      place%message_length = message_length
-   end function results_crash_place
+      location%status = outcome%crashed
+      location%status_offset = self%plan%columns(self%plan%index_of("status"))%dataset%get_offset(4)
+      location%message_offset = self%plan%columns(self%plan%index_of("message"))%dataset%get_offset(1)
+      location%message_length = message_length
+   end function results_crash_location
 
    !> Writes the held rows, the statuses last; independent of other ranks. Rows that may contain results of a previous
    !> run are set to pending while they are overwritten, and written completely.
@@ -235,7 +234,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: i, n
 
-      call check_held(self%place, self%path, error)
+      call check_held(self%held_file, self%path, error)
       if (allocated(error)) then
          call annotate(error, "result file '"//self%path//"'")
          return
@@ -362,17 +361,17 @@ contains
    end subroutine results_write_branches
 
    !> Reads the statuses and the positions on curves of consecutive points; independent of other ranks, after `share`.
-   subroutine results_read_curve(self, first, status, places, error)
+   subroutine results_read_curve(self, first, status, positions, error)
       class(results_t), intent(in) :: self
       integer, intent(in) :: first                      !! point, from 1
       integer, intent(out) :: status(:)                 !! (points)
-      type(curve_position_t), intent(out) :: places(:)  !! (points)
+      type(curve_position_t), intent(out) :: positions(:) !! (points)
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
       call self%plan%columns(self%plan%index_of("status"))%dataset%read(status, error, first)
       do i = 1, size(status)
-         if (.not. allocated(error)) call self%get_place(first + i - 1, places(i), error, self%plan%curve_column)
+         if (.not. allocated(error)) call self%get_position(first + i - 1, positions(i), error, self%plan%curve_column)
       end do
    end subroutine results_read_curve
 
@@ -384,12 +383,12 @@ contains
 
       call self%flush(in_flush)
       call self%file%close(in_close)
-      if (.not. allocated(in_close)) call check_held(self%place, self%path, in_close)
+      if (.not. allocated(in_close)) call check_held(self%held_file, self%path, in_close)
       call annotate(in_close, "result file '"//self%path//"'")
       if (allocated(in_flush)) call move_alloc(in_flush, in_close)
       if (.not. allocated(error)) call move_alloc(in_close, error)
-      call release_file(self%place%descriptor)
-      self%place%descriptor = -1
+      call release_file(self%held_file%descriptor)
+      self%held_file%descriptor = -1
    end subroutine results_close
 
    !> Closes the file without writing the held rows; not collective.
@@ -397,7 +396,7 @@ contains
       class(results_t), intent(inout) :: self
 
       call self%file%abandon()
-      call release_file(self%place%descriptor)
-      self%place%descriptor = -1
+      call release_file(self%held_file%descriptor)
+      self%held_file%descriptor = -1
    end subroutine results_abandon
 end module hb_results

@@ -4,7 +4,7 @@ module hb_results_file
    use hb_checksum, only: checksum
    use hb_error, only: annotate, error_t, fail
    use hb_file_columns, only: amplitude_convention
-   use hb_file_location, only: check_place, put_in_place
+   use hb_file_location, only: check_target, put_in_place
    use hb_hdf5, only: bytes_of_kind, create_file, h5_dataset_t, h5_file_t, is_characters
    use hb_kinds, only: int64, wp
    use hb_parameter_path, only: identifier
@@ -33,13 +33,13 @@ contains
       type(plan_t), intent(inout) :: plan
       logical, intent(in) :: overwrite
       type(error_t), allocatable, intent(out) :: error
-      type(h5_file_t), intent(in), optional :: source   !! of the rows, with at least as many places for harmonics; else none yet
+      type(h5_file_t), intent(in), optional :: source   !! of the rows, with at least as many harmonics; else none yet
       character(:), allocatable :: temporary
       integer(int64) :: n_bytes
       integer :: descriptor
       logical :: ok
 
-      call check_place(path, overwrite, error)
+      call check_target(path, overwrite, error)
       if (allocated(error)) return
       temporary = path//".part"
       call take_file(temporary, descriptor, error)

@@ -155,7 +155,7 @@ contains
       call file%get_attribute("schema_version", version, error)
       if (allocated(error)) return
       if (version /= schema_version) then
-         call fail(error, "its schema version is "//to_text(version)//", this program knows "//to_text(schema_version))
+         call fail(error, "its schema version is "//to_text(version)//", this program reads "//to_text(schema_version))
          return
       end if
       call file%get_attribute("n_ranks", self%n_ranks, error)

@@ -6,7 +6,7 @@ module hb_resume
    use hb_namelist_difference, only: input_differences
    use hb_outcome, only: outcome
    use hb_results_record, only: open_points, read_record, record_t
-   use hb_run_summary, only: count_kept, run_summary_t
+   use hb_run_summary, only: count_retained, run_summary_t
    use hb_schedule, only: schedule_t
    use hb_system, only: exists
    implicit none
@@ -63,7 +63,7 @@ contains
       if (.not. file%is_there) return
       call schedule%keep(found(2:))
       if (rank_of(comm) > 0) return
-      call count_kept(summary, record, schedule%all_points())
+      call count_retained(summary, record, schedule%all_points())
       summary%has_other_libraries = input%libraries /= record%input_libraries
    end subroutine choose_units
 

@@ -12,7 +12,7 @@ module hb_row_buffer
    use hb_text, only: to_text
    implicit none
    private
-   public :: hold_seconds, new_row_buffer, room_for, row_buffer_t
+   public :: capacity_for, hold_seconds, new_row_buffer, row_buffer_t
 
    real(wp), parameter :: writes_per_second = 5.0e4_wp                ! of all ranks, half of the capacity of a large file system
    real(wp), parameter :: shortest = 0.01_wp                          ! [s], for points that take less than that
@@ -27,8 +27,8 @@ module hb_row_buffer
       integer :: row_size = 0                                         ! values
       integer :: part = 0                                             ! axis along which rows have their own lengths; 0: none
       logical :: is_used = .false.                                    ! it contains values that differ from those of a new file
-      integer(int8), allocatable :: bytes(:, :)                       ! (bytes of a row, room)
-      integer, allocatable :: n_used(:)                               ! of the axis `part`, (room)
+      integer(int8), allocatable :: bytes(:, :)                       ! (bytes of a row, capacity)
+      integer, allocatable :: n_used(:)                               ! of the axis `part`, (capacity)
    contains
       procedure :: add_to_checksum => row_buffer_add_to_checksum
       procedure :: blank => row_buffer_blank
@@ -51,27 +51,27 @@ contains
    end function hold_seconds
 
    !> Largest number of points that a rank holds, at least one.
-   pure integer function room_for(bytes_per_point, n_points)
+   pure integer function capacity_for(bytes_per_point, n_points)
       real(wp), intent(in) :: bytes_per_point
       integer, intent(in) :: n_points
 
-      room_for = max(1, int(min(real(min(most_rows, n_points), wp), most_bytes/max(bytes_per_point, 1.0_wp))))
-   end function room_for
+      capacity_for = max(1, int(min(real(min(most_rows, n_points), wp), most_bytes/max(bytes_per_point, 1.0_wp))))
+   end function capacity_for
 
-   !> Allocates `room` rows of a dataset.
-   pure subroutine new_row_buffer(self, kind, extents, room, is_part_used)
+   !> Allocates `capacity` rows of a dataset.
+   pure subroutine new_row_buffer(self, kind, extents, capacity, is_part_used)
       type(row_buffer_t), intent(out) :: self
       integer, intent(in) :: kind                                     !! of the values, hb_hdf5
       integer, intent(in) :: extents(:)                               !! of the axes of a row, fastest first
-      integer, intent(in) :: room
+      integer, intent(in) :: capacity
       logical, intent(in) :: is_part_used                             !! rows use the first of their second, or only, axis
 
       self%kind = kind
       self%extents = extents
       self%row_size = product(extents)
       if (is_part_used) self%part = min(2, size(extents))
-      allocate (self%bytes(bytes_of_kind(kind)*self%row_size, room), source=0_int8)
-      allocate (self%n_used(room), source=0)
+      allocate (self%bytes(bytes_of_kind(kind)*self%row_size, capacity), source=0_int8)
+      allocate (self%n_used(capacity), source=0)
    end subroutine new_row_buffer
 
    !> Fills row `k` with the values of a new file.

@@ -11,7 +11,7 @@ module hb_run_summary
    use hb_version, only: git_commit, program_version
    implicit none
    private
-   public :: count_kept, count_point, has_answer, number_answered, number_solved, run_summary_t, sum_up
+   public :: count_point, count_retained, has_answer, number_answered, number_solved, run_summary_t, sum_up
 
    !> The outcome of a run, over all ranks.
    type :: run_summary_t
@@ -31,7 +31,7 @@ module hb_run_summary
       real(wp) :: lowest(max_tones) = huge(1.0_wp)                    !! frequency of each tone over solved points [rad/s]
       real(wp) :: highest(max_tones) = 0.0_wp                         !! below the lowest if there is no such point
       real(wp) :: seconds = 0.0_wp
-      real(wp), allocatable :: times(:, :)                            !! of all ranks, on rank 0, for hb_timing
+      real(wp), allocatable :: times(:, :)                            !! of all ranks, on rank 0, for hb_results_layout
       integer :: n_left = 0                                           !! points that the run has not solved
       integer :: interruption = interruption%none                     !! the reason
       character(:), allocatable :: made_by                            !! version that wrote the file, if different
@@ -42,37 +42,37 @@ module hb_run_summary
 contains
 
    !> Counts the points of a file that are not solved again.
-   subroutine count_kept(summary, record, points)
+   subroutine count_retained(summary, record, points)
       type(run_summary_t), intent(inout) :: summary
       type(record_t), intent(in) :: record
       integer, intent(in) :: points(:)                                !! these points
-      logical :: is_kept(record%n_points)
+      logical :: is_retained(record%n_points)
       integer :: i, status
 
-      is_kept = .true.
-      is_kept(points) = .false.
+      is_retained = .true.
+      is_retained(points) = .false.
       do status = lbound(summary%counts, 1), ubound(summary%counts, 1)
-         summary%counts(status) = count(is_kept .and. record%status == status)
+         summary%counts(status) = count(is_retained .and. record%status == status)
       end do
-      summary%n_by_fallback = count(is_kept .and. record%fallback > 0)
-      summary%n_stable = count(is_kept .and. record%is_stable > 0)
-      summary%n_unstable = count(is_kept .and. record%is_stable < 0)
-      summary%n_near_commensurate = count(is_kept .and. record%is_near_commensurate > 0)
+      summary%n_by_fallback = count(is_retained .and. record%fallback > 0)
+      summary%n_stable = count(is_retained .and. record%is_stable > 0)
+      summary%n_unstable = count(is_retained .and. record%is_stable < 0)
+      summary%n_near_commensurate = count(is_retained .and. record%is_near_commensurate > 0)
       if (summary%n_near_commensurate > 0) &
-         summary%first_near_commensurate = findloc(is_kept .and. record%is_near_commensurate > 0, .true., dim=1)
+         summary%first_near_commensurate = findloc(is_retained .and. record%is_near_commensurate > 0, .true., dim=1)
       do i = 1, record%n_points
-         if (is_kept(i) .and. is_solved(record%status(i))) call count_frequency(summary, record%frequency(:, i))
+         if (is_retained(i) .and. is_solved(record%status(i))) call count_frequency(summary, record%frequency(:, i))
       end do
-      is_kept = is_kept .and. .not. ieee_is_nan(record%truncation)
-      summary%n_certified = count(is_kept)
-      summary%truncation = max(0.0_wp, maxval(record%truncation, is_kept))
-      summary%aliasing = max(0.0_wp, maxval(record%aliasing, is_kept .and. .not. ieee_is_nan(record%aliasing)))
+      is_retained = is_retained .and. .not. ieee_is_nan(record%truncation)
+      summary%n_certified = count(is_retained)
+      summary%truncation = max(0.0_wp, maxval(record%truncation, is_retained))
+      summary%aliasing = max(0.0_wp, maxval(record%aliasing, is_retained .and. .not. ieee_is_nan(record%aliasing)))
       if (allocated(record%by_levels)) &
-         summary%by_levels = max(0.0_wp, maxval(record%by_levels, is_kept .and. .not. ieee_is_nan(record%by_levels)))
+         summary%by_levels = max(0.0_wp, maxval(record%by_levels, is_retained .and. .not. ieee_is_nan(record%by_levels)))
       if (allocated(record%is_damaged)) summary%n_damaged = count(record%is_damaged)
       if (record%program_version /= program_version .or. record%git_commit /= git_commit) &
          summary%made_by = "nhbm "//record%program_version//" ("//record%git_commit//")"
-   end subroutine count_kept
+   end subroutine count_retained
 
    !> Counts a point that was solved.
    subroutine count_point(summary, point, result)

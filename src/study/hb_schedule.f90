@@ -38,7 +38,7 @@ module hb_schedule
       integer :: n_counters = 1
       integer, private :: n_ranks = 1, group_size = 1, stride = 1, largest = 1
       integer, private :: line = 1, chain = 1, units_per_line = 1, n_all_units = 0
-      integer, allocatable, private :: kept(:)                        ! units, if only some are to be solved
+      integer, allocatable, private :: retained(:)                    ! units, if only some are to be solved
       real(wp) :: block_seconds = 0.0_wp                              !! [s] intended duration of a block
    contains
       procedure :: all_points => schedule_all_points
@@ -109,15 +109,15 @@ contains
    pure subroutine schedule_keep(self, points)
       class(schedule_t), intent(inout) :: self
       integer, intent(in) :: points(:)                                !! from 1
-      logical :: is_kept(self%n_all_units)
+      logical :: is_retained(self%n_all_units)
       integer :: first, i, last
 
-      is_kept = .false.
+      is_retained = .false.
       do i = 1, size(points)
-         is_kept(self%unit_of(points(i))) = .true.
+         is_retained(self%unit_of(points(i))) = .true.
       end do
-      self%kept = pack([(i, i=1, self%n_all_units)], is_kept)
-      self%n_units = size(self%kept)
+      self%retained = pack([(i, i=1, self%n_all_units)], is_retained)
+      self%n_units = size(self%retained)
       self%n_points = 0
       do i = 1, self%n_units
          call self%points_of(i, first, last)
@@ -130,14 +130,14 @@ contains
       class(schedule_t), intent(in) :: self
       integer, intent(in) :: unit
       integer, intent(out) :: first, last
-      integer :: number, place, start_of_line
+      integer :: number, position, start_of_line
 
       number = unit
-      if (allocated(self%kept)) number = self%kept(unit)
+      if (allocated(self%retained)) number = self%retained(unit)
       start_of_line = ((number - 1)/self%units_per_line)*self%line
-      place = modulo(number - 1, self%units_per_line)*self%chain
-      first = start_of_line + place + 1
-      last = start_of_line + min(place + self%chain, self%line)
+      position = modulo(number - 1, self%units_per_line)*self%chain
+      first = start_of_line + position + 1
+      last = start_of_line + min(position + self%chain, self%line)
    end subroutine schedule_points_of
 
    !> All points to solve, in the order of the sweep: after `keep` there are more than the given points if chains are

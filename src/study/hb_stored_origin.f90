@@ -29,7 +29,7 @@ contains
       if (allocated(error) .or. len(plan%origin_path) == 0) return
       allocate (request%origin)
       call read_curve_origin(request%origin, plan%origin_path, plan%origin_point, model, error)
-      if (allocated(error)) error%message = plan%place//": origin: "//error%message
+      if (allocated(error)) error%message = plan%location//": origin: "//error%message
    end subroutine request_curve
 
    !> Reads the point; fails if it is damaged, is neither a period doubling nor a torus bifurcation, or does not fit
@@ -41,7 +41,7 @@ contains
       type(model_t), intent(in) :: model                              !! of the new curve
       type(error_t), allocatable, intent(out) :: error
       type(stored_file_t) :: stored
-      type(curve_position_t) :: place
+      type(curve_position_t) :: position
       integer, allocatable :: status(:), tuples(:, :)
 
       call check_source(path, error)
@@ -51,13 +51,13 @@ contains
       if (.not. allocated(error) .and. point >= stored%plan%length_of("point")) &
          call fail(error, "the file has "//to_text(stored%plan%length_of("point"))//" points")
       call stored%fetch("status", status, error)
-      call stored%get_place(point + 1, place, error)
+      call stored%get_position(point + 1, position, error)
       call stored%get_tuples(point + 1, tuples, error)
       call stored%file%close(error)
       if (.not. allocated(error)) call refuse_damaged_rows(path, status, [point], error)
       if (.not. allocated(error)) then
-         if (any(place%kind == [curve_kind%flip, curve_kind%torus])) then
-            call new_curve_origin(self, place%kind == curve_kind%torus, place, tuples, model, error)
+         if (any(position%kind == [curve_kind%flip, curve_kind%torus])) then
+            call new_curve_origin(self, position%kind == curve_kind%torus, position, tuples, model, error)
          else
             call fail(error, "it is neither a 'flip' nor a 'torus'; 'nhbm info' and 'nhbm-post peaks' list those")
          end if

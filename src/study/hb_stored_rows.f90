@@ -17,7 +17,7 @@ module hb_stored_rows
       type(plan_t) :: plan
    contains
       generic :: fetch => fetch_integers, fetch_reals
-      procedure :: get_place => stored_file_get_place
+      procedure :: get_position => stored_file_get_position
       procedure :: get_tuples => stored_file_get_tuples
       procedure :: list => stored_file_list
       procedure, private :: fetch_integers => stored_file_fetch_integers
@@ -96,10 +96,10 @@ contains
    end subroutine stored_file_get_tuples
 
    !> Reads the position of a point on its curve; if it is on no curve, only this information.
-   subroutine stored_file_get_place(self, point, place, error, parameter)
+   subroutine stored_file_get_position(self, point, position, error, parameter)
       class(stored_file_t), intent(in) :: self
       integer, intent(in) :: point                                    !! from 1
-      type(curve_position_t), intent(out) :: place
+      type(curve_position_t), intent(out) :: position
       type(error_t), allocatable, intent(inout) :: error
       character(*), intent(in), optional :: parameter                 !! column of the value that moves along the curve
       real(wp), allocatable :: value(:)
@@ -108,23 +108,23 @@ contains
       value = [0.0_wp]
       if (present(parameter)) call self%file%get(parameter, value, error, [self%plan%length_of("point")], point)
       if (allocated(error)) return
-      place = curve_position_t(whole("curve_kind"), value(1), number("curve_length"), whole("curve_branch"))
-      if (place%kind == 0 .or. allocated(error)) return
+      position = curve_position_t(whole("curve_kind"), value(1), number("curve_length"), whole("curve_branch"))
+      if (position%kind == 0 .or. allocated(error)) return
       n = whole("curve_n_unknowns")
-      call self%fetch("curve_unknowns", place%unknowns, error, point)
-      call self%fetch("curve_direction", place%direction, error, point)
-      place%step = number("curve_step")
-      place%orientation = number("curve_orientation")
-      place%largest_motion = number("curve_largest_motion")
-      place%angle = number("curve_angle")
-      place%over = number("curve_over")
-      place%response = whole("curve_response")
+      call self%fetch("curve_unknowns", position%unknowns, error, point)
+      call self%fetch("curve_direction", position%direction, error, point)
+      position%step = number("curve_step")
+      position%orientation = number("curve_orientation")
+      position%largest_motion = number("curve_largest_motion")
+      position%angle = number("curve_angle")
+      position%over = number("curve_over")
+      position%response = whole("curve_response")
       if (allocated(error)) return
-      n = max(0, min(n, size(place%unknowns)))
-      place%unknowns = place%unknowns(:n)
-      place%direction = place%direction(:n)
-      if (self%file%has("grid")) call self%fetch("grid", place%n_samples, error, point)
-      if (self%file%has("tuples")) call self%get_tuples(point, place%tuples, error)
+      n = max(0, min(n, size(position%unknowns)))
+      position%unknowns = position%unknowns(:n)
+      position%direction = position%direction(:n)
+      if (self%file%has("grid")) call self%fetch("grid", position%n_samples, error, point)
+      if (self%file%has("tuples")) call self%get_tuples(point, position%tuples, error)
 
    contains
 
@@ -145,5 +145,5 @@ contains
          call self%fetch(name, values, error, point)
          if (.not. allocated(error)) number = values(1)
       end function number
-   end subroutine stored_file_get_place
+   end subroutine stored_file_get_position
 end module hb_stored_rows

@@ -132,7 +132,7 @@ contains
       integer, parameter :: least_points = 8                          ! a few distant values are not a curve
 
       is_chained = self%model%chain%is_auto .and. size(self%model%laws) > 0 .and. self%plan%n_fastest() >= least_points &
-         .and. self%plan%is_way()
+         .and. self%plan%can_be_chained()
    end function is_chained
 
    !> Parses the text of an input file and applies its overrides.
@@ -177,7 +177,7 @@ contains
             if (allocated(error)) return
             do k = 1, size(plan%parameters)
                if (.not. plan%parameters(k)%parameter%hides(parameter)) cycle
-               call fail(error, "--set "//trim(adjustl(path))//": no point would have this value, "//plan%parameters(k)%place// &
+               call fail(error, "--set "//trim(adjustl(path))//": no point would have this value, "//plan%parameters(k)%location// &
                   " sweeps "//plan%parameters(k)%path//"; change the sweep, such as --set 'sweep("//to_text(k)//")%values=...'")
                return
             end do
@@ -221,14 +221,14 @@ contains
    end function has_improved
 
    !> Describes the contents of the result file before the first point is solved.
-   subroutine describe_layout(self, n_ranks, layout, n_places)
+   subroutine describe_layout(self, n_ranks, layout, n_harmonics)
       type(study_t), intent(in) :: self
       integer, intent(in) :: n_ranks
       type(results_layout_t), intent(out) :: layout
-      integer, intent(in), optional :: n_places                       !! for harmonics; default: all
+      integer, intent(in), optional :: n_harmonics                    !! for harmonics; default: all
       integer :: i, k
 
-      call describe_rows(self, n_ranks, layout, n_places)
+      call describe_rows(self, n_ranks, layout, n_harmonics)
       associate (plan => self%plan)
          do i = 1, size(plan%parameters)
             if (plan%parameters(i)%is_text) then
@@ -247,11 +247,11 @@ contains
    end subroutine describe_layout
 
    !> As `describe_layout`, without the values of swept parameters.
-   subroutine describe_rows(self, n_ranks, layout, n_places)
+   subroutine describe_rows(self, n_ranks, layout, n_harmonics)
       type(study_t), intent(in) :: self
       integer, intent(in) :: n_ranks
       type(results_layout_t), intent(out) :: layout
-      integer, intent(in), optional :: n_places
+      integer, intent(in), optional :: n_harmonics
       type(coordinates_t) :: coordinates
       integer, allocatable :: law_dofs(:)
       integer :: i
@@ -260,7 +260,7 @@ contains
          law_dofs = law_dofs_of(model%laws)
          layout%n_points = plan%n_points
          layout%tuples = self%tuples
-         if (present(n_places)) layout%tuples = self%tuples(:, :n_places)
+         if (present(n_harmonics)) layout%tuples = self%tuples(:, :n_harmonics)
          layout%dof_labels = structure%labels(model%output%dofs)
          layout%dof_units = [character(16) :: structure%units(model%output%dofs)]
          layout%law_dof_labels = structure%labels(law_dofs)
@@ -308,15 +308,15 @@ contains
    !> laws, the model, its stored reduction.
    function study_libraries(self) result(text)
       class(study_t), intent(in) :: self
-      character(:), allocatable :: mark, text
+      character(:), allocatable :: fingerprint, text
       integer :: i
 
       text = ""
       do i = 1, size(self%model%laws)
-         mark = trim(self%model%laws(i)%law%mark())
-         if (len(mark) == 0) cycle
+         fingerprint = trim(self%model%laws(i)%law%fingerprint())
+         if (len(fingerprint) == 0) cycle
          if (len(text) > 0) text = text//new_line("a")
-         text = text//self%model%laws(i)%law%label//": "//mark
+         text = text//self%model%laws(i)%law%label//": "//fingerprint
       end do
       if (.not. allocated(self%model%structure%origin)) return
       if (len(text) > 0) text = text//new_line("a")
@@ -324,15 +324,15 @@ contains
    end function study_libraries
 
    !> Size of one point in the result file, and the number of datasets to which it is written.
-   subroutine row_of_study(self, n_bytes, n_datasets, n_places)
+   subroutine row_of_study(self, n_bytes, n_datasets, n_harmonics)
       type(study_t), intent(in) :: self
       real(wp), intent(out) :: n_bytes
       integer, intent(out) :: n_datasets
-      integer, intent(in), optional :: n_places                       !! for harmonics; default: all
+      integer, intent(in), optional :: n_harmonics                    !! for harmonics; default: all
       type(results_layout_t) :: layout
       type(plan_t) :: plan
 
-      call describe_rows(self, 1, layout, n_places)
+      call describe_rows(self, 1, layout, n_harmonics)
       call new_plan(plan, layout)
       call measure_row(plan, size(layout%parameters), n_bytes, n_datasets)
    end subroutine row_of_study

@@ -1,20 +1,16 @@
 !> Runs all points of an input over the ranks of a communicator and writes the result file.
 !> Points, or chains of points that start from each other's solutions, are independent of each other; each rank draws
 !> the next ones from hb_schedule. The result of a point does not depend on the rank that solves it or on the time, so
-!> the file contains the same numbers for any number of ranks (with FFTW's planning by estimate, which is the default;
-!> measured plans may differ in the last digit).
+!> the file contains the same numbers for any number of ranks.
 module hb_sweep
-   use hb_branch_marks, only: number_branches
+   use hb_branch_numbers, only: number_branches
    use hb_cancellation, only: verdict
    use hb_chain_check, only: chain_check_t
    use hb_clock, only: wall_clock
    use hb_crash_detection, only: begin_point, crash_location_t, detect_crashes, end_cancellation, end_point
    use hb_error, only: error_t, fail
-   use hb_fftw, only: export_wisdom, import_wisdom
    use hb_interruption, only: interruption, interruption_t, new_interruption
    use hb_kinds, only: wp
-   use hb_model, only: model_t
-   use hb_motion, only: solve_motion
    use hb_motion_result, only: motion_result_t
    use hb_mpi, only: barrier, comm_t, gather_rows, max_over, new_work_counter, rank_of, share_error, size_of, sum_over, &
       work_counter_t
@@ -24,17 +20,16 @@ module hb_sweep
    use hb_point_source, only: point_source_t
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_results, only: create_results, open_results, results_t
+   use hb_results_layout, only: rank_times_t
    use hb_results_record, only: count_pending, read_record, record_t
    use hb_resume, only: choose_units, resumed_file_t, resumed_input_t
-   use hb_run_summary, only: count_kept, count_point, has_answer, run_summary_t, sum_up
+   use hb_run_summary, only: count_point, count_retained, has_answer, run_summary_t, sum_up
    use hb_schedule, only: cursor_t, new_schedule, schedule_t
    use hb_signals, only: wait_for_points
    use hb_study, only: describe_layout, study_t
    use hb_swept_curve, only: new_swept_curve, swept_curve_t
    use hb_swept_point, only: run_point
-   use hb_system, only: file_kind, kind_of_file
    use hb_text, only: to_text
-   use hb_timing, only: rank_times_t
    implicit none
    private
    public :: run_options_t, run_study
@@ -89,7 +84,7 @@ contains
       type(run_summary_t), intent(out) :: summary
       type(error_t), allocatable, intent(out) :: error
       type(run_t), target :: run
-      type(crash_location_t) :: place
+      type(crash_location_t) :: location
       real(wp) :: started
 
       started = wall_clock()
@@ -98,8 +93,6 @@ contains
             "; give the sweep fewer values, or split it into several inputs")
          return
       end if
-      call prepare_wisdom(self, comm, error)
-      if (allocated(error)) return
       call prepare(self, options, comm, run, summary, error)
       if (allocated(error)) return
       call run%source%layout%forget_values()
@@ -108,9 +101,9 @@ contains
       run%ending%counter => run%counter
       call new_interruption(run%ending%interruption_t, options%time_limit - (wall_clock() - started), comm, error)
       if (.not. allocated(error)) then
-         place = run%results%crash_place()
-         place%exit_status = options%status_of_exit
-         call detect_crashes(options%path, place)
+         location = run%results%crash_location()
+         location%exit_status = options%status_of_exit
+         call detect_crashes(options%path, location)
          call wait_for_points()
          call run%ending%enter(huge(1.0_wp))
          call run_points(self, run, options%level, comm, summary, error)
@@ -154,7 +147,7 @@ contains
       call new_schedule(run%schedule, self%plan%n_points, self%plan%n_fastest(), &
          length_of_units(self), size_of(comm), block_seconds=0.0_wp)
       run%is_checked = self%model%chain%is_on .and. .not. any(self%model%tones%is_unknown)
-      if (run%is_checked) run%is_checked = self%plan%is_way()
+      if (run%is_checked) run%is_checked = self%plan%can_be_chained()
       allocate (run%before%crashed(0))
       if (options%resumes) then
          input%complete = self%input_complete
@@ -179,7 +172,7 @@ contains
       integer :: none(0)
 
       call read_record(record, path, error)
-      if (.not. allocated(error)) call count_kept(summary, record, none)
+      if (.not. allocated(error)) call count_retained(summary, record, none)
    end subroutine recount
 
    !> Number of points that are solved in order: a curve, a chain, or a point.
@@ -209,39 +202,6 @@ contains
             to_text(n_pending - n_left)//" points are lost")
       end if
    end subroutine check_written
-
-   !> Gives all ranks the same wisdom: rank 0 reads the file, or plans once and writes it; then the others read it.
-   subroutine prepare_wisdom(self, comm, error)
-      type(study_t), intent(in) :: self
-      type(comm_t), intent(in) :: comm
-      type(error_t), allocatable, intent(out) :: error
-      type(motion_result_t) :: trial
-      type(model_t) :: model
-
-      if (.not. allocated(self%model%wisdom)) return
-      if (rank_of(comm) == 0) then
-         if (kind_of_file(self%model%wisdom) == file_kind%device_or_pipe) then
-            call fail(error, "&sampling: wisdom: '"//self%model%wisdom//"' is a pipe or a device; give the path of a file")
-         else if (kind_of_file(self%model%wisdom) == file_kind%none) then
-            model = self%model
-            call solve_motion(model, trial, error)  ! plans every transform of the first point
-            if (allocated(error)) deallocate (error)                  ! reported again when the point is solved
-            if (.not. export_wisdom(self%model%wisdom)) then
-               call fail(error, "&sampling: wisdom: cannot write '"//self%model%wisdom//"'; give a path in a writable folder")
-            end if
-         else if (.not. import_wisdom(self%model%wisdom)) then
-            call fail(error, "&sampling: wisdom: '"//self%model%wisdom//"' is no wisdom of this FFTW; remove it or give "// &
-               "another path")
-         end if
-      end if
-      call share_error(comm, error)
-      if (allocated(error)) return
-      call barrier(comm)
-      if (rank_of(comm) > 0 .and. .not. import_wisdom(self%model%wisdom)) then
-         call fail(error, "&sampling: wisdom: rank "//to_text(rank_of(comm))//" cannot read '"//self%model%wisdom//"'")
-      end if
-      call share_error(comm, error)
-   end subroutine prepare_wisdom
 
    !> Draws blocks of units until there are none left, or the run must end. Rank 0 prints the progress of all ranks.
    subroutine run_points(self, run, level, comm, summary, error)

@@ -61,17 +61,17 @@ contains
          call read_truncation(truncation, document, n_tones, error)
          call document%accept_changes()
          if (allocated(error)) then
-            call annotate(error, place_of(point))
+            call annotate(error, location_of(point))
             return
          end if
-         truncation%place = place_of(point)//": "//truncation%place
+         truncation%location = location_of(point)//": "//truncation%location
          if (truncation%set == "list") then
             call add_set(union, truncation, has_improved, error)
          else
             call add_largest(largest, truncation, error)
             if (has_improved .and. .not. allocated(error)) then
                wider = box_truncation(wider_orders(truncation%highest()))
-               wider%place = place_of(point)//": "//wider%place
+               wider%location = location_of(point)//": "//wider%location
                call add_largest(widest, wider, error)
             end if
          end if
@@ -91,7 +91,7 @@ contains
       type(truncation_t), intent(in) :: truncation
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: set
-      integer, allocatable :: kept(:)
+      integer, allocatable :: retained(:)
       integer :: i
 
       if (truncation%cannot_be_made()) then
@@ -99,8 +99,8 @@ contains
          if (allocated(error)) return
       end if
       if (any([(largest(i)%contains(truncation), i=1, size(largest))])) return
-      kept = pack([(i, i=1, size(largest))], [(.not. truncation%contains(largest(i)), i=1, size(largest))])
-      largest = [largest(kept), truncation]
+      retained = pack([(i, i=1, size(largest))], [(.not. truncation%contains(largest(i)), i=1, size(largest))])
+      largest = [largest(retained), truncation]
    end subroutine add_largest
 
    !> Creates a set and adds its tuples.
@@ -115,7 +115,7 @@ contains
       if (allocated(error)) return
       call union%add(set%tuples)
       if (has_improved) call add_wider(union, set, error)
-      call annotate(error, truncation%place)
+      call annotate(error, truncation%location)
    end subroutine add_set
 
    !> Adds the tuples of an improved motion that are not in its set.
@@ -130,10 +130,10 @@ contains
    end subroutine add_wider
 
    !> The location that a message names.
-   function place_of(point) result(place)
+   function location_of(point) result(location)
       integer, intent(in) :: point
-      character(:), allocatable :: place
+      character(:), allocatable :: location
 
-      place = "point "//to_text(point)//" of the sweep"
-   end function place_of
+      location = "point "//to_text(point)//" of the sweep"
+   end function location_of
 end module hb_sweep_harmonics

@@ -28,7 +28,7 @@ module hb_sweep_plan
    type :: swept_t
       character(:), allocatable :: path                               !! in the input, such as law(1)%gap
       character(:), allocatable :: group                              !! its name in lower case
-      character(:), allocatable :: place                              !! of its group &sweep, for messages
+      character(:), allocatable :: location                           !! of its group &sweep, for messages
       type(parameter_t) :: parameter                                  !! the number of the path in the document of the plan
       character(:), allocatable :: units                              !! empty if the reader of the input declares none
       integer :: axis = 0                                             !! index among the axes of the plan
@@ -63,7 +63,7 @@ module hb_sweep_plan
       procedure :: describe_between => sweep_plan_describe_between
       procedure :: fastest_value => sweep_plan_fastest_value
       procedure :: is_ordered => sweep_plan_is_ordered
-      procedure :: is_way => sweep_plan_is_way
+      procedure :: can_be_chained => sweep_plan_can_be_chained
       procedure :: n_fastest => sweep_plan_n_fastest
       procedure :: refuse_tied => sweep_plan_refuse_tied
    end type sweep_plan_t
@@ -83,7 +83,7 @@ contains
       call read_axes(document, axis_of)
       do i = 1, size(self%parameters)
          group => document%group("sweep", i)
-         self%parameters(i)%place = group%place()
+         self%parameters(i)%location = group%location()
          self%parameters(i)%units = ""
          call read_values(self%parameters(i), group)
          call refuse_twice(self%parameters(:i), group)
@@ -140,7 +140,7 @@ contains
                   to_text(document%n_tones_of(swept%parameter))//" tones; say which, such as '"//trim(swept%path)//"(1)'")
                if (.not. allocated(error)) cycle
             end if
-            error%message = swept%place//": parameter '"//shown(swept%path)//"': "//error%message
+            error%message = swept%location//": parameter '"//shown(swept%path)//"': "//error%message
             return
          end associate
       end do
@@ -155,14 +155,14 @@ contains
 
       do i = 1, size(self%parameters)
          call document%refuse_tied(self%parameters(i)%parameter, self%parameters(i)%path, error)
-         if (allocated(error)) error%message = self%parameters(i)%place//": "//error%message
+         if (allocated(error)) error%message = self%parameters(i)%location//": "//error%message
          if (allocated(error)) return
       end do
       if (.not. allocated(self%curve)) return
       call document%refuse_tied(self%curve%moving%parameter, self%curve%path, error)
       if (.not. allocated(error) .and. allocated(self%curve%over)) &
          call document%refuse_tied(self%curve%over%moving%parameter, self%curve%over_path, error)
-      if (allocated(error)) error%message = self%curve%place//": "//error%message
+      if (allocated(error)) error%message = self%curve%location//": "//error%message
    end subroutine sweep_plan_refuse_tied
 
    !> Rejects a path that an earlier parameter has: the later value would replace the earlier one.
@@ -176,7 +176,7 @@ contains
       do i = 1, n - 1
          if (parameters(i)%group /= parameters(n)%group) cycle
          if (lower(adjustl(parameters(i)%path)) /= lower(adjustl(parameters(n)%path))) cycle
-         call group%problem("parameter", "is swept twice, also by "//parameters(i)%place)
+         call group%problem("parameter", "is swept twice, also by "//parameters(i)%location)
          return
       end do
    end subroutine refuse_twice
@@ -234,7 +234,7 @@ contains
          end if
       end if
       if (count([group%given("values"), group%given("texts"), group%given("from")]) /= 1) then
-         call group%problem_as_is(group%place()//": give one of 'values' (numbers), 'texts' (strings), "// &
+         call group%problem_as_is(group%location()//": give one of 'values' (numbers), 'texts' (strings), "// &
                                   "or 'from', 'to' and 'n'")
          call group%pass_over_keys()
       else if (group%given("values")) then
@@ -413,17 +413,17 @@ contains
 
    !> Whether points along the fastest axis can start from each other: all its parameters are real numbers of the
    !> physical model that change gradually.
-   pure logical function sweep_plan_is_way(self)
+   pure logical function sweep_plan_can_be_chained(self)
       class(sweep_plan_t), intent(in) :: self
       integer :: i
 
-      sweep_plan_is_way = self%is_ordered()
+      sweep_plan_can_be_chained = self%is_ordered()
       do i = 1, size(self%parameters)
-         if (self%parameters(i)%axis == size(self%length)) sweep_plan_is_way = sweep_plan_is_way .and. &
+         if (self%parameters(i)%axis == size(self%length)) sweep_plan_can_be_chained = sweep_plan_can_be_chained .and. &
             self%parameters(i)%is_real .and. &
             any([character(len(moving_groups)) :: moving_groups, "normal_mode"] == self%parameters(i)%group)
       end do
-   end function sweep_plan_is_way
+   end function sweep_plan_can_be_chained
 
    !> Axes along which values of a group vary, (number of axes).
    pure function sweep_plan_axes_of(self, group) result(axes)

@@ -55,7 +55,7 @@ contains
       logical, intent(in) :: is_resumed                               !! the file may contain points of the curve
       type(error_t), allocatable, intent(out) :: failure              !! of the curve
       type(error_t), allocatable, intent(out) :: error
-      type(curve_position_t), allocatable :: places(:)
+      type(curve_position_t), allocatable :: positions(:)
       integer, allocatable :: status(:)
       integer :: last
       logical :: is_new
@@ -72,19 +72,20 @@ contains
       self%is_done = allocated(failure)
       self%last_parameter = source%plan%curve%start
       if (self%is_done .or. .not. is_resumed) return
-      allocate (places(source%plan%curve%n_points), status(source%plan%curve%n_points))
-      call results%read_curve(first, status, places, error)
+      allocate (positions(source%plan%curve%n_points), status(source%plan%curve%n_points))
+      call results%read_curve(first, status, positions, error)
       if (allocated(error)) return
-      last = last_step(status, places%kind)
+      last = last_step(status, positions%kind)
       if (last == 0) return
-      if (.not. (allocated(self%request%origin) .or. allocated(self%request%over))) call go_to(self, places(1)%parameter, failure)
+      if (.not. (allocated(self%request%origin) .or. allocated(self%request%over))) &
+         call go_to(self, positions(1)%parameter, failure)
       if (.not. allocated(failure)) &
-         call self%curve%continue_from(self%model, self%document, self%request, places(:last), failure)
+         call self%curve%continue_from(self%model, self%document, self%request, positions(:last), failure)
       self%is_done = self%curve%is_done .or. allocated(failure)
       self%has_begun = .true.
       self%stored = status(:last)
-      self%last_parameter = places(last)%parameter
-      self%last_branch = places(last)%branch
+      self%last_parameter = positions(last)%parameter
+      self%last_branch = positions(last)%branch
    end subroutine new_swept_curve
 
    !> The last of the stored points from which a curve can continue, without gaps before it; 0: none.
@@ -156,7 +157,7 @@ contains
       associate (request => self%request, other => self%request%from + self%request%to - self%request%start)
          if (any(abs(start - [request%from, request%to]) <= 0.0_wp) .and. .not. (allocated(request%origin) .or. &
              allocated(request%over) .or. any(self%model%tones%is_unknown) .or. self%model%start_from_integration .or. &
-             self%model%normal_mode%is_asked .or. self%model%lacks_impacts_of(outcome%impact))) then
+             self%model%normal_mode%is_requested .or. self%model%lacks_impacts_of(outcome%impact))) then
             self%model%may_integrate = .false.
             call self%curve%begin(self%model, self%document, request, result, error)
             if (has_ended()) return

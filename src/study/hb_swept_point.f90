@@ -19,7 +19,7 @@ module hb_swept_point
    use hb_point, only: solve_point
    use hb_point_source, only: point_source_t
    use hb_results, only: results_layout_t
-   use hb_timing, only: rank_times_t
+   use hb_results_layout, only: rank_times_t
    implicit none
    private
    public :: check_layout, run_point, spread_result
@@ -56,7 +56,7 @@ contains
             else if (model%chain%is_on) then
                call neighbour%predict(value, model%harmonics, model%chain%secant, start)
             end if
-            call solve_point(model, source%document, result, error, level, below, start, source%kept)
+            call solve_point(model, source%document, result, error, level, below, start, source%cached)
             if (.not. allocated(error)) call find_gradient(model, source%document, level, level%unknowns, result)
          end associate
       end if

@@ -24,7 +24,7 @@ module hb_central_differences
 
    type, extends(integrator_t) :: central_differences_t
       type(hold_t), allocatable :: rigid(:)
-      real(wp), allocatable :: kick(:, :)                             !! M^-1 S of the rigid laws, (n_dofs, n_rigid) [1/kg]
+      real(wp), allocatable :: accelerance(:, :)                      !! M^-1 S of the rigid laws, (n_dofs, n_rigid) [1/kg]
       real(wp), allocatable :: yield(:, :)                            !! S^T M^-1 S of them [1/kg]
       real(wp), allocatable :: impulse(:)                             !! of the last step [N s], (n_rigid)
       real(wp), allocatable :: a(:), half_v(:)                        !! [m/s**2], [m/s]
@@ -54,14 +54,14 @@ contains
       self%step = step
       self%rigid = rigid
       n = system%n_dofs
-      allocate (self%kick(n, size(self%rigid)), self%yield(size(self%rigid), size(self%rigid)))
+      allocate (self%accelerance(n, size(self%rigid)), self%yield(size(self%rigid), size(self%rigid)))
       allocate (self%impulse(size(self%rigid)), source=0.0_wp)
       allocate (self%a(n), self%half_v(n), self%factor(n, n), self%pivots(n), unit(n))
       do i = 1, size(self%rigid)
-         self%kick(:, i) = system%shape(:, self%rigid(i)%coordinate)
+         self%accelerance(:, i) = system%shape(:, self%rigid(i)%coordinate)
       end do
       do i = 1, size(self%rigid)
-         self%yield(i, :) = matmul(system%laws%shape(:, self%rigid(i)%coordinate), self%kick)
+         self%yield(i, :) = matmul(system%laws%shape(:, self%rigid(i)%coordinate), self%accelerance)
       end do
       do i = 1, n
          unit = 0.0_wp
@@ -79,7 +79,7 @@ contains
       type(integration_state_t), intent(inout) :: state
       type(error_t), allocatable, intent(out) :: error
 
-      call put_before_walls(self%rigid, self%system%laws%shape, self%kick, state%q)
+      call put_before_walls(self%rigid, self%system%laws%shape, self%accelerance, state%q)
       call self%system%accelerations%begin(state%time, self%step)
       call self%system%laws%start_step(state%time, state%q, state%v, state%s)
       call self%system%accelerations%here(self%a)
@@ -155,7 +155,7 @@ contains
                impulse(i) = new
             end do
             if (size(self%rigid) == 1 .or. change <= 4.0_wp*epsilon(1.0_wp)*scale) then
-               self%half_v = self%half_v - matmul(self%kick, impulse)
+               self%half_v = self%half_v - matmul(self%accelerance, impulse)
                return
             end if
          end do

@@ -9,7 +9,7 @@ module hb_frequency_analysis
    use hb_birkhoff, only: average_at, bump_weights
    use hb_cancellation, only: work_is_over
    use hb_error, only: error_t, fail
-   use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, planning, real_block_t
+   use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, real_block_t
    use hb_kinds, only: two_pi, wp
    implicit none
    private
@@ -84,7 +84,7 @@ contains
       frequency = 0.0_wp
       call new_real_block(samples, size(x), 1, error)
       if (.not. allocated(error)) call new_complex_block(spectrum, size(x)/2 + 1, 1, error)
-      if (.not. allocated(error)) call new_fft_plan(plan, [size(x)], 1, planning%estimate, samples%values, &
+      if (.not. allocated(error)) call new_fft_plan(plan, [size(x)], 1, samples%values, &
                                                     spectrum%values, error)
       if (.not. allocated(error)) then
          samples%values(:, 1) = x
@@ -96,13 +96,13 @@ contains
       call samples%destroy()
    end subroutine largest_line
 
-   !> Moves a frequency to the maximum of the windowed average within +- `reach`, by bisection of its slope.
+   !> Moves a frequency to the maximum of the windowed average within +- `half_width`, by bisection of its slope.
    !>
    !> Times are relative to the middle of the record, where the window is symmetric: the phase then does not affect
    !> the slope.
-   pure subroutine refine(x, weights, start, step, reach, frequency, amplitude)
+   pure subroutine refine(x, weights, start, step, half_width, frequency, amplitude)
       real(wp), intent(in), contiguous :: x(:), weights(:)
-      real(wp), intent(in) :: start, step, reach
+      real(wp), intent(in) :: start, step, half_width
       real(wp), intent(inout) :: frequency
       complex(wp), intent(out) :: amplitude
       real(wp), allocatable :: moments(:), weighted(:)
@@ -112,8 +112,8 @@ contains
       middle = 0.5_wp*(size(x) - 1)*step
       weighted = weights*x
       moments = [(((i - 1)*step - middle)*weighted(i), i=1, size(x))]
-      low = frequency - reach
-      high = frequency + reach
+      low = frequency - half_width
+      high = frequency + half_width
       if (slope(low) > 0.0_wp .and. slope(high) < 0.0_wp) then
          do i = 1, 60
             frequency = 0.5_wp*(low + high)

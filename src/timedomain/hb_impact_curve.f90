@@ -247,22 +247,22 @@ contains
       class(impact_curve_t), intent(inout), target :: self
       real(wp), parameter :: near_enough = 1.0e-3_wp                  ! of the shortest step; nearer to the wall it is struck
       real(wp), dimension(size(self%curve%x)) :: found, x
-      real(wp) :: place, step
+      real(wp) :: position, step
       logical :: is_on_curve
 
       found = self%curve%x
-      place = 0.0_wp
+      position = 0.0_wp
       step = self%curve%config%shortest_step
       self%curve%status = outcome%pending
       do while (step > near_enough*self%curve%config%shortest_step .and. self%curve%status == outcome%pending)
          step = 0.5_wp*step
-         call self%curve%point_at(place + step, x, is_on_curve)
+         call self%curve%point_at(position + step, x, is_on_curve)
          if (is_on_curve) is_on_curve = all(self%orbit%impacts == self%known%impacts)
          if (.not. is_on_curve) cycle
-         place = place + step
+         position = position + step
          found = x
       end do
-      self%waiting = [waiting_t(curve_kind%graze, place, found)]
+      self%waiting = [waiting_t(curve_kind%graze, position, found)]
       self%first_waiting = 1
       self%ends_here = .true.
    end subroutine end_at_graze
@@ -320,7 +320,7 @@ contains
       type(coordinates_t) :: coordinates
       type(model_t) :: here
       type(motion_result_t) :: fresh
-      type(steady_motion_t) :: settled
+      type(steady_motion_t) :: steady
       real(wp) :: r(self%orbit%n_unknowns)
       logical :: is_done
 
@@ -336,14 +336,14 @@ contains
             call put_on_set(here, orbit%model, self%set)
             here%integration%aim = accuracy%tolerance
          end if
-         call orbit%describe(here, coordinates, point%x(:n), settled, is_done)
-         settled%status = outcome%time_domain
+         call orbit%describe(here, coordinates, point%x(:n), steady, is_done)
+         steady%status = outcome%time_domain
          if (is_done .and. accuracy%is_on) then
-            call keep_lines(here, coordinates, share_of_integrated*accuracy%max_harmonics, settled, fresh, self%level)
-            fresh%status = status_within(self%model, settled, fresh)
+            call keep_lines(here, coordinates, share_of_integrated*accuracy%max_harmonics, steady, fresh, self%level)
+            fresh%status = status_within(self%model, steady, fresh)
          else if (is_done) then
-            call keep_integrated(here, coordinates, settled, fresh)
-            fresh%status = settled%status
+            call keep_integrated(here, coordinates, steady, fresh)
+            fresh%status = steady%status
          end if
          result = fresh
       end associate

@@ -427,12 +427,12 @@ contains
    end function impact_orbit_series_of
 
    !> Derivative of the map and coefficients of a periodic motion at the harmonics of a model, with the part of it outside these.
-   subroutine impact_orbit_describe(self, model, coordinates, x, settled, is_done)
+   subroutine impact_orbit_describe(self, model, coordinates, x, steady, is_done)
       class(impact_orbit_t), intent(inout) :: self
       type(model_t), intent(in) :: model                              !! at the same value, with a set of its own
       type(coordinates_t), intent(in) :: coordinates
       real(wp), intent(in) :: x(:)
-      type(steady_motion_t), intent(inout) :: settled
+      type(steady_motion_t), intent(inout) :: steady
       logical, intent(out) :: is_done
       real(wp), allocatable :: q(:, :), remainder(:, :), z(:, :)
       integer :: h
@@ -442,20 +442,20 @@ contains
       z = coordinates%values_of(q(:, coordinates%dofs))
       remainder = z
       associate (set => model%harmonics, n => size(q, 1))
-         settled%amplitudes = transpose(harmonics_of(self, set, q))
-         settled%averages = harmonics_of(self, set, z)
+         steady%amplitudes = transpose(harmonics_of(self, set, q))
+         steady%averages = harmonics_of(self, set, z)
          do h = 1, set%n_harmonics
             remainder = remainder - real(spread(wave(self, set%tuples(1, h), n), 2, size(z, 2))* &
-                                         spread(settled%averages(h, :), 1, n), wp)
+                                         spread(steady%averages(h, :), 1, n), wp)
          end do
       end associate
-      settled%left_out = maxval(norm2(remainder, 1)/norm2(z - spread(sum(z, 1)/size(z, 1), 1, size(z, 1)), 1))
-      settled%spread = noise
+      steady%left_out = maxval(norm2(remainder, 1)/norm2(z - spread(sum(z, 1)/size(z, 1), 1, size(z, 1)), 1))
+      steady%spread = noise
       call differentiate(self, x)
-      if (allocated(self%slopes)) settled%monodromy = self%slopes(:, :size(x))
+      if (allocated(self%slopes)) steady%monodromy = self%slopes(:, :size(x))
       if (model%integration%aim > 0.0_wp) then                        ! as for fits to candidates
-         settled%spread = settled%left_out
-         settled%left_out = 0.0_wp
+         steady%spread = steady%left_out
+         steady%left_out = 0.0_wp
       end if
    end subroutine impact_orbit_describe
 

@@ -30,7 +30,7 @@ module hb_integrated_floquet
       real(wp), allocatable, private :: x(:)                          ! state of the time integration, scaled
       real(wp), allocatable, private :: still(:, :)                   ! orthonormal, coordinates that are always held, (size, any)
    contains
-      procedure :: settle => integrated_propagation_settle
+      procedure :: reach_steady_state => integrated_propagation_reach_steady_state
       procedure :: carry => integrated_propagation_carry
    end type integrated_propagation_t
 
@@ -128,7 +128,7 @@ contains
       call assess_matrix(self, map%matrix, series%omega(1))
       before%estimate = map%estimate
       call assess_matrix(before, map%first, series%omega(1))
-      call self%hold_against(before)
+      call self%compare_with(before)
    end subroutine integration_period
 
    !> Fails for laws that no integrator supports.
@@ -152,19 +152,19 @@ contains
 
    !> Advances from the motion; coordinates that rigid friction always holds are removed from the disturbances, which
    !> are constant there.
-   subroutine integrated_propagation_settle(self, n_periods, is_done)
+   subroutine integrated_propagation_reach_steady_state(self, n_periods, is_done)
       class(integrated_propagation_t), intent(inout) :: self
       integer, intent(in) :: n_periods
       logical, intent(out) :: is_done
-      real(wp), allocatable :: begun(:), lost(:), places(:, :)
+      real(wp), allocatable :: begun(:), lost(:), axes(:, :)
       logical, allocatable :: is_still(:)
       integer :: i, period
 
       associate (system => self%integration%system, rigid => self%integration%rigid, n => self%integration%system%n_dofs)
-         allocate (places(self%size, size(rigid)), source=0.0_wp)
+         allocate (axes(self%size, size(rigid)), source=0.0_wp)
          do i = 1, size(rigid)
-            places(:n, i) = system%laws%shape(:, rigid(i)%coordinate)*self%integration%scale(:n)
-            places(:, i) = places(:, i)/norm2(places(:, i))
+            axes(:n, i) = system%laws%shape(:, rigid(i)%coordinate)*self%integration%scale(:n)
+            axes(:, i) = axes(:, i)/norm2(axes(:, i))
          end do
          is_still = .not. rigid%is_wall
       end associate
@@ -174,13 +174,13 @@ contains
          begun = self%x
          call go_on(self, is_done)
          if (.not. is_done) return
-         is_still = is_still .and. abs(matmul(self%x - begun, places)) <= unmoved
+         is_still = is_still .and. abs(matmul(self%x - begun, axes)) <= unmoved
       end do
-      self%still = places(:, pack([(i, i=1, size(is_still))], is_still))
+      self%still = axes(:, pack([(i, i=1, size(is_still))], is_still))
       allocate (lost(size(self%still, 2)))
       call orthogonalise(self%still, lost)
       self%n_followed = self%n_begun - size(self%still, 2)
-   end subroutine integrated_propagation_settle
+   end subroutine integrated_propagation_reach_steady_state
 
    !> Integrates over the next period; not done if it diverges from the motion.
    subroutine go_on(self, is_done)

@@ -35,7 +35,7 @@ module hb_integrated_motion
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private
-   public :: fastest_of, has_bounds_of, largest_in_parts, settle
+   public :: fastest_of, find_steady_motion, has_bounds_of, largest_in_parts
 
    integer, parameter :: first_window = 50                            ! periods of the slowest tone
    integer, parameter :: other_window = 70                            ! likewise, from a given state: with averages of its own
@@ -64,7 +64,7 @@ module hb_integrated_motion
    real(wp), parameter :: close = 0.1_wp                              ! likewise, after `least_windows`
    real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm
    real(wp), parameter :: falling = 0.5_wp                            ! spread relative to the previous one
-   real(wp), parameter :: kick = 1.0e-6_wp                            ! of the length of the system, at the start
+   real(wp), parameter :: perturbation = 1.0e-6_wp                    ! of the length of the system, at the start
    character(*), parameter :: more_work = ", raise &solver fallback_work"
    character(*), parameter :: ended = "time integration was ended before its time"
    real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the length of the system
@@ -75,10 +75,10 @@ contains
    !> so that no symmetry preserves an unstable motion. If `cvode` uses up all of its work on the fastest motions of
    !> the structure, which hard stops excite, or would do so on candidates, a method with fixed steps has the same
    !> budget again.
-   subroutine settle(model, law_dofs, settled, error, start)
+   subroutine find_steady_motion(model, law_dofs, steady, error, start)
       type(model_t), intent(in) :: model                              !! all tones given
       integer, intent(in) :: law_dofs(:)
-      type(steady_motion_t), intent(out) :: settled
+      type(steady_motion_t), intent(out) :: steady
       type(error_t), allocatable, intent(out) :: error
       type(integration_state_t), intent(in), optional :: start
       type(error_t), allocatable :: failure
@@ -93,19 +93,19 @@ contains
                              two_pi/minval(model%tones%omega)*evaluation_work(model%structure%n_dofs, size(law_dofs), .false.) > &
                              model%integration%work_limit
       if (.not. is_fast) then
-         call follow(model, law_dofs, settled, last, error, start)
+         call follow(model, law_dofs, steady, last, error, start)
          if (model%integration%method /= integration_method%cvode) return
-         if (.not. settled%is_out_of_work .or. settled%status /= outcome%pending) return
+         if (.not. steady%is_out_of_work .or. steady%status /= outcome%pending) return
          if (by_cvode_alone) return
       end if
-      call follow_in_steps(model, law_dofs, 2.0_wp*model%integration%work_limit - settled%work, again, failure, start)
-      again%work = again%work + settled%work
-      settled%work = again%work
+      call follow_in_steps(model, law_dofs, 2.0_wp*model%integration%work_limit - steady%work, again, failure, start)
+      again%work = again%work + steady%work
+      steady%work = again%work
       if (.not. is_fast .and. (allocated(failure) .or. again%status == outcome%pending)) return
       if (allocated(error)) deallocate (error)
       if (allocated(failure)) call move_alloc(failure, error)
-      settled = again
-   end subroutine settle
+      steady = again
+   end subroutine find_steady_motion
 
    !> Whether cvode is available and supports the sliders of all laws.
    pure logical function has_bounds_of(model) result(has_bounds)
@@ -124,11 +124,11 @@ contains
    !> Integrates by a method with fixed steps, and with steps half as long from the end of the previous integration;
    !> with a tolerance until the motion no longer changes by more than permitted. The result is that of the shortest
    !> steps; the last change counts as its error.
-   subroutine follow_in_steps(model, law_dofs, budget, settled, error, start)
+   subroutine follow_in_steps(model, law_dofs, budget, steady, error, start)
       type(model_t), intent(in) :: model
       integer, intent(in) :: law_dofs(:)
       real(wp), intent(in) :: budget                                  !! of work
-      type(steady_motion_t), intent(out) :: settled
+      type(steady_motion_t), intent(out) :: steady
       type(error_t), allocatable, intent(out) :: error
       type(integration_state_t), intent(in), optional :: start
       type(integration_state_t) :: last, now
@@ -148,28 +148,28 @@ contains
          stepped%integration%spectral_radius = 0.0_wp
          stepped%integration%substeps = merge(more_steps, coarse_steps, is_aimed)
       end if
-      call follow(stepped, law_dofs, settled, last, error, start)
+      call follow(stepped, law_dofs, steady, last, error, start)
       do i = 1, most_halvings
-         if (allocated(error) .or. (is_aimed .and. settled%status /= outcome%time_domain)) exit
-         coarse = settled
+         if (allocated(error) .or. (is_aimed .and. steady%status /= outcome%time_domain)) exit
+         coarse = steady
          stepped%integration%substeps = 2*stepped%integration%substeps
          stepped%integration%work_limit = max(0.0_wp, budget - coarse%work)
          now = last
-         call follow(stepped, law_dofs, settled, last, error, now)
-         settled%work = settled%work + coarse%work
+         call follow(stepped, law_dofs, steady, last, error, now)
+         steady%work = steady%work + coarse%work
          if (allocated(error)) exit
-         settled%message = settled%message//merge("; implicit steps", "; fixed steps   ", &
-                                                  stepped%integration%method == integration_method%generalized_alpha)
-         if (settled%status /= outcome%time_domain) exit
+         steady%message = steady%message//merge("; implicit steps", "; fixed steps   ", &
+                                                stepped%integration%method == integration_method%generalized_alpha)
+         if (steady%status /= outcome%time_domain) exit
          if (coarse%status /= outcome%time_domain) cycle
-         change = maxval(distance_of(settled%averages, coarse%averages, 0.1_wp*allowed_of(model)))
-         settled%spread = hypot(settled%spread, change)
-         settled%message = trim(settled%message)//", half as long ones change it by "//rounded(change)
-         if (merge(change, settled%spread, is_aimed) <= allowed_of(model)) return
-         settled%change_by_steps = change
+         change = maxval(distance_of(steady%averages, coarse%averages, 0.1_wp*allowed_of(model)))
+         steady%spread = hypot(steady%spread, change)
+         steady%message = trim(steady%message)//", half as long ones change it by "//rounded(change)
+         if (merge(change, steady%spread, is_aimed) <= allowed_of(model)) return
+         steady%change_by_steps = change
       end do
-      if (settled%status == outcome%time_domain .and. .not. (is_aimed .and. settled%change_by_steps <= largest_change)) &
-         settled%status = outcome%pending
+      if (steady%status == outcome%time_domain .and. .not. (is_aimed .and. steady%change_by_steps <= largest_change)) &
+         steady%status = outcome%pending
    end subroutine follow_in_steps
 
    !> Frequency of the fastest mode of the structure without damping [rad/s], 0 if not known.
@@ -228,10 +228,10 @@ contains
       allowed = min(model%certificate%truncation, largest_spread)
    end function allowed_of
 
-   subroutine follow(model, law_dofs, settled, state, error, start)
+   subroutine follow(model, law_dofs, steady, state, error, start)
       type(model_t), intent(in) :: model                              !! all tones given
       integer, intent(in) :: law_dofs(:)
-      type(steady_motion_t), intent(out) :: settled
+      type(steady_motion_t), intent(out) :: steady
       type(integration_state_t), intent(out) :: state                 !! the last one
       type(error_t), allocatable, intent(out) :: error
       type(integration_state_t), intent(in), optional :: start
@@ -272,16 +272,16 @@ contains
             config%duration = n_first*2**(window - 1)*period
             if (config%duration/step*system%n_dofs > largest_record) exit
             if (.not. finds_lines .and. config%duration/step*coordinates%n*size(frequencies) > most_terms) exit
-            call integrate_window(model, system, config, step, state, record, settled, error)
+            call integrate_window(model, system, config, step, state, record, steady, error)
             if (allocated(error)) return
-            if (settled%is_out_of_work) exit
-            settled%n_periods = settled%n_periods + n_first*2**(window - 1)
+            if (steady%is_out_of_work) exit
+            steady%n_periods = steady%n_periods + n_first*2**(window - 1)
             z = coordinates%values_of(record%every_displacement(:, law_dofs))
             if (finds_lines) call new_line_fit(fit, size(z, 1), nint(seen*size(z, 1)), record%start, step, frequencies, &
                                                importance_of(model), error)
             if (allocated(error)) return
             now = averages_of(model, z, record, fit)
-            settled%work = settled%work + work_of_averages(model, size(z, 1), size(z, 2), fit%n_products)
+            steady%work = steady%work + work_of_averages(model, size(z, 1), size(z, 2), fit%n_products)
             if (work_is_over()) call fail(error, ended)
             if (allocated(error)) return
             spread_before = spread
@@ -292,27 +292,27 @@ contains
                spread = maxval(distance_of(now, before, 0.0_wp))
             end if
             before = now
-            has_forgotten = window == most_windows .or. rate*settled%n_periods*period >= enough_decay .or. &
+            has_forgotten = window == most_windows .or. rate*steady%n_periods*period >= enough_decay .or. &
                             (rate <= 0.0_wp .and. window > least_windows)   ! no mode of the structure decays, or none is known
-            settled%spread = spread
-            settled%averages = now
-            settled%amplitude = amplitude_of(z)
+            steady%spread = spread
+            steady%averages = now
+            steady%amplitude = amplitude_of(z)
             if (.not. finds_lines) then
                if (window < least_windows .and. spread > aim*allowed) cycle
                remainder = remainder_of(z, now, record, frequencies)
             end if
-            status_before = settled%status
-            call describe_verdict(model, settled, z, remainder, record, allowed, has_forgotten, window == most_windows)
+            status_before = steady%status
+            call describe_verdict(model, steady, z, remainder, record, allowed, has_forgotten, window == most_windows)
             if (work_is_over()) call fail(error, ended)
             if (allocated(error)) return
-            if (is_final(settled, status_before, spread_before, allowed, model%integration%aim)) exit
+            if (is_final(steady, status_before, spread_before, allowed, model%integration%aim)) exit
          end do
-         if (.not. allocated(settled%message)) settled%message = "time integration: a window of "//to_text(n_first)// &
+         if (.not. allocated(steady%message)) steady%message = "time integration: a window of "//to_text(n_first)// &
             " periods has too many samples"
-         if (settled%status == outcome%time_domain) then
-            settled%amplitudes = transpose(averages_of(model, record%every_displacement, record, fit))
+         if (steady%status == outcome%time_domain) then
+            steady%amplitudes = transpose(averages_of(model, record%every_displacement, record, fit))
             if (model%tones%n_tones == 1 .and. model%lacks_impacts_of(outcome%impact)) &
-               call polish(model, coordinates, state, settled)
+               call polish(model, coordinates, state, steady)
          end if
          call fit%destroy()
       end associate
@@ -320,11 +320,11 @@ contains
 
    !> Replaces a motion with impacts by the periodic one at its end, if Newton's method finds it nearby: its accuracy is
    !> then not limited by the decay of transients.
-   subroutine polish(model, coordinates, state, settled)
+   subroutine polish(model, coordinates, state, steady)
       type(model_t), intent(in) :: model
       type(coordinates_t), intent(in) :: coordinates
       type(integration_state_t), intent(in) :: state                  !! at the end of the record
-      type(steady_motion_t), intent(inout) :: settled
+      type(steady_motion_t), intent(inout) :: steady
       type(impact_orbit_t) :: orbit
       type(motion_series_t) :: motion
       type(report_t) :: report
@@ -334,18 +334,18 @@ contains
       real(wp), allocatable :: begun(:), x(:)
       logical :: is_done
 
-      call new_motion_series(motion, model%harmonics%tuples, model%tones%omega, settled%amplitudes)
+      call new_motion_series(motion, model%harmonics%tuples, model%tones%omega, steady%amplitudes)
       call new_impact_orbit(orbit, model, motion, error)
       if (.not. allocated(error)) then
          call orbit%state_after(state, begun, is_done)
          x = begun
          if (is_done) call solve_newton(orbit, solver_config_t(tolerance=accurate, max_iterations=most_shots), x, report)
-         settled%work = settled%work + orbit%work_of(report)
+         steady%work = steady%work + orbit%work_of(report)
          if (is_done .and. report%status == outcome%converged .and. maxval(abs(x - begun)) <= same_motion) then
-            polished = settled
+            polished = steady
             call orbit%describe(model, coordinates, x, polished, is_done)
             stability = orbit%stability(x)
-            if (is_done .and. stability%verdict /= stability_verdict%unstable) settled = polished   ! the motion attracts
+            if (is_done .and. stability%verdict /= stability_verdict%unstable) steady = polished    ! the motion attracts
          end if
       end if
       call orbit%destroy()
@@ -353,14 +353,14 @@ contains
 
    !> Integrates one window and counts its work. If the work limit ends it after other windows, these may suffice: the
    !> status is then `time_domain` or undecided, without an error.
-   subroutine integrate_window(model, system, config, step, state, record, settled, error)
+   subroutine integrate_window(model, system, config, step, state, record, steady, error)
       type(model_t), intent(in) :: model
       type(integration_system_t), intent(inout), target :: system
       type(integration_config_t), intent(inout) :: config             !! with the duration of the window
       real(wp), intent(in) :: step                                    !! [s], between samples
       type(integration_state_t), intent(inout) :: state
       type(integration_record_t), intent(inout) :: record             !! replaced if the window was integrated
-      type(steady_motion_t), intent(inout) :: settled
+      type(steady_motion_t), intent(inout) :: steady
       type(error_t), allocatable, intent(out) :: error
       type(integration_record_t) :: next
       integer(int64) :: n_before
@@ -369,18 +369,18 @@ contains
 
       cost = evaluation_work(system%n_dofs, system%laws%n_coordinates, config%method == integration_method%generalized_alpha)
       n_before = system%laws%n_evaluations
-      config%most_evaluations = n_before + int(min((model%integration%work_limit - settled%work)/cost, 1.0e18_wp), int64)
+      config%most_evaluations = n_before + int(min((model%integration%work_limit - steady%work)/cost, 1.0e18_wp), int64)
       call integrate_from(system, config, step, [(i, i=1, system%n_dofs)], state, next, error)
-      settled%is_out_of_work = next%is_out_of_work
-      if (next%is_out_of_work .and. allocated(settled%message)) then
+      steady%is_out_of_work = next%is_out_of_work
+      if (next%is_out_of_work .and. allocated(steady%message)) then
          deallocate (error)
-         if (settled%status == outcome%time_domain) return
-         settled%status = outcome%pending
-         settled%message = settled%message//"; the work limit was reached"//more_work
+         if (steady%status == outcome%time_domain) return
+         steady%status = outcome%pending
+         steady%message = steady%message//"; the work limit was reached"//more_work
          return
       end if
       if (next%is_out_of_work) error%message = error%message//more_work
-      settled%work = settled%work + cost*(system%laws%n_evaluations - n_before)
+      steady%work = steady%work + cost*(system%laws%n_evaluations - n_before)
       if (allocated(error)) return
       call move_alloc(next%every_displacement, record%every_displacement)
       record%start = next%start
@@ -389,16 +389,16 @@ contains
 
    !> Whether a longer window would not change the result: the motion is accurate enough or no longer improves, or
    !> another kind of motion is found twice with a spread that remains above, or within, the permitted one.
-   pure logical function is_final(settled, status_before, spread_before, allowed, aim_of_lines)
-      type(steady_motion_t), intent(in) :: settled
+   pure logical function is_final(steady, status_before, spread_before, allowed, aim_of_lines)
+      type(steady_motion_t), intent(in) :: steady
       integer, intent(in) :: status_before
       real(wp), intent(in) :: spread_before
       real(wp), intent(in) :: allowed                                 !! spread
       real(wp), intent(in) :: aim_of_lines                            !! error at which to end if lines are found, otherwise 0
 
-      associate (spread => settled%spread)
-         if (settled%status /= outcome%time_domain) then
-            is_final = any(settled%status == [outcome%subharmonic, outcome%broadband]) .and. settled%status == status_before .and. &
+      associate (spread => steady%spread)
+         if (steady%status /= outcome%time_domain) then
+            is_final = any(steady%status == [outcome%subharmonic, outcome%broadband]) .and. steady%status == status_before .and. &
                (spread > falling*spread_before .or. spread <= aim*allowed)
          else if (aim_of_lines > 0.0_wp) then
             is_final = spread <= aim_of_lines .or. spread > gaining*spread_before
@@ -420,14 +420,14 @@ contains
          state%q = sum(real(model%start%values), 2)
          state%v = matmul(-aimag(model%start%values), frequencies(model%start%harmonics))
       end if
-      state%q = state%q + kick*system%length*[(scattered(i), i=1, system%n_dofs)]
+      state%q = state%q + perturbation*system%length*[(scattered(i), i=1, system%n_dofs)]
    end subroutine begin
 
    !> Describes a steady record. The remainder of a fit to candidates consists of lines beyond them: they are faster
    !> than the resolution of returns. The motion is known to that accuracy.
-   subroutine describe_verdict(model, settled, z, remainder, record, allowed, has_forgotten, is_last)
+   subroutine describe_verdict(model, steady, z, remainder, record, allowed, has_forgotten, is_last)
       type(model_t), intent(in) :: model
-      type(steady_motion_t), intent(inout) :: settled
+      type(steady_motion_t), intent(inout) :: steady
       real(wp), intent(in) :: z(:, :)                                 !! [m], (n_samples, n_coordinates)
       real(wp), intent(in) :: remainder(:, :)                         !! remainder of the record without the series, likewise
       type(integration_record_t), intent(in) :: record
@@ -439,41 +439,41 @@ contains
       integer :: part
       logical :: finds_lines
 
-      integrated_for = "time integration over "//to_text(settled%n_periods)//" periods of the slowest tone"
+      integrated_for = "time integration over "//to_text(steady%n_periods)//" periods of the slowest tone"
       left_out = largest_share(remainder, z)
-      settled%left_out = merge(0.0_wp, left_out, model%integration%aim > 0.0_wp) ! for a fit included in the spread
+      steady%left_out = merge(0.0_wp, left_out, model%integration%aim > 0.0_wp)  ! for a fit included in the spread
       finds_lines = model%integration%aim > 0.0_wp
       part = turns_to_repeat(remainder, scale_of(z), model%tones%omega*record%step/two_pi, left_out, allowed)
-      settled%status = outcome%pending
+      steady%status = outcome%pending
       if (part == 1) then
-         if (settled%spread <= allowed .or. (finds_lines .and. has_forgotten)) settled%status = outcome%time_domain
+         if (steady%spread <= allowed .or. (finds_lines .and. has_forgotten)) steady%status = outcome%time_domain
       else if (has_forgotten .and. part > 1) then
-         settled%status = outcome%subharmonic
-         settled%n_repeat = part
+         steady%status = outcome%subharmonic
+         steady%n_repeat = part
       else if (has_forgotten .and. (is_last .or. part == repetition%none)) then
-         settled%status = merge(outcome%time_domain, outcome%broadband, finds_lines .and. left_out <= largest_spread)
+         steady%status = merge(outcome%time_domain, outcome%broadband, finds_lines .and. left_out <= largest_spread)
       end if
-      select case (settled%status)
+      select case (steady%status)
       case (outcome%time_domain)
          if (finds_lines) then
-            settled%message = integrated_for//": the series misses the record by "//rounded(settled%spread)//" in its worst quarter"
+            steady%message = integrated_for//": the series misses the record by "//rounded(steady%spread)//" in its worst quarter"
          else
-            settled%message = integrated_for//": the averages scatter by "//rounded(settled%spread)// &
+            steady%message = integrated_for//": the averages scatter by "//rounded(steady%spread)// &
                               ", harmonics beyond the set carry "//rounded(left_out)//" of the motion"
          end if
       case (outcome%subharmonic)
-         settled%message = integrated_for//": the motion repeats after "//to_text(part)//" periods; use tones "//to_text(part)// &
+         steady%message = integrated_for//": the motion repeats after "//to_text(part)//" periods; use tones "//to_text(part)// &
                            " times lower"
       case (outcome%broadband)
          if (finds_lines) then
-            settled%message = integrated_for//": the motion is none of these tones, a series of "// &
+            steady%message = integrated_for//": the motion is none of these tones, a series of "// &
                               to_text(model%harmonics%n_harmonics)//" harmonics misses the record by "// &
-                              rounded(settled%spread)//" in its worst quarter"
+                              rounded(steady%spread)//" in its worst quarter"
          else
-            settled%message = integrated_for//": the motion does not repeat, its averages scatter by "//rounded(settled%spread)
+            steady%message = integrated_for//": the motion does not repeat, its averages scatter by "//rounded(steady%spread)
          end if
       case default
-         settled%message = integrated_for//": the averages scatter by "//rounded(settled%spread)// &
+         steady%message = integrated_for//": the averages scatter by "//rounded(steady%spread)// &
                            ", too short to decide whether the motion repeats"
       end select
    end subroutine describe_verdict

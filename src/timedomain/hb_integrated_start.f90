@@ -29,11 +29,11 @@ module hb_integrated_start
 
    integer, parameter :: periods_of_transient = 200, periods_of_record = 50   ! of the slowest tone, unless given in &integration
    integer, parameter :: samples_of_harmonic = 8                      ! of the highest one in its period, at least
-   real(wp), parameter :: kicks(4) = [3.0_wp, 30.0_wp, 0.3_wp, 300.0_wp]   ! of the length of the laws
-   real(wp), parameter :: first_kick = kicks(1)
+   real(wp), parameter :: perturbations(4) = [3.0_wp, 30.0_wp, 0.3_wp, 300.0_wp] ! of the length of the laws
+   real(wp), parameter :: first_perturbation = perturbations(1)
    real(wp), parameter :: steady = 0.02_wp                            !! change of the power from one half to the other
    real(wp), parameter :: runaway = 1.0e4_wp                          ! relative to the first displacement
-   real(wp), parameter :: dead = 1.0e-3_wp                            ! relative to the kick
+   real(wp), parameter :: dead = 1.0e-3_wp                            ! relative to the perturbation
 
    integer, parameter :: most_multiples = 80
    integer, parameter :: largest_structure = 64 ! degrees of freedom of models that are integrated automatically
@@ -57,11 +57,11 @@ contains
       logical :: has_start
 
       has_start = .not. model%start%is_zero()
-      n_tries = merge(size(kicks), 1, any(model%tones%is_unknown) .and. .not. has_start)
+      n_tries = merge(size(perturbations), 1, any(model%tones%is_unknown) .and. .not. has_start)
       best = huge(1.0_wp)
       n_failed = 0
       do i = 1, n_tries
-         call integrate_once(model, omega, law_dofs, kicks(i), record, error)
+         call integrate_once(model, omega, law_dofs, perturbations(i), record, error)
          if (allocated(error)) then
             n_failed = n_failed + 1
             if (n_failed == n_tries) return
@@ -74,7 +74,7 @@ contains
             call find_tones(record%every_displacement, record%start, record%step, model%harmonics%tuples, model%tones%is_unknown, &
                             found, share, error)
             if (allocated(error)) return
-            if (share <= 0.0_wp .or. is_dead(model, record, kicks(i)*length_of(model), has_start)) cycle
+            if (share <= 0.0_wp .or. is_dead(model, record, perturbations(i)*length_of(model), has_start)) cycle
          end if
          change = change_of(record)
          if (change >= best) cycle
@@ -85,11 +85,11 @@ contains
    end subroutine integrated_guess
 
    !> Integrates through the transient and the record of `&integration`, or through the default number of periods.
-   subroutine integrate_once(model, omega, law_dofs, kick, record, error)
+   subroutine integrate_once(model, omega, law_dofs, perturbation, record, error)
       type(model_t), intent(in) :: model
       real(wp), intent(in) :: omega(:)
       integer, intent(in) :: law_dofs(:)
-      real(wp), intent(in) :: kick                                    !! of the length of the laws
+      real(wp), intent(in) :: perturbation                            !! of the length of the laws
       type(integration_record_t), intent(out) :: record
       type(error_t), allocatable, intent(out) :: error
       type(integration_config_t) :: config
@@ -108,8 +108,9 @@ contains
          state%v = matmul(-aimag(model%start%values), frequencies(model%start%harmonics))
       else if (any(model%tones%is_unknown)) then
          ! Multiples of the golden ratio are equidistributed, so that no shape is missed
-         state%q = kick*length_of(model)*[(scattered(2*i), i=1, system%n_dofs)]
-         state%v = kick*length_of(model)*minval(omega, mask=model%tones%is_unknown)*[(scattered(2*i + 1), i=1, system%n_dofs)]
+         state%q = perturbation*length_of(model)*[(scattered(2*i), i=1, system%n_dofs)]
+         state%v = perturbation*length_of(model)*minval(omega, mask=model%tones%is_unknown)* &
+                   [(scattered(2*i + 1), i=1, system%n_dofs)]
       end if
       config = model%integration
       config%decimation = huge(1)
@@ -136,14 +137,14 @@ contains
    end function length_of
 
    !> Whether the motion has decayed relative to its start; false for a motion driven by loads.
-   pure logical function is_dead(model, record, kick, has_start)
+   pure logical function is_dead(model, record, perturbation, has_start)
       type(model_t), intent(in) :: model
       type(integration_record_t), intent(in) :: record
-      real(wp), intent(in) :: kick                                    !! [m]
+      real(wp), intent(in) :: perturbation                            !! [m]
       logical, intent(in) :: has_start
       real(wp) :: begun
 
-      begun = kick
+      begun = perturbation
       if (has_start) begun = maxval(abs(model%start%values))
       associate (x => record%every_displacement)
          is_dead = maxval(maxval(x, dim=1) - minval(x, dim=1)) < dead*begun
@@ -192,7 +193,7 @@ contains
       integer :: part
 
       if (model%structure%n_dofs > largest_structure) return
-      call integrate_once(model, omega, law_dofs, first_kick, record, error)
+      call integrate_once(model, omega, law_dofs, first_perturbation, record, error)
       if (allocated(error)) return
       if (change_of(record) > steady) return
       if (all(model%tones%is_unknown)) then

@@ -85,7 +85,7 @@ contains
       integer :: i
 
       associate (equations => self%equations, n => self%system%n_dofs, y => self%cvode%values)
-         call put_before_walls(equations%rigid, self%system%laws%shape, equations%kick, state%q)
+         call put_before_walls(equations%rigid, self%system%laws%shape, equations%accelerance, state%q)
          y(:n) = state%q
          y(n + 1:) = state%v
          fastest = 1.0_wp/self%step
@@ -170,7 +170,7 @@ contains
       if (self%n_since_base >= steps_from_base) call begin_at(self, time_after, error)
    end subroutine integration_cvode_take_step
 
-   !> Displacements, velocities and places of all sliders.
+   !> Displacements, velocities and positions of all sliders.
    subroutine integration_cvode_read_state(self, state)
       class(integration_cvode_t), intent(inout) :: self
       type(integration_state_t), intent(inout) :: state
@@ -237,7 +237,7 @@ contains
          end do
          if (size(equations%rigid) > 0) then
             call equations%hold_active()
-            call settle_rigid(self, t)
+            call make_rigid_consistent(self, t)
          end if
          if (is_impact) call choose_branches(self, t)
       end associate
@@ -289,23 +289,23 @@ contains
             jump(k) = dot_product(self%system%laws%shape(:, equations%rigid(equations%active(k))%coordinate), v) - rates(k)
          end do
          call dgetrs("N", size(jump), 1, equations%factor, size(jump), equations%pivots, jump, size(jump), info)
-         v = v - matmul(equations%kick(:, equations%active), jump)
+         v = v - matmul(equations%accelerance(:, equations%active), jump)
       end associate
    end subroutine stop_active
 
    !> Finds modes of the rigid laws that are consistent in the present state: walls push, friction is within its limit
    !> or slips against it.
-   subroutine settle_rigid(self, t)
+   subroutine make_rigid_consistent(self, t)
       class(integration_cvode_t), intent(inout) :: self
       real(wp), intent(in) :: t
       real(wp) :: dydt(size(self%cvode%values)), rounding
       integer :: i, pass
-      logical :: is_settled
+      logical :: is_consistent
 
       associate (equations => self%equations, laws => self%system%laws)
          do pass = 1, 3*size(equations%rigid) + 1
             call equations%rhs(t, self%cvode%values, dydt)
-            is_settled = .true.
+            is_consistent = .true.
             do i = 1, size(equations%rigid)
                associate (rigid => equations%rigid(i))
                   if (rigid%is_wall) then
@@ -320,14 +320,14 @@ contains
                      equations%mode(i) = -equations%mode(i)
                   end if
                end associate
-               is_settled = .false.
+               is_consistent = .false.
                exit
             end do
-            if (is_settled) exit
+            if (is_consistent) exit
             call equations%hold_active()
          end do
       end associate
-   end subroutine settle_rigid
+   end subroutine make_rigid_consistent
 
    !> Chooses all branches anew from the present state, as at the start or after an impact.
    subroutine choose_branches(self, t)
@@ -357,14 +357,14 @@ contains
          end do
          call equations%hold_active()
          if (size(equations%active) > 0) call stop_active(self, 0.0_wp*equations%active)   ! constrained coordinates must not creep
-         call look_ahead(self, t, ahead)
+         call evaluate_ahead(self, t, ahead)
          call equations%gather(t, y)
          call self%system%laws%switches_here(now)
          where (abs(now) <= 64.0_wp*epsilon(1.0_wp)*max(maxval(equations%scale), abs(ahead))) equations%is_positive = ahead > 0.0_wp
          do i = 1, size(equations%slip)
             call choose_slip(self, t, i)
          end do
-         if (size(equations%rigid) > 0) call settle_rigid(self, t)
+         if (size(equations%rigid) > 0) call make_rigid_consistent(self, t)
       end associate
    end subroutine choose_branches
 
@@ -382,7 +382,7 @@ contains
          zero = 64.0_wp*epsilon(1.0_wp)*max(abs(equations%lower(i)), abs(equations%upper(i)))
          associate (on_lower => equations%held(i) <= equations%lower(i) + zero, &
                     on_upper => equations%held(i) >= equations%upper(i) - zero)
-            call look_ahead(self, t, ahead)
+            call evaluate_ahead(self, t, ahead)
             equations%slip(i) = 0
             if (on_lower .and. equations%lower(i) > equations%held(i)) equations%slip(i) = 1
             if (on_upper .and. equations%upper(i) < equations%held(i)) equations%slip(i) = -1
@@ -391,7 +391,7 @@ contains
    end subroutine choose_slip
 
    !> Computes coordinates, bounds and switches slightly later.
-   subroutine look_ahead(self, t, switches)
+   subroutine evaluate_ahead(self, t, switches)
       class(integration_cvode_t), intent(inout) :: self
       real(wp), intent(in) :: t
       real(wp), intent(out) :: switches(:)
@@ -405,7 +405,7 @@ contains
          call self%equations%find_bounds()
          call self%system%laws%switches_here(switches)
       end associate
-   end subroutine look_ahead
+   end subroutine evaluate_ahead
 
    !> Forces of the laws; of rigid ones their reactions.
    subroutine integration_cvode_forces(self, state, f)

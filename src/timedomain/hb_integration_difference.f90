@@ -35,7 +35,7 @@ module hb_integration_difference
    type :: integration_difference_t
       integer :: n_dofs = 0, n_items = 0                              !! items: degrees of freedom, then coordinates of laws
       integer :: n_periods = 0
-      integer :: n_kept = 0                                           !! periods whose differences are stored for the tones
+      integer :: n_retained = 0                                       !! periods whose differences are stored for the tones
       real(wp) :: period = 0.0_wp                                     !! of the slowest tone [s]
       real(wp) :: length = 0.0_wp                                     !! scale if nothing moves [m]
       real(wp), allocatable :: largest(:, :)                          !! difference, relative, (n_items, n_periods)
@@ -61,19 +61,19 @@ module hb_integration_difference
 contains
 
    !> Creates the difference from a motion.
-   subroutine new_integration_difference(self, series, shape, units, length, n_kept)
+   subroutine new_integration_difference(self, series, shape, units, length, n_retained)
       type(integration_difference_t), intent(out) :: self
       type(series_t), intent(in) :: series
       real(wp), intent(in) :: shape(:, :)                             !! of the coordinates of the laws, (n_dofs, any)
       character(*), intent(in) :: units(:)                            !! (n_dofs)
       real(wp), intent(in) :: length                                  !! of the system [m]: scale if nothing moves
-      integer, intent(in) :: n_kept                                   !! last periods stored for `parts`
+      integer, intent(in) :: n_retained                               !! last periods stored for `parts`
       integer :: m, n
 
       n = size(series%amplitudes, 2)
       self%n_dofs = n
       self%n_items = n + size(shape, 2)
-      self%n_kept = n_kept
+      self%n_retained = n_retained
       self%length = length
       allocate (self%amplitudes(size(series%amplitudes, 1), self%n_items))
       self%amplitudes(:, :n) = series%amplitudes
@@ -146,10 +146,10 @@ contains
       real(wp), allocatable :: joined(:, :)
       integer :: first, n
 
-      if (size(remainder, 2) == 0 .or. self%n_kept == 0) return
+      if (size(remainder, 2) == 0 .or. self%n_retained == 0) return
       n = size(self%time)
       first = 1
-      if (period > self%n_kept) first = size(t) + 1                   ! all periods have the same number of samples
+      if (period > self%n_retained) first = size(t) + 1               ! all periods have the same number of samples
       allocate (joined(n - first + 1 + size(t), size(remainder, 2)))
       joined(:n - first + 1, :) = self%remainder(first:, :)
       joined(n - first + 2:, :) = remainder
@@ -315,7 +315,7 @@ contains
    pure subroutine find_scale(self, record)
       class(integration_difference_t), intent(inout) :: self
       type(integration_record_t), intent(in) :: record
-      real(wp) :: motions(self%n_dofs), reach
+      real(wp) :: motions(self%n_dofs), extent
       integer :: c, k
 
       allocate (self%scale(self%n_items), self%share(self%n_items))
@@ -328,10 +328,10 @@ contains
          self%scale(:n) = [(maxval(motions, mask=units == units(k)), k=1, n)]
          self%share(:n) = 1.0_wp
          do c = 1, size(self%shape, 2)
-            reach = maxval(abs(self%shape(:, c))*self%scale(:n))
+            extent = maxval(abs(self%shape(:, c))*self%scale(:n))
             self%scale(n + c) = max(sqrt(sum(abs(self%amplitudes(:, n + c))**2, mask=any(self%tuples /= 0, dim=1))), &
-                                    smallest_motion*reach, tiny(1.0_wp))
-            self%share(n + c) = max(1.0_wp, reach/self%scale(n + c))
+                                    smallest_motion*extent, tiny(1.0_wp))
+            self%share(n + c) = max(1.0_wp, extent/self%scale(n + c))
          end do
       end associate
    end subroutine find_scale
@@ -339,10 +339,10 @@ contains
    !> Slope of a straight line through equidistant values, at least two.
    pure real(wp) function slope(values)
       real(wp), intent(in) :: values(:)
-      real(wp) :: place(size(values))
+      real(wp) :: abscissa(size(values))
       integer :: k
 
-      place = [(k - 0.5_wp*(size(values) + 1), k=1, size(values))]
-      slope = sum(place*values)/sum(place**2)
+      abscissa = [(k - 0.5_wp*(size(values) + 1), k=1, size(values))]
+      slope = sum(abscissa*values)/sum(abscissa**2)
    end function slope
 end module hb_integration_difference

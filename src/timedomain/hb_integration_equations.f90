@@ -14,7 +14,7 @@ module hb_integration_equations
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
    use hb_law, only: hold_t
-   use hb_ode, only: ode_t
+   use hb_sundials, only: ode_t
    implicit none
    private
    public :: integration_equations_t, new_integration_equations
@@ -36,7 +36,7 @@ module hb_integration_equations
       integer, allocatable :: leaving(:)                              !! side on which a wall was struck, until the coordinate
                                                                       !! turns back: a step may pass over a short flight
       integer, allocatable :: active(:)                               !! those with a constrained coordinate
-      real(wp), allocatable :: kick(:, :)                             !! M^-1 S of all rigid laws
+      real(wp), allocatable :: accelerance(:, :)                      !! M^-1 S of all rigid laws
       real(wp), allocatable :: factor(:, :)                           !! of S^T M^-1 S of the active ones
       integer, allocatable :: pivots(:)
       real(wp), allocatable :: reaction(:)                            !! of all rigid laws, on the left-hand side [N]
@@ -72,9 +72,9 @@ contains
       self%rigid = rigid
       allocate (self%mode(size(self%rigid)), self%leaving(size(self%rigid)), source=0)
       allocate (self%reaction(size(self%rigid)), self%a(system%n_dofs), self%scale(2*system%n_dofs), source=0.0_wp)
-      allocate (self%kick(system%n_dofs, size(self%rigid)), self%active(0))
+      allocate (self%accelerance(system%n_dofs, size(self%rigid)), self%active(0))
       do i = 1, size(self%rigid)
-         self%kick(:, i) = system%shape(:, self%rigid(i)%coordinate)
+         self%accelerance(:, i) = system%shape(:, self%rigid(i)%coordinate)
       end do
    end subroutine new_integration_equations
 
@@ -132,7 +132,7 @@ contains
          if (size(self%active) > 0) then
             call find_reactions(self)
             do k = 1, size(self%active)
-               a = a - self%kick(:, self%active(k))*self%reaction(self%active(k))
+               a = a - self%accelerance(:, self%active(k))*self%reaction(self%active(k))
             end do
          end if
          dydt(:n) = y(n + 1:)
@@ -144,17 +144,17 @@ contains
    !> Forces of all laws on their present branches, at the gathered coordinates.
    subroutine law_forces(self)
       type(integration_equations_t), intent(inout) :: self
-      real(wp) :: place(1, self%system%laws%n_states)
+      real(wp) :: position(1, self%system%laws%n_states)
       integer :: i
 
       associate (laws => self%system%laws)
          if (size(self%slip) > 0) then
             call self%find_bounds()
-            place(1, :) = merge(self%held, merge(self%lower, self%upper, self%slip > 0), self%slip == 0)
-            laws%s = place(1, :)
+            position(1, :) = merge(self%held, merge(self%lower, self%upper, self%slip > 0), self%slip == 0)
+            laws%s = position(1, :)
          end if
          do i = 1, size(laws%laws)
-            associate (at => laws%places(i))
+            associate (at => laws%spans(i))
                if (at%is_held_back) then
                   laws%f(at%first:at%last) = 0.0_wp
                   cycle
@@ -162,7 +162,7 @@ contains
                select type (law => laws%laws(i)%law)
                class is (hysteretic_law_t)
                   at%z(1, :) = laws%z(at%first:at%last)
-                  call law%force(at%z, place(:, at%first_state:at%last_state), at%f)
+                  call law%force(at%z, position(:, at%first_state:at%last_state), at%f)
                   laws%f(at%first:at%last) = at%f(1, :)
                class default
                   call law%evaluate_held(laws%z(at%first:at%last), laws%z_rate(at%first:at%last), &
@@ -179,7 +179,7 @@ contains
       integer :: i
 
       do i = 1, size(self%system%laws%laws)
-         associate (at => self%system%laws%places(i))
+         associate (at => self%system%laws%spans(i))
             select type (law => self%system%laws%laws(i)%law)
             class is (hysteretic_law_t)
                call law%bounds(self%system%laws%z(at%first:at%last), self%system%laws%z_rate(at%first:at%last), &
@@ -216,7 +216,8 @@ contains
          allocate (self%factor(m, m), self%pivots(m))
          if (m == 0) return
          do k = 1, m
-            self%factor(k, :) = matmul(self%system%laws%shape(:, self%rigid(self%active(k))%coordinate), self%kick(:, self%active))
+            self%factor(k, :) = matmul(self%system%laws%shape(:, self%rigid(self%active(k))%coordinate), &
+                                       self%accelerance(:, self%active))
          end do
          call dgetrf(m, m, self%factor, m, self%pivots, info)         ! regular: rigid laws share no degree of freedom
       end associate

@@ -16,7 +16,7 @@ module hb_integration_laws
    public :: collect_rigid, integration_laws_t, new_integration_laws, put_before_walls
 
    !> Position of one law in the lists of all, and its arguments as arrays of one sample.
-   type :: place_t
+   type :: span_t
       integer :: first = 0, last = 0                                  !! coordinates
       integer :: first_state = 1, last_state = 0
       integer :: first_switch = 1, last_switch = 0
@@ -25,14 +25,14 @@ module hb_integration_laws
       real(wp), allocatable :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
       real(wp), allocatable :: path(:, :, :), s_old(:, :), s_new(:, :)   !! of a law with memory
       real(wp), allocatable :: df_ds(:, :, :), ds_ds_old(:, :, :), ds_dpath(:, :, :, :)
-   end type place_t
+   end type span_t
 
    type :: integration_laws_t
       integer :: n_coordinates = 0
       integer :: n_states = 0
       integer :: n_switches = 0
       type(law_box_t), allocatable :: laws(:)
-      type(place_t), allocatable :: places(:)                         !! as laws
+      type(span_t), allocatable :: spans(:)                           !! as laws
       real(wp), allocatable :: shape(:, :)                            !! S, (n_dofs, n_coordinates)
       real(wp), allocatable :: z(:), z_rate(:)                        !! after `gather`, (n_coordinates)
       real(wp), allocatable :: z_start(:), z_rate_start(:)            !! at the start of the step
@@ -68,34 +68,34 @@ contains
 
       self%laws = laws
       self%omega = omega
-      allocate (self%places(size(laws)))
+      allocate (self%spans(size(laws)))
       do i = 1, size(laws)
-         associate (place => self%places(i), law => self%laws(i)%law)
+         associate (span => self%spans(i), law => self%laws(i)%law)
             c = size(law%shape, 2)
-            place%first = self%n_coordinates + 1
-            place%last = self%n_coordinates + c
-            place%is_held_back = law%is_multiplier
+            span%first = self%n_coordinates + 1
+            span%last = self%n_coordinates + c
+            span%is_held_back = law%is_multiplier
             self%has_turning = self%has_turning .or. law%n_phases > 0
             if (law%needs_frequencies) call law%set_frequencies(omega)
-            place%first_switch = self%n_switches + 1
+            span%first_switch = self%n_switches + 1
             self%n_switches = self%n_switches + law%n_switches
-            place%last_switch = self%n_switches
-            self%n_coordinates = place%last
-            allocate (place%z(1, c), place%v(1, merge(c, 0, law%needs_velocity)), place%p(1, 0), place%f(1, c))
-            allocate (place%df_dz(1, c, c), place%df_dv(1, c, size(place%v, 2)), place%df_dp(1, c, 0))
+            span%last_switch = self%n_switches
+            self%n_coordinates = span%last
+            allocate (span%z(1, c), span%v(1, merge(c, 0, law%needs_velocity)), span%p(1, 0), span%f(1, c))
+            allocate (span%df_dz(1, c, c), span%df_dv(1, c, size(span%v, 2)), span%df_dp(1, c, 0))
             m = law%n_states
-            place%first_state = self%n_states + 1
-            place%last_state = self%n_states + m
-            self%n_states = place%last_state
+            span%first_state = self%n_states + 1
+            span%last_state = self%n_states + m
+            self%n_states = span%last_state
             if (m == 0) cycle
-            allocate (place%path(1, c, n_path_parts), place%s_old(1, m), place%s_new(1, m))
-            allocate (place%df_ds(1, c, m), place%ds_ds_old(1, m, m), place%ds_dpath(1, m, c, n_path_parts))
+            allocate (span%path(1, c, n_path_parts), span%s_old(1, m), span%s_new(1, m))
+            allocate (span%df_ds(1, c, m), span%ds_ds_old(1, m, m), span%ds_dpath(1, m, c, n_path_parts))
          end associate
       end do
       allocate (self%shape(n_dofs, self%n_coordinates), source=0.0_wp)
       do i = 1, size(laws)
-         associate (law => self%laws(i)%law, place => self%places(i))
-            self%shape(law%dofs, place%first:place%last) = law%shape
+         associate (law => self%laws(i)%law, span => self%spans(i))
+            self%shape(law%dofs, span%first:span%last) = law%shape
          end associate
       end do
       c = self%n_coordinates
@@ -110,8 +110,8 @@ contains
       integer :: c, i, k
 
       self%n_evaluations = self%n_evaluations + 1_int64
-      do i = 1, size(self%places)
-         associate (law => self%laws(i)%law, first => self%places(i)%first)
+      do i = 1, size(self%spans)
+         associate (law => self%laws(i)%law, first => self%spans(i)%first)
             do c = 1, size(law%shape, 2)
                self%z(first + c - 1) = 0.0_wp
                self%z_rate(first + c - 1) = 0.0_wp
@@ -160,24 +160,24 @@ contains
       integer :: i
 
       call self%set_time(self%time_start + elapsed)
-      do i = 1, size(self%places)
-         associate (place => self%places(i))
-            if (place%is_held_back) then
-               self%f(place%first:place%last) = 0.0_wp
+      do i = 1, size(self%spans)
+         associate (span => self%spans(i))
+            if (span%is_held_back) then
+               self%f(span%first:span%last) = 0.0_wp
                cycle
             end if
-            place%z(1, :) = self%z(place%first:place%last)
+            span%z(1, :) = self%z(span%first:span%last)
             select type (law => self%laws(i)%law)
             class is (hysteretic_law_t)
-               call lay_path(self, place, elapsed)
-               call law%advance(place%s_old, place%path, place%s_new)
-               call law%force(place%z, place%s_new, place%f)
-               self%s(place%first_state:place%last_state) = place%s_new(1, :)
+               call lay_path(self, span, elapsed)
+               call law%advance(span%s_old, span%path, span%s_new)
+               call law%force(span%z, span%s_new, span%f)
+               self%s(span%first_state:span%last_state) = span%s_new(1, :)
             class default
-               if (size(place%v, 2) > 0) place%v(1, :) = self%z_rate(place%first:place%last)
-               call law%evaluate(place%z, place%v, place%p, place%f)
+               if (size(span%v, 2) > 0) span%v(1, :) = self%z_rate(span%first:span%last)
+               call law%evaluate(span%z, span%v, span%p, span%f)
             end select
-            self%f(place%first:place%last) = place%f(1, :)
+            self%f(span%first:span%last) = span%f(1, :)
          end associate
       end do
    end subroutine laws_evaluate
@@ -193,49 +193,49 @@ contains
       call self%set_time(self%time_start + elapsed)
       df_dz = 0.0_wp
       df_dv = 0.0_wp
-      do i = 1, size(self%places)
-         associate (place => self%places(i), first => self%places(i)%first, last => self%places(i)%last)
-            if (place%is_held_back) then
+      do i = 1, size(self%spans)
+         associate (span => self%spans(i), first => self%spans(i)%first, last => self%spans(i)%last)
+            if (span%is_held_back) then
                self%f(first:last) = 0.0_wp
                cycle
             end if
-            place%z(1, :) = self%z(first:last)
+            span%z(1, :) = self%z(first:last)
             select type (law => self%laws(i)%law)
             class is (hysteretic_law_t)
-               call lay_path(self, place, elapsed)
-               call law%advance(place%s_old, place%path, place%s_new, place%ds_ds_old, place%ds_dpath)
-               call law%force(place%z, place%s_new, place%f, place%df_dz, place%df_ds)
-               self%s(place%first_state:place%last_state) = place%s_new(1, :)
-               df_dz(first:last, first:last) = place%df_dz(1, :, :)
+               call lay_path(self, span, elapsed)
+               call law%advance(span%s_old, span%path, span%s_new, span%ds_ds_old, span%ds_dpath)
+               call law%force(span%z, span%s_new, span%f, span%df_dz, span%df_ds)
+               self%s(span%first_state:span%last_state) = span%s_new(1, :)
+               df_dz(first:last, first:last) = span%df_dz(1, :, :)
                do c = 1, last - first + 1
                   do k = 1, law%n_states
                      df_dz(first:last, first + c - 1) = df_dz(first:last, first + c - 1) + &
-                        place%df_ds(1, :, k)*place%ds_dpath(1, k, c, path_part%at_end)
+                        span%df_ds(1, :, k)*span%ds_dpath(1, k, c, path_part%at_end)
                      df_dv(first:last, first + c - 1) = df_dv(first:last, first + c - 1) + &
-                        elapsed*place%df_ds(1, :, k)*place%ds_dpath(1, k, c, path_part%end_rate)
+                        elapsed*span%df_ds(1, :, k)*span%ds_dpath(1, k, c, path_part%end_rate)
                   end do
                end do
             class default
-               if (size(place%v, 2) > 0) place%v(1, :) = self%z_rate(first:last)
-               call law%evaluate(place%z, place%v, place%p, place%f, place%df_dz, place%df_dv, place%df_dp)
-               df_dz(first:last, first:last) = place%df_dz(1, :, :)
-               if (size(place%v, 2) > 0) df_dv(first:last, first:last) = place%df_dv(1, :, :)
+               if (size(span%v, 2) > 0) span%v(1, :) = self%z_rate(first:last)
+               call law%evaluate(span%z, span%v, span%p, span%f, span%df_dz, span%df_dv, span%df_dp)
+               df_dz(first:last, first:last) = span%df_dz(1, :, :)
+               if (size(span%v, 2) > 0) df_dv(first:last, first:last) = span%df_dv(1, :, :)
             end select
-            self%f(first:last) = place%f(1, :)
+            self%f(first:last) = span%f(1, :)
          end associate
       end do
    end subroutine laws_differentiate
 
-   pure subroutine lay_path(self, place, elapsed)
+   pure subroutine lay_path(self, span, elapsed)
       type(integration_laws_t), intent(in) :: self
-      type(place_t), intent(inout) :: place
+      type(span_t), intent(inout) :: span
       real(wp), intent(in) :: elapsed
 
-      place%path(1, :, path_part%at_end) = self%z(place%first:place%last)
-      place%path(1, :, path_part%at_start) = self%z_start(place%first:place%last)
-      place%path(1, :, path_part%end_rate) = elapsed*self%z_rate(place%first:place%last)
-      place%path(1, :, path_part%start_rate) = elapsed*self%z_rate_start(place%first:place%last)
-      place%s_old(1, :) = self%s_start(place%first_state:place%last_state)
+      span%path(1, :, path_part%at_end) = self%z(span%first:span%last)
+      span%path(1, :, path_part%at_start) = self%z_start(span%first:span%last)
+      span%path(1, :, path_part%end_rate) = elapsed*self%z_rate(span%first:span%last)
+      span%path(1, :, path_part%start_rate) = elapsed*self%z_rate_start(span%first:span%last)
+      span%s_old(1, :) = self%s_start(span%first_state:span%last_state)
    end subroutine lay_path
 
    !> Values of all switches for a motion.
@@ -257,8 +257,8 @@ contains
       real(wp), intent(out) :: values(:)                              !! (n_switches)
       integer :: i
 
-      do i = 1, size(self%places)
-         associate (at => self%places(i))
+      do i = 1, size(self%spans)
+         associate (at => self%spans(i))
             if (at%last_switch < at%first_switch) cycle
             call self%laws(i)%law%switches(self%z(at%first:at%last), self%z_rate(at%first:at%last), &
                                            values(at%first_switch:at%last_switch))
@@ -270,7 +270,7 @@ contains
    pure logical function laws_has_rigid(self)
       class(integration_laws_t), intent(in) :: self
 
-      laws_has_rigid = any(self%places%is_held_back)
+      laws_has_rigid = any(self%spans%is_held_back)
    end function laws_has_rigid
 
    !> Names of the coordinates: the label of the law, followed by a number if it has several.
@@ -279,11 +279,11 @@ contains
       character(64) :: labels(self%n_coordinates)
       integer :: c, i
 
-      do i = 1, size(self%places)
-         do c = self%places(i)%first, self%places(i)%last
+      do i = 1, size(self%spans)
+         do c = self%spans(i)%first, self%spans(i)%last
             labels(c) = self%laws(i)%law%label
-            if (self%places(i)%last > self%places(i)%first) write (labels(c), "(a, a, i0, a)") &
-               self%laws(i)%law%label(:min(50, len(self%laws(i)%law%label))), "[", c - self%places(i)%first + 1, "]"
+            if (self%spans(i)%last > self%spans(i)%first) write (labels(c), "(a, a, i0, a)") &
+               self%laws(i)%law%label(:min(50, len(self%laws(i)%law%label))), "[", c - self%spans(i)%first + 1, "]"
          end do
       end do
    end function laws_coordinate_labels
@@ -305,17 +305,17 @@ contains
             call fail(error, hold%failure)
             return
          end if
-         hold%coordinate = laws%places(i)%first
+         hold%coordinate = laws%spans(i)%first
          if (hold%restitution < 0.0_wp) hold%restitution = max(0.0_wp, restitution)
          rigid = [rigid, hold]
       end do
    end subroutine collect_rigid
 
    !> Moves coordinates behind a wall onto it, along the shortest path in the metric of the mass.
-   pure subroutine put_before_walls(rigid, shape, kick, q)
+   pure subroutine put_before_walls(rigid, shape, accelerance, q)
       type(hold_t), intent(in) :: rigid(:)
       real(wp), intent(in) :: shape(:, :)                             !! of the coordinates of all laws, (n_dofs, any)
-      real(wp), intent(in) :: kick(:, :)                              !! mass^-1 shape of the rigid ones, (n_dofs, n_rigid)
+      real(wp), intent(in) :: accelerance(:, :)                       !! mass^-1 shape of the rigid ones, (n_dofs, n_rigid)
       real(wp), intent(inout) :: q(:)                                 !! [m], (n_dofs)
       real(wp) :: behind, z
       integer :: i
@@ -325,7 +325,7 @@ contains
          z = dot_product(shape(:, rigid(i)%coordinate), q)
          behind = max(z - rigid(i)%gap, 0.0_wp)
          if (rigid(i)%two_sided) behind = behind + min(z + rigid(i)%gap, 0.0_wp)
-         q = q - kick(:, i)*(behind/dot_product(shape(:, rigid(i)%coordinate), kick(:, i)))
+         q = q - accelerance(:, i)*(behind/dot_product(shape(:, rigid(i)%coordinate), accelerance(:, i)))
       end do
    end subroutine put_before_walls
 end module hb_integration_laws

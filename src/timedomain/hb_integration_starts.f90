@@ -50,12 +50,12 @@ contains
       !> A displacement relative to its effect on the coordinates of the laws.
       pure function unit_of(shape) result(unit)
          real(wp), intent(in) :: shape(:)
-         real(wp) :: felt, unit(size(shape))
+         real(wp) :: effect, unit(size(shape))
 
-         felt = 0.0_wp
-         if (system%laws%n_coordinates > 0) felt = maxval(abs(matmul(shape, system%laws%shape)))
-         if (felt <= 0.0_wp) felt = max(maxval(abs(shape)), tiny(1.0_wp))
-         unit = shape/felt
+         effect = 0.0_wp
+         if (system%laws%n_coordinates > 0) effect = maxval(abs(matmul(shape, system%laws%shape)))
+         if (effect <= 0.0_wp) effect = max(maxval(abs(shape)), tiny(1.0_wp))
+         unit = shape/effect
       end function unit_of
    end subroutine state_on_sphere
 

@@ -9,7 +9,7 @@ module hb_integration_verdict
    use hb_kinds, only: wp
    implicit none
    private
-   public :: decide, growth_of, limit_of, n_settled, verdict, verdict_kind_t, verdict_names, verdict_text
+   public :: decide, growth_of, limit_of, n_steady, verdict, verdict_kind_t, verdict_names, verdict_text
 
    real(wp), parameter :: safety = 5.0_wp                             ! on the estimate of the certificate
    real(wp), parameter :: largest_limit = 0.08_wp                     ! of a motion, whatever the estimate; with several tones
@@ -67,24 +67,24 @@ contains
       integer, intent(in) :: fewest                                   !! periods that cover the whole motion
       integer, intent(in) :: decay !! periods in which the transient of the structure decays, 0: it does not
       logical, intent(in) :: is_last                                  !! no more periods
-      integer :: kept, n, stretch, tail
+      integer :: retained, n, stretch, tail
       logical :: has_forgotten, has_left, is_falling
       real(wp) :: gain, rise, start
 
       kind = verdict%not_done
       n = size(ratio)
       if (n < fewest .and. .not. is_last) return
-      tail = n_settled(n, fewest)
+      tail = n_steady(n, fewest)
       has_left = maxval(ratio(n - tail + 1:)) > 1.0_wp
-      kept = n
-      if (has_left) kept = findloc(ratio > 1.0_wp, .true., dim=1) - 1
+      retained = n
+      if (has_left) retained = findloc(ratio > 1.0_wp, .true., dim=1) - 1
       start = max(distance(1), 0.0_wp)                                ! the fall in the first period counts
       gain = 0.0_wp
       rise = 0.0_wp
-      if (has_left) kept = min(n, max(kept, fewest_fitted)) ! left at once: two periods distinguish growth from an initial jump
-      if (kept >= fewest_fitted) then
-         gain = distance(kept) - start
-         rise = rise_of(distance(:kept))
+      if (has_left) retained = min(n, max(retained, fewest_fitted)) ! left at once: two periods tell growth from a jump
+      if (retained >= fewest_fitted) then
+         gain = distance(retained) - start
+         rise = rise_of(distance(:retained))
       end if
       has_forgotten = distance(n) <= start - log(forgotten)
       if (gain >= log(grown) .and. rise >= log(growing)) then
@@ -118,36 +118,36 @@ contains
    end function decide
 
    !> The last periods, in which a time integration counts as steady.
-   pure integer function n_settled(n, fewest)
+   pure integer function n_steady(n, fewest)
       integer, intent(in) :: n, fewest                                !! periods
 
-      n_settled = max(1, min(n/2, max(5, fewest/2)))
-   end function n_settled
+      n_steady = max(1, min(n/2, max(5, fewest/2)))
+   end function n_steady
 
    !> Slope of the logarithm of the distance, per period, over the second half of the periods before the difference
    !> exceeds its limit.
    pure real(wp) function growth_of(ratio, distance) result(growth)
       real(wp), intent(in) :: ratio(:), distance(:)                   !! as in `decide`
-      integer :: kept
+      integer :: retained
 
-      kept = findloc(ratio > 1.0_wp, .true., dim=1) - 1
-      if (kept < 0) kept = size(ratio)
-      kept = min(size(ratio), max(kept, fewest_fitted))
+      retained = findloc(ratio > 1.0_wp, .true., dim=1) - 1
+      if (retained < 0) retained = size(ratio)
+      retained = min(size(ratio), max(retained, fewest_fitted))
       growth = 0.0_wp
-      if (kept > 1) growth = rise_of(distance(:kept))/(kept - kept/2)
+      if (retained > 1) growth = rise_of(distance(:retained))/(retained - retained/2)
    end function growth_of
 
    !> Rise of a straight line through the second half of some values, from the last one of the first half on.
    pure real(wp) function rise_of(values)
       real(wp), intent(in) :: values(:)
-      real(wp), allocatable :: half(:), place(:)
+      real(wp), allocatable :: half(:), abscissa(:)
       integer :: k, n
 
       rise_of = 0.0_wp
       half = values(max(1, size(values)/2):)
       n = size(half)
       if (n < 2) return
-      place = [(k - 0.5_wp*(n + 1), k=1, n)]
-      rise_of = sum(place*half)/sum(place**2)*(n - 1)
+      abscissa = [(k - 0.5_wp*(n + 1), k=1, n)]
+      rise_of = sum(abscissa*half)/sum(abscissa**2)*(n - 1)
    end function rise_of
 end module hb_integration_verdict

@@ -10,7 +10,7 @@ module hb_line_fit
    use hb_birkhoff, only: bump_weights
    use hb_cancellation, only: work_is_over
    use hb_error, only: error_t
-   use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, planning, real_block_t
+   use hb_fftw, only: complex_block_t, fft_plan_t, new_complex_block, new_fft_plan, new_real_block, real_block_t
    use hb_kinds, only: two_pi, wp
    implicit none
    private
@@ -45,7 +45,7 @@ contains
       real(wp), intent(in) :: frequencies(:)                          !! of the lines [rad/s], below pi/step in size
       real(wp), intent(in) :: importance(:)                           !! > 0; of two similar lines the larger one gets the motion
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: beta, place
+      real(wp) :: beta, position
       integer :: h, k, middle, n
 
       call self%destroy()
@@ -63,16 +63,16 @@ contains
       if (allocated(self%first)) deallocate (self%first, self%kernel)
       allocate (self%first(size(frequencies)), self%kernel(width, size(frequencies)))
       do h = 1, size(frequencies)
-         place = frequencies(h)*step/two_pi*n
-         self%first(h) = floor(place) - width/2 + 1
+         position = frequencies(h)*step/two_pi*n
+         self%first(h) = floor(position) - width/2 + 1
          do k = 1, width
-            self%kernel(k, h) = bessel_i0(beta*sqrt(max(0.0_wp, 1.0_wp - (2.0_wp*(place - (self%first(h) + k - 1))/width)**2)))
+            self%kernel(k, h) = bessel_i0(beta*sqrt(max(0.0_wp, 1.0_wp - (2.0_wp*(position - (self%first(h) + k - 1))/width)**2)))
          end do
       end do
       call new_real_block(self%samples, n, 1, error)
       if (.not. allocated(error)) call new_complex_block(self%spectrum, n/2 + 1, 1, error)
       if (.not. allocated(error)) &
-         call new_fft_plan(self%plan, [n], 1, planning%estimate, self%samples%values, self%spectrum%values, error)
+         call new_fft_plan(self%plan, [n], 1, self%samples%values, self%spectrum%values, error)
    end subroutine new_line_fit
 
    !> Coefficients c - i s of x = sum c cos(w t) + s sin(w t), until a further product would change the root mean
@@ -112,18 +112,18 @@ contains
       complex(wp), intent(in) :: coefficients(:)                      !! c - i s, (n_lines)
       real(wp), allocatable :: x(:)
       complex(wp) :: c
-      integer :: h, k, n, place
+      integer :: h, k, n, position
 
       associate (spectrum => self%spectrum%values(:, 1), samples => self%samples%values(:, 1))
          spectrum = (0.0_wp, 0.0_wp)
          do h = 1, size(coefficients)
             c = 0.5_wp*conjg(self%phase(h))*coefficients(h)
             do k = 1, width
-               place = self%first(h) + k - 1
-               if (place > 0) then
-                  spectrum(1 + place) = spectrum(1 + place) + self%kernel(k, h)*c
-               else if (place < 0) then
-                  spectrum(1 - place) = spectrum(1 - place) + self%kernel(k, h)*conjg(c)
+               position = self%first(h) + k - 1
+               if (position > 0) then
+                  spectrum(1 + position) = spectrum(1 + position) + self%kernel(k, h)*c
+               else if (position < 0) then
+                  spectrum(1 - position) = spectrum(1 - position) + self%kernel(k, h)*conjg(c)
                else
                   spectrum(1) = spectrum(1) + 2.0_wp*self%kernel(k, h)*real(c, wp)
                end if
@@ -149,7 +149,7 @@ contains
       class(line_fit_t), intent(inout) :: self
       real(wp), intent(in) :: x(:)                                    !! (n_samples)
       complex(wp), allocatable :: sums(:)
-      integer :: h, k, n, place
+      integer :: h, k, n, position
 
       associate (spectrum => self%spectrum%values(:, 1), samples => self%samples%values(:, 1))
          n = size(x)
@@ -160,11 +160,11 @@ contains
          allocate (sums(size(self%first)), source=(0.0_wp, 0.0_wp))
          do h = 1, size(sums)
             do k = 1, width
-               place = self%first(h) + k - 1
-               if (place >= 0) then
-                  sums(h) = sums(h) + self%kernel(k, h)*spectrum(1 + place)
+               position = self%first(h) + k - 1
+               if (position >= 0) then
+                  sums(h) = sums(h) + self%kernel(k, h)*spectrum(1 + position)
                else
-                  sums(h) = sums(h) + self%kernel(k, h)*conjg(spectrum(1 - place))
+                  sums(h) = sums(h) + self%kernel(k, h)*conjg(spectrum(1 - position))
                end if
             end do
          end do
@@ -178,12 +178,12 @@ contains
       square = sum(real(y, wp)**2 + aimag(y)**2)
    end function square
 
-   !> Effect of the kernel on a sample: its transform, width sinh(r)/r with r**2 = beta**2 - place**2 > 0.
-   pure real(wp) function shape_at(beta, place) result(shape)
-      real(wp), intent(in) :: beta, place
+   !> Effect of the kernel on a sample: its transform, width sinh(r)/r with r**2 = beta**2 - position**2 > 0.
+   pure real(wp) function shape_at(beta, position) result(shape)
+      real(wp), intent(in) :: beta, position
       real(wp) :: r
 
-      r = sqrt(beta**2 - place**2)
+      r = sqrt(beta**2 - position**2)
       shape = width*sinh(r)/r
    end function shape_at
 

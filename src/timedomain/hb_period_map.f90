@@ -65,10 +65,10 @@ module hb_period_map
    real(wp), parameter :: repeats = 1.0e-7_wp                         ! permitted defect of a state after a period, scaled
    real(wp), parameter :: enough = 1.0e-9_wp                          ! defect that needs no further step, likewise
    integer, parameter :: most_shots = 30
-   integer, parameter :: most_matrices = 4                            ! on the way
+   integer, parameter :: most_matrices = 4                            ! before convergence
    real(wp), parameter :: slow = 0.3_wp                               ! ratio of two residuals above which a new matrix is needed
    real(wp), parameter :: neutral = 1.0e-2_wp                         ! change of what stays as it is: a push apart slips a little
-   integer, parameter :: periods_of_sliders = 3                       ! in which they find their places
+   integer, parameter :: periods_of_sliders = 3                       ! after which they are periodic
    real(wp), parameter :: usual_shots = 6.0_wp
 
    real(wp), parameter :: nearer = 0.2_wp                             ! from one distance to the next
@@ -220,7 +220,7 @@ contains
       logical :: is_done
 
       call self%integration%allow(work_limit)
-      call settle_sliders(self, is_done)
+      call make_sliders_periodic(self, is_done)
       if (is_done) call shoot(self, is_free, is_done)
       if (.not. is_done) return
       do level = 1, most_levels
@@ -276,7 +276,7 @@ contains
    end subroutine limit_add
 
    !> Advances along the motion until sliders are periodic.
-   subroutine settle_sliders(self, is_done)
+   subroutine make_sliders_periodic(self, is_done)
       type(period_map_t), intent(inout) :: self
       logical, intent(out) :: is_done
       real(wp) :: after(size(self%x))
@@ -290,7 +290,7 @@ contains
          if (.not. is_done) return
          self%x(n + 1:) = after(n + 1:)
       end do
-   end subroutine settle_sliders
+   end subroutine make_sliders_periodic
 
    !> State after a period, or the mirror image of that after half of one.
    subroutine carry(self, level, x, after, is_done)
@@ -338,10 +338,10 @@ contains
       allocate (q(n, n), source=0.0_wp)
       k = 0
       do i = 1, size(self%still, 2)
-         associate (place => self%still(:, i))
-            if (norm2(matmul(place, matrix) - self%sense*place) > neutral) cycle
+         associate (axis => self%still(:, i))
+            if (norm2(matmul(axis, matrix) - self%sense*axis) > neutral) cycle
             k = k + 1
-            q(:, k) = place
+            q(:, k) = axis
          end associate
       end do
       allocate (tau(max(k, 1)), work(64*n))
@@ -437,7 +437,7 @@ contains
       real(wp), intent(in) :: restitution                             !! of rigid walls
       real(wp), intent(in) :: tolerance                               !! of derivatives, relative
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: reach(motion%n_coordinates), speed(motion%n_coordinates)
+      real(wp) :: extent(motion%n_coordinates), speed(motion%n_coordinates)
       integer :: i, k, n
 
       self%system => system
@@ -455,21 +455,21 @@ contains
       self%config%tolerance = min(max(finer*tolerance, most_accurate), least_accurate)
       self%config%restitution = restitution
       self%config%decimation = huge(1)
-      reach = sum(abs(motion%amplitudes), dim=2)
+      extent = sum(abs(motion%amplitudes), dim=2)
       speed = matmul(abs(motion%amplitudes), abs(motion%frequencies))
-      reach = max(reach, smallest_scale*maxval(reach), tiny(1.0_wp))
+      extent = max(extent, smallest_scale*maxval(extent), tiny(1.0_wp))
       speed = max(speed, smallest_scale*maxval(speed), tiny(1.0_wp))
       allocate (self%scale(2*n + system%laws%n_states))
-      self%scale(:2*n) = [reach, speed]
-      do i = 1, size(system%laws%places)
-         associate (place => system%laws%places(i))
-            do k = place%first_state, place%last_state
-               self%scale(2*n + k) = max(maxval(matmul(transpose(abs(system%laws%shape(:, place%first:place%last))), reach)), &
-                                         smallest_scale*maxval(reach))
+      self%scale(:2*n) = [extent, speed]
+      do i = 1, size(system%laws%spans)
+         associate (span => system%laws%spans(i))
+            do k = span%first_state, span%last_state
+               self%scale(2*n + k) = max(maxval(matmul(transpose(abs(system%laws%shape(:, span%first:span%last))), extent)), &
+                                         smallest_scale*maxval(extent))
             end do
          end associate
       end do
-      self%config%largest = 1.0e4_wp*maxval(reach)
+      self%config%largest = 1.0e4_wp*maxval(extent)
    end subroutine new_state_map
 
    !> State of the motion, scaled; states of laws are zero and must first become periodic.

@@ -6,7 +6,7 @@ module hb_time_integration
    use hb_cancellation, only: work_is_over
    use hb_error, only: error_t
    use hb_integrated_floquet, only: integrated_floquet_t
-   use hb_integrated_motion, only: settle
+   use hb_integrated_motion, only: find_steady_motion
    use hb_integrated_start, only: find_locking, integrated_guess
    use hb_integration_starts, only: motions_of, state_on_sphere
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_system
@@ -21,7 +21,7 @@ module hb_time_integration
 
    type, extends(time_domain_solver_t) :: time_integration_t
    contains
-      procedure, nopass :: settle => settle_from_starts
+      procedure, nopass :: find_steady_motion => find_from_starts
       procedure, nopass :: first_guess => integrated_guess
       procedure, nopass :: find_locking
    end type time_integration_t
@@ -47,12 +47,12 @@ contains
       if (.not. allocated(callbacks%time_domain_solver)) allocate (time_integration_t :: callbacks%time_domain_solver)
    end subroutine add_time_integration
 
-   !> Integrates from as many starts as the model requests, the first one as in `settle`. The result is the first
+   !> Integrates from as many starts as the model requests, the first one as in `find_steady_motion`. The result is the first
    !> motion of the tones; if there are others, the status is `several`, with their number.
-   subroutine settle_from_starts(model, law_dofs, settled, error)
+   subroutine find_from_starts(model, law_dofs, steady, error)
       type(model_t), intent(in) :: model                              !! all tones given
       integer, intent(in) :: law_dofs(:)
-      type(steady_motion_t), intent(out) :: settled
+      type(steady_motion_t), intent(out) :: steady
       type(error_t), allocatable, intent(out) :: error
       type(integration_state_t) :: start
       type(integration_system_t) :: system
@@ -61,24 +61,24 @@ contains
       integer :: i, motion(model%integration%starts)
       real(wp) :: size_of_motion
 
-      call settle(model, law_dofs, settled, error)
-      if (model%integration%starts == 1 .or. .not. allocated(settled%averages)) return
+      call find_steady_motion(model, law_dofs, steady, error)
+      if (model%integration%starts == 1 .or. .not. allocated(steady%averages)) return
       if (allocated(error)) return
-      each(1) = settled
+      each(1) = steady
       associate (omega => model%tones%omega, frequencies => model%harmonics%frequencies(model%tones%omega))
          call new_integration_system(system, model%structure, model%laws, model%loads%whole(), frequencies, omega)
-         size_of_motion = maxval(sum(abs(settled%averages), 1))
+         size_of_motion = maxval(sum(abs(steady%averages), 1))
          if (size_of_motion <= 0.0_wp) size_of_motion = max(system%length, tiny(1.0_wp))
          do i = 2, size(each)
             call state_on_sphere(system, omega, size_of_motion, i - 1, start)
-            call settle(model, law_dofs, each(i), error, start)
-            settled%work = settled%work + each(i)%work
+            call find_steady_motion(model, law_dofs, each(i), error, start)
+            steady%work = steady%work + each(i)%work
             if (work_is_over()) return
             if (allocated(error)) each(i)%status = outcome%pending    ! it diverges from there
          end do
       end associate
       if (allocated(error)) deallocate (error)
-      allocate (c(size(settled%averages, 1), size(settled%averages, 2), size(each)), source=(0.0_wp, 0.0_wp))
+      allocate (c(size(steady%averages, 1), size(steady%averages, 2), size(each)), source=(0.0_wp, 0.0_wp))
       do i = 1, size(each)
          if (each(i)%status == outcome%pending) cycle
          c(:, :, i) = each(i)%averages
@@ -88,13 +88,13 @@ contains
       motion = motions_of(c, each%status, each%spread)
       i = findloc(each%status, outcome%time_domain, dim=1)
       if (i == 0) i = max(1, findloc(motion, 1, dim=1))
-      each(i)%work = settled%work
-      settled = each(i)
-      settled%n_motions = maxval(motion)
-      if (settled%n_motions == 0) return
-      if (settled%n_motions > 1 .and. settled%status == outcome%time_domain) settled%status = outcome%several
-      call report_motions(motion, each%status, each%amplitude, settled%message)
-   end subroutine settle_from_starts
+      each(i)%work = steady%work
+      steady = each(i)
+      steady%n_motions = maxval(motion)
+      if (steady%n_motions == 0) return
+      if (steady%n_motions > 1 .and. steady%status == outcome%time_domain) steady%status = outcome%several
+      call report_motions(motion, each%status, each%amplitude, steady%message)
+   end subroutine find_from_starts
 
    !> Returns a text with the amplitudes of the motions, and the number of starts that lead to each.
    pure subroutine report_motions(motion, status, amplitude, message)

@@ -117,7 +117,7 @@ contains
       type(integration_state_t), intent(inout) :: state
       type(integration_record_t), intent(inout) :: record                 !! with its step
       type(error_t), allocatable, intent(out) :: error
-      integer :: done, i, n_kept, n_steps, n_stored, n_transient, stat, stride
+      integer :: done, i, n_retained, n_steps, n_stored, n_transient, stat, stride
 
       call check_length(config, record%step, size(retained_dofs), system%laws%n_coordinates, error)
       if (allocated(error)) return
@@ -130,16 +130,16 @@ contains
          if (allocated(error)) return
          call note_progress(done, n_transient + n_steps)
       end do
-      n_kept = size(retained_dofs)
+      n_retained = size(retained_dofs)
       stride = config%decimation
       n_stored = n_steps/stride + 1
       record%start = state%time
-      allocate (record%every_displacement(n_steps + 1, n_kept), stat=stat)
+      allocate (record%every_displacement(n_steps + 1, n_retained), stat=stat)
       if (stat /= 0) then
          call fail(error, "out of memory for a record of "//to_text(n_steps)//" steps")
          return
       end if
-      allocate (record%time(n_stored), record%displacement(n_stored, n_kept), record%velocity(n_stored, n_kept))
+      allocate (record%time(n_stored), record%displacement(n_stored, n_retained), record%velocity(n_stored, n_retained))
       allocate (record%force(n_stored, system%laws%n_coordinates))
       call keep(0)
       do i = 1, n_steps
@@ -183,15 +183,15 @@ contains
    end subroutine follow
 
    !> Fails if steps cannot be counted, or if the record would not fit into memory.
-   subroutine check_length(config, step, n_kept, n_coordinates, error)
+   subroutine check_length(config, step, n_retained, n_coordinates, error)
       type(integration_config_t), intent(in) :: config
       real(wp), intent(in) :: step                                    !! [s], > 0
-      integer, intent(in) :: n_kept, n_coordinates
+      integer, intent(in) :: n_retained, n_coordinates
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: bytes, n_steps
 
       n_steps = (config%transient + config%duration)/step
-      bytes = 8.0_wp*(config%duration/step + 1.0_wp)*(n_kept + (1 + 2*n_kept + n_coordinates)/real(config%decimation, wp))
+      bytes = 8.0_wp*(config%duration/step + 1.0_wp)*(n_retained + (1 + 2*n_retained + n_coordinates)/real(config%decimation, wp))
       if (.not. n_steps < real(huge(1), wp)) then
          call fail(error, "a time integration of "//to_text(config%transient + config%duration)//" s has "//to_text(n_steps)// &
             " steps of "// &
@@ -234,18 +234,18 @@ contains
       type(integration_assessment_t), intent(out) :: assessment
       type(error_t), allocatable, intent(out) :: error
       complex(wp) :: first(size(frequencies)), second(size(frequencies))
-      integer :: half, k, n, n_kept
+      integer :: half, k, n, n_retained
 
       n = size(record%every_displacement, 1)
-      n_kept = size(record%every_displacement, 2)
+      n_retained = size(record%every_displacement, 2)
       half = n/2
-      allocate (assessment%coefficients(size(frequencies), n_kept), assessment%spread(size(frequencies), n_kept))
-      allocate (assessment%frequencies(n_peaks, n_kept), assessment%amplitudes(n_peaks, n_kept))
+      allocate (assessment%coefficients(size(frequencies), n_retained), assessment%spread(size(frequencies), n_retained))
+      allocate (assessment%frequencies(n_peaks, n_retained), assessment%amplitudes(n_peaks, n_retained))
       if (half < 3) then
          call fail(error, "a record of "//to_text(n)//" samples is too short for coefficients")
          return
       end if
-      do k = 1, n_kept
+      do k = 1, n_retained
          associate (x => record%every_displacement(:, k))
             call coefficients_at(x, record%start, record%step, frequencies, assessment%coefficients(:, k))
             call coefficients_at(x(:half), record%start, record%step, frequencies, first)

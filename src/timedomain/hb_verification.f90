@@ -9,10 +9,10 @@
 module hb_verification
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_error, only: error_t
-   use hb_integrated_motion, only: fastest_of, has_bounds_of, settle
+   use hb_integrated_motion, only: fastest_of, find_steady_motion, has_bounds_of
    use hb_integration_difference, only: integration_difference_t, motion, new_integration_difference, series_t
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
-   use hb_integration_verdict, only: decide, growth_of, limit_of, n_settled, verdict
+   use hb_integration_verdict, only: decide, growth_of, limit_of, n_steady, verdict
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: law_dofs_of
    use hb_model, only: model_t
@@ -160,7 +160,7 @@ contains
          self%other%v = self%other%v + nearness*self%speed*directions(system%n_dofs, system%n_dofs)
          call new_integration_difference(self%difference, series_t(amplitudes, claim%tuples, omega, model%tones%is_unknown), &
                                    system%laws%shape, model%structure%units, max(system%length, nearness), &
-                                   n_settled(self%length%most, self%length%fewest))
+                                   n_steady(self%length%most, self%length%fewest))
          self%estimate = model%certificate%truncation
          if (ieee_is_finite(claim%estimate)) self%estimate = claim%estimate
          self%share = velocity_share(amplitudes, frequencies)
@@ -201,7 +201,7 @@ contains
       associate (length => self%length, difference => self%difference, distance => self%distance)
          self%expected = self%estimate*merge(self%share, 1.0_wp, distance(size(distance)) > -log(remembered))
          self%ratio = [(maxval(difference%largest(:, i)/limit_of(self%expected, difference%share)), i=1, difference%n_periods)]
-         call bring_back(self%state, self%other, self%scale, self%speed, self%moved_back)
+         call reset_distance(self%state, self%other, self%scale, self%speed, self%moved_back)
          result%kind = decide(self%ratio, distance, length%fewest, length%decay, difference%n_periods >= length%bound)
          if (result%kind /= verdict%undecided .or. length%bound >= length%most) return
          length%bound = min(2*length%bound, length%most)
@@ -225,7 +225,7 @@ contains
       type(claim_t), intent(in) :: claim
       type(verdict_t), intent(inout) :: result
       real(wp), allocatable :: most_drift(:)
-      integer :: n_kept
+      integer :: n_retained
 
       associate (difference => self%difference, omega => claim%omega)
          result%n_periods = difference%n_periods
@@ -236,13 +236,13 @@ contains
          call find_worst(difference, self%system, self%length, self%expected, result)
          result%first_difference = maxval(difference%largest(:, 1))
          result%growth = growth_of(self%ratio, self%distance)/self%length%period
-         n_kept = findloc(self%ratio > 1.0_wp, .true., dim=1) - 1
-         if (n_kept < 0) n_kept = difference%n_periods
-         if (claim%is_unstable .and. result%kind == verdict%differs .and. n_kept > 0) then   ! it starts there and leaves
+         n_retained = findloc(self%ratio > 1.0_wp, .true., dim=1) - 1
+         if (n_retained < 0) n_retained = difference%n_periods
+         if (claim%is_unstable .and. result%kind == verdict%differs .and. n_retained > 0) then   ! it starts there and leaves
             result%kind = verdict%unstable
-            result%growth = log(self%ratio(min(n_kept + 1, size(self%ratio)))/self%ratio(1))/(n_kept*self%length%period)
+            result%growth = log(self%ratio(min(n_retained + 1, size(self%ratio)))/self%ratio(1))/(n_retained*self%length%period)
          end if
-         result%drift = difference%drift(n_kept)
+         result%drift = difference%drift(n_retained)
          if (result%kind == verdict%unstable) return                  ! the drift is then that of the motion to which it diverges
          most_drift = limit_of(self%estimate*self%share, 1.0_wp)*omega
          where (ieee_is_finite(claim%frequency_estimates)) most_drift = max(most_drift, &
@@ -267,18 +267,18 @@ contains
       complex(wp), allocatable :: items(:, :), others(:, :)
       character(64), allocatable :: labels(:)
       real(wp), allocatable :: difference(:), scale(:)
-      type(steady_motion_t) :: settled
+      type(steady_motion_t) :: steady
       integer :: i, k
 
-      call settle(model, law_dofs_of(model%laws), settled, error, start)
+      call find_steady_motion(model, law_dofs_of(model%laws), steady, error, start)
       if (allocated(error)) return
-      result%n_periods = settled%n_periods
-      result%duration = settled%n_periods*two_pi/minval(model%tones%omega)
+      result%n_periods = steady%n_periods
+      result%duration = steady%n_periods*two_pi/minval(model%tones%omega)
       result%drift = 0.0_wp*model%tones%omega
       result%coordinate = ""
       result%kind = verdict%differs
-      if (settled%status == outcome%pending) result%kind = verdict%undecided
-      if (settled%status /= outcome%time_domain) return
+      if (steady%status == outcome%pending) result%kind = verdict%undecided
+      if (steady%status /= outcome%time_domain) return
       associate (n => model%structure%n_dofs, shape => cmplx(system%laws%shape, 0.0_wp, wp), units => model%structure%units)
          allocate (items(n + size(shape, 2), size(amplitudes, 2)), others(n + size(shape, 2), size(amplitudes, 2)))
          items(:n, :) = amplitudes
@@ -286,7 +286,7 @@ contains
          others = (0.0_wp, 0.0_wp)
          do i = 1, size(tuples, 2)
             k = model%harmonics%index_of(tuples(:, i))
-            if (k > 0) others(:n, i) = settled%amplitudes(:, k)
+            if (k > 0) others(:n, i) = steady%amplitudes(:, k)
          end do
          others(n + 1:, :) = matmul(transpose(shape), others(:n, :))
          scale = norm2(abs(items), dim=2)
@@ -298,7 +298,7 @@ contains
       result%coordinate = trim(labels(i))
       result%difference = difference(i)
       result%first_difference = difference(i)
-      result%limit = limit_of(spread + settled%spread, 1.0_wp)
+      result%limit = limit_of(spread + steady%spread, 1.0_wp)
       if (result%difference <= result%limit) result%kind = verdict%agrees
    end subroutine verify_integrated
 
@@ -348,7 +348,7 @@ contains
    end function directions
 
    !> Resets the second time integration to its initial distance, in the same direction, if it is too far or too near.
-   subroutine bring_back(state, other, scale, speed, moved_back)
+   subroutine reset_distance(state, other, scale, speed, moved_back)
       type(integration_state_t), intent(in) :: state
       type(integration_state_t), intent(inout) :: other
       real(wp), intent(in) :: scale(:), speed(:)                      !! [m], [m/s], (n_dofs)
@@ -361,7 +361,7 @@ contains
       other%v = state%v + nearness/apart*(other%v - state%v)
       other%s = state%s + nearness/apart*(other%s - state%s)
       moved_back = moved_back + log(apart/nearness)
-   end subroutine bring_back
+   end subroutine reset_distance
 
    !> The coordinate, or the tone of a coordinate, with the largest ratio to its limit in the last periods.
    subroutine find_worst(difference, system, length, estimate, result)
@@ -370,14 +370,14 @@ contains
       type(length_t), intent(in) :: length
       real(wp), intent(in) :: estimate
       type(verdict_t), intent(inout) :: result
-      real(wp), allocatable :: differences(:, :), settled(:), shares(:, :)
+      real(wp), allocatable :: differences(:, :), steady(:), shares(:, :)
       character(64), allocatable :: labels(:)
       integer :: c, i, m, n
 
       n = difference%n_periods
-      settled = maxval(difference%largest(:, n - n_settled(n, length%fewest) + 1:), dim=2)
-      i = maxloc(settled/limit_of(estimate, difference%share), dim=1)
-      result%difference = settled(i)
+      steady = maxval(difference%largest(:, n - n_steady(n, length%fewest) + 1:), dim=2)
+      i = maxloc(steady/limit_of(estimate, difference%share), dim=1)
+      result%difference = steady(i)
       result%limit = limit_of(estimate, difference%share(i))
       labels = [character(64) :: system%structure%labels, system%laws%coordinate_labels()]
       result%coordinate = trim(labels(i))

@@ -18,10 +18,10 @@ module bench_points
    use hb_point_source, only: point_source_t
    use hb_progress, only: new_progress, progress_t
    use hb_results, only: create_results, results_layout_t, results_t
+   use hb_results_layout, only: rank_times_t
    use hb_study, only: describe_layout, study_t
    use hb_swept_point, only: run_point
    use hb_text, only: to_text
-   use hb_timing, only: rank_times_t
    use kernel_times, only: has_kernels, kernel_names, kernel_times_t, kernel_words, measure_kernels, median, &
       memory_bandwidth, yardstick_words
    use process_memory, only: memory_peak, memory_resident, release_memory, reset_memory_peak

@@ -2,7 +2,7 @@
 !>
 !> A repetition runs a kernel and its yardstick one after the other, so that what else the machine does hits both alike; the
 !> ratio is the median over repetitions. Apart from that, the very first run of each is kept: nothing is planned, no memory is
-!> warm. Yardsticks: the bare FFTW pair (spectrum to samples and back) of the same grid, batch and planning (of the whole grid
+!> warm. Yardsticks: the bare FFTW pair (spectrum to samples and back) of the same grid and batch (of the whole grid
 !> where odd motions are solved on half of it), and LAPACK's LU factorisation of a full matrix of the same size.
 module kernel_times
    use hb_balance, only: balance_t, new_balance
@@ -156,7 +156,7 @@ contains
          if (allocated(error)) return
          call new_complex_block(shop%spectrum, (grid%n_samples(1)/2 + 1)*product(grid%n_samples(2:)), channels, error)
          if (allocated(error)) return
-         call new_fft_plan(shop%plan, grid%n_samples, channels, shop%model%planning, shop%samples%values, &
+         call new_fft_plan(shop%plan, grid%n_samples, channels, shop%samples%values, &
             shop%spectrum%values, error)
          if (allocated(error)) return
       end associate
@@ -190,9 +190,9 @@ contains
       if (allocated(error)) return
       coordinates = coordinates_of(model)
       call new_dynamic_stiffness(stiffness, model%structure, coordinates, basis%harmonics%frequencies(model%tones%omega), &
-         model%loads%at(basis%places), error)
+         model%loads%at(basis%positions), error)
       if (.not. allocated(error)) call new_balance(balance, basis%harmonics, basis%torus, model%tones%omega, stiffness, &
-         laws_at(coordinates, model%laws), model%planning, error)
+         laws_at(coordinates, model%laws), error)
    end subroutine make_balance
 
    !> Solves from the first guess of the model.

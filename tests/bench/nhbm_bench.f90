@@ -5,7 +5,7 @@ program nhbm_bench
    use bench_points, only: bench_options_t, part, point_cost_t, run_bench
    use hb_blas_threads, only: take_blas_memory, use_one_blas_thread
    use hb_error, only: annotate, error_t, fail
-   use hb_file_location, only: check_place, check_source
+   use hb_file_location, only: check_source, check_target
    use hb_kinds, only: wp
    use hb_memory, only: available_memory, keep_freed_memory
    use hb_mpi, only: comm_t, size_of, start_mpi, stop_mpi, world
@@ -107,7 +107,7 @@ contains
          call fail(error, "points are measured, not curves; leave out &curve, or time nhbm solve")
          return
       end if
-      call check_place(options%path, options%overwrite, error)         ! before the work
+      call check_target(options%path, options%overwrite, error)        ! before the work
       call annotate(error, "result file '"//options%path//"'")
    end subroutine load_input
 

@@ -157,7 +157,7 @@ def test_oversampling_makes_the_grid(tmp_path):
     assert done.status == BAD_INPUT and "either 'samples' or 'oversampling'" in done.stderr
 
 
-def test_unsolved_points_are_told_by_the_exit_status(tmp_path):
+def test_unsolved_points_are_reported_by_the_exit_status(tmp_path):
     options = ("--budget", "0.01", "--repeats", "1", "--set", "solver%max_iterations=1", "--set", "solver%fallback=.false.")
     data = load(bench(FOLDER / "duffing.nml", tmp_path, *options, status=NOT_ALL_CONVERGED))
     assert (data.status.values == 3).all()

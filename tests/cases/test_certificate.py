@@ -220,7 +220,7 @@ def test_thresholds_give_the_status_and_keep_the_coefficients(tmp_path):
     assert (coefficients == coefficients[-1]).all()
 
 
-def test_an_error_above_one_per_cent_is_told_by_default(tmp_path):
+def test_an_error_above_one_per_cent_is_reported_by_default(tmp_path):
     """The motion against the wall at order 3 has an error of 2 %; it is stored all the same."""
     model = BEAM + "&law type = 'rigid_wall', dof = 'v3', gap = 1.5e-3 /\n&harmonics order = 3 /\n"
     status, coefficients, estimate = read(
@@ -235,7 +235,7 @@ def test_an_error_above_one_per_cent_is_told_by_default(tmp_path):
     ("tones", "order", "status"),
     [("1.0", 15, IMPACT), ("0.5", 15, IMPACT), ("0.05", 31, CONVERGED), ("1.0, 1.618033988749895", 9, IMPACT)],
 )
-def test_an_impact_that_restitution_decides_on_is_told(tones, order, status, tmp_path):
+def test_an_impact_that_restitution_decides_on_is_reported(tones, order, status, tmp_path):
     """One mass against a rigid wall, integrated with restitution 0 and 0.8: the estimate is approximately their difference."""
     two = "," in tones
     model = MASS.format(damping=0.2, tones=tones, load=0.4 if two else 0.6)

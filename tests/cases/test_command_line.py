@@ -92,7 +92,7 @@ def test_the_page_knows_all_options(tmp_path):
     assert options == set(re.findall(r"(--[a-z-]+)", run("help", cwd=tmp_path).stdout.split("options:")[1]))
 
 
-def test_frequencies_that_were_unknown_are_told(tmp_path):
+def test_frequencies_that_were_unknown_are_reported(tmp_path):
     (tmp_path / "case.nml").write_text(VAN_DER_POL + "&sweep parameter = 'law(1)%strength', values = 0.5, 1.0 /\n")
     done = run("solve", "case.nml", cwd=tmp_path)
     assert done.status == ALL_CONVERGED, done.stderr

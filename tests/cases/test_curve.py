@@ -52,7 +52,7 @@ def test_a_curve_that_turns_at_a_kink_has_a_fold_there(tmp_path):
     assert not (stable[used][fold:] == 1).any() and (stable[used][fold:] == -1).sum() > 30
 
 
-def test_a_curve_tells_what_it_found(tmp_path):
+def test_a_curve_reports_what_it_found(tmp_path):
     (tmp_path / "curve.nml").write_text(CURVE)
     done = run("solve", "curve.nml", cwd=tmp_path)
     assert done.status == ALL_CONVERGED, done.stderr
@@ -255,7 +255,7 @@ def test_the_warning_of_tones_names_a_point_of_the_curve(tmp_path):
     assert "nearly vanishes (see 'combination'); first in point 0: " in done.stdout, done.stdout + done.stderr
 
 
-def test_stability_that_was_not_looked_for_is_told(tmp_path):
+def test_stability_that_was_not_looked_for_is_reported(tmp_path):
     model = """&structure type = 'beam', length = 0.8, n_elements = 20, bending_stiffness = 43.75, mass_per_length = 0.78
            left_support = 'clamped', right_support = 'free', damping_mass = 1.5 /
 &tones frequency = 30.0 /

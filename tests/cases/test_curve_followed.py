@@ -312,7 +312,7 @@ def test_folds_at_a_stop_are_those_of_shooting(tmp_path):
 
 
 @pytest.mark.long
-def test_coexisting_motions_of_the_rotor_are_told(tmp_path):
+def test_coexisting_motions_of_the_rotor_are_reported(tmp_path):
     """At 1.3 rad/s: two whirls in permanent contact with the ring, one without contact, two tori; integration ends in the latter
     whirl and in a torus."""
     text = (INPUTS / "gallery" / "jeffcott_torus.nml").read_text(encoding="utf-8")

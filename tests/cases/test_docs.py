@@ -38,7 +38,7 @@ SECTIONS_BY_PROCEDURE = {
     "read_limit": ["law jenkins", "law jenkins_2d"],
     "read_normal": ["law jenkins", "law jenkins_2d"],
     "read_frequency_part": ["dynamic_stiffness"],  # and of its kinds, each in a case
-    "read_places": ["dynamic_stiffness"],
+    "read_locations": ["dynamic_stiffness"],
     "read_bearing": ["bearing"],
     "find_dofs": ["bearing"],
     "read_table": ["dynamic_stiffness table"],

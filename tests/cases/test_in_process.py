@@ -212,7 +212,7 @@ def test_a_script_needs_no_guard_for_its_processes(tmp_path):
     assert done.stdout == "points 4\n", done.stderr
 
 
-def test_a_script_with_laws_of_its_own_is_told_of_its_guard(tmp_path):
+def test_a_script_with_laws_of_its_own_is_warned_of_its_guard(tmp_path):
     path = tmp_path / "script.py"
     path.write_text(SCRIPT.format(law=OWN_LAW, use="model.law(force, 'x1')"))
     done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=120)

@@ -86,7 +86,7 @@ def test_normal_mode_is_not_integrated(tmp_path):
     assert done.status == BAD_INPUT and "is not an attractor" in done.stderr, done.stderr
 
 
-def test_law_that_the_method_cannot_follow_is_told(tmp_path):
+def test_law_that_the_method_cannot_follow_is_reported(tmp_path):
     text = (
         "&structure type='matrices', n_dofs=1, mass=0, damping=1, stiffness=1 /\n&tones frequency=1 /\n&harmonics order=3 /\n"
         "&load dof='x1', tuple=1, cos=1 /\n&law type='cubic_spring', dof='x1', stiffness=1 /\n"

@@ -469,7 +469,7 @@ def test_verify_sees_motions_from_which_integration_departs(tmp_path, name):
         assert growth * duration > 3.0
 
 
-def test_verify_is_as_long_as_the_slowest_decay_needs_unless_told(tmp_path):
+def test_verify_is_as_long_as_the_slowest_decay_needs_by_default(tmp_path):
     """With 0.1 % of damping ten periods show nothing, and 700 are sufficient."""
     light = "&structure type='matrices', n_dofs=1, mass=1, damping=0.002, stiffness=1 /\n&tones frequency=1.2 /\n"
     text = light + "&harmonics order=7 /\n&load dof='x1', tuple=1, cos=0.1 /\n&law type='cubic_spring', dof='x1', stiffness=0.5 /\n"

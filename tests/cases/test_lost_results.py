@@ -115,7 +115,7 @@ LOST = {"deleted": (1, "deleted"), "moved": (2, "moved"), "replaced": (3, "repla
         for ranks in (None, 2)
     ],
 )
-def test_file_that_is_lost_under_the_run_is_told(how, says, ranks, tmp_path):
+def test_file_that_is_lost_under_the_run_is_reported(how, says, ranks, tmp_path):
     thief(tmp_path, [0.1, 0.2, how, 0.3])
     done = run("solve", "case.nml", "--quiet", cwd=tmp_path, ranks=ranks)
     assert done.status == BAD_INPUT, (done.status, done.stderr)

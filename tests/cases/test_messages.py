@@ -40,7 +40,7 @@ def commands(text):
     return [line.partition("  (")[0].partition(";")[0] for line in told]
 
 
-def test_each_failure_is_told_once_with_a_command_that_works(tmp_path):
+def test_each_failure_is_reported_once_with_a_command_that_works(tmp_path):
     done = run("solve", write(tmp_path, STOP + FEW_STEPS), cwd=tmp_path)
     assert done.status == NOT_ALL_CONVERGED
     told = [line for line in done.stdout.splitlines() if line.startswith("  point ")]

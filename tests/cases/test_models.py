@@ -511,7 +511,7 @@ def test_the_command_for_a_small_model_names_all_places(net):
 
 
 @pytest.mark.long  # seconds
-def test_harmonics_beyond_what_a_model_was_reduced_for_are_told(net):
+def test_harmonics_beyond_what_a_model_was_reduced_for_are_reported(net):
     reduce(net, "nhbm-model reduce net.h5 --keep stops.z,edge.z,n100.z,n1111.z --up-to 0.37 -o small.h5")
     (net / "beyond.nml").write_text(SMALL)
     assert "warning" not in run("check", "beyond.nml", cwd=net).stdout
@@ -534,7 +534,7 @@ def test_a_changed_model_is_not_gone_on_with_unasked(net):
     assert run("resume", "changed.h5", "--quiet", cwd=net).status == ALL_CONVERGED
 
 
-def test_a_file_that_does_not_tell_its_model_says_what_to_do(net):
+def test_a_file_without_its_model_says_what_to_do(net):
     """Like files from before models had identifiers."""
     (net / "older.nml").write_text(NET)
     assert run("solve", "older.nml", "--overwrite", "--quiet", "--time-limit", "0", cwd=net).status == INCOMPLETE

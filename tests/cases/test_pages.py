@@ -78,7 +78,7 @@ def test_site_has_every_page():
     assert not missing, f"docs/site/index.md does not have {', '.join(missing)}"
 
 
-def test_license_is_told_where_it_is_looked_for():
+def test_license_is_given_where_it_is_looked_for():
     assert "GNU GENERAL PUBLIC LICENSE\n                       Version 3" in (ROOT / "LICENSE").read_text(encoding="utf-8")
     for name in ("README.md", "CITATION.cff", "CONTRIBUTING.md", "pyproject.toml"):
         assert "GPL-3.0-or-later" in (ROOT / name).read_text(encoding="utf-8"), name

@@ -83,5 +83,5 @@ def test_chains_are_solved_by_one_rank(source):
         (["--cost-from", "none.h5"], "--cost-from 'none.h5'"),
     ],
 )
-def test_mistakes_are_told(source, options, message):
+def test_mistakes_are_reported(source, options, message):
     assert message in plan(source, *options, status=2).stderr

@@ -103,7 +103,7 @@ MODEL = """&structure type = 'beam', length = 1.0, bending_stiffness = 1750.0, m
 
 
 @pytest.mark.long  # seconds
-def test_what_a_file_says_wrongly_is_told(tmp_path):
+def test_what_a_file_says_wrongly_is_reported(tmp_path):
     """Points of a beam agree with exact time integration; one whose coefficients are changed by 2 % does not."""
     (tmp_path / "model.nml").write_text(MODEL)
     result = tmp_path / "model.h5"

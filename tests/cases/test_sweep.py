@@ -287,7 +287,7 @@ def test_points_without_a_way_start_alone(keys, tmp_path):
 
 
 @pytest.mark.parametrize("ranks, is_reported", [(1, False), (2, True)])
-def test_ranks_without_a_chain_are_told(ranks, is_reported, tmp_path):
+def test_ranks_without_a_chain_are_reported(ranks, is_reported, tmp_path):
     (tmp_path / "case.nml").write_text(DUFFING)
     done = run("solve", "case.nml", cwd=tmp_path, ranks=ranks)
     assert ("note: 1 chain of points for 2 ranks" in done.stdout) == is_reported
@@ -295,7 +295,7 @@ def test_ranks_without_a_chain_are_told(ranks, is_reported, tmp_path):
 
 @pytest.mark.parametrize("ranks", [1, 3])
 @pytest.mark.parametrize("length", [200, 70])
-def test_jumps_are_told_and_stored(length, ranks, tmp_path):
+def test_jumps_are_reported_and_stored(length, ranks, tmp_path):
     """A line falls off the upper branch, in one chain after its peak, otherwise where the next chain begins below; the line of a
     small load has one branch. This does not depend on the ranks."""
     source = tmp_path / "case.nml"
@@ -424,7 +424,7 @@ def test_input_complete_gives_the_same_bits(text, tmp_path):
     first = solve(text, tmp_path, *fixed, name="first")
     with Results(first) as results:
         complete = results.input_complete
-    for key in ("two_sided", "max_iterations", "planning", "left_support"):
+    for key in ("two_sided", "max_iterations", "primary_method", "left_support"):
         assert key in complete, "defaults stand in it"
     again = solve(complete, tmp_path, name="again")
     if text is WALL:
@@ -468,7 +468,7 @@ def test_xarray_selects_without_our_package(engine, grid):
         assert {"units", "long_name"} <= set(data["worker_solving_seconds"].attrs)
 
 
-def test_every_dataset_tells_its_unit(tmp_path):
+def test_every_dataset_reports_its_unit(tmp_path):
     """As shown by h5dump: a unit and a description for each dataset, and scales along each axis."""
     result = solve(GRID + "&output samples = 12 /\n&sweep parameter = 'solver%method', texts = 'newton' /\n", tmp_path)
     with h5py.File(result, "r") as file:

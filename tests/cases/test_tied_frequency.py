@@ -121,7 +121,7 @@ def test_a_normal_mode_follows_too(tmp_path):
 
 
 @pytest.mark.parametrize(("offset", "says"), [(-0.26, "agrees with the values that follow it by a &tie"), (-1.1, "was not found")])
-def test_a_tie_that_no_motion_satisfies_is_told(offset, says, tmp_path):
+def test_a_tie_that_no_motion_satisfies_is_reported(offset, says, tmp_path):
     """omega**2 = k = omega + offset has no root below -1/4; below -1 the stiffness of the first guess is negative."""
     text = (
         "&structure type='matrices', n_dofs=1, mass=1, stiffness=1 /\n"

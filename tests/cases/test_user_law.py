@@ -232,7 +232,7 @@ def test_exit_of_a_law_is_no_success(ending, verb, tmp_path):
 
 @pytest.mark.parametrize("ending", ["abort();", "raise(SIGSEGV);", "raise(SIGFPE);"])
 @pytest.mark.parametrize("place", ["info", "body"])
-def test_signals_during_check_are_told(place, ending, tmp_path):
+def test_signals_during_check_are_reported(place, ending, tmp_path):
     done = run("check", "rogue.nml", cwd=rogue(tmp_path, **{place: ending}))
     if "AddressSanitizer" in done.stderr:
         pytest.skip("the address sanitizer has its own handlers")

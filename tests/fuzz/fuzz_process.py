@@ -1,6 +1,6 @@
-"""Runs nhbm itself on what is damaged: inputs, laws in shared libraries, wisdom of FFTW, result files.
+"""Runs nhbm itself on what is damaged: inputs, laws in shared libraries, result files.
 
-    python tests/fuzz/fuzz_process.py NHBM [--count N] [--first K] [--seed S] [--kinds input,law,wisdom,result,content]
+    python tests/fuzz/fuzz_process.py NHBM [--count N] [--first K] [--seed S] [--kinds input,law,result,content]
 
 Each case is a process of its own. It has to end with an exit status that docs/user/running.md lists, with a message where that
 is 2, within 10 s of processor time and 1 GiB of resident memory; never by a signal, never with a trace of the Fortran
@@ -29,7 +29,7 @@ from pathlib import Path
 from fuzz_results import damaged
 
 ROOT = Path(__file__).resolve().parents[2]
-KINDS = ("input", "law", "wisdom", "result", "content")
+KINDS = ("input", "law", "result", "content")
 ALLOWED = {"check": {0, 1, 2}, "solve": {0, 1, 2, 3}, "resume": {0, 1, 2, 3}, "info": {0, 2, 3}, "verify": {0, 1, 2}}
 READERS = (["info"], ["info", "--check"], ["resume"], ["verify", "--points", "1", "--periods", "2"])
 HUGE = 300_000_000  # rows of a dataset that holds none of them
@@ -140,9 +140,6 @@ class Campaign:
             (folder / f"{name}.nml").write_text(text)
             self._make("solve", f"{name}.nml", "--overwrite", status=0)
         self.results = [(folder / f"{name}.h5").read_bytes() for name in ("whole", "begun", *OTHER_RESULTS)]
-        (folder / "wise.nml").write_text(MODEL + SPRING + "&sampling planning = 'measure', wisdom = 'plans.fftw' /\n")
-        self._make("solve", "wise.nml", status=0)
-        self.wisdom = (folder / "plans.fftw").read_bytes()
         self.library = self._build_laws()
 
     def _make(self, *words: str, status: int) -> None:
@@ -218,30 +215,6 @@ class Campaign:
         (self.folder / "case.nml").write_text(MODEL + law)
         verb = generator.choice(("check", "solve"))
         return Case(f"law {how} {name[:30]}", [verb, "case.nml", *LIMITED])
-
-    def _prepare_wisdom(self, generator: random.Random) -> Case:
-        path, data = self.folder / "case.fftw", self.wisdom
-        how = generator.choice(("bytes", "bytes", "cut", "numbers", "numbers", "doubled", "garbage", "long", "empty", "folder"))
-        if how == "bytes":
-            data = damaged(data, generator)
-        elif how == "cut":
-            data = data[: generator.randrange(len(data))]
-        elif how == "numbers":
-            data = mutated(data, [data], generator, numbers_only=True)
-        elif how == "doubled":
-            data = data + data
-        elif how == "garbage":
-            data = generator.randbytes(generator.randint(1, 5000))
-        elif how == "long":
-            data = data[:20] + generator.choice((b"x", b"(", b"9", b" ", b"#")) * generator.randint(1, 200_000) + data[20:]
-        elif how == "empty":
-            data = b""
-        if how == "folder":
-            path.mkdir()
-        else:
-            path.write_bytes(data)
-        (self.folder / "case.nml").write_text(MODEL + SPRING + "&sampling planning = 'measure', wisdom = 'case.fftw' /\n")
-        return Case(f"wisdom {how}", ["solve", "case.nml"])
 
     def _prepare_result(self, generator: random.Random) -> Case:
         (self.folder / "damaged.h5").write_bytes(damaged(generator.choice(self.results), generator))

@@ -160,12 +160,12 @@ contains
    end subroutine parametric_derivative
 
    pure function deformed_parameters(self, which) result(values)
-      use hb_problem, only: deformation_places
+      use hb_problem, only: deformation_positions
       class(deformed_t), intent(in) :: self
       integer, intent(in) :: which(:)
       real(wp) :: values(size(which))
 
-      values = deformation_places(self, which)
+      values = deformation_positions(self, which)
    end function deformed_parameters
 
    subroutine deformed_set_parameters(self, which, values, is_possible)

@@ -122,7 +122,7 @@ contains
          call new_dynamic_stiffness(stiffness, model%structure, coordinates_of(model), frequencies, model%loads, error)
          if (allocated(error)) return
          call new_balance(balance, model%harmonics, model%torus, model%tones%omega, stiffness, &
-                          laws_at(stiffness%coordinates, model%laws), model%planning, error)
+                          laws_at(stiffness%coordinates, model%laws), error)
       end associate
    end subroutine balance_of
 
@@ -140,7 +140,7 @@ contains
                                  wanted_slopes_t(.true., loads=model%load_slopes))
          if (allocated(error)) return
          call new_balance(balance, model%harmonics, model%torus, omega, stiffness, &
-                          laws_at(stiffness%coordinates, model%laws), model%planning, error)
+                          laws_at(stiffness%coordinates, model%laws), error)
       end associate
    end subroutine balance_at
 

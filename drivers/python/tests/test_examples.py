@@ -77,7 +77,7 @@ def test_sizes_without_elements_are_refused(words, tmp_path, capsys):
     assert capsys.readouterr().err.startswith("nhbm-model: ") and not (tmp_path / "x.h5").exists()
 
 
-def test_a_file_that_stands_in_the_way_is_told_before_the_work(tmp_path, capsys, monkeypatch):
+def test_a_file_that_stands_in_the_way_is_reported_before_the_work(tmp_path, capsys, monkeypatch):
     path = tmp_path / "x.h5"
     path.write_text("mine")
     monkeypatch.setattr("nhbm.command.run_example", lambda options: pytest.fail("work was done"))

@@ -49,7 +49,7 @@ def test_mass_that_is_not_symmetric_is_refused(chain):
         reduce(dataclasses.replace(chain, mass=mass), ["contact.z"], 3)
 
 
-def test_kept_degrees_of_freedom_that_move_as_one_are_told(chain):
+def test_kept_degrees_of_freedom_that_move_as_one_are_reported(chain):
     link = np.zeros((12, 12))
     link[np.ix_([3, 4], [3, 4])] = [[1e20, -1e20], [-1e20, 1e20]]
     rigid = dataclasses.replace(chain, stiffness=chain.stiffness + sp.csr_matrix(link))
@@ -67,7 +67,7 @@ def test_static_answer_is_exact(block, method):
 
 
 @pytest.mark.parametrize("method", MODAL)
-def test_error_that_is_told_is_the_true_one(block, method):
+def test_error_that_is_reported_is_the_true_one(block, method):
     reduced = reduce(block, ["right.z"], 8, method)
     names = [block.labels[dof] for dof in block.dofs_of("right.z")]
     report = compare(block, reduced, [5.0e3, 3.0e4])
@@ -79,7 +79,7 @@ def test_error_that_is_told_is_the_true_one(block, method):
 
 
 @pytest.mark.parametrize("method", MODAL)
-def test_largest_error_that_is_told_is_that_of_the_band(block, method):
+def test_largest_error_that_is_reported_is_that_of_the_band(block, method):
     """Within a factor of ten of the largest of many frequencies and all resonances of both models."""
     reduced = reduce(block, ["right.z"], 6, method)
     up_to = 6.0e4
@@ -218,7 +218,7 @@ def test_superlu_where_there_is_no_cholmod(block, monkeypatch):
 
 
 @pytest.mark.parametrize("method", MODAL)
-def test_error_of_a_body_that_turns_is_told_at_its_whirls(block, method):
+def test_error_of_a_body_that_turns_is_reported_at_its_whirls(block, method):
     """A bar with Coriolis terms about its axis: within a factor of ten of the largest of many frequencies and all whirls."""
     at = {(node, d): i for i, (node, d) in enumerate(zip(block.dof_node, block.dof_direction))}
     across = np.zeros((block.n_dofs, block.n_dofs))

@@ -1,14 +1,12 @@
-!> Function through given points (x_i, y_i) by a monotone cubic: no overshoot between points, and a continuous slope.
-!>
-!> Beyond the points it continues with the slope of the end, or stays constant.
+!> Tables (x_i, y_i): search, and the function through the points by a monotone cubic, which has no overshoot between points and
+!> a continuous slope. Beyond the points it continues with the slope of the end, or stays constant.
 !> Source: Fritsch and Carlson, SIAM J. Numer. Anal. 17 (1980) 238-246: three-point slopes, limited to the circle of radius
 !> 3 in their figure 2; docs/why/theory.md, section 5.1.
-module hb_monotone_cubic
-   use hb_interval, only: interval_of
+module hb_interpolation
    use hb_kinds, only: wp
    implicit none
    private
-   public :: monotone_cubic_t, new_monotone_cubic
+   public :: interval_of, is_ascending, monotone_cubic_t, new_monotone_cubic
 
    type :: monotone_cubic_t
       real(wp), allocatable :: nodes(:)                               !! x_i, ascending, at least two
@@ -101,4 +99,29 @@ contains
          slope = s_1 + t*(2.0_wp*(3.0_wp*secant - 2.0_wp*s_1 - s_2) + 3.0_wp*t*(s_1 + s_2 - 2.0_wp*secant))
       end associate
    end subroutine monotone_cubic_on_interval
-end module hb_monotone_cubic
+
+   !> Number of nodes at or below z, 0 to size(nodes), by bisection.
+   pure integer function interval_of(nodes, z) result(low)
+      real(wp), intent(in) :: nodes(:)                                !! ascending
+      real(wp), intent(in) :: z
+      integer :: high, middle
+
+      low = 0
+      high = size(nodes) + 1
+      do while (high - low > 1)
+         middle = (low + high)/2
+         if (nodes(middle) <= z) then
+            low = middle
+         else
+            high = middle
+         end if
+      end do
+   end function interval_of
+
+   !> Whether every node is greater than the previous one.
+   pure logical function is_ascending(nodes)
+      real(wp), intent(in) :: nodes(:)
+
+      is_ascending = all(nodes(2:) > nodes(:size(nodes) - 1))
+   end function is_ascending
+end module hb_interpolation

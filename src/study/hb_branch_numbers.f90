@@ -1,6 +1,6 @@
 !> Numbers the branches of a run in its result file when all of its points are complete: a jump is assessed from the
 !> points on both sides of it, which different ranks may have solved.
-module hb_branch_marks
+module hb_branch_numbers
    use hb_branches, only: is_reported, jumps_between, line_t, new_line
    use hb_error, only: error_t
    use hb_kinds, only: wp
@@ -78,14 +78,14 @@ contains
          if (allocated(error)) return
          do i = 1, n
             if (.not. is_solved(status(i))) cycle
-            associate (place => first + i - 2)
-               is_jump = last/chain == place/chain .and. is_reported(last_branch, known_branch(i))
-               call line%add(place + 1, plan%fastest_value(before + place + 1), motion(:, i), is_jump)
-               last = place
+            associate (position => first + i - 2)
+               is_jump = last/chain == position/chain .and. is_reported(last_branch, known_branch(i))
+               call line%add(position + 1, plan%fastest_value(before + position + 1), motion(:, i), is_jump)
+               last = position
             end associate
             last_branch = known_branch(i)
          end do
       end do
       call line%number(branch)
    end subroutine number_line
-end module hb_branch_marks
+end module hb_branch_numbers
