@@ -381,8 +381,8 @@ contains
             self%curve%problem%row_at = 2
             self%curve%problem%values(2) = 1.0_wp
          else if (mode%is_requested) then
-            functionals(:n, :2) = amplitude_functionals(set, n_dofs, self%problem%stiffness%coordinates%number_of(mode%dof), which(1), &
-                                            mode%is_peak)
+            functionals(:n, :2) = amplitude_functionals(set, n_dofs, self%problem%stiffness%coordinates%number_of(mode%dof), &
+                                                        which(1), mode%is_peak)
             self%curve%problem%values(2) = mode%amplitude
             if (self%problem%moves_mode) then
                functionals(size(functionals, 1), 2) = -1.0_wp

@@ -348,8 +348,8 @@ contains
       allocate (functionals(size(u), size(known%which)))
       associate (set => problem%harmonics, dofs => known%model%phase_dofs, mode => known%model%normal_mode)
          if (mode%is_requested) then
-            functionals = amplitude_functionals(set, problem%n_dofs, problem%stiffness%coordinates%number_of(mode%dof), known%tones(1), &
-                                    mode%is_peak)
+            functionals = amplitude_functionals(set, problem%n_dofs, problem%stiffness%coordinates%number_of(mode%dof), &
+                                                known%tones(1), mode%is_peak)
             return
          end if
          do i = 1, size(known%tones)
