@@ -206,11 +206,10 @@ def _label_stems(ax, x, tuples, amplitudes, span, limit=16) -> None:
             break
         half_width = span * 0.027 * len(tuple_text(tuples[k])) / inches
         level = np.log10(amplitudes[k])
-        is_crossed = amplitudes[k] < amplitudes[np.abs(x - x[k]) < 0.75 * half_width].max()
-        is_over_text = any(
-            abs(x[k] - a) < half_width + b and abs(level - c) < 0.06 * decades for a, b, c in placed
-        )
-        if is_crossed or is_over_text:
+        sides = {"left": x[k] + half_width} if x[k] < half_width else {"center": x[k], "right": x[k] - half_width}
+        text = half_width, level, 0.06 * decades
+        free = [(side, centre) for side, centre in sides.items() if _is_free(centre, *text, x, amplitudes, placed)]
+        if not free:
             continue
         ax.annotate(
             tuple_text(tuples[k]),
@@ -218,12 +217,18 @@ def _label_stems(ax, x, tuples, amplitudes, span, limit=16) -> None:
             xytext=(0, 4),
             textcoords="offset points",
             size=7.5,
-            ha="left" if x[k] < half_width else "center",
+            ha=free[0][0],
             va="bottom",
             color=style.INK,
             path_effects=[withStroke(linewidth=2.0, foreground="white")],
         )
-        placed.append((x[k], half_width, level))
+        placed.append((free[0][1], half_width, level))
+
+
+def _is_free(centre: float, half_width: float, level: float, height: float, x, amplitudes, placed) -> bool:
+    """Whether a text crosses no taller stem and overlaps none of the placed texts."""
+    is_crossed = level < np.log10(amplitudes[np.abs(x - centre) < 0.75 * half_width].max(initial=1e-300))
+    return not is_crossed and not any(abs(centre - a) < half_width + b and abs(level - c) < height for a, b, c in placed)
 
 
 def _draw_bars(fig, tuples: np.ndarray, amplitudes: np.ndarray, norm: LogNorm, label: str) -> None:
@@ -236,7 +241,6 @@ def _draw_bars(fig, tuples: np.ndarray, amplitudes: np.ndarray, norm: LogNorm, l
     width = 0.78
     # Seen from the empty half, so that the largest bars are in front. One call per bar, the farthest first, because matplotlib
     # sorts faces, not bars, and would draw tall bars over short ones in front of them.
-    # matplotlib sorts faces, not bars, and would draw tall bars over short ones before them.
     azimuth = -130.0
     towards_viewer = tuples @ np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))])
     for rank, k in enumerate(np.argsort(towards_viewer, kind="stable")):
