@@ -23,6 +23,7 @@ STATUSES = (
 SOLVED = (1, 7, 8, 9, 16, 18)  # a motion of the tones is stored, if not always within what was asked for
 CUT_SHORT = 8  # as `reason`: a curve continues beyond its last point
 UNUSED, FAILED = STATUSES.index("unused"), STATUSES.index("failed")  # a row of a curve that was not needed
+COLLAPSED = STATUSES.index("collapsed")  # at the end of a curve: the motion vanishes there
 KINDS = (
     "none regular start fold peak value end branch flip torus split graze minimum amplitude resonance"
 ).split()  # of the points of a curve
