@@ -3,7 +3,7 @@
 module model_warnings
    use hb_certificate, only: near_commensurate
    use hb_document, only: document_t, parameter_t
-   use hb_kinds, only: wp
+   use hb_kinds, only: two_pi, wp
    use hb_model, only: model_t
    use hb_properties, only: properties_t
    use hb_sweep_plan, only: sweep_plan_t
@@ -35,7 +35,8 @@ contains
       character(:), allocatable :: text
       type(properties_t), pointer :: group
       type(parameter_t) :: moving
-      character(:), allocatable :: name, path
+      character(:), allocatable :: name, path, to
+      real(wp) :: factor
       integer :: i
 
       text = ""
@@ -56,10 +57,17 @@ contains
       do i = 1, document%count("tie")
          group => document%group("tie", i)
          call group%get("parameter", path)
-         if (index(path, "%speed") > 0) return
+         if (index(path, "%speed") == 0) cycle
+         call group%get("to", to)
+         call group%get("factor", factor)
+         if (index(to, "tones%hertz") == 1 .and. abs(factor - 1.0_wp) <= rounding) text = path//" [rad/s] follows "//to// &
+            " [Hz] with the factor 1; if they are the same frequency: factor = "//to_text(two_pi)
+         return
       end do
       text = name//"%speed is constant while tones%"//trim(moving%key)//" moves; if they belong together: "// &
-         "&tie parameter = '"//name//"%speed', to = 'tones%"//trim(moving%key)//"' /"
+         "&tie parameter = '"//name//"%speed', to = 'tones%"//trim(moving%key)//"'"
+      if (moving%key == "hertz") text = text//", factor = "//to_text(two_pi)
+      text = text//" /"
 
    contains
 
