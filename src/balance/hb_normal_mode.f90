@@ -213,7 +213,7 @@ contains
       type(goal_t), intent(in) :: goal
       real(wp), intent(inout) :: u(:, :)
       type(error_t), allocatable :: error
-      complex(wp) :: functional(size(u, 2))
+      complex(wp) :: deflection(size(u, 2))
       real(wp) :: omega(size(search%balance%omega)), xi(size(search%balance%omega))
       integer :: h
 
@@ -230,11 +230,11 @@ contains
             search%message = error%message
             return
          end if
-         call scale_mode(search, goal, h, functional)
+         call scale_mode(search, goal, h, deflection)
          if (search%report%status == outcome%no_motion) return
          u = search%base%u
-         u(set%cos_at(h), :) = u(set%cos_at(h), :) + goal%share*real(functional)
-         u(set%sin_at(h), :) = u(set%sin_at(h), :) - goal%share*aimag(functional)
+         u(set%cos_at(h), :) = u(set%cos_at(h), :) + goal%share*real(deflection)
+         u(set%sin_at(h), :) = u(set%sin_at(h), :) - goal%share*aimag(deflection)
       end associate
    end subroutine start_on_mode
 
@@ -258,18 +258,18 @@ contains
 
    !> Shape of the linear mode at the laws [m], as large as it would be at the goal if the laws were linear; sets the
    !> balance to the frequency of the mode. The status is `no_motion` if it is undefined.
-   subroutine scale_mode(search, goal, h, functional)
+   subroutine scale_mode(search, goal, h, deflection)
       type(search_t), intent(inout) :: search
       type(goal_t), intent(in) :: goal
       integer, intent(in) :: h                                        !! the fundamental
-      complex(wp), intent(out) :: functional(:)                       !! (n_dofs)
+      complex(wp), intent(out) :: deflection(:)                       !! (n_dofs)
       real(wp) :: energy, length
       real(wp), allocatable :: u(:, :)
 
-      functional = search%base%modes%shapes(:, search%modes(1))
+      deflection = search%base%modes%shapes(:, search%modes(1))
       if (.not. allocated(goal%energy)) then
-         if (abs(functional(goal%dof)) > 1.0e-8_wp*maxval(abs(functional))) then
-            functional = functional/functional(goal%dof)*goal%value
+         if (abs(deflection(goal%dof)) > 1.0e-8_wp*maxval(abs(deflection))) then
+            deflection = deflection/deflection(goal%dof)*goal%value
          else
             search%report%status = outcome%no_motion
             search%message = "the linear mode has a node where the amplitude is measured; choose another mode or dof"
@@ -282,15 +282,15 @@ contains
          return
       end if
       length = first_amplitude*search%length
-      functional = length*functional/functional(maxloc(abs(functional), dim=1))
+      deflection = length*deflection/deflection(maxloc(abs(deflection), dim=1))
       u = search%base%u
       associate (set => search%balance%harmonics)
-         u(set%cos_at(h), :) = u(set%cos_at(h), :) + real(functional)
-         u(set%sin_at(h), :) = u(set%sin_at(h), :) - aimag(functional)
+         u(set%cos_at(h), :) = u(set%cos_at(h), :) + real(deflection)
+         u(set%sin_at(h), :) = u(set%sin_at(h), :) - aimag(deflection)
       end associate
       energy = goal%energy%value(search%balance, u)
       if (energy > 0.0_wp) then
-         functional = sqrt(goal%value/energy)*functional
+         deflection = sqrt(goal%value/energy)*deflection
       else
          search%report%status = outcome%no_motion
          search%message = "a small motion in the linear mode has no energy; choose another mode"
