@@ -8,9 +8,9 @@ module hb_curve_gradient
    use hb_curve, only: event_t
    use hb_curve_events, only: fold_event_t
    use hb_curve_request, only: curve_kind
-   use hb_curve_step, only: bifurcation_event_t, response_event_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t
+   use hb_event_location, only: bifurcation_event_t, response_event_t
    use hb_followed_motion, only: followed_motion_t, waiting_t
    use hb_gradient, only: differentiable_t, find_gradient, keep_slope, refine, zero_gradient
    use hb_kinds, only: wp

@@ -90,9 +90,8 @@ module hb_followed_motion
       type(model_problem_t), allocatable :: odd_problem               !! of odd motions alone, if the equations are odd
       integer, allocatable :: odd_indices(:)                          !! positions of its unknowns among those of the problem
       real(wp), allocatable :: weights(:)                             !! typical motion, (unknowns of the balance)
-      integer :: i_branch = 1                                         !! number of the branch: 1 and 2 from the start; 2 k + 1
-                                                                      !! and 2 k + 2 along the other curve from the k-th branch
-                                                                      !! point, or from a separate motion
+      integer :: branch = 0                                           !! origin of this branch; 0: the start
+      logical :: is_reversed = .false.                                !! it is the second of the two from its origin
       type(origin_t), allocatable :: origins(:) !! branch points on the branches from the start, separate motions
       type(origin_t) :: branch_start                                  !! start of this branch
       type(origin_t) :: start                                         !! the same on the present set
@@ -122,7 +121,7 @@ module hb_followed_motion
       procedure :: square_at => followed_motion_square_at
       procedure :: find_series => followed_motion_find_series
       procedure :: find_stability => followed_motion_find_stability
-      procedure :: count_impacts => followed_motion_count_impacts
+      procedure :: find_contact => followed_motion_find_contact
       procedure :: prepare_step => followed_motion_prepare_step
       procedure :: transfer_start => followed_motion_transfer_start
       procedure :: describe => followed_motion_describe
@@ -452,7 +451,7 @@ contains
          known%rise = self%curve%direction(size(x))
          known%functions = [(self%function_at(responses(i), x, self%curve%direction), i=1, size(responses))]
          call self%find_stability(x, self%model%stability%tolerance, known%stability)
-         call find_extremes(self%problem, x, known%extremes)
+         call self%find_contact(x, known)
       end associate
    end subroutine followed_motion_evaluate_here
 
@@ -551,14 +550,14 @@ contains
       call find_stability(self%problem, x, tolerance, stability, is_integrated)
    end subroutine followed_motion_find_stability
 
-   !> Impacts of each wall in a period, for unknowns that are a state.
-   subroutine followed_motion_count_impacts(self, x, impacts)
+   !> Extremes of the switching functions at a point of the curve.
+   subroutine followed_motion_find_contact(self, x, known)
       class(followed_motion_t), intent(inout), target :: self
       real(wp), intent(in) :: x(:)
-      integer, allocatable, intent(out) :: impacts(:)
+      type(known_t), intent(inout) :: known
 
-      allocate (impacts(0))
-   end subroutine followed_motion_count_impacts
+      call find_extremes(self%problem, x, known%extremes)
+   end subroutine followed_motion_find_contact
 
    !> Prepares the problem at the present point, so that a stored curve also continues from there.
    subroutine followed_motion_prepare_step(self)
@@ -648,15 +647,15 @@ contains
    pure logical function followed_motion_has_left_branch(self) result(has)
       class(followed_motion_t), intent(in) :: self
 
-      has = self%i_branch > 2
-      if (has) has = .not. self%origins((self%i_branch - 1)/2)%is_apart
+      has = self%branch > 0
+      if (has) has = .not. self%origins(self%branch)%is_apart
    end function followed_motion_has_left_branch
 
    !> 1 on the first of two branches from one point, -1 on the other.
    pure real(wp) function followed_motion_sense(self) result(sense)
       class(followed_motion_t), intent(in) :: self
 
-      sense = merge(1.0_wp, -1.0_wp, modulo(self%i_branch, 2) == 1)
+      sense = merge(-1.0_wp, 1.0_wp, self%is_reversed)
    end function followed_motion_sense
 
    !> Frees the balance; safe to call twice.

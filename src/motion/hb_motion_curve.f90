@@ -188,7 +188,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       self%request = request
-      self%i_branch = 1
+      self%branch = 0
+      self%is_reversed = .false.
       is_found = .false.
       call self%prepare(model, document, further_of(position, model), level_of(model, position), error)
       if (allocated(error)) return
@@ -228,9 +229,9 @@ contains
          call store_met_motion(self, stored(i)%unknowns, level)
       end do
       associate (last => stored(size(stored)))
-         self%i_branch = 2*last%branch + merge(2, 1, last%length < 0.0_wp .or. &
-                                               (last%branch > 0 .and. count(stored%kind == curve_kind%start .and. &
-                                                                       stored%branch == last%branch) > 1))
+         self%branch = last%branch
+         self%is_reversed = last%length < 0.0_wp .or. &
+                            (last%branch > 0 .and. count(stored%kind == curve_kind%start .and. stored%branch == last%branch) > 1)
          call self%start_branch(error)
          if (allocated(error)) return
          self%n_reported = size(stored)
@@ -311,10 +312,10 @@ contains
       real(wp), allocatable :: direction(:)
 
       self%branch_start = self%first
-      if (self%i_branch > 2) self%branch_start = self%origins((self%i_branch - 1)/2)
+      if (self%branch > 0) self%branch_start = self%origins(self%branch)
       if (self%model%accuracy%is_on) call self%put_on(self%branch_start%level, error)
       if (allocated(error)) return
-      if (self%i_branch <= 2 .and. allocated(self%first%direction)) then
+      if (self%branch == 0 .and. allocated(self%first%direction)) then
          direction = self%first%direction
       else if (self%has_left_branch()) then
          direction = self%branch_start%direction
@@ -363,30 +364,32 @@ contains
       end associate
    end subroutine switch_curve
 
-   !> Ends this branch; the next one follows if there is one, along another curve after a row for its start.
+   !> Ends this branch; the next one follows if there is one: the other one from the same origin, or along another curve
+   !> after a row for its start.
    subroutine leave(self, error)
       class(motion_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: x(:)
-      logical :: is_found
+      logical :: is_found, is_last
 
-      if (self%is_closed .and. modulo(self%i_branch, 2) == 1) self%i_branch = self%i_branch + 1 ! the other branch would be the same
+      is_last = self%is_reversed .or. self%is_closed                  ! along a closed curve the other would be the same
+      associate (request => self%request)                             ! from an origin the other has the same motions, shifted
+         if (self%branch == 0) is_last = is_last .or. allocated(request%origin) .or. &
+                                         (request%start - request%from)*(request%start - request%to) >= 0.0_wp
+      end associate
       self%is_closed = .false.
       self%ends_here = .false.
-      self%i_branch = self%i_branch + 1
-      associate (request => self%request) ! the other branch from an origin has the same motions, shifted
-         if (self%i_branch == 2 .and. ((request%start - request%from)*(request%start - request%to) >= 0.0_wp .or. &
-                                       allocated(request%origin))) self%i_branch = 3
-      end associate
-      if (self%i_branch > 2*(1 + size(self%origins)) .and. self%n_reported + 1 < self%request%n_points) then
+      self%is_reversed = .not. is_last
+      if (is_last) self%branch = self%branch + 1
+      if (self%branch > size(self%origins) .and. self%n_reported + 1 < self%request%n_points) then
          call search_separate(self, self%met, x, is_found, error)
          if (allocated(error)) return
          if (is_found) self%origins = [self%origins, origin_t(.true., x, 0.0_wp*x, self%level)]
       end if
-      self%is_done = self%i_branch > 2*(1 + size(self%origins))
+      self%is_done = self%branch > size(self%origins)
       if (self%is_done) return
       call self%start_branch(error)
-      if (self%i_branch > 2 .and. .not. allocated(error)) call put_start(self)
+      if (self%branch > 0 .and. .not. allocated(error)) call put_start(self)
    end subroutine leave
 
    !> Makes the start of this branch the only waiting point.
@@ -537,7 +540,7 @@ contains
       position%kind = point%kind
       position%parameter = point%x(size(point%x))
       position%length = self%sense()*(self%length + point%position)
-      position%branch = (self%i_branch - 1)/2
+      position%branch = self%branch
       position%unknowns = self%pack(point%x)
       if (self%model%accuracy%is_on) then
          position%tuples = self%level%set%tuples
@@ -552,7 +555,7 @@ contains
          position%orientation = self%curve%orientation
          position%largest_motion = self%largest
       case (curve_kind%branch)
-         if (self%request%switches .and. self%i_branch <= 2) &
+         if (self%request%switches .and. self%branch == 0) &
             self%origins = [self%origins, origin_t(.false., position%unknowns, position%direction, self%level)]
       case (curve_kind%amplitude, curve_kind%resonance)
          position%response = point%response

@@ -55,10 +55,9 @@ module hb_impact_curve
       procedure :: prepare_step => impact_curve_prepare_step
       procedure :: transfer_start => impact_curve_transfer_start
       procedure :: renew => impact_curve_renew
-      procedure :: evaluate_here => impact_curve_evaluate_here
       procedure :: find_series => impact_curve_find_series
       procedure :: find_stability => impact_curve_find_stability
-      procedure :: count_impacts => impact_curve_count_impacts
+      procedure :: find_contact => impact_curve_find_contact
       procedure :: describe => impact_curve_describe
       procedure :: pack => impact_curve_pack
       procedure :: destroy => impact_curve_destroy
@@ -270,13 +269,13 @@ contains
    !> Whether a wall is struck a different number of times shortly behind the point of the curve.
    logical function grazes_ahead(self)
       class(impact_curve_t), intent(inout), target :: self
-      integer, allocatable :: impacts(:)
+      type(known_t) :: known
       integer :: i
 
       grazes_ahead = .false.
       do i = 1, 4
-         call self%count_impacts(self%curve%x + 0.25_wp*i*self%request%longest_step*self%curve%direction, impacts)
-         grazes_ahead = grazes_ahead .or. any(impacts /= self%known%impacts)
+         call self%find_contact(self%curve%x + 0.25_wp*i*self%request%longest_step*self%curve%direction, known)
+         grazes_ahead = grazes_ahead .or. any(known%impacts /= self%known%impacts)
       end do
    end function grazes_ahead
 
@@ -359,19 +358,6 @@ contains
       end associate
    end subroutine impact_curve_renew
 
-   !> Computes the quantities at the point of the curve that events compare.
-   subroutine impact_curve_evaluate_here(self, known)
-      class(impact_curve_t), intent(inout), target :: self
-      type(known_t), intent(out) :: known
-      integer :: i
-
-      known%rise = self%curve%direction(size(self%curve%x))
-      known%functions = [(self%function_at(self%request%responses(i), self%curve%x, self%curve%direction), &
-                          i=1, size(self%request%responses))]
-      call self%find_stability(self%curve%x, accurate, known%stability)
-      call self%count_impacts(self%curve%x, known%impacts)
-   end subroutine impact_curve_evaluate_here
-
    !> Amplitudes of the degree of freedom of a response; none if the value is rejected.
    subroutine impact_curve_find_series(self, response, x, set, c, load)
       class(impact_curve_t), intent(inout), target :: self
@@ -402,17 +388,17 @@ contains
    end subroutine impact_curve_find_stability
 
    !> Impacts of each wall in a period at a point of the curve.
-   subroutine impact_curve_count_impacts(self, x, impacts)
+   subroutine impact_curve_find_contact(self, x, known)
       class(impact_curve_t), intent(inout), target :: self
       real(wp), intent(in) :: x(:)
-      integer, allocatable, intent(out) :: impacts(:)
+      type(known_t), intent(inout) :: known
       real(wp) :: r(self%orbit%n_unknowns)
       logical :: is_possible
 
       call self%orbit%set_parameters([1], x(size(x):), is_possible)
       if (is_possible) call self%orbit%residual(x(:size(x) - 1), r)
-      impacts = self%orbit%impacts
-   end subroutine impact_curve_count_impacts
+      known%impacts = self%orbit%impacts
+   end subroutine impact_curve_find_contact
 
    !> Frees the equations of motion; safe to call twice.
    subroutine impact_curve_destroy(self)

@@ -1,0 +1,570 @@
+!> Location of the events on a completed step of a curve of motions: folds, peaks, grazes, bifurcations, wanted values and
+!> ends.
+module hb_event_location
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
+   use hb_curve, only: curve_t, event_t
+   use hb_curve_events, only: branch_event_t, fold_event_t, graze_event_t, value_event_t
+   use hb_curve_request, only: curve_kind, located_response_t
+   use hb_followed_motion, only: followed_motion_t, known_t, waiting_t
+   use hb_kinds, only: wp
+   use hb_stability, only: bifurcation, bifurcation_value, is_torus, stability_method, stability_t
+   use hb_thresholds, only: agreement, minor, next_to_none, rounding, sharp
+   implicit none
+   private
+   public :: bifurcation_event_t, find_events, response_event_t
+
+   real(wp), parameter :: at_value = 1.0e-13_wp                       ! of the range: tolerance of a wanted value
+   real(wp), parameter :: uncertain = 100.0_wp ! times the tolerance of multipliers: distance from the unit circle
+   integer, parameter :: kind_of(3) = [curve_kind%split, curve_kind%flip, curve_kind%torus]   ! of each kind of bifurcation
+
+   !> The step, and the state of the search.
+   type :: search_t
+      type(known_t) :: known                                          ! at the end of the step
+      logical :: has_branched = .false.                               ! a branch point was passed
+      logical :: has_fold = .false.                                   ! its point is in the list
+      logical :: is_lost = .false.                                    ! an event was not located
+      real(wp) :: fold(2) = 0.0_wp                                    ! position and value of the fold
+   end type search_t
+
+   !> Part of the step without grazes; at grazes multipliers may jump.
+   type :: piece_t
+      real(wp) :: ends(2) = 0.0_wp                                    ! positions on the step
+      type(stability_t) :: stability(2)                               ! at the ends
+   end type piece_t
+
+   !> A zero of a function of the multipliers.
+   type, extends(event_t) :: bifurcation_event_t
+      class(followed_motion_t), pointer :: motion => null()
+      integer :: bifurcation = 0                                      ! hb_stability
+      logical :: is_integrated = .false.                              ! of the integrated periodic motion
+   contains
+      procedure :: value => bifurcation_event_value
+   end type bifurcation_event_t
+
+   !> A zero of the function of a response.
+   type, extends(event_t) :: response_event_t
+      class(followed_motion_t), pointer :: motion => null()
+      type(located_response_t) :: response
+      real(wp) :: unit = 1.0_wp                                       ! of the function
+   contains
+      procedure :: value => response_event_value
+   end type response_event_t
+
+   !> A change of a number: 1 while it is a given one, otherwise -1.
+   type, extends(event_t) :: count_event_t
+      class(followed_motion_t), pointer :: motion => null()
+      integer, allocatable :: impacts(:)                              ! those in a period, if given; otherwise:
+      integer :: n = 0                                                ! multipliers outside the unit circle
+   contains
+      procedure :: value => count_event_value
+   end type count_event_t
+
+contains
+
+   !> Finds folds, peaks, bifurcations, wanted values and ends on the completed step, and lists them in their order.
+   subroutine find_events(self, known, has_branched, is_lost)
+      class(followed_motion_t), intent(inout), target :: self
+      type(known_t), intent(in) :: known                              !! at the end of the step
+      logical, intent(in) :: has_branched                             !! a branch point was passed
+      logical, intent(out) :: is_lost                                 !! an event was not located because the step is too long
+      type(search_t) :: search
+
+      search%known = known
+      search%has_branched = has_branched
+      associate (curve => self%curve)
+         if (self%is_rough) curve%corrector%tolerance = 10.0_wp*curve%corrector%tolerance    ! of many points
+         call find_fold(self, search)
+         if (has_branched) call find_branch(self, search)
+         call find_responses(self, search)
+         call find_grazes(self, search)
+         call find_bifurcations(self, search)
+         call find_values(self, search)
+         self%is_closed = is_back(self)
+         if (self%is_closed) call add(self, curve_kind%end, curve%last_step, self%start%x)
+         call add(self, curve_kind%regular, curve%last_step, curve%x)
+         self%waiting(size(self%waiting))%stability = known%stability
+      end associate
+      call sort_by_position(self%waiting)
+      call self%renew()                                               ! the tolerance was different: a stored curve has this one
+      is_lost = search%is_lost
+   end subroutine find_events
+
+   !> Finds where the value reverses: at a sharp kink the curve has reversed before its step, so the direction at the
+   !> last point is used.
+   subroutine find_fold(self, search)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+
+      associate (curve => self%curve, n => size(self%curve%x))
+         if (.not. self%known%rise*search%known%rise < 0.0_wp .or. is_at_origin(self)) return
+         call find(self, search, fold_event_t(curve_kind%fold, .true., rounding_of(self)), &   ! a corner, too
+                   [self%known%rise, search%known%rise]/curve%units(n), search%has_fold)
+         if (.not. search%has_fold) return
+         associate (found => self%waiting(size(self%waiting)))
+            search%fold = [found%position, found%x(n)]
+         end associate
+      end associate
+   end subroutine find_fold
+
+   !> Finds the intersection with another curve of the equations.
+   subroutine find_branch(self, search)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      logical :: is_found, is_there
+
+      call find(self, search, branch_event_t(curve_kind%branch, .true.), &   ! only a sign
+                [-1.0_wp, 1.0_wp]*self%curve%orientation, is_found)
+      if (is_found) call sharpen(self, bifurcation%branch, [0.0_wp, self%curve%last_step], is_there)
+   end subroutine find_branch
+
+   !> Finds where a response is extremal, including corners, equals a given amplitude, or is in quadrature with its
+   !> load.
+   subroutine find_responses(self, search)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      integer :: i
+      logical :: is_found
+      real(wp) :: unit
+
+      do i = 1, size(self%request%responses)
+         associate (response => self%request%responses(i), values => [self%known%functions(i), search%known%functions(i)])
+            if (.not. ((values(1) < 0.0_wp .and. values(2) >= 0.0_wp) .or. (values(1) > 0.0_wp .and. values(2) <= 0.0_wp))) cycle
+            if (response%kind == curve_kind%peak .and. values(1) < 0.0_wp) cycle
+            if (response%kind == curve_kind%minimum .and. values(1) > 0.0_wp) cycle
+            unit = self%square_at(response, self%curve%x)
+            if (response%kind == curve_kind%resonance) unit = sqrt(unit)
+            if (.not. unit > 0.0_wp) cycle
+            call find(self, search, response_event_t(response%kind, any(response%kind == [curve_kind%peak, curve_kind%minimum]), &
+                                                     rounding_of(self), self, response, unit), values/unit, is_found)
+            if (is_found) self%waiting(size(self%waiting))%response = i
+         end associate
+      end do
+   end subroutine find_responses
+
+   !> Finds where a contact begins, or becomes permanent.
+   subroutine find_grazes(self, search)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      integer :: i, k
+      logical :: is_found
+      real(wp) :: unit
+
+      if (allocated(self%known%impacts)) then
+         if (any(self%known%impacts /= search%known%impacts)) &
+            call find(self, search, count_event_t(curve_kind%graze, .true., 0.0_wp, self, self%known%impacts), [1.0_wp, -1.0_wp], &
+                      is_found)
+         return
+      end if
+      if (size(self%known%extremes, 2) /= size(search%known%extremes, 2)) return
+      do k = 1, size(search%known%extremes, 2)
+         associate (before => self%known%extremes(:, k), behind => search%known%extremes(:, k))
+            unit = max(maxval(abs(behind)), tiny(1.0_wp))
+            do i = 1, 2
+               if (.not. before(i)*behind(i) < 0.0_wp) cycle
+               if (i == 2 .and. same_change(before, behind)) cycle     ! the same distance everywhere: one event
+               call find(self, search, graze_event_t(curve_kind%graze, .false., rounding_of(self), self%problem, i, k, unit), &
+                         [before(i), behind(i)]/unit, is_found)
+            end do
+         end associate
+      end do
+   end subroutine find_grazes
+
+   !> Finds bifurcations from the multipliers on each piece of the step between its grazes.
+   subroutine find_bifurcations(self, search)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      type(piece_t) :: piece
+      real(wp), allocatable :: grazes(:)
+      integer :: i, n_before
+
+      call sort_by_position(self%waiting)
+      grazes = pack(self%waiting%position, self%waiting%kind == curve_kind%graze)
+      do i = 0, size(grazes)
+         piece%ends = [0.0_wp, self%curve%last_step]
+         piece%stability = [self%known%stability, search%known%stability]
+         associate (tolerance => self%model%stability%tolerance, length => self%curve%last_step)
+            if (i > 0) call evaluate_stability_at(self, grazes(i) + agreement*length, tolerance, piece%ends(1), piece%stability(1))
+            if (i < size(grazes)) call evaluate_stability_at(self, grazes(i + 1) - agreement*length, tolerance, piece%ends(2), &
+                                                             piece%stability(2))
+         end associate
+         if (.not. (piece%ends(1) < piece%ends(2) .and. has_multipliers(piece))) cycle
+         call make_certain(self, piece%ends(1), piece%stability(1))
+         call make_certain(self, piece%ends(2), piece%stability(2))
+         n_before = size(self%waiting)
+         call find_by_kind(self, search, piece)
+         call find_by_number(self, search, piece, n_before)
+      end do
+   end subroutine find_bifurcations
+
+   pure logical function has_multipliers(piece)
+      type(piece_t), intent(in) :: piece
+
+      has_multipliers = allocated(piece%stability(1)%multipliers) .and. allocated(piece%stability(2)%multipliers)
+   end function has_multipliers
+
+   !> Recomputes multipliers that are so close to the unit circle that their error may determine on which side they
+   !> are.
+   subroutine make_certain(self, position, there)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), intent(in) :: position
+      type(stability_t), intent(inout) :: there
+      type(stability_t) :: better
+      real(wp) :: same_position
+
+      if (minval(abs(abs(there%multipliers) - 1.0_wp)) > uncertain*self%model%stability%tolerance) return
+      call evaluate_stability_at(self, position, sharp, same_position, better)
+      if (allocated(better%multipliers)) there%multipliers = better%multipliers
+   end subroutine make_certain
+
+   !> Finds the zero of the function of a kind; a pair of reciprocal real multipliers is not a torus bifurcation.
+   subroutine find_by_kind(self, search, piece)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      type(piece_t), intent(in) :: piece
+      type(bifurcation_event_t) :: change
+      type(stability_t) :: there
+      real(wp) :: at_ends(2), position, x(size(self%curve%x))
+      integer :: kind
+      logical :: is_found
+
+      do kind = bifurcation%branch, bifurcation%torus
+         if (kind == bifurcation%branch .and. is_branch_known(self, search)) cycle
+         at_ends(1) = bifurcation_value(kind, piece%stability(1)%multipliers)
+         at_ends(2) = bifurcation_value(kind, piece%stability(2)%multipliers)
+         if (.not. at_ends(1)*at_ends(2) < 0.0_wp .or. minval(abs(at_ends)) <= rounding) cycle
+         change = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind)
+         call self%curve%find_zero(change, piece%ends, at_ends, x, position, is_found)
+         search%is_lost = search%is_lost .or. .not. is_found
+         if (.not. is_found) cycle
+         if (kind == bifurcation%torus) then
+            call self%find_stability(x, sharp, there)
+            if (.not. allocated(there%multipliers)) cycle
+            if (.not. is_torus(there%multipliers)) cycle
+         end if
+         call add_bifurcation(self, kind, piece, position, x)
+      end do
+   end subroutine find_by_kind
+
+   !> If the bifurcations found do not explain the change in the number of multipliers outside the unit circle on a
+   !> piece, as when two cross it in the same way, each change of this number is located instead.
+   subroutine find_by_number(self, search, piece, n_before)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      type(piece_t), intent(in) :: piece
+      integer, intent(in) :: n_before                                 !! waiting points, of them found without multipliers
+      integer, parameter :: most_changes = 8
+      type(count_event_t) :: number
+      type(stability_t) :: there
+      real(wp) :: begin, position, x(size(self%curve%x))
+      integer :: i, kind, n_last
+      logical :: is_found, is_new
+
+      n_last = n_outside(piece%stability(2))
+      number%n = n_outside(piece%stability(1))
+      if (is_explained(self%waiting, piece, n_last - number%n)) return
+      self%waiting = self%waiting(:n_before)
+      number%motion => self
+      number%may_jump = .true.
+      begin = piece%ends(1)
+      do i = 1, most_changes
+         if (number%n == n_last) return
+         call self%curve%find_zero(number, [begin, piece%ends(2)], [1.0_wp, -1.0_wp], x, position, is_found)
+         search%is_lost = search%is_lost .or. .not. is_found
+         if (.not. is_found) return
+         call self%find_stability(x, sharp, there)
+         if (.not. allocated(there%multipliers)) return
+         associate (nearest => there%multipliers(minloc(abs(abs(there%multipliers) - 1.0_wp), dim=1)))
+            kind = kind_at(nearest)
+            is_new = .not. (kind == bifurcation%branch .and. is_branch_known(self, search))
+            if (abs(abs(nearest) - 1.0_wp) <= agreement .and. is_new) call add_bifurcation(self, kind, piece, position, x)
+         end associate
+         call evaluate_stability_at(self, min(piece%ends(2), position + rounding*self%curve%last_step), sharp, begin, there)
+         if (.not. allocated(there%multipliers)) return
+         number%n = n_outside(there)
+      end do
+   end subroutine find_by_number
+
+   !> Whether the points on a piece explain the increase in the number of multipliers outside the unit circle.
+   pure logical function is_explained(points, piece, n_more)
+      type(waiting_t), intent(in) :: points(:)
+      type(piece_t), intent(in) :: piece
+      integer, intent(in) :: n_more
+      integer :: i, n_pairs, n_single
+
+      n_single = 0
+      n_pairs = 0
+      do i = 1, size(points)
+         if (points(i)%position < piece%ends(1) .or. points(i)%position > piece%ends(2)) cycle
+         if (any(points(i)%kind == [curve_kind%fold, curve_kind%branch, curve_kind%flip, curve_kind%split])) n_single = n_single + 1
+         if (points(i)%kind == curve_kind%torus) n_pairs = n_pairs + 1
+      end do
+      is_explained = n_more == 0 .or. (modulo(n_more - n_single, 2) == 0 .and. abs(n_more) <= n_single + 2*n_pairs)
+   end function is_explained
+
+   !> The kind of bifurcation at which a multiplier crosses the unit circle at its present position.
+   pure integer function kind_at(multiplier) result(kind)
+      complex(wp), intent(in) :: multiplier
+
+      kind = bifurcation%branch
+      if (real(multiplier) < 0.0_wp) kind = bifurcation%doubling
+      if (abs(aimag(multiplier)) > 0.0_wp) kind = bifurcation%torus
+   end function kind_at
+
+   !> Whether a multiplier 1 on the step is a fold or a branch point that was found without multipliers.
+   pure logical function is_branch_known(self, search)
+      class(followed_motion_t), intent(in) :: self
+      type(search_t), intent(in) :: search
+
+      is_branch_known = search%has_fold .or. search%has_branched .or. finds_all_intersections(self)
+   end function is_branch_known
+
+   !> Adds a bifurcation of the series, if the motion of the time domain has it.
+   subroutine add_bifurcation(self, kind, piece, position, x)
+      class(followed_motion_t), intent(inout), target :: self
+      integer, intent(in) :: kind
+      type(piece_t), intent(in) :: piece
+      real(wp), intent(in) :: position, x(:)
+      logical :: is_there
+
+      call add(self, kind_of(kind), position, x)
+      call sharpen(self, kind, piece%ends, is_there)
+      if (.not. is_there) self%waiting = self%waiting(:size(self%waiting) - 1)
+   end subroutine add_bifurcation
+
+   !> Moves the bifurcation found last to that of the integrated periodic motion: near a kink of a law the multipliers
+   !> of a truncated motion have a first-order error in the truncation.
+   subroutine sharpen(self, kind, piece, is_there)
+      class(followed_motion_t), intent(inout), target :: self
+      integer, intent(in) :: kind
+      real(wp), intent(in) :: piece(2) !! of the step, on which the integrated motion is searched for it
+      logical, intent(out) :: is_there !! false: the integrated motion has none there, as far as known
+      type(bifurcation_event_t) :: integrated
+      real(wp) :: ends(2), position, values(2), x(size(self%curve%x))
+      integer :: i, k
+      logical :: is_on_curve
+
+      associate (model => self%model, curve => self%curve, found => self%waiting(size(self%waiting)))
+         is_there = model%stability%method /= stability_method%integration .or. model%tones%n_tones > 1 .or. &
+                    allocated(self%known%impacts)
+         if (.not. is_there) is_there = all([(model%laws(i)%law%n_switches + model%laws(i)%law%n_states == 0, &
+                                              i=1, size(model%laws))])
+         if (is_there) return
+         integrated = bifurcation_event_t(kind_of(kind), .false., rounding, self, kind, .true.)
+         do i = -3, 0                                                ! decades of the step
+            ends = min(max(found%position + 10.0_wp**i*curve%last_step*[-1.0_wp, 1.0_wp], piece(1)), piece(2))
+            do k = 1, 2
+               call curve%point_at(ends(k), x, is_on_curve)
+               if (.not. is_on_curve) return
+               values(k) = integrated%value(curve, x)
+               if (ieee_is_nan(values(k))) return
+            end do
+            if (.not. values(1)*values(2) < 0.0_wp) cycle
+            call curve%find_zero(integrated, ends, values, x, position, is_there)
+            if (.not. is_there) return
+            found%position = position
+            found%x = x
+            return
+         end do
+      end associate
+   end subroutine sharpen
+
+   !> Finds wanted values and ends of the range; a fold divides the step.
+   subroutine find_values(self, search)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      type(value_event_t) :: event
+      real(wp), allocatable :: wanted(:)
+      real(wp) :: position, positions(3), values(3), x(size(self%curve%x))
+      integer :: i, k, n
+      logical :: is_found, is_there
+
+      n = size(x)
+      associate (curve => self%curve, request => self%request)
+         positions = [0.0_wp, curve%last_step, curve%last_step]
+         values = [curve%last_x(n), curve%x(n), curve%x(n)]
+         if (search%has_fold) then
+            positions(2) = search%fold(1)
+            values(2) = search%fold(2)
+         end if
+         wanted = [request%from, request%to, request%values]
+         event%unit = abs(request%to - request%from)
+         event%tolerance = at_value
+         do i = 1, size(wanted)
+            if (i > 2 .and. any(abs(wanted(i) - wanted(:2)) <= 0.0_wp)) cycle
+            event%wanted = wanted(i)
+            do k = 1, merge(2, 1, search%has_fold)
+               if (.not. (values(k) - wanted(i))*(values(k + 1) - wanted(i)) < 0.0_wp) then
+                  if (.not. abs(values(k + 1) - wanted(i)) <= 0.0_wp) cycle
+               end if
+               call curve%find_zero(event, positions(k:k + 1), (values(k:k + 1) - wanted(i))/event%unit, x, position, is_found)
+               if (.not. is_found) search%is_lost = search%is_lost .or. i <= 2     ! nothing lies beyond the ends
+               if (.not. is_found) cycle
+               x(n) = wanted(i)
+               call self%land(x, is_there)
+               call add(self, merge(curve_kind%end, curve_kind%value, i <= 2), position, x)
+            end do
+         end do
+      end associate
+   end subroutine find_values
+
+   !> Locates an event on the whole step, and adds its point.
+   subroutine find(self, search, event, at_ends, is_found)
+      class(followed_motion_t), intent(inout), target :: self
+      type(search_t), intent(inout) :: search
+      class(event_t), intent(in) :: event
+      real(wp), intent(in) :: at_ends(2)
+      logical, intent(out) :: is_found
+      class(event_t), allocatable :: sought
+      real(wp) :: position, x(size(self%curve%x))
+
+      allocate (sought, source=event)
+      call self%curve%find_zero(sought, [0.0_wp, self%curve%last_step], at_ends, x, position, is_found)
+      search%is_lost = search%is_lost .or. .not. is_found
+      if (is_at_origin(self)) is_found = is_found .and. position > next_to_none*self%curve%last_step
+      if (is_found) call add(self, event%kind, position, x)
+   end subroutine find
+
+   subroutine evaluate_stability_at(self, there, tolerance, position, stability)
+      class(followed_motion_t), intent(inout), target :: self
+      real(wp), intent(in) :: there, tolerance
+      real(wp), intent(out) :: position
+      type(stability_t), intent(out) :: stability                     !! without multipliers if they are not found
+      real(wp) :: x(size(self%curve%x))
+      logical :: is_on_curve
+
+      position = there
+      call self%curve%point_at(position, x, is_on_curve)
+      if (is_on_curve) call self%find_stability(x, tolerance, stability)
+   end subroutine evaluate_stability_at
+
+   !> Adds a point of a kind to the waiting ones.
+   subroutine add(self, kind, position, x)
+      class(followed_motion_t), intent(inout) :: self
+      integer, intent(in) :: kind
+      real(wp), intent(in) :: position, x(:)
+
+      self%waiting = [self%waiting, waiting_t(kind, position, x)]
+   end subroutine add
+
+   !> Bound of a function at its zero, from rounding or from the roughness of the residual.
+   pure real(wp) function rounding_of(self)
+      class(followed_motion_t), intent(in) :: self
+
+      rounding_of = max(sharp, 10.0_wp*self%curve%corrector%tolerance)
+   end function rounding_of
+
+   !> Whether the step begins at the origin of this branch, a branch point or a separate motion.
+   pure logical function is_at_origin(self)
+      class(followed_motion_t), intent(in) :: self
+
+      is_at_origin = self%branch > 0 .and. self%length <= 0.0_wp
+   end function is_at_origin
+
+   !> Whether all motions of one period are included, so that the determinant reports all intersections: multipliers
+   !> of a truncated motion that pass 1 slightly beside a fold are then no other event.
+   pure logical function finds_all_intersections(self)
+      class(followed_motion_t), intent(in) :: self
+
+      finds_all_intersections = abs(self%curve%orientation) > 0.0_wp
+      if (allocated(self%known%impacts)) return
+      associate (set => self%problem%model%harmonics)
+         finds_all_intersections = finds_all_intersections .and. set%n_harmonics == set%highest(1) + 1
+      end associate
+   end function finds_all_intersections
+
+   !> Whether both extremes are equal before and after, as for a whirl about the center of a ring.
+   pure logical function same_change(before, after)
+      real(wp), intent(in) :: before(2), after(2)
+
+      same_change = abs(before(2) - before(1)) <= rounding*maxval(abs(before)) .and. &
+         abs(after(2) - after(1)) <= rounding*maxval(abs(after))
+   end function same_change
+
+   !> Whether the curve has returned to its start, after steps that led away from it.
+   logical function is_back(self)
+      class(followed_motion_t), intent(in) :: self
+      real(wp) :: along
+
+      is_back = .false.
+      associate (curve => self%curve, units => self%curve%units)
+         if (self%length < 3.0_wp*curve%last_step) return
+         associate (gap => (self%start%x - curve%last_x)/units, direction => curve%last_direction/units)
+            along = dot_product(gap, direction)/norm2(direction)
+            if (along <= 0.0_wp .or. along > curve%last_step) return
+            if (norm2(gap - along*direction/norm2(direction)) > minor*curve%last_step) return
+            is_back = dot_product(self%start%direction/units, direction) > 0.0_wp
+         end associate
+      end associate
+   end function is_back
+
+   real(wp) function response_event_value(self, curve, x) result(value)
+      class(response_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
+      real(wp), intent(in) :: x(:)
+      real(wp) :: tangent(size(x)), determinant_sign
+      logical :: is_singular
+
+      call curve%tangent_at(x, tangent, determinant_sign, is_singular)
+      value = ieee_value(value, ieee_quiet_nan)
+      if (.not. is_singular) value = self%motion%function_at(self%response, x, tangent)/self%unit
+   end function response_event_value
+
+   real(wp) function bifurcation_event_value(self, curve, x) result(value)
+      class(bifurcation_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
+      real(wp), intent(in) :: x(:)
+      type(stability_t) :: there
+
+      call self%motion%find_stability(x, sharp, there, self%is_integrated)
+      value = ieee_value(value, ieee_quiet_nan)
+      if (allocated(there%multipliers)) value = bifurcation_value(self%bifurcation, there%multipliers)
+   end function bifurcation_event_value
+
+   real(wp) function count_event_value(self, curve, x) result(value)
+      class(count_event_t), intent(inout) :: self
+      class(curve_t), intent(inout) :: curve
+      real(wp), intent(in) :: x(:)
+      type(known_t) :: known
+      type(stability_t) :: there
+
+      value = ieee_value(value, ieee_quiet_nan)
+      if (allocated(self%impacts)) then
+         call self%motion%find_contact(x, known)
+         value = merge(1.0_wp, -1.0_wp, all(known%impacts == self%impacts))
+      else
+         call self%motion%find_stability(x, sharp, there)
+         if (allocated(there%multipliers)) value = merge(1.0_wp, -1.0_wp, n_outside(there) == self%n)
+      end if
+   end function count_event_value
+
+   !> Number of multipliers outside the unit circle; rounding errors of those on it, as without damping, do not count.
+   pure integer function n_outside(stability)
+      type(stability_t), intent(in) :: stability
+
+      n_outside = count(abs(stability%multipliers) > 1.0_wp + rounding)
+   end function n_outside
+
+   !> Sorts points by their positions on the step, and removes those beyond an end.
+   subroutine sort_by_position(points)
+      type(waiting_t), allocatable, intent(inout) :: points(:)
+      type(waiting_t), allocatable :: up_to_end(:)
+      type(waiting_t) :: point
+      integer :: i, k
+
+      do i = 2, size(points)
+         point = points(i)
+         k = i - 1
+         do while (k >= 1)
+            if (points(k)%position <= point%position) exit
+            points(k + 1) = points(k)
+            k = k - 1
+         end do
+         points(k + 1) = point
+      end do
+      i = findloc(points%kind, curve_kind%end, dim=1)
+      if (i == 0) return
+      allocate (up_to_end(i))
+      up_to_end = points(:i)
+      call move_alloc(up_to_end, points)
+   end subroutine sort_by_position
+end module hb_event_location
