@@ -14,7 +14,7 @@ import xarray
 from nhbm_post.reader import Results
 from nhbm_post.report import info
 
-from program import BAD_INPUT, NOT_ALL_CONVERGED, command, environment, read, run, solve
+from program import ALL_CONVERGED, BAD_INPUT, NOT_ALL_CONVERGED, command, environment, read, run, solve
 
 CONVERGED, OUT_OF_BUDGET, NOT_FINITE, FAILED = 1, 3, 5, 6
 
@@ -303,6 +303,7 @@ def test_jumps_are_reported_and_stored(length, ranks, tmp_path):
     text = DUFFING.replace("&sweep", loads + "&sweep") + f"&solver first_guess = 'neighbour', chain_length = {length} /\n"
     source.write_text(text)
     done = run("solve", source, cwd=tmp_path, ranks=ranks)
+    assert done.status == ALL_CONVERGED, done.stderr
     branch, frequency, x = read(tmp_path / "case.h5", "branch", "tones_frequency", "coefficients")
     branch = branch.reshape(3, 200)
     assert branch[0].tolist() == branch[2].tolist() and (branch[1] == 1).all()
