@@ -9,8 +9,8 @@ program nhbm
    use exit_status, only: bad_input, incomplete, not_all_right, success
    use hb_blas_threads, only: take_blas_memory, use_one_blas_thread
    use hb_closest_word, only: closest_word
+   use hb_crash_handler, only: protect_outside_code
    use hb_error, only: error_t, fail
-   use hb_guard, only: guard_outside_code
    use hb_hdf5, only: can_end_library
    use hb_key_rows, only: key_row, n_key_rows
    use hb_memory, only: keep_freed_memory
@@ -58,7 +58,7 @@ program nhbm
    call keep_freed_memory()
    call use_one_blas_thread()
    call survive_failed_writes()
-   call guard_outside_code()
+   call protect_outside_code()
    call hb_refuse_exit("nhbm: a library has called exit(), maybe a law of the user's own; the work is not done"// &
       new_line("a")//c_null_char, int(bad_input, c_int))
    call read_arguments(options, argument_list(), error)

@@ -8,8 +8,8 @@ module verb_check
    use hb_cancellation, only: cancellation_t
    use hb_clock, only: wall_clock
    use hb_coordinates, only: coordinates_t
+   use hb_crash_handler, only: install_crash_handler, remove_crash_handler
    use hb_error, only: error_t
-   use hb_guard, only: lower_guard, raise_guard
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
    use hb_level, only: level_t
@@ -368,9 +368,9 @@ contains
       call say("")
       call say(pad("derivatives", width)//"  difference  skipped       verdict")
       do i = 1, size(laws)
-         call raise_guard("law '"//laws(i)%law%label//"' has ended the process")
+         call install_crash_handler("law '"//laws(i)%law%label//"' has ended the process")
          call check_derivatives(laws(i)%law, check, n_tones)
-         call lower_guard()
+         call remove_crash_handler()
          write (difference, "(es12.1)") check%difference
          call say(pad(laws(i)%law%label, width)//difference//"  "// &
             pad(to_text(check%n_skipped)//" of "//to_text(check%n_compared), 14)//check%verdict())

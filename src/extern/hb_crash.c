@@ -38,11 +38,11 @@ static const size_t n_crashes = sizeof crashes / sizeof crashes[0];
 #endif
 
 static atomic_llong row_under_way = -1;
-static hb_crash_location_t place;
+static hb_crash_location_t location;
 static int descriptor = -1;
 static pid_t watched_process;
 
-static int is_guarded = 0;
+static int is_protected = 0;
 static char last_words[MAX_LAST_WORDS];
 static size_t n_last_words = 0;
 static char last_entry[MAX_ENTRY];
@@ -87,17 +87,17 @@ static int put(const void *bytes, size_t n_bytes, long long offset)
 /* Writes message and status of a point, the status last. */
 static int put_row(long long row, const char *cause)
 {
-   if (place.message_offset >= 0) {
+   if (location.message_offset >= 0) {
       char message[MAX_TEXT] = {0};
       size_t length = append(message, 0, "the process was ended by ");
       length = append(message, length, cause);
       append(message, length, " while this point was solved");
-      if (!put(message, (size_t)place.message_length, place.message_offset + row * place.message_length)) return 0;
+      if (!put(message, (size_t)location.message_length, location.message_offset + row * location.message_length)) return 0;
    }
-   const unsigned value = (unsigned)place.status;
+   const unsigned value = (unsigned)location.status;
    const unsigned char bytes[4] = {(unsigned char)value, (unsigned char)(value >> 8), (unsigned char)(value >> 16),
                                    (unsigned char)(value >> 24)};
-   return put(bytes, sizeof bytes, place.status_offset + row * (long long)sizeof bytes);
+   return put(bytes, sizeof bytes, location.status_offset + row * (long long)sizeof bytes);
 }
 
 /* Records and reports that the present point has crashed; returns 0 if there is none. */
@@ -137,7 +137,7 @@ static void speak_last_words(const char *more)
 static void on_limit(int number)
 {
    (void)number;
-   if (!is_guarded) return;
+   if (!is_protected) return;
    speak_last_words("; it found no end");
    (void)note_crash("SIGVTALRM (no end in sight)");
    hb_exit_at_once(last_status);
@@ -148,9 +148,9 @@ static void on_crash(int number, siginfo_t *information, void *context)
    (void)context;
    size_t i = 0;
    while (i < n_crashes && crashes[i].number != number) i++;
-   if (is_guarded) speak_last_words("");
+   if (is_protected) speak_last_words("");
    if (i < n_crashes) (void)note_crash(crashes[i].cause);
-   if (is_guarded) hb_exit_at_once(last_status);
+   if (is_protected) hb_exit_at_once(last_status);
    if (i < n_crashes) sigaction(number, &before[i], NULL);
    if (information->si_code <= 0) raise(number); /* it was sent; a fault occurs again after the return */
 }
@@ -158,12 +158,12 @@ static void on_crash(int number, siginfo_t *information, void *context)
 /* Prevents exit handlers of other libraries, some of which would wait for other ranks. */
 static void on_exit_of_process(void)
 {
-   if (note_crash("exit()") != 0) hb_exit_at_once(place.exit_status);
+   if (note_crash("exit()") != 0) hb_exit_at_once(location.exit_status);
 }
 
 int hb_end_within_point(const char *cause)
 {
-   return note_crash(cause) != 0 ? place.exit_status : 0;
+   return note_crash(cause) != 0 ? location.exit_status : 0;
 }
 
 /* The following functions are not called in a handler. */
@@ -201,7 +201,7 @@ static int catch_crashes(void)
 static void let_go(void)
 {
    if (!is_caught) return;
-   if (is_guarded || descriptor >= 0)
+   if (is_protected || descriptor >= 0)
       (void)catch_crashes();
    else
       put_back(n_crashes);
@@ -238,30 +238,30 @@ static void limit_memory(double bytes)
    has_less_memory = setrlimit(RLIMIT_AS, &less) == 0;
 }
 
-int hb_raise_guard(const char *text, int exit_status, double seconds, double bytes)
+int hb_install_crash_handler(const char *text, int exit_status, double seconds, double bytes)
 {
    n_last_entry = 0;
    n_last_words = strnlen(text, MAX_LAST_WORDS);
    memcpy(last_words, text, n_last_words);
    last_status = exit_status;
-   is_guarded = catch_crashes() == 0;
-   if (is_guarded && seconds > 0.0) (void)set_limit(seconds);
-   if (is_guarded && bytes > 0.0) limit_memory(bytes);
-   return is_guarded ? 0 : -1;
+   is_protected = catch_crashes() == 0;
+   if (is_protected && seconds > 0.0) (void)set_limit(seconds);
+   if (is_protected && bytes > 0.0) limit_memory(bytes);
+   return is_protected ? 0 : -1;
 }
 
-void hb_guard_entry(const char *entry, size_t n_bytes)
+void hb_record_entry(const char *entry, size_t n_bytes)
 {
-   if (!is_guarded) return;
+   if (!is_protected) return;
    n_last_entry = 0;
    const size_t n_entry = n_bytes < MAX_ENTRY ? n_bytes : MAX_ENTRY;
    memcpy(last_entry, entry, n_entry);
    n_last_entry = n_entry;
 }
 
-void hb_lower_guard(void)
+void hb_remove_crash_handler(void)
 {
-   is_guarded = 0;
+   is_protected = 0;
    if (has_less_memory) (void)setrlimit(RLIMIT_AS, &memory_before);
    has_less_memory = 0;
    if (has_limit) {
@@ -277,11 +277,11 @@ int hb_detect_crashes(const char *path, const hb_crash_location_t *where)
 {
    static int is_exit_caught = 0;
 
-   hb_end_cancellation();
+   hb_end_crash_detection();
    if (where->status_offset < 0 || where->message_length > MAX_TEXT) return -1;
    descriptor = open(path, O_WRONLY | O_CLOEXEC);
    if (descriptor < 0) return -1;
-   place = *where;
+   location = *where;
    watched_process = getpid();
    if (!is_exit_caught) is_exit_caught = atexit(on_exit_of_process) == 0 && at_quick_exit(on_exit_of_process) == 0;
    if (is_exit_caught && catch_crashes() == 0) return 0;
@@ -300,7 +300,7 @@ void hb_end_point(void)
    atomic_store(&row_under_way, -1);
 }
 
-void hb_end_cancellation(void)
+void hb_end_crash_detection(void)
 {
    hb_end_point();
    if (descriptor < 0) return;

@@ -5,7 +5,7 @@ module hb_crash_detection
    use, intrinsic :: iso_fortran_env, only: int64
    implicit none
    private
-   public :: begin_point, crash_location_t, detect_crashes, end_cancellation, end_point
+   public :: begin_point, crash_location_t, detect_crashes, end_crash_detection, end_point
 
    !> What is recorded for a crash, and where: byte offsets of the first rows in the file.
    type :: crash_location_t
@@ -38,8 +38,8 @@ module hb_crash_detection
       end subroutine end_point
 
       !> Reverts `detect_crashes`; safe to call twice.
-      subroutine end_cancellation() bind(c, name="hb_end_cancellation")
-      end subroutine end_cancellation
+      subroutine end_crash_detection() bind(c, name="hb_end_crash_detection")
+      end subroutine end_crash_detection
    end interface
 
 contains

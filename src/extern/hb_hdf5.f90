@@ -13,8 +13,8 @@
 module hb_hdf5
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_loc, c_null_char, c_null_ptr, c_ptr
+   use hb_crash_handler, only: install_file_handler, record_entry, remove_crash_handler
    use hb_error, only: annotate, error_t, fail
-   use hb_guard, only: guard_file, lower_guard, name_guarded
    use hb_hdf5_attributes, only: h5_object_t
    use hb_hdf5_datasets, only: h5_dataset_t
    use hb_hdf5_library, only: bytes_of_kind, check, is_characters, is_integer, is_real, kind_of_type, memory_type, new_space, &
@@ -37,7 +37,7 @@ module hb_hdf5
 
    !> An open file. Results are in its root group, models in groups of their own.
    type, extends(h5_object_t) :: h5_file_t
-      logical, private :: is_guarded = .false.           ! until it is closed
+      logical, private :: is_protected = .false.         ! until it is closed
    contains
       procedure :: abandon => file_abandon
       procedure :: add => file_add
@@ -82,12 +82,12 @@ contains
       character(*), intent(in), optional :: last_words   !! that message; default: the file is damaged
       integer :: purpose
 
-      call guard_file(path, last_words)
+      call install_file_handler(path, last_words)
       purpose = for_reading
       if (present(for_writing)) purpose = merge(for_changing, for_reading, for_writing)
       call open_as(self, path, purpose, error)
-      self%is_guarded = .not. allocated(error)
-      if (allocated(error)) call lower_guard()
+      self%is_protected = .not. allocated(error)
+      if (allocated(error)) call remove_crash_handler()
    end subroutine open_file
 
    !> Opens a file for writing on all ranks of `comm`; collective, and so is its `close`. Raw data may then be
@@ -159,8 +159,8 @@ contains
       if (.not. allocated(error)) call move_alloc(own, error)
       if (status < 0) is_library_sound = .false.
       self%id = no_id
-      if (self%is_guarded) call lower_guard()
-      self%is_guarded = .false.
+      if (self%is_protected) call remove_crash_handler()
+      self%is_protected = .false.
    end subroutine file_close
 
    !> Leaves the file open until the process ends, which must then end without closing the library: see
@@ -299,7 +299,7 @@ contains
       integer :: class, n_dimensions, status
 
       dataset%location = self%location//": dataset '"//name//"'"
-      call name_guarded(name)
+      call record_entry(name)
       call h5dopen_f(self%id, name, dataset%id, status)
       call check(status, "open", error, dataset%location)
       if (allocated(error)) then

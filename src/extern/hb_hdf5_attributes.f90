@@ -2,8 +2,8 @@
 module hb_hdf5_attributes
    use, intrinsic :: iso_c_binding, only: c_loc, c_null_char, c_null_ptr, c_ptr
    use hb_c_text, only: c_text
+   use hb_crash_handler, only: record_entry
    use hb_error, only: error_t, fail
-   use hb_guard, only: name_guarded
    use hb_hdf5_library, only: check, new_space, no_id, text_type
    use hb_text, only: to_text
    use hdf5, only: h5aclose_f, h5acreate_f, h5aget_space_f, h5aopen_f, h5aread_f, h5awrite_f, &
@@ -127,7 +127,7 @@ contains
       integer(hsize_t) :: n_values
       integer :: status
 
-      call name_guarded(name)
+      call record_entry(name)
       call h5aopen_f(self%id, name, attribute, status)
       if (status >= 0) call h5aget_space_f(attribute, space, status)
       if (status >= 0) call h5sget_simple_extent_npoints_f(space, n_values, status)

@@ -3,7 +3,7 @@
 module hb_outside_code
    implicit none
    private
-   public :: begin_outside_code, cancellation_outside_code, end_outside_code
+   public :: begin_outside_code, end_outside_code, set_outside_code_callbacks
 
    abstract interface
       subroutine begin_hook(text)
@@ -20,13 +20,13 @@ module hb_outside_code
 contains
 
    !> Sets the callbacks that run before and after each call of external code.
-   subroutine cancellation_outside_code(before_it, after_it)
+   subroutine set_outside_code_callbacks(before_it, after_it)
       procedure(begin_hook) :: before_it
       procedure(end_hook) :: after_it
 
       before => before_it
       after => after_it
-   end subroutine cancellation_outside_code
+   end subroutine set_outside_code_callbacks
 
    !> Marks the beginning of such a call; `text` informs the user if the process ends within it.
    subroutine begin_outside_code(text)

@@ -6,8 +6,8 @@
 module hb_results
    use hb_clock, only: wall_clock
    use hb_crash_detection, only: crash_location_t
+   use hb_crash_handler, only: install_crash_handler, remove_crash_handler
    use hb_error, only: annotate, error_t, fail
-   use hb_guard, only: lower_guard, raise_guard
    use hb_harmonics, only: harmonics_t, new_box
    use hb_hdf5, only: h5_dataset_t, open_file_parallel
    use hb_kinds, only: wp
@@ -110,11 +110,11 @@ contains
       if (rank_of(comm) == 0) call hold_file(self%path, self%held_file, error)
       call share_error(comm, error)
       if (allocated(error)) return
-      if (self%is_resumed) call raise_guard("'"//self%path//"': HDF5 crashed on this file; it is damaged")
+      if (self%is_resumed) call install_crash_handler("'"//self%path//"': HDF5 crashed on this file; it is damaged")
       call open_file_parallel(self%file, self%path, comm, error)
       call share_error(comm, error)
       if (allocated(error)) then
-         call lower_guard()
+         call remove_crash_handler()
          return
       end if
       if (self%is_resumed) call fit_harmonics(self, error)
@@ -134,7 +134,7 @@ contains
       else
          call allocate_rows(self, size(layout%parameters), size_of(comm))
       end if
-      call lower_guard()
+      call remove_crash_handler()
    end subroutine open_datasets
 
    !> Reduces the number of harmonics to that of the file, if it is complete and has room for fewer than the input

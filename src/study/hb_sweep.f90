@@ -7,7 +7,7 @@ module hb_sweep
    use hb_cancellation, only: verdict
    use hb_chain_check, only: chain_check_t
    use hb_clock, only: wall_clock
-   use hb_crash_detection, only: begin_point, crash_location_t, detect_crashes, end_cancellation, end_point
+   use hb_crash_detection, only: begin_point, crash_location_t, detect_crashes, end_crash_detection, end_point
    use hb_error, only: error_t, fail
    use hb_interruption, only: interruption, interruption_t, new_interruption
    use hb_kinds, only: wp
@@ -108,7 +108,7 @@ contains
          call run%ending%enter(huge(1.0_wp))
          call run_points(self, run, options%level, comm, summary, error)
          call run%ending%leave()
-         call end_cancellation()
+         call end_crash_detection()
          call share_error(comm, error)
          if (summary%n_left == 0 .and. .not. allocated(error)) &
             call number_branches(run%results, self%plan, length_of_units(self), comm, summary%n_jumps, summary%first_jump, error)
