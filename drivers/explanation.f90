@@ -238,9 +238,9 @@ contains
       if (ieee_is_finite(record%solve_seconds(kind%first))) text = " It took "//rounded(record%solve_seconds(kind%first))//" s."
       n = index(kind%message, separator)
       if (n == 0) then
-         associate (fallback_found => record%fallback(kind%first))
-            if (is_solved(kind%status) .and. fallback_found > 0 .and. fallback_found <= ubound(fallback_texts, 1)) &
-               text = text//" The first attempt failed; the motion was found "//trim(fallback_texts(fallback_found))//"."
+         associate (fallback => record%fallback(kind%first))
+            if (is_solved(kind%status) .and. fallback > 0 .and. fallback <= ubound(fallback_texts, 1)) &
+               text = text//" The first attempt failed; the motion was found "//trim(fallback_texts(fallback))//"."
          end associate
          return
       end if
