@@ -226,7 +226,7 @@ contains
       type(handle_t), pointer :: handle
 
       call c_f_pointer(model, handle)
-      call handle%session%look_up(c_text(name), handle%failure)
+      call handle%session%find_column(c_text(name), handle%failure)
       call show_column(handle, column)
       code = reported(handle%failure, wrong_use, error)
    end function nhbm_column_of
@@ -238,7 +238,7 @@ contains
       type(handle_t), pointer :: handle
 
       call c_f_pointer(model, handle)
-      call handle%session%look_up_in_time(c_text(name), handle%failure)
+      call handle%session%find_time_column(c_text(name), handle%failure)
       call show_column(handle, column)
       code = reported(handle%failure, wrong_use, error)
    end function nhbm_time_column_of
@@ -248,11 +248,11 @@ contains
       type(handle_t), pointer :: handle
 
       call c_f_pointer(model, handle)
-      call handle%session%look_up_in_time("", handle%failure)
+      call handle%session%find_time_column("", handle%failure)
       text = address_of_text(handle%session%column%names, handle%text)
    end function nhbm_time_column_names
 
-   !> Fills the column of C with the one that was looked up last.
+   !> Fills the column of C with the one that was found last.
    subroutine show_column(handle, column)
       type(handle_t), pointer, intent(in) :: handle
       type(c_column_t), intent(inout) :: column
@@ -278,7 +278,7 @@ contains
       type(handle_t), pointer :: handle
 
       call c_f_pointer(model, handle)
-      call handle%session%look_up("", handle%failure)
+      call handle%session%find_column("", handle%failure)
       text = address_of_text(handle%session%column%names, handle%text)
    end function nhbm_column_names
 

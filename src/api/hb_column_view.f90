@@ -29,7 +29,7 @@ module hb_column_view
       character(:), allocatable :: names                              !! of all columns, separated by blanks
    contains
       procedure :: begin => column_view_begin
-      procedure :: look_up => column_view_look_up
+      procedure :: find => column_view_find
       procedure :: refuse_unknown => column_view_refuse_unknown
       procedure :: integer => column_view_integer
       procedure :: real => column_view_real
@@ -54,8 +54,8 @@ contains
       self%axes = ""
    end subroutine column_view_begin
 
-   !> Looks up a column. Fails for an unknown name.
-   subroutine column_view_look_up(self, name, motion, n_outputs, error)
+   !> Finds a column. Fails for an unknown name.
+   subroutine column_view_find(self, name, motion, n_outputs, error)
       class(column_view_t), intent(inout) :: self
       character(*), intent(in) :: name                                !! empty: `names` are listed
       type(motion_result_t), intent(in) :: motion
@@ -75,7 +75,7 @@ contains
       end if
       call self%go_through(motion)
       call self%refuse_unknown(error)
-   end subroutine column_view_look_up
+   end subroutine column_view_find
 
    !> Fails if none of the searched columns has the name, with the closest known name.
    subroutine column_view_refuse_unknown(self, error)

@@ -81,7 +81,7 @@ module hb_session
       type(integration_t), allocatable :: record                      !! of the last `integrate`, if `verify` was not called since
       type(verdict_t) :: verdict                                      !! of the last `verify`
       type(session_cancellation_t) :: cancellation
-      type(column_view_t) :: column                                   !! looked up last
+      type(column_view_t) :: column                                   !! found last    
       type(parameter_t), allocatable :: parameters(:)                 !! resolved parameters
       type(callbacks_t) :: callbacks                                  !! `fe_models` is the source of structures
       integer :: n_points = 1                                         !! points that share the time for stability which a run of
@@ -105,8 +105,8 @@ module hb_session
       procedure :: next => session_next
       procedure :: integrate => session_integrate
       procedure :: verify => session_verify
-      procedure :: look_up => session_look_up
-      procedure :: look_up_in_time => session_look_up_in_time
+      procedure :: find_column => session_find_column
+      procedure :: find_time_column => session_find_time_column
       procedure :: labels_along => session_labels_along
       procedure :: destroy => session_destroy
    end type session_t
@@ -358,8 +358,8 @@ contains
       if (self%cancellation%verdict == verdict%interrupted .and. allocated(error)) deallocate (error)
    end subroutine session_verify
 
-   !> Looks up a column of the record, or of the verdict if `verify` was called last, in `column`.
-   subroutine session_look_up_in_time(self, name, error)
+   !> Finds a column of the record, or of the verdict if `verify` was called last, in `column`.
+   subroutine session_find_time_column(self, name, error)
       class(session_t), intent(inout) :: self
       character(*), intent(in) :: name                                !! empty: `column%names` are listed
       type(error_t), allocatable, intent(out) :: error
@@ -371,10 +371,10 @@ contains
          call verdict_columns(self%column, self%verdict)
       end if
       call self%column%refuse_unknown(error)
-   end subroutine session_look_up_in_time
+   end subroutine session_find_time_column
 
-   !> Looks up a column of the result in `column`. Fails for an unknown name.
-   subroutine session_look_up(self, name, error)
+   !> Finds a column of the result in `column`. Fails for an unknown name.
+   subroutine session_find_column(self, name, error)
       class(session_t), intent(inout) :: self
       character(*), intent(in) :: name                                !! empty: `column%names` are listed
       type(error_t), allocatable, intent(out) :: error
@@ -390,8 +390,8 @@ contains
          self%column%curve_units = self%plan%units
       end if
       if (.not. allocated(self%result%harmonics%tuples)) self%result%harmonics = self%model%harmonics
-      call self%column%look_up(name, self%result, size(self%model%accuracy%outputs), error)
-   end subroutine session_look_up
+      call self%column%find(name, self%result, size(self%model%accuracy%outputs), error)
+   end subroutine session_find_column
 
    !> Labels of the degrees of freedom along the axes `dof`, `law_dof` and `state_dof`, of the laws along `law`, and
    !> of their coordinates in a record; none for other axes.

@@ -11,7 +11,7 @@
 !>     end do
 !>     call model%destroy()
 !>
-!> `model%result` contains all results of the last motion; `model%look_up` also returns them by the names of the
+!> `model%result` contains all results of the last motion; `model%find_column` also returns them by the names of the
 !> result file. For structures given as matrices: extend `structure_source_t` and allocate `model%callbacks%fe_models`
 !> with it. For laws of the program: `give_law` registers a `law_info_t` and a function of `law_samples_t`, as
 !> nhbm_user_law.h describes them.
