@@ -15,7 +15,7 @@ from conftest import single, walled
 from nhbm_post import Results
 from nhbm_post.cli import main
 from nhbm_post.draw.time_history import read_record
-from nhbm.guard import guarded
+from nhbm.child_process import run_in_child_process
 
 
 def run(capsys, *words):
@@ -262,7 +262,7 @@ def test_runs_as_a_module_without_display(sweep):
     assert "sweep of the gap" in done.stdout
 
 
-def test_open_files_are_opened_again_in_the_guarded_process(tmp_path):
+def test_a_child_process_opens_open_files_again(tmp_path):
     """The newest h5py does so for each dataset that is met in a loop."""
     with h5py.File(tmp_path / "some.h5", "w") as file:
         file["x"] = 1.0
@@ -271,13 +271,13 @@ def test_open_files_are_opened_again_in_the_guarded_process(tmp_path):
         with h5py.File(tmp_path / "some.h5", "r") as file:
             return 0 if h5py.File(file.id).filename == file.filename else 7
 
-    assert guarded(again, "program") == 0
+    assert run_in_child_process(again, "program") == 0
 
 
-def test_what_goes_wrong_in_the_guarded_process_is_reported(capfd):
-    assert guarded(lambda: 1 // 0, "program") == 1
+def test_errors_in_the_child_process_are_reported(capfd):
+    assert run_in_child_process(lambda: 1 // 0, "program") == 1
     assert "ZeroDivisionError" in capfd.readouterr().err
-    assert guarded(lambda: os.kill(os.getpid(), signal.SIGSEGV), "program") == 2
+    assert run_in_child_process(lambda: os.kill(os.getpid(), signal.SIGSEGV), "program") == 2
     assert capfd.readouterr().err.endswith("program: ended by SIGSEGV\n")
 
 

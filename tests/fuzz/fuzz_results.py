@@ -72,7 +72,7 @@ def commands(path: Path) -> list:
 
 def wrong(program, main, words, good, seconds: float = 1.0, gigabytes: float = 4.0) -> str:
     """Empty when the program read the file or said in a line why not, in time; else what went wrong."""
-    from nhbm import guard
+    from nhbm.child_process import run_in_child_process
 
     before = _processor_time()
     with tempfile.TemporaryFile() as err, tempfile.TemporaryFile() as out:
@@ -80,11 +80,11 @@ def wrong(program, main, words, good, seconds: float = 1.0, gigabytes: float = 4
         if child == 0:
             faulthandler.disable()  # of pytest
             resource.setrlimit(resource.RLIMIT_AS, (int(gigabytes * 2**30),) * 2)
-            resource.setrlimit(resource.RLIMIT_CPU, (60, 60))  # for what the guard would let pass
+            resource.setrlimit(resource.RLIMIT_CPU, (60, 60))  # in case the limits of the child process have no effect
             os.dup2(out.fileno(), 1)
             os.dup2(err.fileno(), 2)
             sys.stdout, sys.stderr = open(1, "w", closefd=False), open(2, "w", closefd=False)
-            status = guard.guarded(lambda: main(words), program)
+            status = run_in_child_process(lambda: main(words), program)
             sys.stderr.flush()
             os._exit(status)
         _, ending = os.waitpid(child, 0)

@@ -17,7 +17,7 @@ import scipy.io
 import scipy.sparse as sp
 
 from nhbm.command import main
-from nhbm.guard import printable
+from nhbm.child_process import printable
 from nhbm.structure import Structure
 
 ROTOR = ["rotor", "--n-elements", "2", "--bearing", "0.0,1e7,10", "--bearing", "0.6,1e7,10"]
@@ -26,7 +26,7 @@ ROTOR = ["rotor", "--n-elements", "2", "--bearing", "0.0,1e7,10", "--bearing", "
 ATTEMPTS = """
 import ctypes, os, sys
 from nhbm.command import main
-from nhbm.guard import guarded
+from nhbm.child_process import run_in_child_process
 library, path, number, step, *words = sys.argv[1:]
 arm = ctypes.CDLL(library).fault_arm
 calls = 1
@@ -35,7 +35,7 @@ while True:
     child = os.fork()
     if child == 0:
         arm(calls, int(number), os.fsencode(os.path.dirname(path)))
-        os._exit(guarded(lambda: main([*words, "-o", path, "--overwrite"]), "nhbm-model"))
+        os._exit(run_in_child_process(lambda: main([*words, "-o", path, "--overwrite"]), "nhbm-model"))
     status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     print("attempt", calls, status, sorted(os.listdir(os.path.dirname(path))), hash(open(path, "rb").read()))
     if status == 0:

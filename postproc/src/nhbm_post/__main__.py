@@ -2,15 +2,15 @@
 
 import sys
 
-from nhbm.guard import guarded
+from nhbm.child_process import run_in_child_process
 
 from .cli import main
 
 
-def guarded_main() -> int:
+def main_in_child_process() -> int:
     """The command `nhbm-post`."""
-    return guarded(main, "nhbm-post")
+    return run_in_child_process(main, "nhbm-post")
 
 
 if __name__ == "__main__":
-    sys.exit(guarded_main())
+    sys.exit(main_in_child_process())

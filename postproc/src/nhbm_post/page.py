@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nhbm.guard import written
+from nhbm.child_process import atomic_write
 
 from .axis_words import axis_words, with_symbol
 from .errors import ReaderError, UsageError
@@ -67,7 +67,7 @@ def write_page(results: Results, path: Path, model: Path | None = None) -> list[
     else:
         raise UsageError(f"{results.path}: the page would have {size / 1e6:.1f} MB, more than {LARGEST / 1e6:.0f}")
     try:
-        with written(path) as name:
+        with atomic_write(path) as name:
             Path(name).write_text(page, encoding="utf-8")
     except OSError as error:
         raise UsageError(f"cannot write '{path}': {error.strerror or error}") from None

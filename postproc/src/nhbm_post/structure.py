@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nhbm.guard import written
+from nhbm.child_process import atomic_write
 
 from .complete_input import groups
 from .errors import ReaderError, UsageError
@@ -214,7 +214,7 @@ def write_harmonics(
 
 def _write(mesh, path: Path) -> None:
     try:
-        with written(path) as name:
+        with atomic_write(path) as name:
             mesh.write(name)
     except OSError as error:
         raise UsageError(f"cannot write '{path}': {error.strerror or error}") from None
@@ -242,7 +242,7 @@ def write_motion(
         rows.append(f'<DataSet timestep="{t:.12g}" file="{folder.name}/{file.name}"/>')
     body = "\n".join(rows)
     try:
-        with written(path) as name:
+        with atomic_write(path) as name:
             Path(name).write_text(f'<VTKFile type="Collection" version="0.1">\n<Collection>\n{body}\n</Collection>\n</VTKFile>\n')
     except OSError as error:
         raise UsageError(f"cannot write '{path}': {error.strerror or error}") from None

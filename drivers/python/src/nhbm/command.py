@@ -12,17 +12,17 @@ import numpy as np
 
 from nhbm import __version__, assembly, cyclic, examples, importing, reduction, rotors, shells
 from nhbm.checks import check
+from nhbm.child_process import run_in_child_process
 from nhbm.errors import ModelError
 from nhbm.factors import dense_modes, symmetric_part
-from nhbm.guard import guarded
 from nhbm.structure import MATRICES, Structure
 
 OK, NOT_GOOD, WRONG = 0, 1, 2
 
 
-def guarded_main() -> int:
+def main_in_child_process() -> int:
     """The command `nhbm-model`."""
-    return guarded(main, "nhbm-model")
+    return run_in_child_process(main, "nhbm-model")
 
 
 def main(arguments: Any = None) -> int:
@@ -446,4 +446,4 @@ def _highest(reduced: Structure) -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(guarded_main())
+    sys.exit(main_in_child_process())

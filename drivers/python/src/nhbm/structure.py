@@ -11,8 +11,8 @@ import h5py
 import numpy as np
 import scipy.sparse as sp
 
+from nhbm.child_process import atomic_write
 from nhbm.errors import ModelError
-from nhbm.guard import written
 
 FORMAT = "nhbm model"
 SCHEMA_VERSION = 1
@@ -157,7 +157,7 @@ class Structure:
         """Writes the model file, under a temporary name until it is complete and on disk."""
         image = self._image()
         try:
-            with written(path) as name, open(name, "wb") as file:
+            with atomic_write(path) as name, open(name, "wb") as file:
                 file.write(image)
         except OSError as error:
             raise ModelError(f"file '{path}' cannot be written: {error.strerror or error}") from None

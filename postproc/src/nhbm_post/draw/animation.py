@@ -12,7 +12,7 @@ from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Normalize
 
-from nhbm.guard import written
+from nhbm.child_process import atomic_write
 
 from ..errors import UsageError
 from ..series import Series
@@ -101,7 +101,7 @@ def save_animation(fig, update: Update, n_frames: int, path, fps: int, dpi: int)
         raise UsageError(f"cannot animate to '{path}': the name must end in {', '.join(ENDINGS)}")
     FigureCanvasAgg(fig)
     try:
-        with style.look(), written(path) as name:
+        with style.look(), atomic_write(path) as name:
             writer = PillowWriter(fps=fps) if path.suffix.lower() == ".gif" else _mp4(fps)
             with writer.saving(fig, str(name), dpi):
                 fig.draw_without_rendering()

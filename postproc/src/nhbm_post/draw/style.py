@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from nhbm.guard import written
+from nhbm.child_process import atomic_write
 
 from ..appearance import chosen
 from ..errors import UsageError
@@ -292,7 +292,7 @@ def save(fig: Figure, path, dpi: int = 200) -> Path:
     # No date inside: the same data give the same file.
     metadata = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
     try:
-        with look(), written(path) as name:
+        with look(), atomic_write(path) as name:
             fig.savefig(name, dpi=dpi, metadata=metadata, facecolor="white")
     except OSError as error:
         raise UsageError(f"cannot write '{path}': {error.strerror or error}") from None

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nhbm.guard import written
+from nhbm.child_process import atomic_write
 
 from ..errors import ReaderError, UsageError
 from ..series import Series
@@ -74,7 +74,7 @@ def write_time(
     t = np.linspace(t_from, t_to, n_samples or _n_samples(several, t_to - t_from))
     header = ",".join(["t [s]", *(f"{name} [{series.units}]" for name, series in columns)])
     try:
-        with written(path) as name:
+        with atomic_write(path) as name:
             np.savetxt(name, np.column_stack([t, *(s.evaluate(t) for s in several)]), "%.17g", ",", header=header, comments="")
     except OSError as error:
         raise UsageError(f"cannot write '{path}': {error.strerror or error}") from None

@@ -1,5 +1,5 @@
-"""Runs a command in a child process: in some damaged files the HDF5 library dies, or goes round for ever, and says nothing. What
-it says reaches the terminal without control characters; a file that it has not finished writing when it ends is removed.
+"""Runs a command in a child process, because the HDF5 library crashes or loops without a message on some damaged files. The output
+of the child process reaches the terminal without control characters; a file that is incomplete when the process ends is removed.
 
 The packages nhbm_post and nhbm share this module.
 """
@@ -20,31 +20,31 @@ from typing import Any
 import h5py
 
 SECONDS, SECONDS_A_BYTE = 0.5, 2.0e-7  # of processor time that one call of the library may take, by the size of the file
-_ROOM = 4096
-_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_unfinished: mmap.mmap | None = None  # where the child tells the name of the file that it is writing
+_TEXT_SIZE = 4096
+_TERMINATION = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_unfinished: mmap.mmap | None = None  # path of the file that the child process is writing
 
 
-def guarded(main: Any, program: str) -> int:
-    """Exit status of the command; 2 and a line on standard error when the library died in it, or was ended."""
+def run_in_child_process(main: Any, program: str) -> int:
+    """Exit status of the command; 2 and a line on standard error if the process crashed or exceeded its time in the library."""
     global _unfinished
     if not hasattr(os, "fork"):
         return main()
     sys.stdout.flush()
-    place = mmap.mmap(-1, _ROOM)  # shared with the child, which says here what it reads
-    _unfinished = mmap.mmap(-1, _ROOM)
-    signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)  # until both know what to do with them
+    location = mmap.mmap(-1, _TEXT_SIZE)  # shared memory: what the child process is reading
+    _unfinished = mmap.mmap(-1, _TEXT_SIZE)
+    signal.pthread_sigmask(signal.SIG_BLOCK, _TERMINATION)  # until both processes have their handlers
     child = os.fork()
     if child == 0:
         status = 1
-        for number in _ENDING:
+        for number in _TERMINATION:
             signal.signal(number, signal.SIG_DFL)
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _TERMINATION)
         sys.stdout, sys.stderr = _Printable(sys.stdout), _Printable(sys.stderr)
         try:
-            _cancellation(place)
+            _limit_reading_time(location)
             status = main()
-        except SystemExit as end:  # argparse: help, or a mistake that it has told
+        except SystemExit as end:  # argparse: help, or an error that it has reported
             status = end.code if isinstance(end.code, int) else 1
         except MemoryError:
             print(f"{program}: there is not enough memory", file=sys.stderr)
@@ -54,7 +54,7 @@ def guarded(main: Any, program: str) -> int:
         finally:
             try:
                 sys.stdout.flush()
-            except BrokenPipeError:  # the reader has seen enough
+            except BrokenPipeError:  # the reader has closed the pipe
                 pass
             except OSError as error:
                 status = 2
@@ -63,9 +63,9 @@ def guarded(main: Any, program: str) -> int:
                 with suppress(OSError):
                     sys.stderr.flush()
                 os._exit(status)
-    # The child ends of signals; this process then removes what it was writing.
-    before = {number: signal.signal(number, lambda number, _: os.kill(child, number)) for number in _ENDING}
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
+    # Signals end the child process; this process then removes its incomplete file.
+    before = {number: signal.signal(number, lambda number, _: os.kill(child, number)) for number in _TERMINATION}
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _TERMINATION)
     _, status = os.waitpid(child, 0)
     left = _unfinished[:].partition(b"\0")[0]
     if left:
@@ -73,13 +73,13 @@ def guarded(main: Any, program: str) -> int:
             os.unlink(left)
     for number, handler in before.items():
         signal.signal(number, handler)
-    return _ending(status, program, place[:].partition(b"\0")[0].decode(errors="replace"))
+    return _ending(status, program, location[:].partition(b"\0")[0].decode(errors="replace"))
 
 
 @contextmanager
-def written(path: Any) -> Any:
-    """Gives the name of a new file beside `path` to be written, brings it to the disk and gives it its name: whatever fails or ends
-    the process before, a file that was there stays as it was, and no part of the new one is left. A link stays and leads to it."""
+def atomic_write(path: Any) -> Any:
+    """Yields the name of a temporary file beside `path`, synchronises it with the disk and renames it to `path`. If this fails or
+    the process ends before, an existing file is unchanged and the temporary file is removed. A symbolic link is followed."""
     path = Path(os.path.realpath(path))
     if path.exists() and not path.is_file():
         raise OSError(0, "it is no regular file", str(path))
@@ -113,16 +113,16 @@ def _sync(path: Any) -> None:
 
 
 def _note_unfinished(name: str) -> None:
-    """Has the parent process remove a file, should this one end before it can."""
+    """Records the file that the parent process removes if this process ends before it is complete."""
     if _unfinished is None:
         return
     text = os.fsencode(os.path.abspath(name) if name else "")
-    if len(text) < _ROOM:
+    if len(text) < _TEXT_SIZE:
         _unfinished[: len(text) + 1] = text + b"\0"
 
 
 def printable(text: str) -> str:
-    """A text from files or command lines as a terminal may get it: what would command it is shown as `\\x1b`."""
+    """A text from files or command lines without control characters, which are shown as `\\x1b`."""
     return "".join(c if c == "\n" or c.isprintable() else _shown(c) for c in text)
 
 
@@ -133,7 +133,7 @@ def _shown(character: str) -> str:
 
 
 class _Printable:
-    """A stream that passes on what is printable."""
+    """A stream that writes printable characters only."""
 
     def __init__(self, stream: Any) -> None:
         self._stream = stream
@@ -148,12 +148,12 @@ class _Printable:
         return getattr(self._stream, name)
 
 
-def _cancellation(place: mmap.mmap) -> None:
-    """From now on each call that reads says so, and the process is ended by a signal where it takes too long."""
+def _limit_reading_time(location: mmap.mmap) -> None:
+    """From now on each call that reads records what it reads, and SIGPROF ends the process if the call takes too long."""
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
     is_inside = False
 
-    def watched(call: Any, entry: Any, end: Any) -> Any:
+    def limited(call: Any, entry: Any, end: Any) -> Any:
         @functools.wraps(call)
         def reading(self: Any, *args: Any, **kwargs: Any) -> Any:
             nonlocal is_inside
@@ -163,8 +163,8 @@ def _cancellation(place: mmap.mmap) -> None:
             signal.setitimer(signal.ITIMER_PROF, SECONDS)
             try:
                 file, name = entry(self, *args)
-                text = os.fsencode(f"file '{file}'" + (f", at '{name}'" if name else ""))[: _ROOM - 1]
-                place[: len(text) + 1] = text + b"\0"
+                text = os.fsencode(f"file '{file}'" + (f", at '{name}'" if name else ""))[: _TEXT_SIZE - 1]
+                location[: len(text) + 1] = text + b"\0"
                 if isinstance(file, (str, bytes, os.PathLike)) and os.path.isfile(file):
                     signal.setitimer(signal.ITIMER_PROF, SECONDS + SECONDS_A_BYTE * os.path.getsize(file))
                 return end(call(self, *args, **kwargs))
@@ -192,16 +192,16 @@ def _cancellation(place: mmap.mmap) -> None:
         (h5py.AttributeManager, "__getitem__", attribute, itself),
         (h5py.AttributeManager, "__contains__", attribute, itself),
     ):
-        setattr(owner, name, watched(getattr(owner, name), entry, end))
+        setattr(owner, name, limited(getattr(owner, name), entry, end))
 
 
-def _ending(status: int, program: str, place: str) -> int:
+def _ending(status: int, program: str, location: str) -> int:
     if os.WIFEXITED(status):
         return os.WEXITSTATUS(status)
     number = os.WTERMSIG(status)
-    if number in (*_ENDING, signal.SIGKILL, signal.SIGPIPE):
+    if number in (*_TERMINATION, signal.SIGKILL, signal.SIGPIPE):
         return 128 + number
     end = "found no end in it" if number == signal.SIGPROF else f"died of it ({signal.Signals(number).name})"
-    told = f"{place}: HDF5 {end}; the file is damaged" if place else f"ended by {signal.Signals(number).name}"
-    print(printable(f"{program}: {told}"), file=sys.stderr)
+    text = f"{location}: HDF5 {end}; the file is damaged" if location else f"ended by {signal.Signals(number).name}"
+    print(printable(f"{program}: {text}"), file=sys.stderr)
     return 2
