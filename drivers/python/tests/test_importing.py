@@ -131,7 +131,7 @@ def test_physical_groups_of_gmsh_are_sets(tmp_path):
     pytest.importorskip("meshio")
     (tmp_path / "wire.msh").write_text(GMSH)
     unit = sp.identity(3)
-    model = Structure(mass=unit, stiffness=unit, **importing.places_of(["n1.z", "n2.z", "n3.z"]))
+    model = Structure(mass=unit, stiffness=unit, **importing.nodes_of_labels(["n1.z", "n2.z", "n3.z"]))
     importing.add_mesh(model, tmp_path / "wire.msh")
     assert {name: nodes.tolist() for name, nodes in model.sets.items()} == {"tip": [2], "wire": [0, 1, 2]}
     assert model.dofs_of("tip.z") == [2]
@@ -140,10 +140,10 @@ def test_physical_groups_of_gmsh_are_sets(tmp_path):
         importing.add_mesh(nameless, tmp_path / "wire.msh")
 
 
-def test_mesh_gives_places_cells_and_sets(chain, tmp_path):
+def test_mesh_gives_points_cells_and_sets(chain, tmp_path):
     nodes = "".join(f"{10 * i}, {i}.0, 0.5, 0.0\n" for i in range(1, 4))
     (tmp_path / "mesh.inp").write_text(f"*NODE\n{nodes}*ELEMENT, TYPE=T3D2\n1, 10, 20\n2, 20, 30\n*NSET, NSET=TIP\n30\n")
-    model = Structure(mass=sp.identity(2), stiffness=sp.identity(2), **importing.places_of(["n30.z", "n20.z"]))
+    model = Structure(mass=sp.identity(2), stiffness=sp.identity(2), **importing.nodes_of_labels(["n30.z", "n20.z"]))
     importing.add_mesh(model, tmp_path / "mesh.inp")
     assert model.node_numbers.tolist() == [10, 20, 30]
     assert model.coordinates[model.dof_node].tolist() == [[3.0, 0.5, 0.0], [2.0, 0.5, 0.0]]
@@ -186,7 +186,7 @@ NPZ = ["--mass=sound.npz", "--stiffness=bad.npz"]
 CALCULIX = ["--calculix=job"]
 ABAQUS = ["--abaqus", "--mass=abaqus.mtx", "--stiffness=bad.mtx"]
 LABELS = ["--mass=sound.mtx", "--stiffness=sound.mtx", "--labels=labels"]
-MESH = ["--mass=sound.mtx", "--stiffness=sound.mtx", "--labels=places"]
+MESH = ["--mass=sound.mtx", "--stiffness=sound.mtx", "--labels=nodes"]
 ALWAYS = {
     "sound.mtx": SOUND,
     "sound.npz": npz(),
@@ -194,7 +194,7 @@ ALWAYS = {
     "job.dof": "1.3\n2.3\n",
     "job.sti": "1 1 2.0\n2 2 1.0\n",
     "job.mas": "1 1 1.0\n2 2 1.0\n",
-    "places": "n1.z n2.z",
+    "nodes": "n1.z n2.z",
 }
 
 
@@ -254,7 +254,7 @@ def test_bad_files_get_one_message(tmp_path, monkeypatch, capsys, options, name,
     assert not (tmp_path / "out.h5").exists()
 
 
-def test_loads_and_places_of_the_output_are_looked_at(tmp_path, monkeypatch, capsys):
+def test_loads_and_paths_of_output_are_checked(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "sound.mtx").write_text(SOUND)
     command = ["import", "--mass=sound.mtx", "--stiffness=sound.mtx"]

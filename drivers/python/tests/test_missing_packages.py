@@ -16,7 +16,7 @@ PROJECT = (Path(__file__).resolve().parents[3] / "pyproject.toml").read_text()
 def mesh(folder):
     (folder / "wire.msh").write_text("")
     unit = sp.identity(1)
-    importing.add_mesh(Structure(mass=unit, stiffness=unit, **importing.places_of(["n1.z"])), folder / "wire.msh")
+    importing.add_mesh(Structure(mass=unit, stiffness=unit, **importing.nodes_of_labels(["n1.z"])), folder / "wire.msh")
 
 
 def picture(folder):

@@ -129,16 +129,16 @@ def test_damaged_matrices_and_meshes_give_one_line(tmp_path, capsys):
         i = dice.randrange(len(ways))
         path = tmp_path / dice.choice(files[i])
         whole = path.read_bytes()
-        body, place = bytearray(whole), dice.randrange(len(whole))
+        body, at = bytearray(whole), dice.randrange(len(whole))
         accident = dice.randrange(4)
         if accident == 0:
-            body[place] = dice.randrange(256)
+            body[at] = dice.randrange(256)
         elif accident == 1:
-            del body[place:]
+            del body[at:]
         elif accident == 2:
-            body[place:place] = whole[dice.randrange(len(whole)) :]
+            body[at:at] = whole[dice.randrange(len(whole)) :]
         else:
-            body[place : place + 3] = dice.choice([b"nan", b"1e999", b"-1", b"99999999999", b"\0\0", b"*NODE\nx"])
+            body[at : at + 3] = dice.choice([b"nan", b"1e999", b"-1", b"99999999999", b"\0\0", b"*NODE\nx"])
         path.write_bytes(body)
         assert main(["import", *ways[i], "-o", output, "--overwrite"]) in (0, 2), bytes(body)
         path.write_bytes(whole)

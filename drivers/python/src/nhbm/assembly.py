@@ -1,4 +1,4 @@
-"""Parts put together in one model: their places, and pairs of nodes where they meet."""
+"""Parts put together in one model: their positions, and pairs of nodes where they meet."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from nhbm.errors import ModelError
 from nhbm.structure import MATRICES, Recovery, Structure
 
 
-def assemble(parts: dict[str, Structure], places: dict[str, tuple[float, ...]] | None = None) -> Structure:
+def assemble(parts: dict[str, Structure], offsets: dict[str, tuple[float, ...]] | None = None) -> Structure:
     """One model of several parts, which nothing couples yet. Nodes of later parts are numbered on from those before; sets and loads
-    bear the name of their part, `lower_top`, as modes of reduced parts do, `lower.q1`. `places`: by what a part is shifted."""
-    places = places or {}
-    unknown = set(places) - set(parts)
+    bear the name of their part, `lower_top`, as modes of reduced parts do, `lower.q1`. `offsets`: shifts of the parts."""
+    offsets = offsets or {}
+    unknown = set(offsets) - set(parts)
     if unknown:
         raise ModelError(f"there is no part '{sorted(unknown)[0]}'; parts: {', '.join(parts)}")
     models = list(parts.values())
@@ -35,7 +35,7 @@ def assemble(parts: dict[str, Structure], places: dict[str, tuple[float, ...]] |
         for label, node, direction in zip(model.labels, model.dof_node, model.dof_direction):
             labels.append(f"n{moved[node]}.{direction}" if node >= 0 else f"{name}.{label}")
         numbers.append(moved)
-        coordinates.append(model.coordinates + np.asarray(places.get(name, (0.0, 0.0, 0.0))))
+        coordinates.append(model.coordinates + np.asarray(offsets.get(name, (0.0, 0.0, 0.0))))
         nodes.append(np.where(model.dof_node >= 0, model.dof_node + n_nodes, -1))
         cell_nodes.append(model.cell_nodes + n_nodes)
         cell_starts.append(model.cell_starts[1:] + n_cell_nodes)
@@ -76,7 +76,7 @@ def assemble(parts: dict[str, Structure], places: dict[str, tuple[float, ...]] |
 
 
 def meeting_nodes(model: Structure, first: str, second: str, within: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of two sets that stand at the same places, or no farther apart than `within`, first with first."""
+    """Nodes of two sets that stand at the same positions, or no farther apart than `within`, first with first."""
     for name in (first, second):
         if name not in model.sets:
             raise ModelError(f"there is no set '{name}'; sets: {', '.join(model.sets) or 'none'}")

@@ -207,9 +207,9 @@ def run_import(options: Any) -> int:
         importing.add_mesh(model, options.mesh)
     for text in options.set:
         name, numbers = _named(text, "NAME=N,N,...")
-        place = {int(number): i for i, number in enumerate(model.node_numbers)}
+        index = {int(number): i for i, number in enumerate(model.node_numbers)}
         try:
-            model.sets[name] = np.array([place[int(number)] for number in numbers.split(",")])
+            model.sets[name] = np.array([index[int(number)] for number in numbers.split(",")])
         except (KeyError, ValueError) as error:
             raise ModelError(f"--set {text}: there is no node {str(error).rpartition(':')[2].strip()}") from None
     _add_loads(model, options.load)
@@ -266,19 +266,19 @@ def run_example(options: Any) -> int:
     names = options.make.__code__.co_varnames[: len(options.make.__defaults__)]
     model = options.make(**{name: getattr(options, name) for name in names})
     for text in options.node_set:
-        name, places = _named(text, "NAME=X,Y,Z")
-        model.sets[name] = np.array([examples.nearest_node(model, _place(text, place)) for place in places.split(";")])
+        name, positions = _named(text, "NAME=X,Y,Z")
+        model.sets[name] = np.array([examples.nearest_node(model, _position(text, position)) for position in positions.split(";")])
     _add_loads(model, options.load)
     model.validate()
     _write(model, options)
     return OK
 
 
-def _place(text: str, place: str) -> tuple[float, ...]:
+def _position(text: str, position: str) -> tuple[float, ...]:
     try:
-        x, y, z = (float(number) for number in place.split(","))
+        x, y, z = (float(number) for number in position.split(","))
     except ValueError:
-        raise ModelError(f"{text}: a place has three coordinates, X,Y,Z") from None
+        raise ModelError(f"{text}: a position has three coordinates, X,Y,Z") from None
     return x, y, z
 
 
@@ -360,8 +360,8 @@ def run_assemble(options: Any) -> int:
     for text in options.parts:
         name, path = _named(text, "NAME=FILE")
         parts[name] = Structure.read(path)
-    places = {name: _place(text, place) for text in options.at for name, place in [_named(text, "NAME=X,Y,Z")]}
-    model = assembly.assemble(parts, places)
+    offsets = {name: _position(text, offset) for text in options.at for name, offset in [_named(text, "NAME=X,Y,Z")]}
+    model = assembly.assemble(parts, offsets)
     for text in options.pair:
         name, first, second = _two_sets(text)
         print(f"pair {name}: {assembly.add_pair(model, name, first, second, options.within)} nodes")

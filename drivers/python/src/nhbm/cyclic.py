@@ -1,7 +1,7 @@
 """Wheels of equal sectors: the whole wheel from one sector, and its frequencies by nodal diameter.
 
 The sector stands at the angle zero of the axis z and repeats every 2 pi/N. In the wheel nodes move along their own radius (`r`) and
-across it (`t`) in place of x and y, so that matrices of all sectors are the same and nodes where sectors meet have one motion.
+across it (`t`) instead of x and y, so that matrices of all sectors are the same and nodes where sectors meet have one motion.
 With y_i the degrees of freedom of sector i without those at its high side, x_i = A y_i + B y_(i+1); a wave of h nodal diameters has
 y_i = c cos(i h 2 pi/N) + s sin(i h 2 pi/N). Then c - i s belongs to a Hermitian problem of one sector (Thomas, Int. J. Num. Meth.
 Eng. 14 (1979)), which is a real symmetric one in c and s. Models of all nodal diameters, each reduced by itself, make up a reduced
@@ -57,14 +57,14 @@ def sector_of(model: Structure, n_sectors: int, low: str, high: str) -> Sector:
     twin = dict(zip(b.tolist(), a.tolist()))
     at = {(int(node), d): i for i, (node, d) in enumerate(zip(polar.dof_node, polar.dof_direction))}
     own = np.array([i for i, node in enumerate(polar.dof_node) if int(node) not in twin])
-    place = {int(dof): k for k, dof in enumerate(own)}
+    column_of = {int(dof): k for k, dof in enumerate(own)}
     rows, columns = [], []
     for (node, direction), dof in at.items():
         if node in twin:
             if (twin[node], direction) not in at:
                 raise ModelError(f"'{polar.labels[dof]}' of '{high}' moves and its partner in '{low}' does not")
             rows.append(dof)
-            columns.append(place[at[twin[node], direction]])
+            columns.append(column_of[at[twin[node], direction]])
     shape = (model.n_dofs, len(own))
     inside = sp.csr_matrix((np.ones(len(own)), (own, np.arange(len(own)))), shape=shape)
     shared = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=shape)
@@ -72,7 +72,7 @@ def sector_of(model: Structure, n_sectors: int, low: str, high: str) -> Sector:
 
 
 def _polar(model: Structure) -> Structure:
-    """The model with r and t in place of x and y at each node."""
+    """The model with r and t instead of x and y at each node."""
     if set(model.dof_direction) & {"rx", "ry", ""}:
         raise ModelError("a sector moves along x, y and z; degrees of freedom that are rotations about x or y are not known here")
     phi = np.arctan2(model.coordinates[:, 1], model.coordinates[:, 0])
@@ -210,7 +210,7 @@ class _Part:
     reduced: Structure
     waves: np.ndarray  # cosine and sine of its phase at each sector, (n_sectors, n_parts)
     weight: float  # of its energies in those of the wheel
-    place: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))  # (reduced.n_dofs, n_dofs)
+    embedding: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))  # (reduced.n_dofs, n_dofs)
 
     @property
     def n_kept(self) -> int:
@@ -237,16 +237,16 @@ def reduced_wheel(
     starts = n_kept + np.cumsum([0] + [part.reduced.n_dofs - part.n_kept * part.waves.shape[1] for part in parts])
     for part, start, end in zip(parts, starts[:-1], starts[1:]):
         amplitudes = part.waves.T / part.weight if diameter is None else np.eye(part.waves.shape[1])
-        part.place = np.zeros((part.reduced.n_dofs, starts[-1]))
-        part.place[: start - end or None, :n_kept] = np.kron(amplitudes, np.eye(part.n_kept))
-        part.place[len(part.place) - (end - start) :, start:end] = np.eye(end - start) / np.sqrt(part.weight)
+        part.embedding = np.zeros((part.reduced.n_dofs, starts[-1]))
+        part.embedding[: start - end or None, :n_kept] = np.kron(amplitudes, np.eye(part.n_kept))
+        part.embedding[len(part.embedding) - (end - start) :, start:end] = np.eye(end - start) / np.sqrt(part.weight)
     matrices: dict[str, Any] = {}
     loads: dict[str, Any] = {}
     for part in parts:
         for name, matrix in part.reduced.matrices().items():
-            matrices[name] = matrices.get(name, 0.0) + part.weight * (part.place.T @ (matrix @ part.place))
+            matrices[name] = matrices.get(name, 0.0) + part.weight * (part.embedding.T @ (matrix @ part.embedding))
         for name, vector in zip(part.reduced.loads, load_matrix(part.reduced).T):
-            loads[name] = (np.arange(starts[-1]), part.weight * (part.place.T @ vector))
+            loads[name] = (np.arange(starts[-1]), part.weight * (part.embedding.T @ vector))
     body = _body(sector)
     kept = _retained_nodes(sector, body, parts[0], range(n) if diameter is None else None)
     n_modes = int(starts[-1]) - n_kept
@@ -272,14 +272,14 @@ def reduced_wheel(
 
 def _recovery(sector: Sector, wanted: Reduction, parts: list[_Part], body: dict[str, Any]) -> Recovery | None:
     """All degrees of freedom of the wheel; none where that would be too many numbers."""
-    n_rows, size = sector.n_sectors * len(sector.own), parts[0].place.shape[1]
+    n_rows, size = sector.n_sectors * len(sector.own), parts[0].embedding.shape[1]
     if n_rows * size > LARGEST_RECOVERY:
         return None
     matrix = np.zeros((n_rows, size))
     for part in parts:
         angle = np.arctan2(part.waves[1, 1], part.waves[1, 0]) if part.waves.shape[1] == 2 else np.arccos(part.waves[1, 0])
         turn, _ = _turn_to_next(sector, angle, wanted.neighbours)
-        amplitudes = turn[: part.full.n_dofs, : part.full.n_dofs] @ part.reduced.recovery.matrix @ part.place
+        amplitudes = turn[: part.full.n_dofs, : part.full.n_dofs] @ part.reduced.recovery.matrix @ part.embedding
         whole = amplitudes.reshape(part.waves.shape[1], len(sector.own), size)
         matrix += np.tensordot(part.waves, whole, axes=1).reshape(n_rows, size)
     return Recovery(matrix, body["dof_node"], body["dof_direction"])
@@ -352,13 +352,13 @@ def _body(sector: Sector) -> dict[str, Any]:
     from those of the one before."""
     model, n = sector.model, sector.n_sectors
     own_nodes = np.array([i for i in range(len(model.node_numbers)) if i not in sector.twin])
-    place = {int(node): k for k, node in enumerate(own_nodes)}
+    index = {int(node): k for k, node in enumerate(own_nodes)}
     step = int(model.node_numbers.max())
 
     def node_of(node: int, i: int) -> int:
-        if node in place:
-            return place[node] + i * len(own_nodes)
-        return place[sector.twin[node]] + (i + 1) % n * len(own_nodes)
+        if node in index:
+            return index[node] + i * len(own_nodes)
+        return index[sector.twin[node]] + (i + 1) % n * len(own_nodes)
 
     angles = 2 * np.pi * np.arange(n) / n
     x, y, z = model.coordinates[own_nodes].T

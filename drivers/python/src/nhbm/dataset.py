@@ -135,16 +135,16 @@ def _index(session: Session, of: str, dof: str) -> int:
 def gradient_of(session: Session, of: str) -> np.ndarray[Any, Any]:
     """Derivatives of that response by the values of the group &gradient; NaN where they are not known."""
     dof, wanted = parts_of(of)
-    place, by = _index(session, of, dof), session.column("gradient").values
+    i_dof, by = _index(session, of, dof), session.column("gradient").values
     if by is None:
         return np.full(len(session.labels("gradient_value")), np.nan)
-    motion, tuples = session.column("coefficients").values[place], session.column("tuples").values
+    motion, tuples = session.column("coefficients").values[i_dof], session.column("tuples").values
     size = response_of(session, of)
     if wanted is None:
         counts, size = tuples.any(axis=1), 2 * size
     else:
         counts = (tuples == wanted).all(axis=1) | (tuples == -np.array(wanted)).all(axis=1)
-    slopes: np.ndarray[Any, Any] = (by[:, place] * motion)[:, counts].sum(axis=(1, 2)) / (size or np.nan)
+    slopes: np.ndarray[Any, Any] = (by[:, i_dof] * motion)[:, counts].sum(axis=(1, 2)) / (size or np.nan)
     return slopes
 
 

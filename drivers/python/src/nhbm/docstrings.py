@@ -21,7 +21,7 @@ warm : bool
 
 
 def documented(function: _Function) -> _Function:
-    """Puts the shared words in the place of ``{warm}`` and ``{tolerance and order}`` in a docstring."""
+    """Replaces ``{warm}`` and ``{tolerance and order}`` in a docstring by the shared words."""
     function.__doc__ = re.sub(
         r"^( *)\{([a-z ]+)\}$",
         lambda found: textwrap.indent(_SHARED[found[2]], found[1]),

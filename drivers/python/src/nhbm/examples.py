@@ -192,7 +192,7 @@ def ring(
 
 def _around_z(mesh: Any, young: Any, poisson: Any, density: Any) -> Any:
     """Radius and angle of the nodes of a body given in these and z, and what `_elastic` makes of it. Middles of edges have those of
-    their ends, so that both sides of a sector have them at the same places."""
+    their ends, so that both sides of a sector have them at the same positions."""
     polar = mesh.p
     bent = _skfem().MeshTet(np.vstack([polar[0] * np.cos(polar[1]), polar[0] * np.sin(polar[1]), polar[2]]), mesh.t)
     r, phi = np.hstack([polar[:2], polar[:2][:, bent.edges].mean(axis=1)])
@@ -200,8 +200,8 @@ def _around_z(mesh: Any, young: Any, poisson: Any, density: Any) -> Any:
 
 
 def _elastic(mesh: Any, young: Any, poisson: Any, density: Any) -> Any:
-    """Stiffness and mass of an elastic body of quadratic tetrahedra; numbers of the degrees of freedom (3, n_nodes), places of the
-    nodes, cells in the order of VTK."""
+    """Stiffness and mass of an elastic body of quadratic tetrahedra; numbers of the degrees of freedom (3, n_nodes), positions of
+    the nodes, cells in the order of VTK."""
     fem = _skfem()
     basis = fem.Basis(mesh, fem.ElementVector(fem.ElementTetP2()), intorder=4)
     lame = young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
@@ -281,10 +281,10 @@ def _clamped(ends: str) -> list[str]:
     return known[ends]
 
 
-def nearest_node(model: Structure, place: Any) -> int:
-    """Index of the node that moves and is closest to a place."""
+def nearest_node(model: Structure, position: Any) -> int:
+    """Index of the node that moves and is closest to a position."""
     moving = np.unique(model.dof_node[model.dof_node >= 0])
-    return int(moving[np.argmin(((model.coordinates[moving] - np.asarray(place)) ** 2).sum(axis=1))])
+    return int(moving[np.argmin(((model.coordinates[moving] - np.asarray(position)) ** 2).sum(axis=1))])
 
 
 def _above_zero(**values: Any) -> None:

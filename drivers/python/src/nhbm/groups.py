@@ -47,10 +47,10 @@ def path_of(path: str) -> str:
     """
     if "%" in path:
         return path
-    place = re.fullmatch(r"([\w ]+?)(?:\[(\d+)\])?(?:\.(\w+)(?:\[(\d+)\])?)?", path)
-    if place is None:
+    match = re.fullmatch(r"([\w ]+?)(?:\[(\d+)\])?(?:\.(\w+)(?:\[(\d+)\])?)?", path)
+    if match is None:
         raise ModelError(f"'{path}' is no path; 'wall.gap', 'tones[0]' and 'load[1].cos' are")
-    name, number, key, element = place.groups()
+    name, number, key, element = match.groups()
     if key is None:
         if name != "tones":
             raise ModelError(f"'{path}' names no key; 'wall.gap' and 'load[1].cos' do")
@@ -66,7 +66,7 @@ def identifier(path: str) -> str:
     return re.sub("[^a-z0-9]+", "_", path.lower()).strip("_")
 
 
-_PLACE = re.compile(r"(\w+)(?:\(([^()]*)\))?%(\w+)(?:\((\d+)\))?")
+_PATH = re.compile(r"(\w+)(?:\(([^()]*)\))?%(\w+)(?:\((\d+)\))?")
 _WORD = re.compile(r"(?:(\d+)\*)?('(?:[^']|'')*'|[^\s,']+)")
 
 
@@ -77,8 +77,8 @@ def _bodies(text: str, group: str) -> list[str]:
 
 def value_of(path: str, text: str) -> Any:
     """The value at a path in a complete input: a number, text, truth or list of them."""
-    place = _PLACE.fullmatch(path)
-    group, which, key, element = place.groups() if place else ("", None, "", None)
+    match = _PATH.fullmatch(path)
+    group, which, key, element = match.groups() if match else ("", None, "", None)
     bodies = _bodies(text, group)
     if which is not None:
         bodies = bodies[int(which) - 1 : int(which)] if which.isdigit() else [b for b in bodies if f"label = '{which}'\n" in b]
@@ -117,10 +117,10 @@ def without_group(text: str, name: str) -> str:
 
 def described(path: str, text: str, keys: Iterable[Any]) -> dict[str, str]:
     """Name and unit of a value by its path, for axes of pictures; `text` is the complete input and `keys` the table of keys."""
-    place = _PLACE.fullmatch(path)
-    if place is None:
+    match = _PATH.fullmatch(path)
+    if match is None:
         return {}
-    group, which, key, element = place.groups()
+    group, which, key, element = match.groups()
     bodies = _bodies(text, group)
     named = [body for body in bodies if f"label = '{which}'" in body]
     if (group, key) == ("tones", "frequency"):

@@ -30,7 +30,7 @@ def from_matrices(paths: dict[str, Path], labels: list[str] | None = None, **mor
     for name, matrix in matrices.items():
         if matrix.shape[0] != len(labels):
             raise ModelError(f"file '{paths[name]}': matrix '{name}' has {matrix.shape[0]} rows, there are {len(labels)} labels")
-    return Structure(**matrices, **places_of(labels), **more)
+    return Structure(**matrices, **nodes_of_labels(labels), **more)
 
 
 def read_matrix(path: Any) -> sp.csr_matrix:
@@ -78,15 +78,15 @@ def _checked(labels: list[str], path: Any) -> list[str]:
     return labels
 
 
-def places_of(labels: list[str]) -> dict[Any, Any]:
-    """What labels such as `n1204.z` tell: the numbers of the nodes, and where each degree of freedom stands."""
+def nodes_of_labels(labels: list[str]) -> dict[Any, Any]:
+    """Numbers of the nodes, and node and direction of each degree of freedom, from labels such as `n1204.z`."""
     numbers: dict[int, int] = {}
     node, direction, units = [], [], []
     for label in labels:
         stem, _, end = label.partition(".")
-        is_place = stem[:1] == "n" and stem[1:].isdigit() and bool(end)
-        node.append(numbers.setdefault(int(stem[1:]), len(numbers)) if is_place else -1)
-        direction.append(end if is_place else "")
+        names_node = stem[:1] == "n" and stem[1:].isdigit() and bool(end)
+        node.append(numbers.setdefault(int(stem[1:]), len(numbers)) if names_node else -1)
+        direction.append(end if names_node else "")
         units.append("rad" if end in ANGLES else "m")
     return {
         "labels": labels,
@@ -112,7 +112,7 @@ def from_calculix(stem: Any, **more: Any) -> Structure:
         raise ModelError(f"file '{stem}.dof' names no degree of freedom")
     n = len(_checked(labels, f"{stem}.dof"))
     matrices = {name: _triangle(f"{stem}{end}", n) for name, end in (("stiffness", ".sti"), ("mass", ".mas"))}
-    return Structure(**matrices, **places_of(labels), **more)
+    return Structure(**matrices, **nodes_of_labels(labels), **more)
 
 
 def _triangle(path: Any, n: Any) -> sp.csr_matrix:
@@ -137,8 +137,8 @@ def _symmetric(row: Any, column: Any, value: Any, n: Any) -> sp.csr_matrix:
 def from_abaqus(paths: dict[str, Path], **more: Any) -> Structure:
     """Structure of Abaqus' `*MATRIX GENERATE` (MATRIX INPUT format): node, direction, node, direction, value a line."""
     tables = {name: _table(path, 5, 4) for name, path in paths.items()}
-    places = np.unique(np.concatenate([t[:, pair] for t in tables.values() for pair in ([0, 1], [2, 3])]), axis=0)
-    index = {(int(node), int(direction)): i for i, (node, direction) in enumerate(places)}
+    pairs = np.unique(np.concatenate([t[:, pair] for t in tables.values() for pair in ([0, 1], [2, 3])]), axis=0)
+    index = {(int(node), int(direction)): i for i, (node, direction) in enumerate(pairs)}
     for node, direction in index:
         if direction not in DIRECTIONS or node < 1:
             at = [t[:, pair] == (node, direction) for t in tables.values() for pair in ([0, 1], [2, 3])]
@@ -152,7 +152,7 @@ def from_abaqus(paths: dict[str, Path], **more: Any) -> Structure:
         column = np.array([index[int(a), int(b)] for a, b in table[:, 2:4]])
         matrices[name] = _symmetric(row, column, table[:, 4], len(index))
     labels = [f"n{node}.{DIRECTIONS[direction]}" for node, direction in index]
-    return Structure(**matrices, **places_of(labels), **more)
+    return Structure(**matrices, **nodes_of_labels(labels), **more)
 
 
 def from_nastran(path: Any, names: dict[str, str], **more: Any) -> Structure:
@@ -165,7 +165,7 @@ def from_nastran(path: Any, names: dict[str, str], **more: Any) -> Structure:
     except (Exception, SystemExit) as error:  # it raises whatever it meets
         why = " ".join(str(error).split()) or type(error).__name__
         raise ModelError(f"file '{path}' is no bulk data that pyNastran reads: {why}") from None
-    entries, places = {}, set()
+    entries, pairs = {}, set()
     for name, card in names.items():
         if card not in bulk.dmig:
             raise ModelError(f"file '{path}' has no DMIG '{card}'; it has {', '.join(bulk.dmig) or 'none'}")
@@ -177,15 +177,15 @@ def from_nastran(path: Any, names: dict[str, str], **more: Any) -> Structure:
         if np.iscomplexobj(matrix.data):
             raise ModelError(f"file '{path}': DMIG '{card}' is complex; give its imaginary part as --structural")
         entries[name] = (matrix, rows, columns)
-        places |= {tuple(map(int, place)) for place in (*rows.values(), *columns.values())}
-    index = {place: i for i, place in enumerate(sorted(places))}
+        pairs |= {tuple(map(int, pair)) for pair in (*rows.values(), *columns.values())}
+    index = {pair: i for i, pair in enumerate(sorted(pairs))}
     matrices = {}
     for name, (matrix, rows, columns) in entries.items():
         row = [index[tuple(map(int, rows[i]))] for i in matrix.row]
         column = [index[tuple(map(int, columns[i]))] for i in matrix.col]
         matrices[name] = sp.csr_matrix((matrix.data, (row, column)), shape=(len(index),) * 2)
     labels = [f"n{node}.{DIRECTIONS.get(direction, 's')}" for node, direction in index]
-    return Structure(**matrices, **places_of(labels), **more)
+    return Structure(**matrices, **nodes_of_labels(labels), **more)
 
 
 def add_mesh(model: Structure, path: Any) -> None:
@@ -205,14 +205,14 @@ def add_mesh(model: Structure, path: Any) -> None:
     numbers = np.asarray(mesh.point_gids) if getattr(mesh, "point_gids", None) is not None else _abaqus_numbers(path)
     if numbers is None or len(numbers) != len(mesh.points):
         numbers = np.arange(1, len(mesh.points) + 1)
-    place = {int(number): i for i, number in enumerate(numbers)}
-    missing = [int(number) for number in model.node_numbers if int(number) not in place]
+    index = {int(number): i for i, number in enumerate(numbers)}
+    missing = [int(number) for number in model.node_numbers if int(number) not in index]
     if missing:
         hint = ""
-        if len(missing) < len(model.node_numbers) and min(missing) > max(place):
+        if len(missing) < len(model.node_numbers) and min(missing) > max(index):
             hint = "; CalculiX gives elements such as C3D8I, beams and shells nodes of its own, C3D8, C3D10 and C3D20 have none"
         raise ModelError(f"node {missing[0]} of the matrices is not in the mesh '{path}' ({len(missing)} are missing{hint})")
-    old = np.array([place[int(number)] for number in model.node_numbers], dtype=np.int64)
+    old = np.array([index[int(number)] for number in model.node_numbers], dtype=np.int64)
     model.dof_node = np.array([old[node] if node >= 0 else -1 for node in model.dof_node])
     model.node_numbers = np.asarray(numbers, dtype=np.int64)
     model.coordinates = np.hstack([mesh.points, np.zeros((len(mesh.points), 3 - mesh.points.shape[1]))])

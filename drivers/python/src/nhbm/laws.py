@@ -259,8 +259,8 @@ def _arguments(function: Any) -> list[str]:
 
 def _columns(address: int, n_columns: int, block: Any) -> Array:
     """Columns of samples as they stand in memory, (n_samples, n_columns)."""
-    place = (ctypes.c_double * (block.stride * n_columns)).from_address(address)
-    return np.frombuffer(place).reshape(n_columns, block.stride)[:, : block.n_samples].T
+    samples = (ctypes.c_double * (block.stride * n_columns)).from_address(address)
+    return np.frombuffer(samples).reshape(n_columns, block.stride)[:, : block.n_samples].T
 
 
 def _list(address: int, n: int) -> Array:
@@ -272,10 +272,10 @@ def _narrow(values: Array) -> Array:
     return values[:, 0] if values.shape[1] == 1 else values
 
 
-def _write(place: int, values: Array, block: Any) -> None:
+def _write(address: int, values: Array, block: Any) -> None:
     """Derivatives (n_samples, n, m), the last axis is what is differentiated by."""
     n, m = values.shape[1:]
-    _columns(place, n * m, block)[:] = values.transpose(0, 2, 1).reshape(-1, n * m)
+    _columns(address, n * m, block)[:] = values.transpose(0, 2, 1).reshape(-1, n * m)
 
 
 class _Caller:
@@ -337,17 +337,17 @@ class _Force(_Caller):
         _columns(block.f, n, block)[:] = _shaped(self.function, "forces", given[0], z.shape)
         wanted = [(block.df_dz, z, lambda x: ask(x, v, s)), (block.df_dv, v, lambda x: ask(z, x, s)),
                   (block.df_ds, s, lambda x: ask(z, v, x))]  # fmt: skip
-        wanted = [(place, x, along) for place, x, along in wanted if place]
+        wanted = [(address, x, along) for address, x, along in wanted if address]
         if 1 < len(given) <= len(wanted):
             by = "states" if self.n_states else "velocities"
             raise ModelError(f"law '{self.function.__name__}' gives derivatives by displacements but not by {by}")
-        for k, (place, x, along) in enumerate(wanted):
+        for k, (address, x, along) in enumerate(wanted):
             if len(given) > 1:
-                _write(place, _shaped(self.function, "derivatives", given[k + 1], (*z.shape, x.shape[1])), block)
+                _write(address, _shaped(self.function, "derivatives", given[k + 1], (*z.shape, x.shape[1])), block)
             else:
                 trust = [self.trust.setdefault((k, c), _Trust()) for c in range(x.shape[1])]
                 slopes = [_slope(self.function, along, x, c, z.shape, trust[c]) for c in range(x.shape[1])]
-                _write(place, np.stack(slopes, axis=2), block)
+                _write(address, np.stack(slopes, axis=2), block)
 
 
 class _Advance(_Caller):
@@ -361,9 +361,9 @@ class _Advance(_Caller):
 
     def work(self, block: Any) -> None:
         n, m, c = block.n_samples, block.n_states, block.n_coordinates
-        places = block.z, block.z_before, block.rise, block.rise_before
+        inputs = block.z, block.z_before, block.rise, block.rise_before
         p = _list(block.parameters, block.n_parameters)
-        columns = np.hstack([_columns(block.states_before, m, block), *(_columns(place, c, block) for place in places)])
+        columns = np.hstack([_columns(block.states_before, m, block), *(_columns(address, c, block) for address in inputs)])
 
         def ask(columns: Array) -> Array:
             parts = [_narrow(part) for part in np.split(columns, [m, m + c, m + 2 * c, m + 3 * c], axis=1)]
@@ -385,25 +385,25 @@ class _Advance(_Caller):
         _columns(block.states, m, block)[:] = states
         slopes, first = slopes.transpose(1, 2, 0), m
         _write(block.ds_dbefore, slopes[:, :, :m], block)
-        for place in (block.ds_dz, block.ds_dz_before, block.ds_drise, block.ds_drise_before):
-            _write(place, slopes[:, :, first : first + c], block)
+        for address in (block.ds_dz, block.ds_dz_before, block.ds_drise, block.ds_drise_before):
+            _write(address, slopes[:, :, first : first + c], block)
             first += c
 
 
 def _shaped(function: Any, what: str, values: Any, shape: tuple[int, ...], dtype: Any = float) -> Array:
     """Values as an array of that shape; raises ModelError that names the law where they are not."""
-    place = f"law '{getattr(function, '__name__', function)}' gives {what}"
+    subject = f"law '{getattr(function, '__name__', function)}' gives {what}"
     if dtype is float and np.iscomplexobj(values):
-        raise ModelError(f"{place} that are complex")
+        raise ModelError(f"{subject} that are complex")
     if values is None:
-        raise ModelError(f"{place} that are None")
+        raise ModelError(f"{subject} that are None")
     try:
         values = np.asarray(values, dtype=dtype)
     except (TypeError, ValueError) as fault:
-        raise ModelError(f"{place} that are no numbers: {fault}") from None
+        raise ModelError(f"{subject} that are no numbers: {fault}") from None
     wanted = shape[:1] if max(shape[1:]) == 1 else shape
     if values.shape not in (wanted, shape, ()):
-        raise ModelError(f"{place} of shape {values.shape}, expected {wanted}")
+        raise ModelError(f"{subject} of shape {values.shape}, expected {wanted}")
     return np.broadcast_to(values, wanted).reshape(shape) if values.shape == () else values.reshape(shape)
 
 

@@ -334,12 +334,12 @@ class Model:
         """
         return value_of(path_of(path), self.to_namelist())
 
-    def __delitem__(self, place: str) -> None:
+    def __delitem__(self, entry: str) -> None:
         """Removes a load, law or another group that was added to the model.
 
         Parameters
         ----------
-        place : str
+        entry : str
             Its group and number, "load[0]", or its label, "wall".
 
         Examples
@@ -351,14 +351,14 @@ class Model:
         >>> model
         <nhbm.Model: structure chain; frequency [0.9]>
         """
-        match = re.fullmatch(r"(\w+)\[(\d+)\]", place)
+        match = re.fullmatch(r"(\w+)\[(\d+)\]", entry)
         group, wanted = (match[1], int(match[2])) if match else ("", -1)
         if match:
             found = [k for k, (name, _) in enumerate(self._lists) if name == group][wanted : wanted + 1]
         else:
-            found = [k for k, (_, keys) in enumerate(self._lists) if keys.get("label") == place]
+            found = [k for k, (_, keys) in enumerate(self._lists) if keys.get("label") == entry]
         if not found:
-            raise ModelError(f"'{place}' is nothing that was added to the model; 'load[0]' or the label of a law may be")
+            raise ModelError(f"'{entry}' is nothing that was added to the model; 'load[0]' or the label of a law may be")
         k, group = found[0], self._lists[found[0]][0]
         number = 1 + sum(name == group for name, _ in self._lists[:k])
         if self._is_in_base(group) and any(re.match(rf"{group}\(\d", path) for path in self._values):
@@ -725,7 +725,7 @@ class Model:
         return groups
 
     def _text(self, groups: dict[str, dict[str, Any]]) -> str:
-        """The input: &curve and &gradient take the place of those of a text that was read, keys of other groups are set in it."""
+        """The input: &curve and &gradient replace those of a text that was read, keys of other groups are set in it."""
         base = self._base
         for name in set(groups) & set(_REPLACED):
             base = without_group(base, name)

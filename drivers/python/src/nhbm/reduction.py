@@ -473,9 +473,9 @@ def compare(model: Structure, reduced: Structure, frequencies: Any, loss: float 
     """
     started = time.perf_counter()
     model, turn = _relative(model, [f"{name}.{d}" for name in reduced.sets for d in set(reduced.dof_direction) if d])
-    place = {label: i for i, label in enumerate(model.labels)}
-    kept = [i for i, label in enumerate(reduced.labels) if label in place]
-    full = [place[reduced.labels[i]] for i in kept]
+    index = {label: i for i, label in enumerate(model.labels)}
+    kept = [i for i, label in enumerate(reduced.labels) if label in index]
+    full = [index[reduced.labels[i]] for i in kept]
     frequencies = np.atleast_1d(np.asarray(frequencies, dtype=float))
     shift = 1.0e-9 * float(np.median(model.stiffness.diagonal()) / np.median(model.mass.diagonal()))
     symmetric = symmetric_part(model.stiffness)

@@ -64,24 +64,24 @@ class Rotor:
         outer, inner = (np.broadcast_to(np.asarray(d, dtype=float), (len(z) - 1,)) for d in (diameter, bore))
         if not ((outer > inner).all() and (inner >= 0).all()):
             raise ModelError(f"shaft '{name}': the diameter must be above the bore, and this 0 or more")
-        place = _Shaft(name, speed, z, self.n_nodes)
+        new = _Shaft(name, speed, z, self.n_nodes)
         for e, h in enumerate(np.diff(z)):
             stiffness, mass, rotary = self._element(h, outer[e], inner[e])
-            nodes = place.first + e, place.first + e + 1
+            nodes = new.first + e, new.first + e + 1
             self._add("stiffness", nodes, np.eye(2), stiffness)
             self._add("mass", nodes, np.eye(2), mass + rotary)
             self._add(_by_speed("gyroscopic_by_speed", speed), nodes, ACROSS, 2 * rotary)
             if damping:
                 self._add("damping", nodes, np.eye(2), damping * stiffness)
                 self._add(_by_speed("stiffness_by_speed", speed), nodes, ACROSS, damping * stiffness)
-        self._shafts.append(place)
+        self._shafts.append(new)
 
     def disk(self, z: float, mass: float, diametral: float, polar: float, *, shaft: str | None = None) -> None:
         """Adds a rigid disk at the node nearest to z [m]: its mass [kg], diametral and polar moment of inertia [kg m2]; set
         `disk1`, ..."""
-        place, node = self._node(z, shaft)
+        found, node = self._node(z, shaft)
         self._add("mass", (node,), np.eye(2), np.diag([mass, diametral]))
-        self._add(_by_speed("gyroscopic_by_speed", place.speed), (node,), ACROSS, np.diag([0.0, polar]))
+        self._add(_by_speed("gyroscopic_by_speed", found.speed), (node,), ACROSS, np.diag([0.0, polar]))
         self._sets[self._next("disk")] = node
 
     def bearing(self, z: float, stiffness: Any, damping: float = 0.0, *, shaft: str | None = None) -> None:
@@ -105,8 +105,8 @@ class Rotor:
     def unbalance(self, z: float, amount: float, angle: float = 0.0, *, shaft: str | None = None) -> None:
         """Adds mass times eccentricity [kg m] at z [m] and an angle [rad]; load vectors `unbalance_NAME_cos` and `..._sin` of
         the shaft, for &load with frequency_power = 2 and the tuple of the shaft's tone."""
-        place, node = self._node(z, shaft)
-        self._unbalance.setdefault(place.name, []).append((node, amount, angle))
+        found, node = self._node(z, shaft)
+        self._unbalance.setdefault(found.name, []).append((node, amount, angle))
 
     def structure(self) -> Structure:
         """The matrices, with speed-dependent terms for the key `speed` of &structure and &tie."""

@@ -51,7 +51,7 @@ class _Column(ctypes.Structure):
     ]
 
 
-def _places() -> Iterator[str]:
+def _library_paths() -> Iterator[str]:
     """Where the shared library may be: NHBM_LIBRARY, beside this package, in the build of this checkout, in the folder `lib` of
     this installation, of the system."""
     if "NHBM_LIBRARY" in os.environ:
@@ -69,12 +69,12 @@ def _places() -> Iterator[str]:
 
 
 def _load() -> ctypes.CDLL:
-    places = list(_places())
-    if not places:
+    paths = list(_library_paths())
+    if not paths:
         raise ModelError("libnhbm.so was not found; NHBM_LIBRARY may hold its path")
-    library = ctypes.CDLL(places[0])
+    library = ctypes.CDLL(paths[0])
     if library.nhbm_api() != API:
-        raise ModelError(f"{places[0]} has version {library.nhbm_api()} of the interface, this package needs {API}")
+        raise ModelError(f"{paths[0]} has version {library.nhbm_api()} of the interface, this package needs {API}")
     text, number, pointer = ctypes.c_char_p, ctypes.c_int, ctypes.c_void_p
     error, handle = ctypes.POINTER(_Error), ctypes.POINTER(ctypes.c_void_p)
     for name, arguments in {
@@ -213,7 +213,7 @@ class Session:
 
     def __init__(self, structures: Callable[[str], Structure] | None = None) -> None:
         self._library, self._error = library(), _Error()
-        self._handle, self._place = ctypes.c_void_p(self._library.nhbm_new()), ctypes.byref(self._error)
+        self._handle, self._error_address = ctypes.c_void_p(self._library.nhbm_new()), ctypes.byref(self._error)
         self._interrupts = interrupts = _Interrupts()
         self._n_points = 1
         self._fault: BaseException | None = None
@@ -246,7 +246,7 @@ class Session:
 
     def set_parameter(self, handle: int, value: float) -> None:
         """Sets that number, in the unit of the input."""
-        if self._library.nhbm_set(self._handle, handle, value, self._place):
+        if self._library.nhbm_set(self._handle, handle, value, self._error_address):
             self._tell(1)
 
     def solve(self, warm: bool = False, points: int = 1) -> None:
@@ -258,7 +258,7 @@ class Session:
             self._library.nhbm_points(self._handle, points)
             self._n_points = points
         with self._interrupts:
-            code = self._library.nhbm_solve(self._handle, int(warm), self._place)
+            code = self._library.nhbm_solve(self._handle, int(warm), self._error_address)
             self._tell(code)
 
     def begin_curve(self) -> None:
@@ -325,38 +325,38 @@ class Session:
         values = np.frombuffer(ctypes.string_at(column.data, size), kind).reshape(shape) if size else np.zeros(shape, kind)
         return Column(values, unit, axes)
 
-    def _describe(self, name: str, place: Any) -> int:
+    def _describe(self, name: str, builder: Any) -> int:
         """Hands a structure over to the library; what goes wrong in Python is raised again when the library has returned."""
         try:
             structure: Any = self._structures(name)
             give = {word: getattr(library(), f"nhbm_structure_{word}") for word in ("dofs", "matrix", "vector", "nodes", "set")}
-            code = give["dofs"](place, _words(structure.labels), _words(structure.units), structure.up_to or 0.0)
+            code = give["dofs"](builder, _words(structure.labels), _words(structure.units), structure.up_to or 0.0)
             for kind, matrix in structure.matrices().items():
                 matrix.sort_indices()
                 parts = matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32), np.ascontiguousarray(matrix.data, float)
-                code = code or give["matrix"](place, kind.encode(), *parts)
+                code = code or give["matrix"](builder, kind.encode(), *parts)
             for load, (dofs, values) in structure.loads.items():
                 dofs, values = np.ascontiguousarray(dofs, np.int32), np.ascontiguousarray(values, float)
-                code = code or give["vector"](place, load.encode(), len(dofs), dofs, values)
+                code = code or give["vector"](builder, load.encode(), len(dofs), dofs, values)
             if structure.sets:
                 nodes, n_nodes = np.ascontiguousarray(structure.dof_node, np.int32), len(structure.node_numbers)
-                code = code or give["nodes"](place, n_nodes, nodes, _words([word or "-" for word in structure.dof_direction]))
+                code = code or give["nodes"](builder, n_nodes, nodes, _words([word or "-" for word in structure.dof_direction]))
             for set_name, members in structure.sets.items():
                 members = np.ascontiguousarray(members, np.int32)
-                code = code or give["set"](place, set_name.encode(), len(members), members)
+                code = code or give["set"](builder, set_name.encode(), len(members), members)
                 if len(members) == 1:
                     for dof in np.flatnonzero(structure.dof_node == members[0]):
                         self.dofs_of_sets[f"{set_name}.{structure.dof_direction[dof]}"] = structure.labels[dof]
             return int(code)
         except BaseException as fault:
             if isinstance(fault, ModelError):
-                library().nhbm_structure_refuse(place, str(fault).encode())
+                library().nhbm_structure_refuse(builder, str(fault).encode())
             else:
                 self._fault = fault
             return 1
 
     def _call(self, name: str, *arguments: Any) -> None:
-        self._tell(getattr(self._library, f"nhbm_{name}")(self._handle, *arguments, self._place))
+        self._tell(getattr(self._library, f"nhbm_{name}")(self._handle, *arguments, self._error_address))
 
     def _tell(self, code: int) -> None:
         """Raises what a law or a structure has raised while the library was at work, or the error that it describes."""

@@ -282,7 +282,7 @@ def check_labels(labels: list[str]) -> None:
 
 
 def _write_lists(file: Any, group: Any, lists: Any, parts: Any, texts: Any) -> None:
-    """Writes named lists one behind the other, with the place where each begins."""
+    """Writes named lists one behind the other, with the index where each begins."""
     if not lists:
         return
     file.create_dataset(f"{group}/names", data=list(lists), dtype=texts)
