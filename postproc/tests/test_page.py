@@ -46,7 +46,7 @@ def test_page_holds_the_motions(tmp_path, sweep, capsys):
     assert capsys.readouterr().out.splitlines()[-1] == f"wrote {page}"
     data = data_of(page)
     assert [point["status"] for point in data["points"]] == ["converged"] * 3 + ["stalled", "failed", "pending"]
-    assert data["kept"] == [0, 1, 2, -1, -1, -1] and data["points"][4]["message"] == "dgetrf: singular matrix"
+    assert data["rows"] == [0, 1, 2, -1, -1, -1] and data["points"][4]["message"] == "dgetrf: singular matrix"
     assert (data["axis"]["label"], data["axis"]["units"]) == ("Gap of law 1 g", "m")
     values = coefficients_of(data)
     with Results(sweep) as results:

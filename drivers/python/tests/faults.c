@@ -41,16 +41,16 @@ static int strikes(const char *path)
 static int strikes_open(int descriptor)
 {
    char link[64], path[4096];
-   const int kept = errno;
+   const int saved = errno;
    if (calls_left == 0) return 0;
    snprintf(link, sizeof link, "/proc/self/fd/%d", descriptor);
    const ssize_t n = readlink(link, path, sizeof path - 1);
    if (n < 0) {
-      errno = kept;
+      errno = saved;
       return 0;
    }
    path[n] = '\0';
-   errno = kept;
+   errno = saved;
    return strikes(path);
 }
 

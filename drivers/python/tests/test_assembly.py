@@ -1,4 +1,4 @@
-"""Parts that are put together, and pairs of nodes that are kept by what they move relative to each other."""
+"""Parts that are put together, and pairs of nodes whose relative motion is retained."""
 
 import dataclasses
 
@@ -41,7 +41,7 @@ def test_sets_that_do_not_meet_are_refused(two):
 
 
 @pytest.mark.parametrize("method", reduction.MODAL)
-def test_a_pair_is_kept_by_its_difference(two, method):
+def test_a_pair_retains_its_relative_motion(two, method):
     """Flexibility against forces that push the two apart, at rest: that of the full model."""
     assembly.add_pair(two, "joint", "a_tail", "b_head")
     small = reduction.reduce(two, ["joint.z", "n3.z"], 6, method)

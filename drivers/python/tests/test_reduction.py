@@ -49,7 +49,7 @@ def test_mass_that_is_not_symmetric_is_refused(chain):
         reduce(dataclasses.replace(chain, mass=mass), ["contact.z"], 3)
 
 
-def test_kept_degrees_of_freedom_that_move_as_one_are_reported(chain):
+def test_dependent_retained_dofs_are_reported(chain):
     link = np.zeros((12, 12))
     link[np.ix_([3, 4], [3, 4])] = [[1e20, -1e20], [-1e20, 1e20]]
     rigid = dataclasses.replace(chain, stiffness=chain.stiffness + sp.csr_matrix(link))
@@ -59,8 +59,8 @@ def test_kept_degrees_of_freedom_that_move_as_one_are_reported(chain):
 
 @pytest.mark.parametrize("method", MODAL)
 def test_static_answer_is_exact(block, method):
-    kept = ["right.z"]
-    reduced = reduce(block, kept, 3, method)
+    retained = ["right.z"]
+    reduced = reduce(block, retained, 3, method)
     names = [block.labels[dof] for dof in block.dofs_of("right.z")]
     exact = flexibility(block, names, 0.0)
     np.testing.assert_allclose(flexibility(reduced, names, 0.0), exact, rtol=1e-7, atol=1e-8 * abs(exact).max())
@@ -149,14 +149,14 @@ def test_loads_and_recovery(chain):
 
 
 @pytest.mark.parametrize("method", MODAL)
-def test_loads_on_what_is_kept_add_nothing(block, method):
-    """Their static shapes are there already; rounding must not become shapes that move what is kept."""
-    kept = block.dofs_of("right.z")
-    loads = {"push": (np.array(kept), np.ones(len(kept))), "pull": (np.array(kept[:2]), np.array([1.0, -1.0]))}
+def test_loads_on_retained_dofs_add_nothing(block, method):
+    """Their static shapes are there already; rounding must not become shapes that move retained degrees of freedom."""
+    retained = block.dofs_of("right.z")
+    loads = {"push": (np.array(retained), np.ones(len(retained))), "pull": (np.array(retained[:2]), np.array([1.0, -1.0]))}
     reduced = reduce(dataclasses.replace(block, loads=loads), ["right.z"], 6, method)
-    assert reduced.n_dofs == len(kept) + 6
-    unit = np.eye(len(kept), reduced.n_dofs)
-    np.testing.assert_allclose(reduced.recovery.matrix[kept], unit, atol=1e-12)
+    assert reduced.n_dofs == len(retained) + 6
+    unit = np.eye(len(retained), reduced.n_dofs)
+    np.testing.assert_allclose(reduced.recovery.matrix[retained], unit, atol=1e-12)
 
 
 def test_file_of_a_reduced_model(chain, tmp_path):
@@ -229,9 +229,9 @@ def test_error_of_a_body_that_turns_is_reported_at_its_whirls(block, method):
     reduced = reduce(turning, ["right.z"], 14, method)
     dofs = turning.dofs_of("right.z")
 
-    def exact(model, kept, w):
+    def exact(model, retained, w):
         dynamic = model.stiffness * (1 + 1e-3j) - w**2 * model.mass + 1j * w * model.gyroscopic
-        return np.linalg.solve(dynamic.toarray(), np.eye(model.n_dofs)[:, kept])[kept]
+        return np.linalg.solve(dynamic.toarray(), np.eye(model.n_dofs)[:, retained])[retained]
 
     n, up_to = reduced.n_dofs, 1.5e4
     states = np.block([[np.zeros((n, n)), np.eye(n)], [-reduced.stiffness.toarray(), -reduced.gyroscopic.toarray()]])
@@ -296,7 +296,7 @@ def response(model, dofs, forces, w):
 
 
 def largest_difference(full, small, names, up_to):
-    """Of the motion of the kept degrees of freedom under forces at these and the loads, at frequencies nothing was tuned to."""
+    """Of the motion of the retained degrees of freedom under forces at these and the loads, at frequencies nothing was tuned to."""
     worst = 0.0
     for w in up_to * np.array([0.0123, 0.257, 0.533, 0.871, 0.997]):
         answers = []

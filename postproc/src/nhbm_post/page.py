@@ -80,7 +80,7 @@ def page_data(results: Results, model: Path | None = None, share: float = 1.0) -
     kinds = results.curve_kind() if results.curve else np.full(results.n_points, "")
     found, axis, curve_notes = _curves(results)
     points, point_notes = _some_points(results, kinds, found, int(share * _POINTS))
-    dofs, tuples, kept, coefficients, notes = _coefficients(results, points, int(share * _COEFFICIENTS))
+    dofs, tuples, rows, coefficients, notes = _coefficients(results, points, int(share * _COEFFICIENTS))
     factor, hertz = results.frequency_scale()
     sizes = {dof: Measure().values(results, dof, points) for dof in dofs}
     tones = {
@@ -106,7 +106,7 @@ def page_data(results: Results, model: Path | None = None, share: float = 1.0) -
                 "units": results.units("motion", dof),
                 "what": results.series(_first(results), dof).words,
                 "size": _numbers(sizes[dof][points]),
-                "place": results.labels().index(dof),
+                "index": results.labels().index(dof),
             }
             for dof in dofs
         ],
@@ -114,7 +114,7 @@ def page_data(results: Results, model: Path | None = None, share: float = 1.0) -
         "measure": len(dofs) if tones and axis and axis.path.startswith("normal_mode%") else 0,
         "tuples": tuples.tolist(),
         "points": _points(results, points, kinds),
-        "kept": kept,
+        "rows": rows,
         "coefficients": base64.b64encode(coefficients.astype("<f4").tobytes()).decode(),
         "shapes": shapes,
     }

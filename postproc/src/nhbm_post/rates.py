@@ -88,12 +88,12 @@ def cost_exponent(x: np.ndarray, seconds: np.ndarray) -> Rate | NoRate:
 def falling_part(error: np.ndarray) -> np.ndarray:
     """Indices of the known errors up to the end of their decrease: at rounding, or at the error of the reference."""
     known = np.flatnonzero(np.isfinite(error) & (error > _ROUNDING))
-    kept = list(known[:1])
+    falling = list(known[:1])
     for i in known[1:]:
-        if error[i] > _LEAST_DROP * error[kept[-1]] and len(kept) > 2:
+        if error[i] > _LEAST_DROP * error[falling[-1]] and len(falling) > 2:
             break
-        kept.append(i)
-    return np.array(kept, dtype=int)
+        falling.append(i)
+    return np.array(falling, dtype=int)
 
 
 def _fit(kind: str, x: np.ndarray, y: np.ndarray, points: np.ndarray) -> Rate:

@@ -332,7 +332,7 @@ def run_wheel(options: Any) -> int:
 
         model = _reduced(reduced_wheel, options)
         if model.recovery is None:
-            print("the motion of all nodes is not kept: it would take more than 1.6 GB")
+            print("the motion of all nodes is not stored: it would take more than 1.6 GB")
         _write(model, options)
         return OK
     if options.diameter is not None:
@@ -441,8 +441,8 @@ def _tell_errors(pairs: list[tuple[Structure, Structure]], up_to: float | None) 
 def _highest(reduced: Structure) -> float:
     """Half of the highest frequency among the modes of the reduced model."""
     values, _ = dense_modes(symmetric_part(reduced.stiffness), reduced.mass)
-    n_kept = sum(label[0] != "q" for label in reduced.labels)
-    return 0.5 * float(np.sqrt(max(values[max(0, len(values) - n_kept - 1)], 0.0)))
+    n_retained = sum(label[0] != "q" for label in reduced.labels)
+    return 0.5 * float(np.sqrt(max(values[max(0, len(values) - n_retained - 1)], 0.0)))
 
 
 if __name__ == "__main__":

@@ -141,9 +141,9 @@ def nodal_diameter(sector: Sector, diameter: int, neighbours: dict[str, tuple[st
     for part in parts:
         ending = "_sin" * part
         for name, members in model.sets.items():
-            kept = np.array([node for node in members if int(node) in own_nodes], dtype=np.int64)
-            if len(kept) and not set(kept.tolist()) & set(turned_nodes.tolist()):
-                sets[name + ending] = kept + part * n_nodes
+            own_members = np.array([node for node in members if int(node) in own_nodes], dtype=np.int64)
+            if len(own_members) and not set(own_members.tolist()) & set(turned_nodes.tolist()):
+                sets[name + ending] = own_members + part * n_nodes
         for name, (high, low) in (neighbours or {}).items():
             sets |= {f"{name}{ending}_{k}": model.sets[one] + part * n_nodes for k, one in ((1, high), (2, low))}
     return Structure(
@@ -190,7 +190,7 @@ class Wave:
 
 @dataclass
 class Reduction:
-    """What of a wheel is kept, and how."""
+    """Retained degrees of freedom of a wheel, and the method of reduction."""
 
     keep: list[str]
     n_modes: int  # of each nodal diameter; of those with two waves pairs
@@ -213,7 +213,7 @@ class _Part:
     embedding: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))  # (reduced.n_dofs, n_dofs)
 
     @property
-    def n_kept(self) -> int:
+    def n_retained(self) -> int:
         """Of one sector."""
         return sum(label[0] != "q" for label in self.reduced.labels) // self.waves.shape[1]
 
@@ -221,10 +221,10 @@ class _Part:
 def reduced_wheel(
     sector: Sector, wanted: Reduction, diameter: int | None = None
 ) -> tuple[Structure, list[tuple[Structure, Structure]]]:
-    """A small model of a wheel that never was put together: kept degrees of freedom of all sectors, and modes of each nodal
+    """A small model of a wheel that never was put together: retained degrees of freedom of all sectors, and modes of each nodal
     diameter. Beside it the model of each diameter and what it was reduced to, to compare.
 
-    With a diameter that of its waves alone: what is kept are the amplitudes c and s, those of s behind those of c in each set.
+    With a diameter that of its waves alone: what is retained are the amplitudes c and s, those of s behind those of c in each set.
     """
     n = sector.n_sectors
     chosen = list(range(n // 2 + 1)) if diameter is None else [min(diameter % n, -diameter % n)]
@@ -233,12 +233,12 @@ def reduced_wheel(
         phase = 2 * np.pi * d / n * np.arange(n)
         waves = np.column_stack([np.cos(phase), np.sin(phase)][: 1 if 2 * d % n == 0 else 2])
         parts.append(_Part(*_reduced_wave(sector, wanted, d), waves, (waves[:, 0] ** 2).sum() if diameter is None else 1.0))
-    n_kept = parts[0].n_kept * (n if diameter is None else parts[0].waves.shape[1])
-    starts = n_kept + np.cumsum([0] + [part.reduced.n_dofs - part.n_kept * part.waves.shape[1] for part in parts])
+    n_retained = parts[0].n_retained * (n if diameter is None else parts[0].waves.shape[1])
+    starts = n_retained + np.cumsum([0] + [part.reduced.n_dofs - part.n_retained * part.waves.shape[1] for part in parts])
     for part, start, end in zip(parts, starts[:-1], starts[1:]):
         amplitudes = part.waves.T / part.weight if diameter is None else np.eye(part.waves.shape[1])
         part.embedding = np.zeros((part.reduced.n_dofs, starts[-1]))
-        part.embedding[: start - end or None, :n_kept] = np.kron(amplitudes, np.eye(part.n_kept))
+        part.embedding[: start - end or None, :n_retained] = np.kron(amplitudes, np.eye(part.n_retained))
         part.embedding[len(part.embedding) - (end - start) :, start:end] = np.eye(end - start) / np.sqrt(part.weight)
     matrices: dict[str, Any] = {}
     loads: dict[str, Any] = {}
@@ -248,19 +248,19 @@ def reduced_wheel(
         for name, vector in zip(part.reduced.loads, load_matrix(part.reduced).T):
             loads[name] = (np.arange(starts[-1]), part.weight * (part.embedding.T @ vector))
     body = _body(sector)
-    kept = _retained_nodes(sector, body, parts[0], range(n) if diameter is None else None)
-    n_modes = int(starts[-1]) - n_kept
+    retained = _retained_nodes(sector, body, parts[0], range(n) if diameter is None else None)
+    n_modes = int(starts[-1]) - n_retained
     model = Structure(
         **{name: sp.csr_matrix(matrix) for name, matrix in matrices.items()},
-        labels=[f"n{kept['node_numbers'][node]}.{d}" for node, d in zip(kept["dof_node"], kept["dof_direction"])]
+        labels=[f"n{retained['node_numbers'][node]}.{d}" for node, d in zip(retained["dof_node"], retained["dof_direction"])]
         + [f"q{i + 1}" for i in range(n_modes)],
-        units=kept["units"] + ["m"] * n_modes,
-        node_numbers=kept["node_numbers"],
-        coordinates=kept["coordinates"],
-        dof_node=np.array(kept["dof_node"] + [-1] * n_modes),
-        dof_direction=kept["dof_direction"] + [""] * n_modes,
+        units=retained["units"] + ["m"] * n_modes,
+        node_numbers=retained["node_numbers"],
+        coordinates=retained["coordinates"],
+        dof_node=np.array(retained["dof_node"] + [-1] * n_modes),
+        dof_direction=retained["dof_direction"] + [""] * n_modes,
         **{name: body[name] for name in ("cell_types", "cell_starts", "cell_nodes")},
-        sets=kept["sets"],
+        sets=retained["sets"],
         loads=loads,
         unit_system=sector.model.unit_system,
         source=f"{sector.model.source}; wheel of {n} sectors, " + f"{chosen[0]} nodal diameters, " * (diameter is not None)
@@ -311,9 +311,9 @@ def _of_sine(full: Structure, sector: Sector, name: str) -> str:
 
 
 def _retained_nodes(sector: Sector, body: dict[str, Any], part: _Part, sectors: range | None) -> dict[Any, Any]:
-    """Nodes, degrees of freedom and sets of what is kept in all sectors or, without these, of both amplitudes of a wave. Pairs, and
-    sines of other nodes, have nodes of their own behind those of the wheel."""
-    reduced, n_kept = part.reduced, part.n_kept
+    """Retained nodes, degrees of freedom and sets of all sectors or, without these, of both amplitudes of a wave. Pairs, and sines
+    of other nodes, have nodes of their own behind those of the wheel."""
+    reduced, n_retained = part.reduced, part.n_retained
     numbers, coordinates = list(body["node_numbers"]), list(body["coordinates"])
     found: dict[tuple[int, int], int] = {}
 
@@ -330,8 +330,8 @@ def _retained_nodes(sector: Sector, body: dict[str, Any], part: _Part, sectors: 
         return found[node, copy]
 
     copies = range(part.waves.shape[1]) if sectors is None else sectors
-    moving = set(reduced.dof_node[:n_kept].tolist())
-    dof_node = [node_of(int(node), copy) for copy in copies for node in reduced.dof_node[:n_kept]]
+    moving = set(reduced.dof_node[:n_retained].tolist())
+    dof_node = [node_of(int(node), copy) for copy in copies for node in reduced.dof_node[:n_retained]]
     sets = {
         name: np.array([node_of(int(node), copy) for copy in copies for node in members])
         for name, members in reduced.sets.items()
@@ -341,8 +341,8 @@ def _retained_nodes(sector: Sector, body: dict[str, Any], part: _Part, sectors: 
         "node_numbers": np.array(numbers, dtype=np.int64),
         "coordinates": np.array(coordinates),
         "dof_node": dof_node,
-        "dof_direction": reduced.dof_direction[:n_kept] * len(copies),
-        "units": reduced.units[:n_kept] * len(copies),
+        "dof_direction": reduced.dof_direction[:n_retained] * len(copies),
+        "units": reduced.units[:n_retained] * len(copies),
         "sets": sets,
     }
 

@@ -244,14 +244,14 @@ def _nodal(
 ) -> Structure:
     """Model of the degrees of freedom that are not held, node by node. `held`: names of sets, or directions by set."""
     n_nodes = len(points)
-    kept = np.ones((len(directions), n_nodes), dtype=bool)
+    is_free = np.ones((len(directions), n_nodes), dtype=bool)
     for name in held:
         which = held[name] if isinstance(held, dict) else directions
         for direction in which:
-            kept[directions.index(direction), sets[name]] = False
+            is_free[directions.index(direction), sets[name]] = False
     node = np.repeat(np.arange(n_nodes), len(directions))
     direction = np.tile(np.arange(len(directions)), n_nodes)
-    free = kept[direction, node]
+    free = is_free[direction, node]
     node, direction = node[free], direction[free]
     order = dofs[direction, node]
     pick = {"stiffness": stiffness, "mass": mass}

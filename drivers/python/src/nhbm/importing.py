@@ -225,9 +225,9 @@ def add_mesh(model: Structure, path: Any) -> None:
     model.cell_types, model.cell_starts, model.cell_nodes = (np.array(a, dtype=np.int64) for a in (types, starts, nodes))
     moving = set(model.dof_node.tolist())
     for name, members in (mesh.point_sets | _physical_groups(mesh)).items():
-        kept = [int(node) for node in np.unique(members) if int(node) in moving]
-        if kept:
-            model.sets[name.lower()] = np.array(kept)
+        moving_nodes = [int(node) for node in np.unique(members) if int(node) in moving]
+        if moving_nodes:
+            model.sets[name.lower()] = np.array(moving_nodes)
     model.validate()
 
 

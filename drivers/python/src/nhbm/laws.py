@@ -279,7 +279,7 @@ def _write(address: int, values: Array, block: Any) -> None:
 
 
 class _Caller:
-    """What the library calls: faults are kept until it has returned."""
+    """What the library calls: exceptions are stored until it has returned."""
 
     def __call__(self, pointer: Any) -> int:
         if getattr(_state, "fault", None) is not None:  # it has failed before, and nobody has been reported yet

@@ -682,7 +682,7 @@ class Model:
 
     sweep = sweeps.sweep
 
-    # How it is kept
+    # Input text and sessions
 
     def _sharing(self, n: int) -> int:
         """Points that share the time for stability: none where its work, counted as that of compiled laws, would take minutes."""
@@ -750,7 +750,7 @@ class Model:
                 if name not in _REPLACED and self._is_in_base(name):
                     for key, value in groups[name].items():
                         session.set(f"{name}%{key}", value)
-            if more is not None:  # one of them is kept
+            if more is not None:  # one of them is cached
                 self._sessions = {key: live for key, live in self._sessions.items() if key[2] == repr("")}
             self._sessions[used] = _Live(session)
         self._used, live = used, self._sessions[used]

@@ -1,10 +1,10 @@
 """Small models of large ones that keep chosen degrees of freedom as they are, with their error against the full model.
 
-Krylov: shapes K_s^-1 B, K_s^-1 M K_s^-1 B, ... of the shifted stiffness K_s = K + s^2 M for forces B at the kept degrees of freedom
-and the loads, as many as the flexibility takes up to a frequency (Bai, Appl. Numer. Math. 43 (2002), sections 3 and 5).
-Craig-Bampton: x = T [x_b; q], static shapes of the kept degrees of freedom and modes with these held (Craig and Bampton 1968).
+Krylov: shapes K_s^-1 B, K_s^-1 M K_s^-1 B, ... of the shifted stiffness K_s = K + s^2 M for forces B at the retained degrees of
+freedom and the loads, as many as the flexibility takes up to a frequency (Bai, Appl. Numer. Math. 43 (2002), sections 3 and 5).
+Craig-Bampton: x = T [x_b; q], static shapes of the retained degrees of freedom and modes with these held (Craig and Bampton 1968).
 Free interface with residual attachment: modes of the free structure, and what they leave of the static response to forces at the
-kept degrees of freedom (Rubin 1975, MacNeal 1971); rewritten in the kept degrees of freedom and modes, as Craig-Bampton's.
+retained degrees of freedom (Rubin 1975, MacNeal 1971); rewritten in the retained degrees of freedom and modes, as Craig-Bampton's.
 Of a stiffness that is not symmetric (bearings of fluid, follower forces) the symmetric part gives modes and static shapes, with
 those of forces where the rest of it acts; what it is in these is Galerkin's.
 """
@@ -32,7 +32,7 @@ LARGEST_REDUCED = 2000
 BAND = np.array([0.1, 0.35, 0.7, 1.0])
 ASYMMETRY = 1.0e-9  # of the largest entry, which is rounding
 MOST_CIRCULATORY = 60  # degrees of freedom that get static shapes because the skew-symmetric part of the stiffness acts on them
-LEAST_LEFT = 1.0e-11  # by the modes, of the static flexibility at a combination of kept degrees of freedom
+LEAST_LEFT = 1.0e-11  # by the modes, of the static flexibility at a combination of retained degrees of freedom
 RIGID = 1.0e-3  # frequencies below this share of the band are those of rigid bodies
 KRYLOV_TOLERANCE = 1.0e-10  # of the flexibility
 GOLDEN = 0.381966  # offset of frequencies that a space was not tuned to
@@ -45,7 +45,7 @@ _TOLERANCE = "rtol" if "rtol" in inspect.signature(spla.gmres).parameters else "
 
 @dataclass
 class Report:
-    """How far a reduced model is off: relative differences of flexibility at the kept degrees of freedom, and of frequencies."""
+    """Errors of a reduced model: relative differences of flexibility at the retained degrees of freedom, and of frequencies."""
 
     frequencies: np.ndarray  # [rad/s]
     errors: np.ndarray  # of H, largest entry of the difference over the largest entry
@@ -65,7 +65,7 @@ def reduce(
     """Reduced model with the named degrees of freedom or sets, and the vectors of loads as further static shapes.
 
     By a number of modes, or with 'krylov' by as many shapes as the flexibility takes up to a frequency [rad/s]: to a tolerance,
-    relative to its largest entry there. Degrees of freedom of dashpots and bearings are kept then, too.
+    relative to its largest entry there. Degrees of freedom of dashpots and bearings are retained then, too.
 
     The name of a pair, `joint.z` of the sets `joint_1` and `joint_2`, keeps the motion of the first relative to the second, node by
     node, as that of nodes of its own, which form the set `joint`.
@@ -80,20 +80,20 @@ def reduce(
         raise ModelError("the mass is not symmetric (nhbm-model check says where)")
     full = model
     model, turn = _relative(model, keep)
-    kept = list(dict.fromkeys(dof for name in keep for dof in model.dofs_of(name)))
-    if not kept:
-        raise ModelError("no degrees of freedom are kept; name those of laws and loads")
-    if len(kept) + len(model.loads) + (n_modes if method in MODAL else 0) > LARGEST_REDUCED:
-        raise ModelError(f"{len(kept)} kept degrees of freedom and {n_modes} modes are no small model")
-    n_modes = min(n_modes, model.n_dofs - len(kept))
+    retained = list(dict.fromkeys(dof for name in keep for dof in model.dofs_of(name)))
+    if not retained:
+        raise ModelError("no degrees of freedom are retained; name those of laws and loads")
+    if len(retained) + len(model.loads) + (n_modes if method in MODAL else 0) > LARGEST_REDUCED:
+        raise ModelError(f"{len(retained)} retained degrees of freedom and {n_modes} modes are no small model")
+    n_modes = min(n_modes, model.n_dofs - len(retained))
     if method == "krylov":
-        space = _KrylovSpace(model, kept, up_to)
-        kept = space.kept
+        space = _KrylovSpace(model, retained, up_to)
+        retained = space.retained
         basis = space.grown(tolerance)
     else:
         make = _craig_bampton if method == "craig-bampton" else _free_interface
-        basis = make(_without_circulation(model), np.array(kept), n_modes)
-    reduced = _project(model, np.array(kept), basis, method)
+        basis = make(_without_circulation(model), np.array(retained), n_modes)
+    reduced = _project(model, np.array(retained), basis, method)
     reduced.recovery = Recovery(turn @ reduced.recovery.matrix, full.dof_node, full.dof_direction)
     reduced.up_to = up_to if method == "krylov" else None
     return reduced
@@ -174,18 +174,18 @@ def load_matrix(model: Structure) -> np.ndarray:
     return loads
 
 
-def _craig_bampton(model: Any, kept: Any, n_modes: Any) -> np.ndarray:
-    """Columns: kept degrees of freedom, modes with these held, static shapes of the loads."""
-    inside = np.setdiff1d(np.arange(model.n_dofs), kept)
+def _craig_bampton(model: Any, retained: Any, n_modes: Any) -> np.ndarray:
+    """Columns: retained degrees of freedom, modes with these held, static shapes of the loads."""
+    inside = np.setdiff1d(np.arange(model.n_dofs), retained)
     k, m = model.stiffness, model.mass
     k_ii = sp.csr_matrix(k[inside][:, inside])
-    what = "the stiffness with the kept degrees of freedom held (keep more, or leave --method craig-bampton out): it"
+    what = "the stiffness with the retained degrees of freedom held (keep more, or leave --method craig-bampton out): it"
     factors: Any = Factors(k_ii, what) if len(inside) else None
     n_more = len(model.loads)
-    basis = np.zeros((model.n_dofs, len(kept)))
-    basis[kept, np.arange(len(kept))] = 1.0
+    basis = np.zeros((model.n_dofs, len(retained)))
+    basis[retained, np.arange(len(retained))] = 1.0
     if len(inside):
-        basis[inside] = -factors.solve(k[inside][:, kept].toarray())
+        basis[inside] = -factors.solve(k[inside][:, retained].toarray())
         _, shapes = lowest_modes(k_ii, sp.csr_matrix(m[inside][:, inside]), n_modes, 0.0, factors)
         more = np.zeros((model.n_dofs, shapes.shape[1] + n_more))
         more[inside] = np.hstack([shapes, factors.solve(load_matrix(model)[inside])])
@@ -193,8 +193,8 @@ def _craig_bampton(model: Any, kept: Any, n_modes: Any) -> np.ndarray:
     return basis
 
 
-def _free_interface(model: Any, kept: Any, n_modes: Any) -> np.ndarray:
-    """Modes of the free structure and the response to unit forces at the kept degrees of freedom, in a form that has these as
+def _free_interface(model: Any, retained: Any, n_modes: Any) -> np.ndarray:
+    """Modes of the free structure and the response to unit forces at the retained degrees of freedom, in a form that has these as
     coordinates. A small shift makes the stiffness of a structure that can move as a whole invertible; static answers are exact
     where there is none."""
     k, m = model.stiffness, model.mass
@@ -213,56 +213,56 @@ def _free_interface(model: Any, kept: Any, n_modes: Any) -> np.ndarray:
         break
     factors = Factors(sp.csr_matrix(k + shift * m), "the stiffness with some of the mass (nhbm-model check says more): it")
     values, modes = lowest_modes(k, m, n_modes, shift, factors)
-    unit = np.zeros((model.n_dofs, len(kept)))
-    unit[kept, np.arange(len(kept))] = 1.0
+    unit = np.zeros((model.n_dofs, len(retained)))
+    unit[retained, np.arange(len(retained))] = 1.0
     attachment = factors.solve(np.hstack([unit, load_matrix(model)]))
-    whole, flexible = np.abs(attachment).max(axis=0), attachment[kept, : len(kept)]
+    whole, flexible = np.abs(attachment).max(axis=0), attachment[retained, : len(retained)]
     # what modes leave of the attachment, as shapes of unit energy like those of the modes; none where they leave nothing
     attachment -= modes @ (modes.T @ (m @ attachment))
-    static, loads = attachment[:, : len(kept)], attachment[:, len(kept) :]
+    static, loads = attachment[:, : len(retained)], attachment[:, len(retained) :]
     scale = np.sqrt(np.diag(flexible))
     try:
-        left, forces = scipy.linalg.eigh(*((a + a.T) / 2 / np.outer(scale, scale) for a in (static[kept], flexible)))
+        left, forces = scipy.linalg.eigh(*((a + a.T) / 2 / np.outer(scale, scale) for a in (static[retained], flexible)))
     except np.linalg.LinAlgError:
-        raise ModelError("the kept degrees of freedom do not move independently: keep fewer") from None
+        raise ModelError("the retained degrees of freedom do not move independently: keep fewer") from None
     some = left > LEAST_LEFT
     static = static @ (forces[:, some] / scale[:, None] / np.sqrt(left[some]))
-    boundary, inner = _boundary_and_inner(np.hstack([modes / np.sqrt(values + shift), static]), kept)
-    more = loads - boundary @ loads[kept]
+    boundary, inner = _boundary_and_inner(np.hstack([modes / np.sqrt(values + shift), static]), retained)
+    more = loads - boundary @ loads[retained]
     known, _ = np.linalg.qr(inner)
-    more -= known @ (known.T @ more)  # nothing but rounding of loads on kept degrees of freedom
-    more = more[:, np.abs(more).max(axis=0, initial=0.0) > 1.0e-9 * whole[len(kept) :]]
+    more -= known @ (known.T @ more)  # nothing but rounding of loads on retained degrees of freedom
+    more = more[:, np.abs(more).max(axis=0, initial=0.0) > 1.0e-9 * whole[len(retained) :]]
     return np.hstack([boundary, inner, more])
 
 
-def _boundary_and_inner(shapes: Any, kept: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Shapes as those with one at each kept degree of freedom and as what is zero at these."""
-    turn, triangle = np.linalg.qr(shapes[kept].T, mode="complete")
-    boundary = scipy.linalg.solve_triangular(triangle[: len(kept)], (shapes @ turn[:, : len(kept)]).T).T
-    return boundary, shapes @ turn[:, len(kept) :]
+def _boundary_and_inner(shapes: Any, retained: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Shapes as those with one at each retained degree of freedom and as what is zero at these."""
+    turn, triangle = np.linalg.qr(shapes[retained].T, mode="complete")
+    boundary = scipy.linalg.solve_triangular(triangle[: len(retained)], (shapes @ turn[:, : len(retained)]).T).T
+    return boundary, shapes @ turn[:, len(retained) :]
 
 
 class _KrylovSpace:
-    """Shapes of unit energy, V' K_s V = 1 with K_s = K + s^2 M, in which a structure answers forces at the kept degrees of freedom
-    and its loads; `kept` has also those few where damping, gyroscopic and circulatory terms act that are no sum of mass and
+    """Shapes of unit energy, V' K_s V = 1 with K_s = K + s^2 M, in which a structure answers forces at the retained degrees of
+    freedom and its loads; `retained` has also those few where damping, gyroscopic and circulatory terms act that are no sum of mass and
     stiffness, so that these are exact."""
 
-    def __init__(self, model: Any, kept: Any, up_to: Any) -> None:
+    def __init__(self, model: Any, retained: Any, up_to: Any) -> None:
         self.model, self.up_to, self.shift = model, up_to, SHIFT * up_to
         self.rests = _rests(model)
         touched = np.unique(np.concatenate([np.concatenate(rest.nonzero()) for rest in self.rests] + [np.zeros(0, int)]))
         self.is_general = len(touched) > MOST_CIRCULATORY
-        self.kept = kept if self.is_general else list(dict.fromkeys([*kept, *touched.tolist()]))
-        unit = np.zeros((model.n_dofs, len(self.kept)))
-        unit[self.kept, np.arange(len(self.kept))] = 1.0
+        self.retained = retained if self.is_general else list(dict.fromkeys([*retained, *touched.tolist()]))
+        unit = np.zeros((model.n_dofs, len(self.retained)))
+        unit[self.retained, np.arange(len(self.retained))] = 1.0
         self.forces = self.next = np.hstack([unit, load_matrix(model)])
         self.energy = sp.csr_matrix(symmetric_part(model.stiffness) + self.shift**2 * model.mass)
         self.factors = Factors(self.energy, "the stiffness with some of the mass (nhbm-model check says more): it")
         self.basis = np.zeros((model.n_dofs, 0))
 
     def grown(self, tolerance: Any) -> np.ndarray:
-        """Columns: kept degrees of freedom and shapes, of a space that grew until its last block changed the flexibility by less
-        than the tolerance, also at frequencies that it was not tuned to."""
+        """Columns: retained degrees of freedom and shapes, of a space that grew until its last block changed the flexibility by
+        less than the tolerance, also at frequencies that it was not tuned to."""
         n_cycles, change = 0, np.inf
         while True:
             before = self.basis.shape[1]
@@ -281,7 +281,7 @@ class _KrylovSpace:
             if self.is_general and (n_cycles > 0 or change < FIRST_CHANGE):
                 n_cycles += 1
                 self._go_on_with_residuals((GOLDEN * n_cycles) % 1.0)
-        return np.hstack(_boundary_and_inner(self.basis, self.kept))
+        return np.hstack(_boundary_and_inner(self.basis, self.retained))
 
     def _extend(self) -> None:
         """Adds what the structure answers to the next forces, orthonormal; shapes that are none by now are left out."""
@@ -388,10 +388,10 @@ def _proportions(matrix: Any, mass: Any, stiffness: Any) -> tuple[float, float]:
     return float(np.median(alpha)), float(np.median(beta))
 
 
-def _project(model: Any, kept: Any, basis: Any, method: Any) -> Structure:
-    """The model in the columns of a basis, of which the first are the kept degrees of freedom."""
-    n_kept = len(kept)
-    inner = basis[:, n_kept:]
+def _project(model: Any, retained: Any, basis: Any, method: Any) -> Structure:
+    """The model in the columns of a basis, of which the first are the retained degrees of freedom."""
+    n_retained = len(retained)
+    inner = basis[:, n_retained:]
     # modal coordinates of the rest: unit modal mass, ordered by frequency; what depends on the others is left out
     m_inner, k_inner = (inner.T @ (matrix @ inner) for matrix in (model.mass, symmetric_part(model.stiffness)))
     if inner.shape[1]:
@@ -402,8 +402,8 @@ def _project(model: Any, kept: Any, basis: Any, method: Any) -> Structure:
         rotate = (vectors[:, good] / np.sqrt(weights[good])) / size[:, None]
         _, turn = scipy.linalg.eigh(rotate.T @ k_inner @ rotate)
         inner = inner @ (rotate @ turn)
-    basis = np.hstack([basis[:, :n_kept], inner])
-    matrices = {name: _uncoupled(basis.T @ (matrix @ basis), n_kept) for name, matrix in model.matrices().items()}
+    basis = np.hstack([basis[:, :n_retained], inner])
+    matrices = {name: _uncoupled(basis.T @ (matrix @ basis), n_retained) for name, matrix in model.matrices().items()}
     for name in matrices:
         is_skew = name.startswith("gyroscopic")
         sign = -1.0 if is_skew else 1.0
@@ -412,33 +412,33 @@ def _project(model: Any, kept: Any, basis: Any, method: Any) -> Structure:
     n_inner, words = inner.shape[1], "shapes" if method == "krylov" else "modes"
     loads = {}
     for (name, _), column in zip(model.loads.items(), load_matrix(model).T):
-        loads[name] = (np.arange(n_kept + n_inner), basis.T @ column)
-    node = np.concatenate([model.dof_node[kept], np.full(n_inner, -1)]).astype(int)
+        loads[name] = (np.arange(n_retained + n_inner), basis.T @ column)
+    node = np.concatenate([model.dof_node[retained], np.full(n_inner, -1)]).astype(int)
     moving = set(node[node >= 0].tolist())
     sets = {name: np.array([n for n in nodes if int(n) in moving]) for name, nodes in model.sets.items()}
     return Structure(
         **{name: sp.csr_matrix(matrix) for name, matrix in matrices.items()},
-        labels=[model.labels[dof] for dof in kept] + [f"q{i + 1}" for i in range(n_inner)],
-        units=[model.units[dof] for dof in kept] + ["m"] * n_inner,
+        labels=[model.labels[dof] for dof in retained] + [f"q{i + 1}" for i in range(n_inner)],
+        units=[model.units[dof] for dof in retained] + ["m"] * n_inner,
         node_numbers=model.node_numbers,
         coordinates=model.coordinates,
         dof_node=node,
-        dof_direction=[model.dof_direction[dof] for dof in kept] + [""] * n_inner,
+        dof_direction=[model.dof_direction[dof] for dof in retained] + [""] * n_inner,
         cell_types=model.cell_types,
         cell_starts=model.cell_starts,
         cell_nodes=model.cell_nodes,
         sets={name: nodes for name, nodes in sets.items() if len(nodes)},
         loads=loads,
         unit_system=model.unit_system,
-        source=f"{model.source}; {method}, {n_kept} of {model.n_dofs} kept, {n_inner} {words}",
+        source=f"{model.source}; {method}, {n_retained} of {model.n_dofs} retained, {n_inner} {words}",
         recovery=Recovery(basis, model.dof_node, model.dof_direction),
     )
 
 
-def _uncoupled(matrix: Any, n_kept: Any) -> np.ndarray:
+def _uncoupled(matrix: Any, n_retained: Any) -> np.ndarray:
     """The matrix without the coupling between shapes that is rounding beside their own entries."""
-    size = np.sqrt(np.abs(np.diag(matrix)[n_kept:]))
-    shapes = matrix[n_kept:, n_kept:]
+    size = np.sqrt(np.abs(np.diag(matrix)[n_retained:]))
+    shapes = matrix[n_retained:, n_retained:]
     shapes[(np.abs(shapes) <= ROUNDING * np.outer(size, size)) & ~np.eye(len(shapes), dtype=bool)] = 0.0
     return matrix
 
@@ -465,7 +465,7 @@ def resonances(reduced: Structure, up_to: float) -> np.ndarray:
 
 
 def compare(model: Structure, reduced: Structure, frequencies: Any, loss: float = 1.0e-3) -> Report:
-    """Errors of the reduced model's flexibility at its kept degrees of freedom against the full one's, at some frequencies [rad/s].
+    """Errors of the flexibility at the retained degrees of freedom against that of the full model, at some frequencies [rad/s].
 
     Both with the loss factor `loss` on top, so that a resonance is no singularity. The full model is solved from the reduced one's
     answer on by GMRES, with the factors of the stiffness, slightly shifted, as preconditioner: to 1e-10 of the right-hand side, or
@@ -474,8 +474,8 @@ def compare(model: Structure, reduced: Structure, frequencies: Any, loss: float 
     started = time.perf_counter()
     model, turn = _relative(model, [f"{name}.{d}" for name in reduced.sets for d in set(reduced.dof_direction) if d])
     index = {label: i for i, label in enumerate(model.labels)}
-    kept = [i for i, label in enumerate(reduced.labels) if label in index]
-    full = [index[reduced.labels[i]] for i in kept]
+    retained = [i for i, label in enumerate(reduced.labels) if label in index]
+    full = [index[reduced.labels[i]] for i in retained]
     frequencies = np.atleast_1d(np.asarray(frequencies, dtype=float))
     shift = 1.0e-9 * float(np.median(model.stiffness.diagonal()) / np.median(model.mass.diagonal()))
     symmetric = symmetric_part(model.stiffness)
@@ -484,14 +484,14 @@ def compare(model: Structure, reduced: Structure, frequencies: Any, loss: float 
     errors = []
     for w in frequencies:
         a, b = _dynamic(model, w, loss), _dynamic(reduced, w, loss).toarray()
-        small = np.linalg.solve(b, np.eye(len(b))[:, kept])
-        columns = range(len(kept)) if len(kept) <= 4 else np.unique(np.linspace(0, len(kept) - 1, 4).astype(int))
-        exact = np.zeros((len(kept), len(columns)), dtype=complex)
+        small = np.linalg.solve(b, np.eye(len(b))[:, retained])
+        columns = range(len(retained)) if len(retained) <= 4 else np.unique(np.linspace(0, len(retained) - 1, 4).astype(int))
+        exact = np.zeros((len(retained), len(columns)), dtype=complex)
         for i, c in enumerate(columns):
             unit = np.zeros(model.n_dofs, dtype=complex)
             unit[full[c]] = 1.0
             exact[:, i] = _solve(a, unit, recovery @ small[:, c], factors)[full]
-        difference = np.abs(small[kept][:, list(columns)] - exact).max()
+        difference = np.abs(small[retained][:, list(columns)] - exact).max()
         errors.append(difference / np.abs(exact).max())
     ours = resonances(replace(reduced, gyroscopic=None, stiffness=symmetric_part(reduced.stiffness)), frequencies.max())
     n_rigid = 6

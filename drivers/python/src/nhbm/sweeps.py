@@ -172,12 +172,12 @@ def _script_left_out(work: _Line) -> Iterator[None]:
     if b"__main__" in pickle.dumps(work):
         yield
         return
-    kept = {name: script.get(name) for name in ("__file__", "__spec__")}
-    script.update(dict.fromkeys(kept))
+    saved = {name: script.get(name) for name in ("__file__", "__spec__")}
+    script.update(dict.fromkeys(saved))
     try:
         yield
     finally:
-        script.update(kept)
+        script.update(saved)
 
 
 class Progress:
