@@ -20,7 +20,7 @@ class Browser:
         to_read, self._to = os.pipe()
         self._from, to_write = os.pipe()
 
-        def place_pipes():  # the protocol reads from 3 and writes to 4
+        def connect_pipes():  # the protocol reads from 3 and writes to 4
             here = [os.dup(to_read), os.dup(to_write)]
             spare = [os.dup2(fd, 100 + k) for k, fd in enumerate(here)]
             os.dup2(spare[0], 3)
@@ -31,7 +31,7 @@ class Browser:
         self._process = subprocess.Popen(
             [PROGRAM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
              "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={folder}", "--remote-debugging-pipe", "about:blank"],
-            preexec_fn=place_pipes, close_fds=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            preexec_fn=connect_pipes, close_fds=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         os.close(to_read)
         os.close(to_write)
@@ -95,8 +95,8 @@ class Browser:
         """Moves the pressed mouse from one position to another in four steps."""
         self.call("Input.dispatchMouseEvent", type="mousePressed", x=x, y=y, button="left", clickCount=1)
         for k in (0.25, 0.5, 0.75, 1.0):
-            place = {"x": x + k * (to_x - x), "y": y + k * (to_y - y)}
-            self.call("Input.dispatchMouseEvent", type="mouseMoved", button="left", buttons=1, **place)
+            position = {"x": x + k * (to_x - x), "y": y + k * (to_y - y)}
+            self.call("Input.dispatchMouseEvent", type="mouseMoved", button="left", buttons=1, **position)
         self.call("Input.dispatchMouseEvent", type="mouseReleased", x=to_x, y=to_y, button="left", clickCount=1)
 
     def press(self, key: str) -> None:

@@ -189,7 +189,7 @@ def change(path, **columns):
             file[name][...] = values
 
 
-def test_what_has_no_place_on_logarithmic_axes_is_reported(order_sequence, capsys):
+def test_logarithmic_axes_report_omitted_points(order_sequence, capsys):
     times = np.array([0.0, 1e-7, 4e-7, 16e-7] * 2)
     change(order_sequence, kernel_tangent_seconds=times, harmonics_order=[0.0, 2.0, 4.0, 8.0] * 2)
     assert main(["bench", str(order_sequence), "--over", "harmonics%order"]) == 0

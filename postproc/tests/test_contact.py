@@ -11,7 +11,7 @@ from nhbm_post.complete_input import groups
 from nhbm_post.contact import OPEN, SLIP, STICK, Contact, Motion, contacts, follow, history, summary
 from nhbm_post.structure import Structure
 
-PLACES = [[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+COORDINATES = [[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
 STOP = "&law\n   type = 'elastic_stop'\n   label = 'stop'\n   stiffness = 100.0\n   gap = 0.5\n   dof = 'patch.z'\n/\n"
 STICKING = 1.0 / 3.0  # reach of sliders, relative to their amplitude
 
@@ -23,7 +23,7 @@ def write_model(path, directions="z"):
     with h5py.File(path, "w") as file:
         file.create_dataset("labels", data=labels, dtype=text)
         file["nodes/number"] = np.arange(1, 5)
-        file["nodes/coordinates"] = PLACES
+        file["nodes/coordinates"] = COORDINATES
         file["cells/type"], file["cells/indptr"], file["cells/nodes"] = [9], [0, 4], [0, 1, 2, 3]
         file["dofs/node"] = np.repeat(np.arange(4), len(directions))
         file.create_dataset("dofs/direction", data=list(directions) * 4, dtype=text)
@@ -104,9 +104,9 @@ def test_a_slider_on_a_circle_is_pulled_along_all_the_time():
     """At the radius R and a leash of length r it goes round at the radius sqrt(R2 - r2)."""
     t = np.linspace(0.0, 40.0, 40001)
     z = np.array([np.cos(t), np.sin(t)])[:, :, None]
-    places, moved = follow(z, np.full((t.size, 1), 0.6), np.zeros((2, 1)))
+    positions, moved = follow(z, np.full((t.size, 1), 0.6), np.zeros((2, 1)))
     assert moved.all()
-    assert np.hypot(*places[:, -1, 0]) == pytest.approx(0.8, abs=1e-3)
+    assert np.hypot(*positions[:, -1, 0]) == pytest.approx(0.8, abs=1e-3)
 
 
 def test_friction_opens_where_its_normal_load_is_gone(tmp_path):
@@ -129,7 +129,7 @@ def test_friction_opens_where_its_normal_load_is_gone(tmp_path):
 
 
 def test_rigid_laws_are_closed_where_their_force_is(tmp_path):
-    """z = min(cos, gap) and a push in its place, to the sixtieth harmonic; friction that holds for a third of the period."""
+    """z = min(cos, gap) and a reaction force where it is cut, to the sixtieth harmonic; friction that holds for a third of the period."""
     orders = np.arange(61)
     t = 2 * np.pi * np.arange(4096) / 4096
     cut, push = np.minimum(np.cos(t), 0.5), np.maximum(np.cos(t) - 0.5, 0.0) * 7.0
@@ -154,8 +154,8 @@ def test_elements_side_by_side_slip_one_after_the_other(tmp_path):
     sliders = []
     for k, limit in ((100.0, 20.0), (30.0, 45.0)):
         longer = motion.coordinate(contact, 0, np.concatenate([times[:-1] - motion.period, times]))
-        places, moved = follow(longer[None], np.full(longer.shape, limit / k), np.zeros((1, 3)))
-        sliders.append((k * (z - places[0, 256:]), moved[256:]))
+        positions, moved = follow(longer[None], np.full(longer.shape, limit / k), np.zeros((1, 3)))
+        sliders.append((k * (z - positions[0, 256:]), moved[256:]))
     np.testing.assert_allclose(found.friction, np.abs(sliders[0][0] + sliders[1][0]), atol=1e-9)
     assert ((found.status == SLIP) == (sliders[0][1] | sliders[1][1])).all()
     assert 0.0 < (found.status[:, 0] == STICK).mean() < 1.0

@@ -83,8 +83,8 @@ def test_bifurcations_and_grazes_are_marked(tmp_path):
         file["curve_kind"][1:6] = [7, 8, 9, 10, 11]
     with Results(path) as results:
         fig = draw_response(results, measure=Measure("harmonic", (1,)))
-    for kind, place in (("branch", 2.0), ("flip", 3.0), ("torus", 2.5), ("split", 2.0), ("graze", 3.0)):
-        assert [x for mark in lines(fig, kind) for x in mark.get_xdata()] == [place], kind
+    for kind, position in (("branch", 2.0), ("flip", 3.0), ("torus", 2.5), ("split", 2.0), ("graze", 3.0)):
+        assert [x for mark in lines(fig, kind) for x in mark.get_xdata()] == [position], kind
     assert {"1 period doubling", "1 Neimark-Sacker point", "1 change of stability", "1 graze"} <= set(legend_of(fig))
 
 

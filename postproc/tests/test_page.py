@@ -275,10 +275,10 @@ def test_curves_are_looked_at_closer(tmp_path, chromium):
     share = (np.array([0.4, 0.7]) * width - 62) / (width - 72)
     assert shown[:2] == pytest.approx(list(whole[0] + share * (whole[1] - whole[0])), rel=1e-3)
     assert chromium.run("document.getElementById('frame')") is None
-    place = chromium.run("places.find(p => p[0] > 100 && p[0] < view.width - 40 && p[1] > 20 && p[1] < view.bottom - 20)")
-    if place:
-        chromium.click(left + place[0], top + place[1])
-        assert chromium.run("state.point") == place[2]
+    position = chromium.run("positions.find(p => p[0] > 100 && p[0] < view.width - 40 && p[1] > 20 && p[1] < view.bottom - 20)")
+    if position:
+        chromium.click(left + position[0], top + position[1])
+        assert chromium.run("state.point") == position[2]
     chromium.run(click("whole"))
     assert chromium.run("view.shown") == whole
     chromium.run(click("logarithmic"))

@@ -169,7 +169,7 @@ def test_a_hundred_curves_are_thinned_and_said_so(tmp_path):
         assert len(curves_of(draw_response(results, over="tones%frequency", n_curves=12))) == 12
 
 
-def test_logarithmic_axes_report_what_has_no_place(tmp_path):
+def test_logarithmic_axes_report_omitted_points(tmp_path):
     path = grid_file(tmp_path / "a.h5", n_gaps=1)
     with h5py.File(path, "r+") as file:
         file["coefficients"][1] = 0.0
@@ -177,7 +177,7 @@ def test_logarithmic_axes_report_what_has_no_place(tmp_path):
         fig = draw_response(results, logarithmic="xy")
     (line,) = curves_of(fig)
     assert (line.axes.get_xscale(), line.axes.get_yscale()) == ("log", "log")
-    assert "1 points with y = 0 or less have no place on a logarithmic axis" in head_of(fig)
+    assert "1 points with y = 0 or less cannot be drawn on a logarithmic axis" in head_of(fig)
     assert np.isnan(line.get_ydata()).tolist() == [False, True, False, False, False]
 
 

@@ -148,7 +148,7 @@ def test_what_does_not_fit_is_reported(files, capsys):
     assert status == 2 and "tuple 9,9 is not in the set of harmonics" in err
 
 
-def test_files_that_are_no_models_and_places_that_cannot_be_written(files, capsys):
+def test_wrong_model_files_and_paths_are_reported(files, capsys):
     folder, _ = files
     (folder / "text.h5").write_text("no HDF5")
     write_model(folder / "full.h5", ["n2.z", "q1"], [1, 0], ["z", "y"])

@@ -118,8 +118,8 @@ def contacts(results: Results, structure: Structure, point: int) -> list[Contact
         kind = texts["type"][0]
         label = texts.get("label", [f"{kind} {number}"])[0]
         coordinates = _coordinates(structure, kind, texts)
-        n = max(len(places) for places, _ in coordinates)
-        expected = [label] if n == 1 else [f"{label} {places[0]}" for places in coordinates[0][0]]
+        n = max(len(dofs_of_nodes) for dofs_of_nodes, _ in coordinates)
+        expected = [label] if n == 1 else [f"{label} {dofs[0]}" for dofs in coordinates[0][0]]
         if labels[first : first + n] not in (expected, [f"{label} {expected[0]}"]):
             raise ReaderError(
                 f"{results.path}: law '{label}' of its input is not that of {structure.path}; is that the model of the run?"
@@ -131,7 +131,7 @@ def contacts(results: Results, structure: Structure, point: int) -> list[Contact
             table = _table(kind, texts, keys, len(coordinates), np.abs(results.frequency(point)))
             found.append(Contact(label, kind, laws, np.zeros(0, dtype=int), keys, coordinates, table=table))
             continue
-        nodes = [structure.node_of(places[0]) for places in coordinates[0][0]]
+        nodes = [structure.node_of(dofs[0]) for dofs in coordinates[0][0]]
         if kind in KINDS and None not in nodes:
             two_sided = texts.get("two_sided", ["f"])[0].strip(".").lower().startswith("t")
             found.append(Contact(label, kind, laws, np.array(nodes), keys, coordinates, two_sided))
@@ -166,8 +166,8 @@ def _coordinates(structure: Structure, kind: str, texts: dict[str, list[str]]) -
         if key == "dofs" and "weights" not in texts:  # a law of several coordinates
             coordinates += [([[dof] for dof in column], [1.0]) for column in names]
             continue
-        places = [[column[i if len(column) > 1 else 0] for column in names] for i in range(n)]
-        coordinates.append((places, [float(w) for w in texts.get(weights, ["1"] * len(names))]))
+        dofs_of_nodes = [[column[i if len(column) > 1 else 0] for column in names] for i in range(n)]
+        coordinates.append((dofs_of_nodes, [float(w) for w in texts.get(weights, ["1"] * len(names))]))
     return coordinates
 
 
@@ -205,13 +205,13 @@ class Motion:
 
     def coordinate(self, contact: Contact, k: int, t: np.ndarray, rate: bool = False) -> np.ndarray:
         """Coordinate k at given times, or its rate (n_times, n_nodes)."""
-        places, weights = contact.coordinates[k]
-        return sum(w * self._values([place[i] for place in places], "corrected", t, rate) for i, w in enumerate(weights))
+        dofs_of_nodes, weights = contact.coordinates[k]
+        return sum(w * self._values([dofs[i] for dofs in dofs_of_nodes], "corrected", t, rate) for i, w in enumerate(weights))
 
     def force(self, contact: Contact, t: np.ndarray) -> np.ndarray:
         """Force of each law on its coordinate, for laws of one coordinate (n_times, n_nodes)."""
-        places, weights = contact.coordinates[0]
-        return self._values([place[0] for place in places], "force", t) / weights[0]
+        dofs_of_nodes, weights = contact.coordinates[0]
+        return self._values([dofs[0] for dofs in dofs_of_nodes], "force", t) / weights[0]
 
     def _series(self, dof: str, quantity: str):
         if (dof, quantity) not in self._loaded:
@@ -242,21 +242,21 @@ def _blocks(contact: Contact, motion: Motion, start: float, step: float, n: int)
     n_before = 0
     if contact.has_memory:
         n_before = int(np.ceil(max(_BEFORE * motion.period, motion.window / _BEATS) / step))
-    place = None
+    sliders = None
     most = max(1000, _BLOCK // contact.n)
     for first in [*range(-n_before, 0, most), *range(0, n, most)]:
         last = min(first + most, 0 if first < 0 else n)
-        found, place = _evaluate(contact, motion, start + step * np.arange(first, last), place)
+        found, sliders = _evaluate(contact, motion, start + step * np.arange(first, last), sliders)
         if first >= 0:
             yield found
 
 
-def _evaluate(contact: Contact, motion: Motion, times: np.ndarray, place: np.ndarray | None) -> tuple[History, np.ndarray | None]:
+def _evaluate(contact: Contact, motion: Motion, times: np.ndarray, sliders: np.ndarray | None) -> tuple[History, np.ndarray | None]:
     """The history at given times, and the final positions of the sliders, which begin at given positions or at rest."""
     if contact.kind == "iwan":
-        return _sliding_side_by_side(contact, motion, times, place)
+        return _sliding_side_by_side(contact, motion, times, sliders)
     if contact.has_memory:
-        return _sliding(contact, motion, times, place)
+        return _sliding(contact, motion, times, sliders)
     return _without_memory(contact, motion, times), None
 
 
@@ -294,7 +294,7 @@ def _largest(values: np.ndarray) -> np.ndarray:
     return np.maximum(np.abs(values).max(), 1e-300)
 
 
-def _sliding(contact: Contact, motion: Motion, t: np.ndarray, place: np.ndarray | None) -> tuple[History, np.ndarray]:
+def _sliding(contact: Contact, motion: Motion, t: np.ndarray, sliders: np.ndarray | None) -> tuple[History, np.ndarray]:
     """Elastic friction."""
     z = np.array([motion.coordinate(contact, k, t) for k in range(2 if contact.kind == "jenkins_2d" else 1)])
     k = contact.keys["stiffness"]
@@ -306,30 +306,30 @@ def _sliding(contact: Contact, motion: Motion, t: np.ndarray, place: np.ndarray 
             gap = -normal / contact.keys["normal_stiffness"]
         normal = np.maximum(normal, 0.0)
         reach = contact.keys["friction_coefficient"] * normal / k
-    places, moved = follow(z, reach, np.zeros_like(z[:, 0]) if place is None else place)
+    positions, moved = follow(z, reach, np.zeros_like(z[:, 0]) if sliders is None else sliders)
     status = np.where(normal == 0.0, OPEN, np.where(moved, SLIP, STICK))
-    return History(status, gap, normal, k * np.sqrt(((z - places) ** 2).sum(axis=0))), places[:, -1]
+    return History(status, gap, normal, k * np.sqrt(((z - positions) ** 2).sum(axis=0))), positions[:, -1]
 
 
 def _sliding_side_by_side(
-    contact: Contact, motion: Motion, t: np.ndarray, place: np.ndarray | None
+    contact: Contact, motion: Motion, t: np.ndarray, sliders: np.ndarray | None
 ) -> tuple[History, np.ndarray]:
     """Parallel friction elements; slip means that at least one of them slips."""
     z = motion.coordinate(contact, 0, t)
     n = sum(1 for key in contact.keys if key.startswith("stiffness"))
-    place = np.zeros((n, 1, contact.n)) if place is None else place
+    sliders = np.zeros((n, 1, contact.n)) if sliders is None else sliders
     force, slips, ends = 0.0, False, []
-    for k, limit, start in zip(contact.each("stiffness", n), contact.each("limit", n), place):
-        places, moved = follow(z[None], np.full(z.shape, limit / k), start)
-        force, slips = force + k * (z - places[0]), slips | moved
-        ends.append(places[:, -1])
+    for k, limit, start in zip(contact.each("stiffness", n), contact.each("limit", n), sliders):
+        positions, moved = follow(z[None], np.full(z.shape, limit / k), start)
+        force, slips = force + k * (z - positions[0]), slips | moved
+        ends.append(positions[:, -1])
     return History(np.where(slips, SLIP, STICK), friction=np.abs(force)), np.array(ends)
 
 
 def follow(z: np.ndarray, reach: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Positions of sliders within a distance `reach` (n_times, n_nodes) of z (n_directions, n_times, n_nodes), and whether each has
     moved in the step to that time, from `start` (n_directions, n_nodes)."""
-    places = np.zeros_like(z)
+    positions = np.zeros_like(z)
     moved = np.zeros(reach.shape, dtype=bool)
     w = start
     for i in range(len(reach)):
@@ -337,8 +337,8 @@ def follow(z: np.ndarray, reach: np.ndarray, start: np.ndarray) -> tuple[np.ndar
         length = np.sqrt((leash**2).sum(axis=0))
         moved[i] = length > reach[i]
         w = np.where(moved[i], z[:, i] + leash * (reach[i] / np.maximum(length, 1e-300)), w)
-        places[:, i] = w
-    return places, moved
+        positions[:, i] = w
+    return positions, moved
 
 
 def summary(contact: Contact, motion: Motion, power: np.ndarray) -> dict[str, np.ndarray]:

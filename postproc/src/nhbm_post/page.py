@@ -294,10 +294,10 @@ def _shapes(results: Results, points: list[int], model: Path | None) -> tuple[di
         return None, [f"without the finite element model: {error}"]
     if 6 * _N_SHAPE_HARMONICS * len(nodes) > _SHAPE_NUMBERS:
         return None, [f"without the finite element model: {len(nodes)} nodes are too many for this page"]
-    place = {node: i for i, node in enumerate(nodes)}
+    index = {node: i for i, node in enumerate(nodes)}
     return {
         "nodes": _numbers(structure.points[nodes].ravel()),
-        "edges": [place[node] for edge in sorted(edges) for node in edge],
+        "edges": [index[node] for edge in sorted(edges) for node in edge],
         "at": shapes,
     }, [f"{len(chosen)} of {len(solved)} points have the shape of the model in this page"] * (len(chosen) < len(solved))
 

@@ -39,7 +39,7 @@ class Structure:
         self._types, starts, nodes = (file[f"cells/{name}"][()] for name in ("type", "indptr", "nodes"))
         self._cells = [nodes[starts[i] : starts[i + 1]] for i in range(len(self._types))]
         where = zip(self.labels, file["dofs/node"][()], file["dofs/direction"][()])
-        self._place = {label: (int(node), _AXES[d.decode()]) for label, node, d in where if node >= 0 and d.decode() in _AXES}
+        self._component = {label: (int(node), _AXES[d.decode()]) for label, node, d in where if node >= 0 and d.decode() in _AXES}
         self._labels_at: dict[int, dict[str, str]] = {}  # node: direction: label
         for label, node, d in zip(self.labels, file["dofs/node"][()], file["dofs/direction"][()]):
             self._labels_at.setdefault(int(node), {})[d.decode()] = label
@@ -47,14 +47,14 @@ class Structure:
         if "sets" in file:
             starts, members = file["sets/indptr"][()], file["sets/nodes"][()]
             self.sets = {name.decode(): members[starts[i] : starts[i + 1]] for i, name in enumerate(file["sets/names"][()])}
-        self._polar_place = {int(node) for node, d in zip(file["dofs/node"][()], file["dofs/direction"][()]) if d in (b"r", b"t")}
-        place = "recovery" if "recovery" in file else "dofs"
-        node = file[f"{place}/node"][()]
-        direction = [text.decode() for text in file[f"{place}/direction"][()]]
+        self._polar_nodes = {int(node) for node, d in zip(file["dofs/node"][()], file["dofs/direction"][()]) if d in (b"r", b"t")}
+        group = "recovery" if "recovery" in file else "dofs"
+        node = file[f"{group}/node"][()]
+        direction = [text.decode() for text in file[f"{group}/direction"][()]]
         rows = [i for i, (n, d) in enumerate(zip(node, direction)) if n >= 0 and d in _AXES]
         self._where = node[rows], np.array([_AXES[direction[i]] for i in rows], dtype=int)
         self._polar = np.unique([node[i] for i in rows if direction[i] in "rt"]).astype(int)
-        self._matrix = file["recovery/matrix"][rows] if place == "recovery" else None
+        self._matrix = file["recovery/matrix"][rows] if group == "recovery" else None
         self._rows = np.array(rows, dtype=int)
 
     @property
@@ -89,15 +89,15 @@ class Structure:
 
     def node_of(self, label: str) -> int | None:
         """Index of the node of a degree of freedom, None for one without a node."""
-        return self._place[label][0] if label in self._place else None
+        return self._component[label][0] if label in self._component else None
 
     def force(self, values: Mapping[str, float]) -> np.ndarray:
         """Forces (n_nodes, 3) at the nodes of the degrees of freedom in `values`; those of pairs act at the node between them."""
         field = np.zeros((len(self.points), 3))
         for label, value in values.items():
-            if label in self._place:
-                field[self._place[label]] = value
-        return self._turned(field, np.array(sorted(self._polar_place), dtype=int))
+            if label in self._component:
+                field[self._component[label]] = value
+        return self._turned(field, np.array(sorted(self._polar_nodes), dtype=int))
 
     def _turned(self, field: np.ndarray, polar: np.ndarray) -> np.ndarray:
         """The field with x and y instead of r and t."""

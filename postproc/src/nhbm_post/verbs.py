@@ -287,7 +287,7 @@ def contact(arguments):
         structure = structure_of(results, point, arguments.model)
         found = chosen(contacts(results, structure, point), arguments.law, results)
         motion = Motion(results, point, arguments.unconverged)
-        places, about = structure.points[found.nodes] if found.table is None else None, _origin(results, point, "motion")
+        coordinates, about = structure.points[found.nodes] if found.table is None else None, _origin(results, point, "motion")
         arguments.view = arguments.view or ("patch" if found.n > 1 else "time")
         if arguments.view == "patch":
             values = summary(found, motion, results.power_laws(point))
@@ -295,11 +295,12 @@ def contact(arguments):
             spans = {name: " to ".join(dict.fromkeys(both)) for name, both in ends.items()}
             told = [f"{name} {span} {UNITS[name]}".removesuffix(" 1") for name, span in spans.items()]
             print(f"{found.label}, {found.counted}: {', '.join(told)}")
-            fig = draw.draw_patch(found, values, places, about)
+            fig = draw.draw_patch(found, values, coordinates, about)
         else:
             end = arguments.t_from + motion.period if arguments.t_to is None else arguments.t_to
             times = np.linspace(arguments.t_from, _after(arguments.t_from, end), 601)
-            fig = draw.draw_contact_time(found, history(found, motion, times), times, places, structure.has_axis, about)
+            found_history = history(found, motion, times)
+            fig = draw.draw_contact_time(found, found_history, times, coordinates, structure.has_axis, about)
     _save(fig, arguments, arguments.view)
 
 

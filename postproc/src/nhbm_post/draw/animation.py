@@ -64,12 +64,12 @@ def hypertime_in_motion(series: Series, times: np.ndarray, about: str):
             grid = np.linspace(0.0, 2.0 * np.pi, n + 1)
             values = factor * np.pad(series.on_grid((n, n) + (1,) * (series.n_tones - 2)).reshape(n, n), [(0, 1)] * 2, mode="wrap")
             draw_level(left, [grid, grid], values, Normalize(values.min(), values.max()), label, np.zeros(values.shape, dtype=bool))
-            place = np.mod(np.outer(fine, series.omega[:2]), 2.0 * np.pi)
+            orbit = np.mod(np.outer(fine, series.omega[:2]), 2.0 * np.pi)
         else:
             velocity = series.velocity()
             of_velocity, velocity_units = style.unit_scale(velocity.peak(), velocity.units)
-            place = np.column_stack([factor * series.evaluate(fine), of_velocity * velocity.evaluate(fine)])
-            left.plot(*place.T, color="#b9bec7", linewidth=1.0)
+            orbit = np.column_stack([factor * series.evaluate(fine), of_velocity * velocity.evaluate(fine)])
+            left.plot(*orbit.T, color="#b9bec7", linewidth=1.0)
             left.set(xlabel=label, ylabel=style.with_unit(velocity.axis_label, velocity_units))
             left.grid(True)
         motion = factor * series.evaluate(fine)
@@ -86,8 +86,8 @@ def hypertime_in_motion(series: Series, times: np.ndarray, about: str):
     def update(frame: int) -> None:
         end = np.searchsorted(fine, times[frame])
         end = min(int(end), fine.size - 1)
-        trace.set_data(*place[: end + 1].T)
-        state.set_data(place[end : end + 1, 0], place[end : end + 1, 1])
+        trace.set_data(*orbit[: end + 1].T)
+        state.set_data(orbit[end : end + 1, 0], orbit[end : end + 1, 1])
         past.set_data(by * fine[: end + 1], motion[: end + 1])
         now.set_data(by * fine[end : end + 1], motion[end : end + 1])
 

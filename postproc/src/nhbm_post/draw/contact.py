@@ -18,7 +18,7 @@ _PANEL = 2.3  # [inch]
 def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarray | None, about: str):
     """One panel for each of `values` (n_nodes), at the nodes' `points` (n_nodes, 3) projected along the direction in which the
     contact area is thinnest; over the position if it is a line, over the number of the contact if contacts have no nodes."""
-    name_of_place = "Contact" if points is None else ""
+    number_label = "Contact" if points is None else ""
     if points is None:
         points = np.outer(np.arange(1.0, contact.n + 1), [1.0, 0.0, 0.0])
     extent = np.ptp(points, axis=0)
@@ -40,7 +40,7 @@ def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarr
             if is_line:
                 order = np.argsort(points[:, along], kind="stable")
                 ax.plot(points[order, along], factor * value[order], "o-", markersize=3.5, color=style.COLOURS[0])
-                ax.set(xlabel=name_of_place or f"{'xyz'[along]} [m]", ylabel=style.with_unit(name.capitalize(), units))
+                ax.set(xlabel=number_label or f"{'xyz'[along]} [m]", ylabel=style.with_unit(name.capitalize(), units))
                 ax.ticklabel_format(useOffset=False)
                 ax.set_ylim(*((-0.02, 1.02) if name.endswith("share") else ax.get_ylim()))
                 ax.grid(True)
@@ -61,12 +61,12 @@ def draw_patch(contact: Contact, values: dict[str, np.ndarray], points: np.ndarr
     return fig
 
 
-def _squares(places: np.ndarray, unit: np.ndarray) -> PatchCollection:
+def _squares(points: np.ndarray, unit: np.ndarray) -> PatchCollection:
     """A square at each node that leaves a gap to the closest one; it is one where lengths of `unit` are drawn alike."""
-    away = np.hypot(*((places[:, None] - places[None, :]) / unit).transpose(2, 0, 1))
-    away[np.diag_indices(len(places))] = np.inf
+    away = np.hypot(*((points[:, None] - points[None, :]) / unit).transpose(2, 0, 1))
+    away[np.diag_indices(len(points))] = np.inf
     width, height = min(0.12, 0.75 * float(np.median(away.min(axis=1)))) * unit
-    return PatchCollection([Rectangle((x - width / 2, y - height / 2), width, height) for x, y in places])
+    return PatchCollection([Rectangle((x - width / 2, y - height / 2), width, height) for x, y in points])
 
 
 def draw_contact_time(

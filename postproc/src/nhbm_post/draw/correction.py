@@ -88,10 +88,10 @@ def draw_correction(
                 key = Patch(
                     facecolor=style.CORRECTED, label=f"corrected: {100.0 * touch.mean():.3g} % of {whole}"
                 )
-                place = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0)}
+                anchor = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0)}
                 if view == "surface":
-                    place = {"loc": "upper left", "bbox_to_anchor": (0.085, 1.0)}
-                axes["c"].legend(handles=[key], borderaxespad=0.3, borderpad=0.0, **place)
+                    anchor = {"loc": "upper left", "bbox_to_anchor": (0.085, 1.0)}
+                axes["c"].legend(handles=[key], borderaxespad=0.3, borderpad=0.0, **anchor)
         moved = f"largest correction {difference.max():.3g} {units}"
         source = "surfaces as stored by the run"
         if not is_stored:

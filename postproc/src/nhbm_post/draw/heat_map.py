@@ -43,9 +43,9 @@ def draw_map(
     axes = tuple(results.shown(axis) for axis in _axes(results, over, points))
     values = measure.values(results, dof)
     grids = [np.unique(axis.values[points]) if axis.is_number else np.array(_words(axis, points)) for axis in axes]
-    places = [_places(axis, grid, points) for axis, grid in zip(axes, grids)]
+    indices = [_indices(axis, grid, points) for axis, grid in zip(axes, grids)]
     number = np.full((grids[1].size, grids[0].size), -1)
-    number[places[1], places[0]] = points
+    number[indices[1], indices[0]] = points
     if (number >= 0).sum() < points.size:
         others = [p.label for p in results.parameters.values() if p.name not in {a.name for a in axes} and _varies(p, points)]
         raise UsageError(
@@ -167,7 +167,7 @@ def _words(parameter: Parameter, points) -> list[str]:
     return list(dict.fromkeys(parameter.values[points]))
 
 
-def _places(parameter: Parameter, grid: np.ndarray, points) -> np.ndarray:
+def _indices(parameter: Parameter, grid: np.ndarray, points) -> np.ndarray:
     """Column or row of each point."""
     if parameter.is_number:
         return np.searchsorted(grid, parameter.values[points])

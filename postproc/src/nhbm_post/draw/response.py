@@ -46,9 +46,9 @@ class Curve:
     def is_converged(self) -> np.ndarray:
         return self.results.status[self.points] == CONVERGED
 
-    def line(self, has_place) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def line(self, is_drawn) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """x, y and convergence, with a gap at points without a value and where the motion jumps to another branch."""
-        y = np.where(has_place(self.y), self.y, np.nan)
+        y = np.where(is_drawn(self.y), self.y, np.nan)
         jumps = np.flatnonzero(self.is_jump) + 1
         return np.insert(self.x, jumps, np.nan), np.insert(y, jumps, np.nan), np.insert(self.is_converged, jumps, False)
 
@@ -145,7 +145,7 @@ def draw_response(
     for scale, numbers, name in zip(scales, (x, y), "xy"):
         n_lost = int((numbers[np.isfinite(numbers)] <= 0.0).sum()) if scale == "log" else 0
         if n_lost:
-            notes.append(f"{n_lost} points with {name} = 0 or less have no place on a logarithmic axis")
+            notes.append(f"{n_lost} points with {name} = 0 or less cannot be drawn on a logarithmic axis")
     rows = [i for i, curve in enumerate(curves) if (~curve.is_solved).any()]
     with style.look():
         heights = [3.2] + ([_ROW * len(rows)] if rows else [])
@@ -281,10 +281,10 @@ def _curve_look(i: int, is_joined: bool, curve: Curve) -> dict:
 def _draw_curve(ax, i, curve: Curve, x_factor, factor, scales, is_joined, by_stability) -> None:
     """The line, its converged points (if there are few, or between gaps), and marks of the others."""
     look = _curve_look(i, is_joined, curve)
-    has_place = np.isfinite if scales[1] == "linear" else lambda values: values > 0.0
-    x, y, is_converged = curve.line(has_place)
+    is_drawn = np.isfinite if scales[1] == "linear" else lambda values: values > 0.0
+    x, y, is_converged = curve.line(is_drawn)
     if by_stability:
-        _draw_by_stability(ax, curve, has_place, x_factor, factor, look)
+        _draw_by_stability(ax, curve, is_drawn, x_factor, factor, look)
     else:
         ax.plot(x_factor * x, factor * y, **look, gid="curve")
     for kind, shape in _SPECIAL.items():
@@ -330,11 +330,11 @@ _WORDS = {
 }
 
 
-def _draw_by_stability(ax, curve: Curve, has_place, x_factor, factor, look) -> None:
+def _draw_by_stability(ax, curve: Curve, is_drawn, x_factor, factor, look) -> None:
     """The line, solid between stable points, dashed if one end is unstable, dotted if stability is unknown; interrupted at a
     jump."""
     i, no_line = 0, 2
-    y = np.where(has_place(curve.y), factor * curve.y, np.nan)
+    y = np.where(is_drawn(curve.y), factor * curve.y, np.nan)
     between = np.where(curve.is_jump, no_line, curve.stability_between)
     while i < between.size:  # sequences of one kind, each drawn as one line
         end = i
@@ -346,13 +346,13 @@ def _draw_by_stability(ax, curve: Curve, has_place, x_factor, factor, look) -> N
         i = end
 
 
-def _mark(ax, curve: Curve, x, y, are_solved: bool, **place) -> None:
+def _mark(ax, curve: Curve, x, y, are_solved: bool, **keywords) -> None:
     """Marks of the points that have not converged, either the solved ones or the others."""
     size = 5.5 if curve.points.size <= 2 * _MANY_POINTS else 4.0
     for name, is_solved, points in marks.by_status(curve.results, curve.points):
         if is_solved == are_solved:
             at = np.isin(curve.points, points)
-            ax.plot(x[at], y[at], **marks.mark(name, is_solved).look(size), zorder=4, gid=name, **place)
+            ax.plot(x[at], y[at], **marks.mark(name, is_solved).look(size), zorder=4, gid=name, **keywords)
 
 
 def _draw_rows(strip, curves, x_factor, has_several) -> None:

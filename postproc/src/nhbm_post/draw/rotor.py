@@ -49,8 +49,8 @@ class RotorStator:
     def displacement(self, body, theta, t) -> np.ndarray:
         """Outward displacement of `body` at angles `theta` of the stationary frame and times `t`, broadcast."""
         theta, t = np.broadcast_arrays(theta, t)
-        instants, place = np.unique(t, return_inverse=True)
-        x1, x2 = (self._results.evaluate(self._point, dof, instants)[place].reshape(t.shape) for dof in body)
+        instants, inverse = np.unique(t, return_inverse=True)
+        x1, x2 = (self._results.evaluate(self._point, dof, instants)[inverse].reshape(t.shape) for dof in body)
         angle = self.n_diameters * (theta - self._frame_speed[body] * t)
         return x1 * np.cos(angle) + x2 * np.sin(angle)
 
@@ -123,8 +123,8 @@ def _draw_speeds(results: Results):
                     above.plot(omega[points], [mean_radius(results, p, body) for p in points], label=label, **look)
                     label = None
             else:
-                place = above.get_xaxis_transform()
-                above.plot(omega[points], np.full(points.size, 0.03), clip_on=False, transform=place, label=label, **look)
+                transform = above.get_xaxis_transform()
+                above.plot(omega[points], np.full(points.size, 0.03), clip_on=False, transform=transform, label=label, **look)
         below.plot(omega[solved], tone, "o", color=style.INK, markersize=4.2, label="tone of the motion")
         span = np.array([np.min(omega), np.max(omega)])
         below.plot(span, np.full(2, rotor.frequencies[0]), style.REFERENCE, color=style.COLOURS[0], label="wave of the disk alone")
@@ -183,8 +183,8 @@ def _draw_snapshots(results: Results, rotor: RotorStator, point: int):
                     linewidth=2.6 if is_marked else 1.0, solid_capstyle="butt",
                 )
             crest = rotor.crest(0.0) + speed * t
-            place = radius + rotor.gap + float(rotor.displacement(CASING, np.array([crest]), t)[0])
-            ax.plot(1.08 * place * np.cos(crest), 1.08 * place * np.sin(crest), "s", color=style.INK, markersize=5)
+            casing_radius = radius + rotor.gap + float(rotor.displacement(CASING, np.array([crest]), t)[0])
+            ax.plot(1.08 * casing_radius * np.cos(crest), 1.08 * casing_radius * np.sin(crest), "s", color=style.INK, markersize=5)
             ax.set_title(f"{t / turn:.1f} rounds of the wave", loc="center")
             ax.set_aspect("equal")
             ax.set_xlim(-1.5 * radius, 1.5 * radius)
@@ -218,9 +218,9 @@ def _draw_wave(results: Results, rotor: RotorStator, point: int):
             (rotor.crest(0.0), rotor.wave_speed(), "-", f"crest of the wave, {rotor.wave_speed():.4g} rad/s"),
             (rotor.blade_angles(0.0)[0], rotor.speed, style.REFERENCE, f"a blade, {rotor.speed:.4g} rad/s"),
         ):
-            place = np.degrees(np.mod(start + speed * t, 2.0 * np.pi))
-            place[np.append(np.abs(np.diff(place)) > 180.0, False)] = np.nan
-            ax.plot(place, t, look, color=style.INK, linewidth=1.4, label=label)
+            angle = np.degrees(np.mod(start + speed * t, 2.0 * np.pi))
+            angle[np.append(np.abs(np.diff(angle)) > 180.0, False)] = np.nan
+            ax.plot(angle, t, look, color=style.INK, linewidth=1.4, label=label)
         ax.set_xticks(np.arange(0, 361, 60))
         ax.set_xlabel("Angle in the stationary frame [degrees]")
         ax.set_ylabel("Time $t$ [s]")

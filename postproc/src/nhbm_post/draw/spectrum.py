@@ -146,10 +146,10 @@ def draw_map(ax, tuples: np.ndarray, amplitudes: np.ndarray, norm: LogNorm, has_
         )
 
 
-def colour_bar(fig, norm: LogNorm, amplitudes: np.ndarray, label: str, **place):
+def colour_bar(fig, norm: LogNorm, amplitudes: np.ndarray, label: str, **axes):
     """Colour bar of amplitudes at `ax` or in `cax`; a tip represents values below the scale, if any."""
     tip = "min" if (amplitudes < norm.vmin).any() else "neither"
-    bar = fig.colorbar(ScalarMappable(norm, colormaps[style.COLOUR_MAP]), extend=tip, label=label, **place)
+    bar = fig.colorbar(ScalarMappable(norm, colormaps[style.COLOUR_MAP]), extend=tip, label=label, **axes)
     bar.outline.set_linewidth(0.5)
     bar.ax.minorticks_off()
     return bar

@@ -130,10 +130,10 @@ def _campbell(ax, found, values, by, factor, norm, results):
             is_seen = line <= 1.02 * y.max()
             ax.plot(at[is_seen], line[is_seen], linestyle=style.REFERENCE, color=style.WALL, linewidth=0.6, gid="order")
             end = np.flatnonzero(is_seen)[-1]
-            place = np.array([at[end] / (np.ptp(at) or 1.0), line[end] / y.max()])
-            if (np.abs(place - named) > _LABEL).any(axis=1).all():
+            position = np.array([at[end] / (np.ptp(at) or 1.0), line[end] / y.max()])
+            if (np.abs(position - named) > _LABEL).any(axis=1).all():
                 ax.annotate(f"{k}x", (at[end], line[end]), (2, 0), textcoords="offset points", size=7.0, color=style.MUTED)
-                named = np.append(named, [place], axis=0)
+                named = np.append(named, [position], axis=0)
     area = 5.0 + 22.0 * np.log10(size / norm.vmin) / np.log10(norm.vmax / norm.vmin)
     drawn = ax.scatter(
         x, y, c=size, s=area, norm=norm, cmap=style.COLOUR_MAP, linewidths=0.0, gid="harmonics", rasterized=x.size > 4000
