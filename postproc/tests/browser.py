@@ -14,7 +14,7 @@ PROGRAM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "
 
 
 class Browser:
-    """One page; use it in a `with` statement. `errors` holds what the console said of errors, and failed loads."""
+    """One page; use it in a `with` statement. `errors` holds the errors that the console reported, and failed loads."""
 
     def __init__(self, folder, limit: float = 60.0):
         to_read, self._to = os.pipe()
@@ -120,14 +120,14 @@ class Browser:
             self._rest += piece
         text, _, self._rest = self._rest.partition(b"\0")
         message = json.loads(text)
-        method, told = message.get("method", ""), message.get("params", {})
+        method, params = message.get("method", ""), message.get("params", {})
         if method == "Runtime.exceptionThrown":
-            details = told["exceptionDetails"]
+            details = params["exceptionDetails"]
             self.errors.append(details.get("exception", {}).get("description", details["text"]))
-        elif method == "Log.entryAdded" and told["entry"]["level"] == "error":
-            self.errors.append(told["entry"]["text"])
-        elif method == "Runtime.consoleAPICalled" and told["type"] in ("error", "assert"):
-            self.errors.append(str(told["args"]))
-        elif method == "Network.requestWillBeSent" and told["request"]["url"].startswith("http"):
-            self.errors.append(f"asks the network for {told['request']['url']}")
+        elif method == "Log.entryAdded" and params["entry"]["level"] == "error":
+            self.errors.append(params["entry"]["text"])
+        elif method == "Runtime.consoleAPICalled" and params["type"] in ("error", "assert"):
+            self.errors.append(str(params["args"]))
+        elif method == "Network.requestWillBeSent" and params["request"]["url"].startswith("http"):
+            self.errors.append(f"requests {params['request']['url']}")
         return message

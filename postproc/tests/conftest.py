@@ -54,7 +54,7 @@ def single(path, n_tones, order=3, seed=2, **more):
 
 
 def walled(path, n_tones, n_samples=16, order=3, has_samples=True, **more):
-    """One converged point cut at a wall, with stored surfaces unless told otherwise."""
+    """One converged point cut at a wall, by default with stored surfaces."""
     tuples = box(n_tones, order)
     coefficients = random_coefficients(3, 1, 1, tuples)
     axes = [2.0 * np.pi * np.arange(n_samples) / n_samples] * n_tones

@@ -57,7 +57,7 @@ def write_results(
     `samples` etc. have the shape (point, law_dof, ..., tau_2, tau_1). `strings` chooses `variable`, or
     `fixed` padded by blanks as Fortran does; `message_layout` chooses `fixed` strings or `chars`, the
     netCDF way. `dof_units` gives each degree of freedom its own unit. `input_groups`
-    goes before `&output` in the stored input.
+    is inserted before `&output` in the stored input.
     """
     tuples = np.asarray(tuples, dtype=np.int32)
     frequency = np.asarray(frequency, dtype=float)

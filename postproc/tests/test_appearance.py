@@ -138,8 +138,8 @@ def test_fixed_parts_shrink_as_a_whole(tmp_path):
 def test_options_of_all_pictures(tmp_path, capsys):
     path = response(tmp_path / "a.h5")
     assert main(["response", str(path), "--style", "paper", "--label", "x=Speed n [1/min]", "--label", "y=Motion [m]"]) == 0
-    said = capsys.readouterr().out
-    assert "caption: Largest |v3|" in said and (tmp_path / "a_response.pdf").read_bytes().startswith(b"%PDF")
+    printed = capsys.readouterr().out
+    assert "caption: Largest |v3|" in printed and (tmp_path / "a_response.pdf").read_bytes().startswith(b"%PDF")
     with Results(path) as results:
         fig = draw_response(results)
     relabel(fig, {"x": "Speed", "y": "Motion"})

@@ -116,7 +116,7 @@ def test_what_one_set_lacks_counts_as_zero_in_the_union(order_sequence, table):
     assert known < union and union == pytest.approx(np.sqrt(known**2 + (0.1**2 + 0.5 * 0.5**2) / 0.5))
 
 
-def test_tables_say_what_is_wrong(table):
+def test_wrong_tables_are_reported(table):
     table.write_text("dof,cos\nx1,1\n")
     with pytest.raises(ReaderError, match="columns dof"):
         read_reference(str(table))
@@ -159,7 +159,7 @@ def test_commands_draw_and_print_rates(order_sequence, table, capsys):
     assert "newton: time ~ unknowns^2" in out
 
 
-def test_pictures_say_what_they_leave_out(order_sequence, table):
+def test_pictures_report_omitted_data(order_sequence, table):
     bench = Bench(order_sequence)
     fig = draw.draw_work_precision(bench, draw.Errors(bench.errors(read_reference(str(table)))))
     text = " ".join(t.get_text() for t in fig.texts)
@@ -193,8 +193,8 @@ def test_logarithmic_axes_report_omitted_points(order_sequence, capsys):
     times = np.array([0.0, 1e-7, 4e-7, 16e-7] * 2)
     change(order_sequence, kernel_tangent_seconds=times, harmonics_order=[0.0, 2.0, 4.0, 8.0] * 2)
     assert main(["bench", str(order_sequence), "--over", "harmonics%order"]) == 0
-    told = capsys.readouterr().out
-    assert "2 points with harmonics%order = 0 or less not drawn: the axis is logarithmic" in told
+    printed = capsys.readouterr().out
+    assert "2 points with harmonics%order = 0 or less not drawn: the axis is logarithmic" in printed
     fig, _, notes = draw.draw_bench(Bench(order_sequence), "n_unknowns")
     assert notes == ["2 points of tangent with a time of 0 not drawn"]
     assert any(notes[0] in text.get_text() for text in fig.texts)

@@ -49,7 +49,7 @@ def test_value_prints_all_digits(sweep, capsys):
     assert all(len(word.lstrip("-").split("e")[0]) == 18 for word in out.split())
 
 
-def test_value_takes_mirrored_tuples(sweep, capsys):
+def test_value_accepts_mirrored_tuples(sweep, capsys):
     _, out, _ = run(capsys, "value", sweep, "--tuple", "1,0")
     _, mirrored, _ = run(capsys, "value", sweep, "--tuple", "-1,0")
     cos, sin, _ = (float(word) for word in out.split())
@@ -207,7 +207,7 @@ def test_unconverged_points_are_drawn_only_on_request(sweep, capsys):
         (["value", "FILE", "--tuple", "1,0", "--at", "law_1_gap=abc"], "no point with law(1)%gap = abc"),
         (
             ["value", "FILE", "--tuple", "1,0", "--at", "law_1_gap=1e-3"],
-            "fits points 0, 3; say also solver%method",
+            "fits points 0, 3; give also solver%method",
         ),
         (["value", "FILE", "--tuple", "1,0", "--at", "law_1_gap=1e-3", "--point", "1"], "not allowed with"),
         (["correction", "FILE", "--dof", "v1"], "stored: v3"),
@@ -242,7 +242,7 @@ def test_bad_records_give_one_line(sweep, tmp_path, capsys, text):
 
 
 @pytest.mark.parametrize("command", ["info", "value", "correction", "time", "spectrum", "response"])
-def test_help_says_something(capsys, command):
+def test_help_prints_text(capsys, command):
     status, out, _ = run(capsys, command, "--help")
     assert status == 0 and len(out) > 500
 
@@ -274,7 +274,7 @@ def test_a_child_process_opens_open_files_again(tmp_path):
     assert run_in_child_process(again, "program") == 0
 
 
-def test_errors_in_the_child_process_are_reported(capfd):
+def test_child_process_errors_are_reported(capfd):
     assert run_in_child_process(lambda: 1 // 0, "program") == 1
     assert "ZeroDivisionError" in capfd.readouterr().err
     assert run_in_child_process(lambda: os.kill(os.getpid(), signal.SIGSEGV), "program") == 2
@@ -303,6 +303,6 @@ def test_titles_and_names_do_not_command_the_terminal(sweep, tmp_path):
                   ["info", os.fsdecode(b"no\x9b.h5")]):  # fmt: skip
         command = [sys.executable, "-m", "nhbm_post", *words]
         done = subprocess.run(command, capture_output=True, env={"PYTHONPATH": ":".join(sys.path)})
-        said = (done.stdout + done.stderr).decode()
-        assert not [c for c in said if c != "\n" and not c.isprintable()], (words, said)
-        assert "Traceback" not in said, said
+        printed = (done.stdout + done.stderr).decode()
+        assert not [c for c in printed if c != "\n" and not c.isprintable()], (words, printed)
+        assert "Traceback" not in printed, printed

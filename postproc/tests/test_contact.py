@@ -101,7 +101,7 @@ def test_a_slider_remembers_what_was_before_its_record(tmp_path):
 
 
 def test_a_slider_on_a_circle_is_pulled_along_all_the_time():
-    """At the radius R and a leash of length r it goes round at the radius sqrt(R2 - r2)."""
+    """At the radius R and a leash of length r it moves round at the radius sqrt(R2 - r2)."""
     t = np.linspace(0.0, 40.0, 40001)
     z = np.array([np.cos(t), np.sin(t)])[:, :, None]
     positions, moved = follow(z, np.full((t.size, 1), 0.6), np.zeros((2, 1)))

@@ -1,4 +1,4 @@
-"""Pictures are written, hold something, and show what the data say."""
+"""Pictures are written, hold something, and show the data."""
 
 import numpy as np
 import pytest
@@ -54,7 +54,7 @@ def test_correction(tmp_path, n_tones, view, is_stored):
         ("&law\n   type = 'blade_contact'\n   contact = 'rigid'\n/\n", "the rigid contact at it is not reached"),
     ],
 )
-def test_correction_says_where_there_is_none(tmp_path, groups, why):
+def test_correction_reports_where_there_is_none(tmp_path, groups, why):
     """Instead of four panels of which two are equal to the other two."""
     with (
         Results(single(tmp_path / "a.h5", 2, input_groups=groups)) as results,

@@ -91,7 +91,7 @@ def test_harmonics_that_are_nothing_are_left_out(tmp_path):
 
 
 def test_page_stays_below_its_limit(tmp_path, monkeypatch):
-    """20 degrees of freedom of 80 points of 25 harmonics are more than a page takes: it holds a part and says so."""
+    """20 degrees of freedom of 80 points of 25 harmonics are too many for a page: it holds a part and reports this."""
     monkeypatch.setattr("nhbm_post.page._COEFFICIENTS", 30_000)
     monkeypatch.setattr("nhbm_post.page.LARGEST", 500_000)
     tuples = box(2, 3)
@@ -190,7 +190,7 @@ def test_a_click_shows_the_point(tmp_path, chromium):
 
 
 @in_browser
-def test_controls_do_what_they_say(tmp_path, chromium):
+def test_controls_have_their_effect(tmp_path, chromium):
     data = opened(chromium, write_sweep(tmp_path / "a.h5"))
     text = "document.getElementById('{}').textContent".format
     change = "(e => {{ e.value = '{}'; e.dispatchEvent(new Event('change')); }})(document.getElementById('{}'))".format

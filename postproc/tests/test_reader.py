@@ -97,8 +97,8 @@ def test_points_are_counted_as_the_program_does(tmp_path):
     status = [1, 7, 7, 8, 9, 2, 99]
     path = single_tone_sweep(tmp_path / "a.h5", status)
     with Results(path) as results:
-        told = "1 of 7 points converged, 1 stalled, 2 truncated, 1 aliased, 1 penetrating, 1 status 99"
-        assert results.outcome_text() == told
+        outcome = "1 of 7 points converged, 1 stalled, 2 truncated, 1 aliased, 1 penetrating, 1 status 99"
+        assert results.outcome_text() == outcome
         assert results.outcome_text([0, 1]) == "1 of 2 points converged, 1 truncated"
         assert results.warning(0) == "" and results.warning(1) == "truncated: solved, but the truncation error exceeds its limit"
         assert results.warning(5) == "no solution, stalled: no step reduces the residual"
@@ -126,7 +126,7 @@ def test_selection_by_lists_and_ranges(sweep):
 
 
 def test_the_nearest_of_many_values_are_named(tmp_path):
-    """A curve has hundreds of values that nobody knows by heart, and rows without a point at its end."""
+    """A curve has hundreds of values that cannot be given exactly by hand, and rows without a point at its end."""
     path = single_tone_sweep(tmp_path / "curve.h5", [1] * 30)
     with h5py.File(path, "r+") as file:
         file["tones_frequency"][-1] = np.nan
@@ -151,7 +151,7 @@ def test_selection_of_points(sweep):
         assert results.point(2) == 2
         assert results.point(at={"law_1_gap": "1.5e-3", "solver_method": "newton"}) == 1
         assert results.select({"law(1)%gap": 0.0015}) == [1, 4]
-        with pytest.raises(ReaderError, match=r"fits points 1, 4; say also solver%method"):
+        with pytest.raises(ReaderError, match=r"fits points 1, 4; give also solver%method"):
             results.point(at={"law_1_gap": 1.5e-3})
         with pytest.raises(
             ReaderError, match=r"sweep.h5: no point with law\(1\)%gap = 1.4e-3; values: 1.0e-3, 1.5e-3, 2.0e-3"

@@ -1,4 +1,4 @@
-"""Response curves, backbones and maps: what the picture holds is what the file says."""
+"""Response curves, backbones and maps: the picture shows the data of the file."""
 
 import h5py
 import numpy as np
@@ -109,7 +109,7 @@ def test_failures_stand_in_the_row_of_their_curve(tmp_path):
 def test_statuses_look_different_and_new_ones_have_a_look():
     names = [name for name in TEXTS if name not in ("converged", "unused")]
     looks = [mark(name, False).look(5.0) for name in names]
-    assert len({look["marker"] for look in looks}) == len(names), "told apart without colour"
+    assert len({look["marker"] for look in looks}) == len(names), "distinguished without colour"
     assert all(look["markerfacecolor"] != "white" for look in looks), "events of curves have open shapes"
     assert mark("struck_wall", True) != mark("struck_wall", False)
 
@@ -133,13 +133,13 @@ def test_lines_are_broken_where_the_motion_jumps(tmp_path):
     np.testing.assert_array_equal(line.get_xdata(), [1.0, 2.0, 3.0, np.nan, 4.0, 5.0])
     with Results(grid_file(tmp_path / "b.h5", n_gaps=1)) as results:
         (line,) = curves_of(draw_response(results))
-    assert np.isfinite(line.get_xdata()).all(), "a file that does not tell is joined"
+    assert np.isfinite(line.get_xdata()).all(), "a file without this column is joined"
     branch = [1, 1, 2, 2, 2, 1, 1, 1, 2, 2, 1, 1, 1, 1, 0]
     with Results(grid_file(tmp_path / "c.h5", branch=branch)) as results:
         figures = [draw_response(results, over=over) for over in ("tones%frequency", "law(1)%gap")]
     along, across = map(curves_of, figures)
-    said = "jumps are known along excitation frequency alone, not along gap of law 1"
-    assert [said in head_of(figure) for figure in figures] == [False, True]
+    note = "jumps are known along excitation frequency alone, not along gap of law 1"
+    assert [note in head_of(figure) for figure in figures] == [False, True]
     assert [np.isnan(line.get_xdata()).sum() for line in along] == [1, 1, 0], "0 is not another branch, but none that is known"
     assert all(np.isfinite(line.get_xdata()).all() for line in across), "numbers along the fastest parameter alone"
 
@@ -158,7 +158,7 @@ def test_no_line_crosses_a_jump_where_stability_is_known(tmp_path):
     assert len(curves_of(across)) == 5
 
 
-def test_a_hundred_curves_are_thinned_and_said_so(tmp_path):
+def test_a_hundred_curves_are_thinned(tmp_path):
     with Results(grid_file(tmp_path / "a.h5", n_gaps=100)) as results:
         fig = draw_response(results, over="tones%frequency")
         assert len(curves_of(fig)) == 7
@@ -195,7 +195,7 @@ def test_several_files_stand_in_one_picture_with_their_labels(tmp_path, capsys):
     ]
     with h5py.File(second, "r+") as file:
         file["tones_frequency"].attrs["parameter"] = "tones%hertz"
-    with Results(first) as results, Results(second) as other, pytest.raises(UsageError, match="say --over"):
+    with Results(first) as results, Results(second) as other, pytest.raises(UsageError, match="give --over"):
         draw_response(results, others=[("", other)])
 
 
@@ -250,7 +250,7 @@ def test_backbone_draws_frequency_over_energy_with_units(tmp_path, monkeypatch):
 
 def test_backbone_needs_one(sweep, capsys):
     assert main(["backbone", str(sweep)]) == 2
-    assert "neither normal_mode%amplitude nor normal_mode%energy is swept; say --over" in capsys.readouterr().err
+    assert "neither normal_mode%amplitude nor normal_mode%energy is swept; give --over" in capsys.readouterr().err
 
 
 def map_of(fig):
@@ -341,7 +341,7 @@ def test_map_by_command(tmp_path, capsys):
     assert main(["map", str(path), "--over", "law(1)%gap,x"]) == 2
 
 
-def test_time_says_how_its_point_ended(tmp_path, monkeypatch):
+def test_time_reports_how_its_point_ended(tmp_path, monkeypatch):
     path, drawn = grid_file(tmp_path / "a.h5", n_gaps=1, status=[1, 7, 1, 1, 1]), []
     monkeypatch.setattr("nhbm_post.draw.save", lambda fig, *_: drawn.append(fig) or tmp_path / "x.png")
     assert main(["time", str(path), "--point", "1"]) == 0

@@ -102,7 +102,7 @@ def test_forces_of_nodes_that_move_along_their_radius(tmp_path):
     np.testing.assert_allclose(force, expected, atol=1e-15)
 
 
-def test_model_that_the_input_names_is_taken(files, tmp_path, capsys, monkeypatch):
+def test_model_that_the_input_names_is_used(files, tmp_path, capsys, monkeypatch):
     folder, c = files
     write_model(folder / "full.h5", ["n2.z", "q1"], [1, 0], ["z", "y"])
     run_of = {"dofs": ("n2.z", "q1"), "law_dofs": ("n2.z",)}
@@ -113,7 +113,7 @@ def test_model_that_the_input_names_is_taken(files, tmp_path, capsys, monkeypatc
         assert status == 0 and "4 harmonics" in out, err
     (folder / "full.h5").unlink()
     status, _, err = run(capsys, "vtk", folder / "named.h5")
-    assert status == 2 and "its model file 'elsewhere/full.h5' is neither here nor beside it; --model says" in err
+    assert status == 2 and "its model file 'elsewhere/full.h5' is neither here nor beside it; --model gives" in err
     status, _, err = run(capsys, "vtk", folder / "run.h5")
     assert status == 2 and "its input names no model file" in err
 
@@ -129,8 +129,8 @@ def test_sets_of_the_input_name_degrees_of_freedom(files, capsys):
     write_results(folder / "named.h5", TUPLES, FREQUENCY, c[None], input_groups=words, **of_run)
     values = [run(capsys, "value", folder / "named.h5", "--dof", dof, "--tuple", "1,0")[1] for dof in ("n2.z", "tip.z")]
     assert values[0] and values[0] == values[1]
-    for wrong, said in (("both", "'both' are 2 degrees of freedom; name one"), ("tip.x", "stored: n2.z, q1")):
-        assert said in run(capsys, "value", folder / "named.h5", "--dof", wrong, "--tuple", "1,0")[2]
+    for wrong, message in (("both", "'both' are 2 degrees of freedom; name one"), ("tip.x", "stored: n2.z, q1")):
+        assert message in run(capsys, "value", folder / "named.h5", "--dof", wrong, "--tuple", "1,0")[2]
 
 
 def test_what_does_not_fit_is_reported(files, capsys):
@@ -148,7 +148,7 @@ def test_what_does_not_fit_is_reported(files, capsys):
     assert status == 2 and "tuple 9,9 is not in the set of harmonics" in err
 
 
-def test_wrong_model_files_and_paths_are_reported(files, capsys):
+def test_wrong_model_files_and_paths_are_named(files, capsys):
     folder, _ = files
     (folder / "text.h5").write_text("no HDF5")
     write_model(folder / "full.h5", ["n2.z", "q1"], [1, 0], ["z", "y"])

@@ -1,4 +1,4 @@
-"""What check says of sound models and of others."""
+"""Findings of check for sound models and for others."""
 
 import dataclasses
 
@@ -15,21 +15,21 @@ def bad(model):
     return [finding.text for finding in check(model) if finding.is_bad]
 
 
-def said(model):
+def texts_of(model):
     return "\n".join(finding.text for finding in check(model))
 
 
 def test_sound_chain(chain):
     assert bad(chain) == []
-    assert "0 rigid body modes" in said(chain)
-    assert "mass that moves along z: 18" in said(chain)
+    assert "0 rigid body modes" in texts_of(chain)
+    assert "mass that moves along z: 18" in texts_of(chain)
 
 
 def test_degrees_of_freedom_without_mass_are_no_fault(chain):
     mass = chain.mass.diagonal()
     mass[3] = 0.0
     light = dataclasses.replace(chain, mass=sp.diags(mass))
-    assert bad(light) == [] and "1 degrees of freedom have none" in said(light) and "lowest frequencies" in said(light)
+    assert bad(light) == [] and "1 degrees of freedom have none" in texts_of(light) and "lowest frequencies" in texts_of(light)
 
 
 def test_asymmetry_is_named(chain):
@@ -37,7 +37,7 @@ def test_asymmetry_is_named(chain):
     mass[2, 5] = 0.1
     assert "mass is not symmetric: between n3.z and n6.z it is 0.1 one way and 0 the other" in bad(
         dataclasses.replace(chain, mass=mass)
-    ) or "between n6.z and n3.z" in said(dataclasses.replace(chain, mass=mass))
+    ) or "between n6.z and n3.z" in texts_of(dataclasses.replace(chain, mass=mass))
 
 
 def test_indefinite_mass(chain):
@@ -61,14 +61,14 @@ def test_empty_degree_of_freedom_is_named(chain):
 @pytest.mark.parametrize("clamped, n", [("none", 6), ("left", 0)])
 def test_rigid_body_modes(clamped, n):
     pytest.importorskip("skfem")
-    assert f"{n} rigid body modes" in said(examples.solid(n_x=4, n_y=2, n_z=1, clamped=clamped))
+    assert f"{n} rigid body modes" in texts_of(examples.solid(n_x=4, n_y=2, n_z=1, clamped=clamped))
 
 
 def test_units_by_plausibility():
     pytest.importorskip("skfem")
-    assert "that of m, kg, s" in said(examples.solid(n_x=2, n_y=1, n_z=1))
+    assert "that of m, kg, s" in texts_of(examples.solid(n_x=2, n_y=1, n_z=1))
     small = examples.solid(200.0, 40.0, 20.0, 2, 1, 1, young=2.1e5, density=7.85e-9)
-    assert "that of mm, t, s" in said(small)
+    assert "that of mm, t, s" in texts_of(small)
 
 
 def test_exit_status(chain, tmp_path, capsys):
@@ -83,4 +83,4 @@ def test_exit_status(chain, tmp_path, capsys):
 
 def test_models_without_nodes():
     model = Structure(mass=sp.identity(2), stiffness=sp.csr_matrix(np.array([[1.0, -1.0], [-1.0, 1.0]])), labels=["a", "b"])
-    assert "1 rigid body mode" in said(model)
+    assert "1 rigid body mode" in texts_of(model)

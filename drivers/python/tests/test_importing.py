@@ -199,7 +199,7 @@ ALWAYS = {
 
 
 @pytest.mark.parametrize(
-    "options, name, content, says",
+    "options, name, content, message",
     [
         (MATRIX_MARKET, "bad.mtx", "", "holds no sparse matrix"),
         (MATRIX_MARKET, "bad.mtx", "hello\n", "holds no sparse matrix"),
@@ -241,16 +241,16 @@ ALWAYS = {
         ([*MESH, "--mesh=bad.msh"], "bad.msh", "hello", "is no mesh that meshio reads: Error: Couldn't read file bad.msh"),
     ],
 )  # fmt: skip
-def test_bad_files_get_one_message(tmp_path, monkeypatch, capsys, options, name, content, says):
+def test_bad_files_get_one_message(tmp_path, monkeypatch, capsys, options, name, content, message):
     if name.startswith("bad.") and "--mesh" in options[-1]:
         pytest.importorskip("meshio")
     monkeypatch.chdir(tmp_path)
     for file, text in (ALWAYS | {name: content}).items():
         (tmp_path / file).write_bytes(text if isinstance(text, bytes) else text.encode())
     assert main(["import", *options, "-o", "out.h5"]) == 2
-    said = capsys.readouterr()
-    assert said.out == "" and said.err.count("\n") == 1, said
-    assert name in said.err and says in said.err
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err.count("\n") == 1, printed
+    assert name in printed.err and message in printed.err
     assert not (tmp_path / "out.h5").exists()
 
 

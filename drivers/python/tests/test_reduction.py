@@ -71,10 +71,10 @@ def test_error_that_is_reported_is_the_true_one(block, method):
     reduced = reduce(block, ["right.z"], 8, method)
     names = [block.labels[dof] for dof in block.dofs_of("right.z")]
     report = compare(block, reduced, [5.0e3, 3.0e4])
-    for w, told in zip(report.frequencies, report.errors):
+    for w, reported in zip(report.frequencies, report.errors):
         exact = flexibility(block, names, w)
         true = abs(flexibility(reduced, names, w) - exact).max() / abs(exact).max()
-        assert told == pytest.approx(true, rel=0.9, abs=1e-9)
+        assert reported == pytest.approx(true, rel=0.9, abs=1e-9)
     assert report.errors[0] < 1e-4
 
 
@@ -96,7 +96,7 @@ def test_largest_error_that_is_reported_is_that_of_the_band(block, method):
     assert report.resonance_error == pytest.approx(off, rel=0.01, abs=1e-9)
 
 
-def test_an_error_that_is_asked_for_is_met(tmp_path, capsys):
+def test_a_requested_error_is_met(tmp_path, capsys):
     pytest.importorskip("skfem")
     plate = examples.plate(n_x=8, n_y=6)
     plate.sets["corner"] = np.array([examples.nearest_node(plate, (0.1, 0.1, 0.0)), examples.nearest_node(plate, (0.3, 0.2, 0.0))])
@@ -184,7 +184,7 @@ def test_degrees_of_freedom_without_mass(chain, method):
 
 
 def test_modes_where_half_of_the_masses_are_none():
-    """ARPACK takes motions without mass for modes; frequencies are those with these condensed."""
+    """ARPACK returns motions without mass as modes; frequencies are those with these condensed."""
     n = 200
     k = sp.diags([np.full(n, 2.1), np.full(n - 1, -1.0), np.full(n - 1, -1.0)], [0, 1, -1]).tocsr()
     heavy, light = np.arange(0, n, 2), np.arange(1, n, 2)
@@ -263,7 +263,7 @@ def exact_flexibility(model, names, w):
 @pytest.mark.parametrize("method", MODAL)
 @pytest.mark.parametrize("everywhere", [False, True])
 def test_unsymmetric_stiffness(method, everywhere):
-    """The static answer of bearings is exact, no half of the stiffness is lost, and the error told is that of the band."""
+    """The static answer of bearings is exact, no half of the stiffness is lost, and the reported error is that of the band."""
     shaft = cross_coupled(2e5 if everywhere else 1e6, everywhere)
     reduced = reduce(shaft, ["disk1"], 12, method)
     names = reduced.labels[:4]
@@ -365,7 +365,7 @@ def test_free_bodies_and_structural_damping(long_chain):
     assert largest_difference(free, krylov(free), KEPT, 0.11) < 1e-9
 
 
-def test_what_no_krylov_space_can_do_is_said(long_chain):
+def test_impossible_krylov_spaces_are_reported(long_chain):
     soft = long_chain.stiffness.tolil()
     soft[9, 9] = -50.0
     with pytest.raises(ModelError, match="is not positive definite"):

@@ -100,5 +100,5 @@ def test_two_shafts_have_speeds_of_their_own():
     dofs, values = model.loads["unbalance_high_cos"]
     assert [model.labels[d] for d in dofs] == ["n7.x", "n7.y"] and values == pytest.approx([0.0, 1e-4], abs=1e-18)
     assert model.loads["unbalance_high_sin"][1] == pytest.approx([-1e-4, 0.0], abs=1e-18)
-    with pytest.raises(ModelError, match="say which shaft"):
+    with pytest.raises(ModelError, match="choose a shaft"):
         made.disk(0.5, 1.0, 0.1, 0.1)

@@ -142,8 +142,8 @@ def test_damaged_matrices_and_meshes_give_one_line(tmp_path, capsys):
         path.write_bytes(body)
         assert main(["import", *ways[i], "-o", output, "--overwrite"]) in (0, 2), bytes(body)
         path.write_bytes(whole)
-    said = capsys.readouterr()
-    assert "Traceback" not in said.err
+    printed = capsys.readouterr()
+    assert "Traceback" not in printed.err
 
 
 def test_hostile_words_do_not_command_the_terminal(tmp_path):

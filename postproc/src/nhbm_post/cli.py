@@ -48,10 +48,10 @@ def main(argv: list[str] | None = None) -> int:
         print(f"nhbm-post {arguments.command}: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # the reader of a pipe, for example head, has closed it
-        _say_no_more()
+        _discard_output()
     except DAMAGES as error:
         if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-            _say_no_more()
+            _discard_output()
             print(f"nhbm-post {arguments.command}: standard output cannot be written ({error.strerror})", file=sys.stderr)
             return 2
         what = " ".join(f"{type(error).__name__}: {error}".split())
@@ -60,7 +60,7 @@ def main(argv: list[str] | None = None) -> int:
     return 0
 
 
-def _say_no_more() -> None:
+def _discard_output() -> None:
     """Discards the buffered standard output."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
@@ -115,7 +115,7 @@ def _parser() -> argparse.ArgumentParser:
         "correction to the wall, four panels (figure 6 of the paper)",
         "Draws (a) the spectrum of the motion, (b) the motion over hypertime, (c) the same corrected to "
         "the wall, (d) the spectrum of the corrected motion. Uses the surfaces of the file if it has any "
-        "(&output samples), else sums the coefficients and says so in the picture. With three tones or "
+        "(&output samples), else sums the coefficients and reports this in the picture. With three tones or "
         "more the surfaces are the section at tau_3 = ... = 0.",
     )
     options.add_dof(sub, "degree of freedom on which a law acts (default: the first)")
@@ -281,7 +281,7 @@ def _parser() -> argparse.ArgumentParser:
         verbs.response,
         "response curve of a sweep",
         "Draws a measure of a degree of freedom over a swept parameter; further swept parameters, and further files, make "
-        "several curves, seven at most unless told otherwise. Points are counted as nhbm solve counts them. A solved point "
+        "several curves, by default seven at most. Points are counted as nhbm solve counts them. A solved point "
         "that has not converged stands on its curve with the mark of its status, any other in a row below, one a curve; "
         "curves are broken there, and where the motion jumps to another branch. What a &curve has followed is drawn along its "
         "arc, with folds and peaks marked and, where stability is known, unstable parts dashed and jumps off folds; files of "

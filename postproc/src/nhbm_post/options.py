@@ -58,7 +58,7 @@ def add_point(sub, several=False):
         + ("; all points that fit are drawn" if several else ""),
     )
     sub.add_argument(
-        "--unconverged", action="store_true", help="take also points that ended without convergence"
+        "--unconverged", action="store_true", help="include points that ended without convergence"
     )
 
 
@@ -153,7 +153,7 @@ def add_output(sub):
     sub.add_argument("--width", type=positive, metavar="MM", help="width in millimetres; type keeps its size")
     sub.add_argument(
         "--style", choices=("screen", "paper"), default="screen",
-        help="paper: a .pdf of 90 mm unless told otherwise, without heading, which is printed for the caption",
+        help="paper: by default a .pdf of 90 mm, without heading, which is printed for the caption",
     )  # fmt: skip
 
 

@@ -133,8 +133,8 @@ class Results:
     @cached_property
     def in_hertz(self) -> bool:
         """Whether the input gives frequencies in hertz; pictures then do so too."""
-        told = re.sub(r"!.*", "", f"{self.input_text}\n{self.overrides}")
-        return re.search(r"&tones\b[^/&]*?\bhertz\b|\btones%hertz\b", told, re.IGNORECASE) is not None
+        text = re.sub(r"!.*", "", f"{self.input_text}\n{self.overrides}")
+        return re.search(r"&tones\b[^/&]*?\bhertz\b|\btones%hertz\b", text, re.IGNORECASE) is not None
 
     def frequency_scale(self) -> tuple[float, str]:
         """(factor on rad/s, unit) of the frequencies in pictures."""
@@ -330,7 +330,7 @@ class Results:
                 ]
                 raise ReaderError(
                     f"{self.path}: {_at_text(at)} fits points {range_text(points)}; "
-                    f"say also {list_text(differing) if differing else 'the number of the point'}"
+                    f"give also {list_text(differing) if differing else 'the number of the point'}"
                 )
             return points[0]
         if self.converged.size == 0 and self.solved.size > 0:

@@ -148,7 +148,7 @@ def structure_of(results: Results, point: int, model: Path | None) -> Structure:
     for path in (Path(name), results.path.parent / name, results.path.parent / Path(name).name):
         if path.is_file():
             return Structure(path)
-    raise UsageError(f"{results.path}: its model file '{name}' is neither here nor beside it; --model says where it is")
+    raise UsageError(f"{results.path}: its model file '{name}' is neither here nor beside it; --model gives its path")
 
 
 def motions(results: Results, structure: Structure, point: int, allow_unconverged: bool = False):

@@ -155,7 +155,7 @@ def backbone(arguments):
     def measure(results):
         if arguments.over is None and not any(path in results.swept for path in _BACKBONES):
             raise UsageError(
-                f"{results.path}: neither {' nor '.join(_BACKBONES)} is swept; say --over (swept: {list_text(results.swept)}, "
+                f"{results.path}: neither {' nor '.join(_BACKBONES)} is swept; give --over (swept: {list_text(results.swept)}, "
                 "or amplitude)"
             )
         return Measure("frequency", tone=_tone(arguments, results))
@@ -293,8 +293,8 @@ def contact(arguments):
             values = summary(found, motion, results.power_laws(point))
             ends = {name: [number_text(value.min()), number_text(value.max())] for name, value in values.items()}
             spans = {name: " to ".join(dict.fromkeys(both)) for name, both in ends.items()}
-            told = [f"{name} {span} {UNITS[name]}".removesuffix(" 1") for name, span in spans.items()]
-            print(f"{found.label}, {found.counted}: {', '.join(told)}")
+            ranges = [f"{name} {span} {UNITS[name]}".removesuffix(" 1") for name, span in spans.items()]
+            print(f"{found.label}, {found.counted}: {', '.join(ranges)}")
             fig = draw.draw_patch(found, values, coordinates, about)
         else:
             end = arguments.t_from + motion.period if arguments.t_to is None else arguments.t_to

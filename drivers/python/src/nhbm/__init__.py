@@ -6,7 +6,7 @@ from typing import Any
 from nhbm.errors import ModelError
 
 __version__ = "0.1.0"
-_LATER = {  # what needs NumPy and more is imported when it is asked for
+_LATER = {  # what needs NumPy and more is imported at the first use
     "Gradient": "model", "Model": "model", "NotConverged": "errors", "Peak": "model", "PeakGradient": "model",
     "open_dataset": "dataset",
     "Law": "laws", "law": "laws",

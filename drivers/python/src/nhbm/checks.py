@@ -1,4 +1,4 @@
-"""What can be said of a model before it is used: symmetry, definiteness, rigid body modes, plausible units."""
+"""Checks of a model before it is used: symmetry, definiteness, rigid body modes, plausible units."""
 
 from __future__ import annotations
 

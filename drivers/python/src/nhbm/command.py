@@ -412,7 +412,7 @@ def _reduced(reduce: Any, options: Any) -> Structure:
         print(f"reduced in {time.perf_counter() - started:.1f} s, {model.n_dofs} degrees of freedom")
         if options.no_error:
             return model
-        largest = _tell_errors(pairs, options.up_to)
+        largest = _print_errors(pairs, options.up_to)
         if options.tolerance is None or largest <= options.tolerance or options.method == "krylov":
             return model
         if model.n_dofs == before:
@@ -422,7 +422,7 @@ def _reduced(reduce: Any, options: Any) -> Structure:
         n_modes, before = max(1, 2 * n_modes), model.n_dofs
 
 
-def _tell_errors(pairs: list[tuple[Structure, Structure]], up_to: float | None) -> float:
+def _print_errors(pairs: list[tuple[Structure, Structure]], up_to: float | None) -> float:
     """The errors of reduced models, the largest of several at each frequency; returns the largest of all."""
     highest = up_to or max(_highest(reduced) for _, reduced in pairs)
     reports = [reduction.compare(model, reduced, reduction.band(reduced, highest)) for model, reduced in pairs]

@@ -20,7 +20,7 @@ STATUSES = (
     "pending converged stalled out_of_budget singular not_finite failed truncated aliased penetrating collapsed no_motion crashed "
     "diverged locked timed_out impact unused time_domain subharmonic broadband several"
 ).split()
-SOLVED = (1, 7, 8, 9, 16, 18)  # a motion of the tones is stored, if not always within what was asked for
+SOLVED = (1, 7, 8, 9, 16, 18)  # a motion of the tones is stored, if not always within the requested limits
 CUT_SHORT = 8  # as `reason`: a curve continues beyond its last point
 UNUSED, FAILED = STATUSES.index("unused"), STATUSES.index("failed")  # a row of a curve that was not needed
 COLLAPSED = STATUSES.index("collapsed")  # at the end of a curve: the motion vanishes there
@@ -347,7 +347,7 @@ class Accessor:
         """
         dof, tuple_ = parts_of(of)
         if "gradient" not in self._dataset:
-            raise KeyError("there is no column 'gradient'; the group &gradient asks for it: model.set('gradient', by=[...])")
+            raise KeyError("there is no column 'gradient'; the group &gradient requests it: model.set('gradient', by=[...])")
         if tuple_ is not None:
             weight = self.harmonic(dof, tuple_)
             slope: Any = (weight.conj() * self.harmonic(dof, tuple_, "gradient")).real / abs(weight)

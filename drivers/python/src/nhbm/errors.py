@@ -1,4 +1,4 @@
-"""What goes wrong with a model, said once and with the entry that is wrong."""
+"""Errors of a model, each reported once and with the entry that is wrong."""
 
 import importlib
 from typing import Any

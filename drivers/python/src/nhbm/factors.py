@@ -87,12 +87,12 @@ def lowest_modes(stiffness: Any, mass: Any, n_modes: int, shift: float = 0.0, fa
     except spla.ArpackError:
         pass
     if n > LARGEST_DENSE:  # motions without mass have grown among the vectors
-        raise ModelError(f"{n_modes} modes cannot be told from motions without mass: take fewer")
+        raise ModelError(f"{n_modes} modes cannot be distinguished from motions without mass: take fewer")
     return dense_modes(stiffness, mass, n_modes, shift)
 
 
 def dense_modes(stiffness: Any, mass: Any, n_modes: int | None = None, shift: float = 0.0) -> Any:
-    """The same by LAPACK, all of them unless told; some degrees of freedom may be without mass."""
+    """The same by LAPACK, by default all of them; some degrees of freedom may be without mass."""
     k, m = stiffness.toarray(), mass.toarray()
     try:
         values, shapes = scipy.linalg.eigh(k, m)

@@ -85,7 +85,7 @@ def value_of(path: str, text: str) -> Any:
     lines = [re.search(rf"^ *{key} = ((?:[^\n]*,\n)*[^\n]*)$", body, re.MULTILINE) for body in bodies]
     if len(lines) != 1 or lines[0] is None:
         if len(bodies) > 1:
-            raise ModelError(f"'{path}': there are several groups &{group}; a number, 'law[0].gap', or a label says which")
+            raise ModelError(f"'{path}': there are several groups &{group}; a number, 'law[0].gap', or a label chooses one")
         raise ModelError(f"'{path}': there is no such value; {_known(text, bodies)}")
     values = [_value(word) for times, word in _WORD.findall(lines[0][1]) for _ in range(int(times or 1))]
     if element is not None:

@@ -160,7 +160,7 @@ def from_nastran(path: Any, names: dict[str, str], **more: Any) -> Structure:
     read_bdf = imported("pyNastran.bdf.bdf", "DMIG is read with").read_bdf
     is_punch = "BEGIN BULK" not in _existing(path).read_text(errors="replace").upper()
     try:
-        with contextlib.redirect_stdout(io.StringIO()):  # it prints lines that it does not know
+        with contextlib.redirect_stdout(io.StringIO()):  # it prints unknown lines
             bulk = read_bdf(str(path), validate=False, punch=is_punch, xref=False, debug=None)
     except (Exception, SystemExit) as error:  # it raises whatever it meets
         why = " ".join(str(error).split()) or type(error).__name__
@@ -189,18 +189,18 @@ def from_nastran(path: Any, names: dict[str, str], **more: Any) -> Structure:
 
 
 def add_mesh(model: Structure, path: Any) -> None:
-    """Takes coordinates, cells and sets of nodes from a mesh (any format of meshio), nodes by their numbers."""
+    """Reads coordinates, cells and sets of nodes from a mesh (any format of meshio), nodes by their numbers."""
     if (model.dof_node < 0).all():
         raise ModelError(f"no degree of freedom stands at a node of '{path}': --labels gives names such as n12.z")
     meshio = imported("meshio", "meshes are read with")
     meshio_to_vtk_type = imported("meshio._vtk_common", "meshes are read with").meshio_to_vtk_type
     path = _existing(path)
-    said = io.StringIO()
+    output = io.StringIO()
     try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
             mesh = meshio.read(path)
     except (Exception, SystemExit) as error:  # meshio's readers raise whatever they meet, or print it and exit
-        why = said.getvalue() if isinstance(error, SystemExit) else str(error)
+        why = output.getvalue() if isinstance(error, SystemExit) else str(error)
         raise ModelError(f"file '{path}' is no mesh that meshio reads: {' '.join(why.split())}") from None
     numbers = np.asarray(mesh.point_gids) if getattr(mesh, "point_gids", None) is not None else _abaqus_numbers(path)
     if numbers is None or len(numbers) != len(mesh.points):

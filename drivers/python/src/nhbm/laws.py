@@ -169,7 +169,7 @@ class Law:
         if (states > 0) != (advance is not None):
             raise ModelError(f"law '{self.__name__}': states, their number, and the function advance belong together")
         address = _address(function)
-        self.steps_slowly = states > 0 and None in (address, _address(advance))  # through time: a look takes a millisecond
+        self.steps_slowly = states > 0 and None in (address, _address(advance))  # in time: an evaluation takes 1 ms
         if address is None:
             caller = _Force(function, velocity, states)
             needs_velocity, phases, frequencies = caller.needs_velocity, "phases" in caller.named, "frequencies" in caller.named
@@ -209,8 +209,8 @@ def law(function: Any = None, **options: Any) -> Any:
     return (lambda f: Law(f, **options)) if function is None else Law(function, **options)
 
 
-def take_fault() -> BaseException | None:
-    """What a law has raised since this was asked last, in this thread."""
+def pop_fault() -> BaseException | None:
+    """Exception that a law has raised since the last call of this function, in this thread."""
     fault, _state.fault = getattr(_state, "fault", None), None
     return fault
 
@@ -282,7 +282,7 @@ class _Caller:
     """What the library calls: exceptions are stored until it has returned."""
 
     def __call__(self, pointer: Any) -> int:
-        if getattr(_state, "fault", None) is not None:  # it has failed before, and nobody has been reported yet
+        if getattr(_state, "fault", None) is not None:  # it has failed before, and this has not been reported yet
             return _FATAL
         _state.running = True
         try:
@@ -327,16 +327,16 @@ class _Force(_Caller):
         if "frequencies" in self.named:
             named["frequencies"] = _list(block.frequencies, block.n_tones)
 
-        def ask(z: Array, v: Array, s: Array) -> Any:
+        def call(z: Array, v: Array, s: Array) -> Any:
             if self.n_states:
                 return self.function(*(_narrow(z), p)[: self.n_positional], states=_narrow(s), **named)
             return self.function(*(_narrow(z), _narrow(v), p)[: self.n_positional], **named)
 
-        answer = ask(z, v, s)
+        answer = call(z, v, s)
         given = answer if isinstance(answer, tuple) else (answer,)
         _columns(block.f, n, block)[:] = _shaped(self.function, "forces", given[0], z.shape)
-        wanted = [(block.df_dz, z, lambda x: ask(x, v, s)), (block.df_dv, v, lambda x: ask(z, x, s)),
-                  (block.df_ds, s, lambda x: ask(z, v, x))]  # fmt: skip
+        wanted = [(block.df_dz, z, lambda x: call(x, v, s)), (block.df_dv, v, lambda x: call(z, x, s)),
+                  (block.df_ds, s, lambda x: call(z, v, x))]  # fmt: skip
         wanted = [(address, x, along) for address, x, along in wanted if address]
         if 1 < len(given) <= len(wanted):
             by = "states" if self.n_states else "velocities"
@@ -365,22 +365,22 @@ class _Advance(_Caller):
         p = _list(block.parameters, block.n_parameters)
         columns = np.hstack([_columns(block.states_before, m, block), *(_columns(address, c, block) for address in inputs)])
 
-        def ask(columns: Array) -> Array:
+        def call(columns: Array) -> Array:
             parts = [_narrow(part) for part in np.split(columns, [m, m + c, m + 2 * c, m + 3 * c], axis=1)]
             found = self.function(*(parts[0], Step(*parts[1:]), p)[: self.n_arguments])
             return _shaped(self.function, "states", found, (len(columns), m), dtype=None)
 
         if not block.ds_dbefore:
-            _columns(block.states, m, block)[:] = ask(columns)
+            _columns(block.states, m, block)[:] = call(columns)
             return
         k = columns.shape[1]
         moves = np.eye(k)[:, None, :]
         step = _DIFFERENCE * (np.abs(columns[:, m:]).max() or 1.0)
 
         def moved(by: complex) -> Array:
-            return ask((columns + by * moves).reshape(-1, k)).reshape(k, n, m)
+            return call((columns + by * moves).reshape(-1, k)).reshape(k, n, m)
 
-        states = ask(columns)
+        states = call(columns)
         slopes = self.trust.slopes(moved, lambda: states, step)
         _columns(block.states, m, block)[:] = states
         slopes, first = slopes.transpose(1, 2, 0), m

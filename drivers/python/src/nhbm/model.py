@@ -553,8 +553,8 @@ class Model:
         return self._highest(of, path, keys, tolerance, order, groups, here) or PeakGradient(np.nan, np.nan, none, none)
 
     def _highest(self, of: str, path: str, keys: dict[str, Any], tolerance: float | None, order: int | None,
-                 groups: dict[str, Any], take: Callable[[Session, float, float], Any]) -> Any:  # fmt: skip
-        """What `take` makes of the session, the response and the value that moves where the response is largest; None, and a
+                 groups: dict[str, Any], evaluate: Callable[[Session, float, float], Any]) -> Any:  # fmt: skip
+        """The result of `evaluate` for the session, the response and the varied value where the response is largest; None, and a
         warning, if the curve ends before its range does."""
         path = path_of(path)
         groups = {"curve": {"parameter": path, "peak_of": of, **keys}, "stability": {"method": "off"}, **groups}
@@ -569,7 +569,7 @@ class Model:
             value = dataset.response_of(session, of)
             if value > best:
                 best = value
-                found = take(session, value, float(session.column(identifier(path)).values))
+                found = evaluate(session, value, float(session.column(identifier(path)).values))
         return None if _warns_of_end(session, 4) else found
 
     @documented
@@ -595,7 +595,7 @@ class Model:
         -------
         xarray.Dataset
             As for `solve`, with the dimension `point`; `dataset.nhbm.kind` names folds, peaks and bifurcations. The warning
-            NotConverged says if it ends before its range does.
+            NotConverged is issued if it ends before its range does.
 
         Examples
         --------

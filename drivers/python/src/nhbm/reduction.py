@@ -1,7 +1,7 @@
 """Small models of large ones that keep chosen degrees of freedom as they are, with their error against the full model.
 
 Krylov: shapes K_s^-1 B, K_s^-1 M K_s^-1 B, ... of the shifted stiffness K_s = K + s^2 M for forces B at the retained degrees of
-freedom and the loads, as many as the flexibility takes up to a frequency (Bai, Appl. Numer. Math. 43 (2002), sections 3 and 5).
+freedom and the loads, as many as the flexibility needs up to a frequency (Bai, Appl. Numer. Math. 43 (2002), sections 3 and 5).
 Craig-Bampton: x = T [x_b; q], static shapes of the retained degrees of freedom and modes with these held (Craig and Bampton 1968).
 Free interface with residual attachment: modes of the free structure, and what they leave of the static response to forces at the
 retained degrees of freedom (Rubin 1975, MacNeal 1971); rewritten in the retained degrees of freedom and modes, as Craig-Bampton's.
@@ -64,7 +64,7 @@ def reduce(
 ) -> Structure:
     """Reduced model with the named degrees of freedom or sets, and the vectors of loads as further static shapes.
 
-    By a number of modes, or with 'krylov' by as many shapes as the flexibility takes up to a frequency [rad/s]: to a tolerance,
+    By a number of modes, or with 'krylov' by as many shapes as the flexibility needs up to a frequency [rad/s]: to a tolerance,
     relative to its largest entry there. Degrees of freedom of dashpots and bearings are retained then, too.
 
     The name of a pair, `joint.z` of the sets `joint_1` and `joint_2`, keeps the motion of the first relative to the second, node by
@@ -77,7 +77,7 @@ def reduce(
     if model.recovery is not None:
         raise ModelError("the model is reduced already; reduce the full one")
     if abs(model.mass - model.mass.T).max() > ASYMMETRY * abs(model.mass).max():
-        raise ModelError("the mass is not symmetric (nhbm-model check says where)")
+        raise ModelError("the mass is not symmetric (nhbm-model check reports where)")
     full = model
     model, turn = _relative(model, keep)
     retained = list(dict.fromkeys(dof for name in keep for dof in model.dofs_of(name)))
@@ -211,7 +211,7 @@ def _free_interface(model: Any, retained: Any, n_modes: Any) -> np.ndarray:
         elif is_elastic.any():
             shift = 0.1 * float(values[is_elastic].min())
         break
-    factors = Factors(sp.csr_matrix(k + shift * m), "the stiffness with some of the mass (nhbm-model check says more): it")
+    factors = Factors(sp.csr_matrix(k + shift * m), "the stiffness with some of the mass (see nhbm-model check): it")
     values, modes = lowest_modes(k, m, n_modes, shift, factors)
     unit = np.zeros((model.n_dofs, len(retained)))
     unit[retained, np.arange(len(retained))] = 1.0
@@ -257,7 +257,7 @@ class _KrylovSpace:
         unit[self.retained, np.arange(len(self.retained))] = 1.0
         self.forces = self.next = np.hstack([unit, load_matrix(model)])
         self.energy = sp.csr_matrix(symmetric_part(model.stiffness) + self.shift**2 * model.mass)
-        self.factors = Factors(self.energy, "the stiffness with some of the mass (nhbm-model check says more): it")
+        self.factors = Factors(self.energy, "the stiffness with some of the mass (see nhbm-model check): it")
         self.basis = np.zeros((model.n_dofs, 0))
 
     def grown(self, tolerance: Any) -> np.ndarray:
@@ -280,7 +280,7 @@ class _KrylovSpace:
                                  "freedom, raise --tolerance, lower --up-to or take modes (--modes)")  # fmt: skip
             if self.is_general and (n_cycles > 0 or change < FIRST_CHANGE):
                 n_cycles += 1
-                self._go_on_with_residuals((GOLDEN * n_cycles) % 1.0)
+                self._continue_with_residuals((GOLDEN * n_cycles) % 1.0)
         return np.hstack(_boundary_and_inner(self.basis, self.retained))
 
     def _extend(self) -> None:
@@ -342,7 +342,7 @@ class _KrylovSpace:
             [u @ np.linalg.solve(rigidity - np.diag(w**2 * theta) + 1j * (w * viscous + hysteretic), b) for w in frequencies]
         )
 
-    def _go_on_with_residuals(self, offset: Any) -> None:
+    def _continue_with_residuals(self, offset: Any) -> None:
         """The next forces are what the shapes leave of the forces at some frequencies: damping or stiffness of another kind than
         that of the space acts all over the structure."""
         frequencies = self.up_to * (np.arange(1, N_RESIDUALS + 1) - offset) / N_RESIDUALS

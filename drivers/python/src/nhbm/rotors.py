@@ -213,7 +213,7 @@ class Rotor:
         if name is None and len(known) == 1:
             name = known[0]
         if name not in known:
-            raise ModelError(f"say which shaft: shaft='{name}' is none of {', '.join(known) or 'none'}")
+            raise ModelError(f"choose a shaft: shaft='{name}' is none of {', '.join(known) or 'none'}")
         shaft = self._shafts[known.index(name)]
         if not shaft.z[0] <= z <= shaft.z[-1]:
             raise ModelError(f"a disk or bearing at {z} is not on the shaft, {shaft.z[0]} to {shaft.z[-1]}")

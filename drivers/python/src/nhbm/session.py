@@ -32,7 +32,7 @@ except ImportError:
 API = 2
 _MAIN_THREAD, _SIGINT = threading.main_thread().ident, int(signal.SIGINT)
 _KINDS: dict[int, Any] = {0: np.dtype(np.float64), 1: np.dtype(np.int32)}
-_ASK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
+_CANCEL = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
 _FILL = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
 
 
@@ -89,7 +89,7 @@ def _load() -> ctypes.CDLL:
         "time_column_of": (pointer, text, ctypes.POINTER(_Column), error),
         "integrate": (pointer, error),
         "verify": (pointer, number, error),
-        "ask": (pointer, _ASK, pointer, error),
+        "ask": (pointer, _CANCEL, pointer, error),
     }.items():
         getattr(library, f"nhbm_{name}").argtypes = arguments
     for name, arguments in {
@@ -170,7 +170,7 @@ def input_keys() -> list[Key]:
 
 
 class _Interrupts:
-    """Takes note of Ctrl-C while the library is at work, so that it ends soon, and has Python's handler do what it does then."""
+    """Records Ctrl-C during a call of the library, which then returns soon, and calls the handler of Python after it."""
 
     def __init__(self) -> None:
         self.is_noted = False
@@ -220,8 +220,8 @@ class Session:
         self.dofs_of_sets: dict[str, str] = {}  # "disk1.x" of a set of one node, and the label of its degree of freedom
         self.empty: Any = None  # layout of a motion and a dataset without its values, for nhbm.dataset
         this: Any = weakref.ref(self)  # the library holds callbacks, which must not hold the session
-        self._ask = _ASK(lambda context: int(interrupts.is_noted))
-        self._call("ask", self._ask, None)
+        self._cancel = _CANCEL(lambda context: int(interrupts.is_noted))
+        self._call("ask", self._cancel, None)
         self._structures = structures or Structure.read
         self._fill = _FILL(lambda context, name, structure: this()._describe(name.decode(), structure))
         library().nhbm_structures(self._handle, self._fill, None)
@@ -247,7 +247,7 @@ class Session:
     def set_parameter(self, handle: int, value: float) -> None:
         """Sets that number, in the unit of the input."""
         if self._library.nhbm_set(self._handle, handle, value, self._error_address):
-            self._tell(1)
+            self._raise_errors(1)
 
     def solve(self, warm: bool = False, points: int = 1) -> None:
         """Computes the motion with the current values, from the last one if `warm`.
@@ -259,7 +259,7 @@ class Session:
             self._n_points = points
         with self._interrupts:
             code = self._library.nhbm_solve(self._handle, int(warm), self._error_address)
-            self._tell(code)
+            self._raise_errors(code)
 
     def begin_curve(self) -> None:
         """Starts the curve of the group &curve."""
@@ -356,11 +356,11 @@ class Session:
             return 1
 
     def _call(self, name: str, *arguments: Any) -> None:
-        self._tell(getattr(self._library, f"nhbm_{name}")(self._handle, *arguments, self._error_address))
+        self._raise_errors(getattr(self._library, f"nhbm_{name}")(self._handle, *arguments, self._error_address))
 
-    def _tell(self, code: int) -> None:
+    def _raise_errors(self, code: int) -> None:
         """Raises what a law or a structure has raised while the library was at work, or the error that it describes."""
-        fault, self._fault = self._fault or laws.take_fault(), None
+        fault, self._fault = self._fault or laws.pop_fault(), None
         if fault is not None:
             raise fault
         if code:

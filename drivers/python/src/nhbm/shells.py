@@ -16,14 +16,14 @@ def add_verbs(command: argparse.ArgumentParser, verbs: Any) -> None:
         description=f"Prints the script by which a shell completes verbs, options and words: source <({name} completion bash).",
     )
     verb.add_argument("shell", choices=("bash", "zsh"), help="bash or zsh")
-    verb.set_defaults(run=lambda options: _say(completion(command, options.shell)), file=None)
+    verb.set_defaults(run=lambda options: _print(completion(command, options.shell)), file=None)
     text = f"this text; {name} help VERB: one verb; {name} help man: all as a manual page, for man"
     verb = verbs.add_parser("help", help=text, description=f"Prints {text}.")
     verb.add_argument("topic", nargs="?", choices=(*verbs.choices, "man"), metavar="VERB", help="a verb, or man")
-    verb.set_defaults(run=lambda options: _say(_help(command, options.topic)), file=None)
+    verb.set_defaults(run=lambda options: _print(_help(command, options.topic)), file=None)
 
 
-def _say(text: str) -> int:
+def _print(text: str) -> int:
     print(text)
     return 0
 

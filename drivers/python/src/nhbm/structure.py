@@ -163,7 +163,7 @@ class Structure:
             raise ModelError(f"file '{path}' cannot be written: {error.strerror or error}") from None
 
     def _image(self) -> bytes:
-        """The bytes of the file. HDF5 makes them in memory: where a write of its own fails, it cannot be told to let go."""
+        """The bytes of the file. HDF5 makes them in memory: it does not release a file after a failed write of its own."""
         texts = h5py.string_dtype()
         with h5py.File("model", "w", driver="core", backing_store=False) as file:
             file.attrs["format"] = FORMAT

@@ -181,7 +181,7 @@ def _script_left_out(work: _Line) -> Iterator[None]:
 
 
 class Progress:
-    """A bar of tqdm where one is asked for and tqdm is there, or a function that gets the number of points done."""
+    """A bar of tqdm if one is requested and tqdm is installed, or a function that gets the number of points done."""
 
     def __init__(self, wanted: Any, what: str, total: int | None = None) -> None:
         self._wanted, self._what, self._total, self._n = wanted, what, total, 0

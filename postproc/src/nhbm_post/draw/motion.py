@@ -62,10 +62,10 @@ def draw_orbit(x: Series, y: Series, *, tone: int = 0, about: str = ""):
     is_torus = x.n_tones > 1
     with style.look():
         fig = style.figure(5.6, 5.0)
-        told = "where the phase of the tone is zero" if not is_torus else rf"section $\tau_{tone + 1} = 0$"
+        meaning = "where the phase of the tone is zero" if not is_torus else rf"section $\tau_{tone + 1} = 0$"
         mark = {"marker": "o", "linestyle": "none", "color": style.COLOURS[1], "markersize": 2.5 if is_torus else 6.0}
         line = {"color": style.COLOURS[0], "linewidth": 0.4 if is_torus else 1.4, "alpha": 0.5 if is_torus else 1.0}
-        handles = [Line2D([], [], **(line | {"linewidth": 1.4}), label="motion"), Line2D([], [], **mark, label=told)]
+        handles = [Line2D([], [], **(line | {"linewidth": 1.4}), label="motion"), Line2D([], [], **mark, label=meaning)]
         (ax,) = style.below_legends(fig, [handles], 4.2)
         ax.plot(factors[0] * along, factors[1] * across, **line, gid="orbit", rasterized=times.size > 10_000)
         at = section((x, y), tone)

@@ -54,7 +54,7 @@ def draw_multipliers(results: Results, *, where=None):
         ax.set(xlabel=r"Real part of $\mu$", ylabel=r"Imaginary part of $\mu$", aspect="equal")
         ax.grid(True)
         notes = f"{int(is_far.sum())} of magnitude above {_LARGEST:g} stand at {_LARGEST:g}" if is_far.any() else ""
-        told = f"{points.size} point{'s' * (points.size > 1)}, {n_unstable} unstable"
-        about = ", ".join(t for t in (results.title, results.where_text(where or {}), told) if t)
+        counts = f"{points.size} point{'s' * (points.size > 1)}, {n_unstable} unstable"
+        about = ", ".join(t for t in (results.title, results.where_text(where or {}), counts) if t)
         style.head(fig, "Floquet multipliers", about, notes)
     return fig

@@ -129,7 +129,7 @@ def draw_response(
         found, its_axis, note = curves_of(file, name if len(files) > 1 else "", dof, measure, over, where, wanted, axis)
         axis = axis or its_axis
         if _axis_key(its_axis) != _axis_key(axis):
-            raise UsageError(f"{file.path}: over {its_axis.heading}, but {results.path} over {axis.heading}: say --over")
+            raise UsageError(f"{file.path}: over {its_axis.heading}, but {results.path} over {axis.heading}: give --over")
         curves += found
         notes += note
     dof = results.default_dof(measure.quantity) if dof is None else dof
@@ -208,14 +208,14 @@ def curves_of(results, name, dof, measure, over, where, n_curves, axis=None) -> 
     others = [
         p
         for p in results.parameters.values()
-        if p is not swept and len({str(v) for v in p.values[points]}) > 1 and (moving or not _goes_along(p, swept, points))
+        if p is not swept and len({str(v) for v in p.values[points]}) > 1 and (moving or not _varies_along(p, swept, points))
     ]
     if moving and results.curve_branch().any():
         others.append(Parameter("curve_branch", "curve", "", results.curve_branch().astype(float)))
     groups = _groups(others, points)
     notes = []
     for follower in list(others[1:]):
-        if _goes_along(follower, others[0], points):
+        if _varies_along(follower, others[0], points):
             others.remove(follower)
             notes.append(f"{follower.words} changes along with {others[0].words}")
     if len(groups) > n_curves:
@@ -267,8 +267,8 @@ def _refuse(files, curves, measure) -> None:
     path = files[0][1].path
     if measure.name == "harmonic" and any(curve.is_solved.any() for curve in curves):
         raise UsageError(f"{path}: tuple {tuple_text(measure.j)} is in the set of no converged point")
-    told = "; ".join(results.outcome_text() for _, results in files)
-    raise UsageError(f"{path}: none of the chosen points is solved; in the file: {told}")
+    outcomes = "; ".join(results.outcome_text() for _, results in files)
+    raise UsageError(f"{path}: none of the chosen points is solved; in the file: {outcomes}")
 
 
 def _curve_look(i: int, is_joined: bool, curve: Curve) -> dict:
@@ -451,7 +451,7 @@ def _swept_parameter(results: Results, over: str | None, points: np.ndarray) -> 
     )
 
 
-def _goes_along(other: Parameter, swept: Parameter, points: np.ndarray) -> bool:
+def _varies_along(other: Parameter, swept: Parameter, points: np.ndarray) -> bool:
     """Whether each value of `swept` occurs with one value of `other`: parameters that vary together on one axis of a sweep."""
     pairs = {(str(swept.values[point]), str(other.values[point])) for point in points}
     return len(pairs) == len({value for value, _ in pairs})
