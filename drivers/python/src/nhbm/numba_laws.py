@@ -35,8 +35,8 @@ def compiled(force: Callable[..., float], slopes: Callable[..., Any], *, velocit
     force, slopes = numba.njit(force), numba.njit(slopes)
 
     @numba.cfunc(types.int32(types.CPointer(record)))  # type: ignore[untyped-decorator]
-    def evaluate(place: Any) -> int:
-        s = carray(place, 1)[0]
+    def evaluate(pointer: Any) -> int:
+        s = carray(pointer, 1)[0]
         n = s.n_samples
         z, f, p = carray(numbers_at(s.z), n), carray(numbers_at(s.f), n), carray(numbers_at(s.parameters), s.n_parameters)
         if velocity:
