@@ -129,7 +129,7 @@ def test_friction_opens_where_its_normal_load_is_gone(tmp_path):
 
 
 def test_rigid_laws_are_closed_where_their_force_is(tmp_path):
-    """z = min(cos, gap) and a reaction force where it is cut, to the sixtieth harmonic; friction that holds for a third of the period."""
+    """z = min(cos, gap) and a reaction where it is cut, to the sixtieth harmonic; friction that holds for a third of the period."""
     orders = np.arange(61)
     t = 2 * np.pi * np.arange(4096) / 4096
     cut, push = np.minimum(np.cos(t), 0.5), np.maximum(np.cos(t) - 0.5, 0.0) * 7.0

@@ -244,8 +244,8 @@ def _boundary_and_inner(shapes: Any, retained: Any) -> tuple[np.ndarray, np.ndar
 
 class _KrylovSpace:
     """Shapes of unit energy, V' K_s V = 1 with K_s = K + s^2 M, in which a structure answers forces at the retained degrees of
-    freedom and its loads; `retained` has also those few where damping, gyroscopic and circulatory terms act that are no sum of mass and
-    stiffness, so that these are exact."""
+    freedom and its loads; `retained` has also those few where damping, gyroscopic and circulatory terms act that are no sum of mass
+    and stiffness, so that these are exact."""
 
     def __init__(self, model: Any, retained: Any, up_to: Any) -> None:
         self.model, self.up_to, self.shift = model, up_to, SHIFT * up_to
