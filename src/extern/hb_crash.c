@@ -14,7 +14,7 @@
 #include <unistd.h>
 
 #define MAX_TEXT 512
-#define MAX_LAST_WORDS 1024
+#define MAX_LAST_MESSAGE 1024
 #define MAX_ENTRY 128
 #define STACK_SIZE 65536 /* for the handler, in case of a stack overflow */
 
@@ -43,8 +43,8 @@ static int descriptor = -1;
 static pid_t watched_process;
 
 static int is_protected = 0;
-static char last_words[MAX_LAST_WORDS];
-static size_t n_last_words = 0;
+static char last_message[MAX_LAST_MESSAGE];
+static size_t last_message_length = 0;
 static char last_entry[MAX_ENTRY];
 static size_t n_last_entry = 0;
 static int last_status = 1;
@@ -117,11 +117,11 @@ static int note_crash(const char *cause)
    return write(STDERR_FILENO, line, length) < 0 ? -1 : 1;
 }
 
-static void speak_last_words(const char *more)
+static void write_last_message(const char *more)
 {
-   char line[MAX_LAST_WORDS + MAX_ENTRY + MAX_TEXT];
-   memcpy(line, last_words, n_last_words);
-   size_t length = n_last_words;
+   char line[MAX_LAST_MESSAGE + MAX_ENTRY + MAX_TEXT];
+   memcpy(line, last_message, last_message_length);
+   size_t length = last_message_length;
    if (n_last_entry > 0) {
       memcpy(line + length, ", at '", 6);
       memcpy(line + length + 6, last_entry, n_last_entry);
@@ -138,8 +138,8 @@ static void on_limit(int number)
 {
    (void)number;
    if (!is_protected) return;
-   speak_last_words("; it found no end");
-   (void)note_crash("SIGVTALRM (no end in sight)");
+   write_last_message("; the time limit was reached");
+   (void)note_crash("SIGVTALRM (time limit reached)");
    hb_exit_at_once(last_status);
 }
 
@@ -148,7 +148,7 @@ static void on_crash(int number, siginfo_t *information, void *context)
    (void)context;
    size_t i = 0;
    while (i < n_crashes && crashes[i].number != number) i++;
-   if (is_protected) speak_last_words("");
+   if (is_protected) write_last_message("");
    if (i < n_crashes) (void)note_crash(crashes[i].cause);
    if (is_protected) hb_exit_at_once(last_status);
    if (i < n_crashes) sigaction(number, &before[i], NULL);
@@ -241,8 +241,8 @@ static void limit_memory(double bytes)
 int hb_install_crash_handler(const char *text, int exit_status, double seconds, double bytes)
 {
    n_last_entry = 0;
-   n_last_words = strnlen(text, MAX_LAST_WORDS);
-   memcpy(last_words, text, n_last_words);
+   last_message_length = strnlen(text, MAX_LAST_MESSAGE);
+   memcpy(last_message, text, last_message_length);
    last_status = exit_status;
    is_protected = catch_crashes() == 0;
    if (is_protected && seconds > 0.0) (void)set_limit(seconds);

@@ -74,15 +74,15 @@ contains
    !> Opens a file by this process alone, for reading unless `for_writing` is true. Until it is closed the process
    !> ends with a message if the library crashes on the file, loops, or needs much more memory than the file has
    !> bytes.
-   subroutine open_file(self, path, error, for_writing, last_words)
+   subroutine open_file(self, path, error, for_writing, message)
       type(h5_file_t), intent(out) :: self
       character(*), intent(in) :: path
       type(error_t), allocatable, intent(out) :: error
       logical, intent(in), optional :: for_writing
-      character(*), intent(in), optional :: last_words   !! that message; default: the file is damaged
+      character(*), intent(in), optional :: message   !! that message; default: the file is damaged
       integer :: purpose
 
-      call install_file_handler(path, last_words)
+      call install_file_handler(path, message)
       purpose = for_reading
       if (present(for_writing)) purpose = merge(for_changing, for_reading, for_writing)
       call open_as(self, path, purpose, error)

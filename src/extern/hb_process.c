@@ -24,8 +24,8 @@ static const size_t n_ending = sizeof ending / sizeof ending[0];
 static volatile sig_atomic_t caught = 0;
 static volatile sig_atomic_t ends_at_once = 1;
 static char unfinished[4096];
-static char last_words[MAX_TEXT];
-static size_t n_last_words = 0;
+static char last_message[MAX_TEXT];
+static size_t last_message_length = 0;
 static int last_status = 1;
 
 /* Calls only what POSIX permits in a handler. */
@@ -38,7 +38,7 @@ static void on_signal(int number)
       hb_exit_at_once(last_status);
    }
    if (caught != 0) {
-      if (write(STDERR_FILENO, last_words, n_last_words) < 0) hb_exit_at_once(last_status);
+      if (write(STDERR_FILENO, last_message, last_message_length) < 0) hb_exit_at_once(last_status);
       hb_exit_at_once(last_status);
    }
    caught = number;
@@ -46,8 +46,8 @@ static void on_signal(int number)
 
 int hb_catch_signals(const char *text, int exit_status)
 {
-   n_last_words = strnlen(text, MAX_TEXT);
-   memcpy(last_words, text, n_last_words);
+   last_message_length = strnlen(text, MAX_TEXT);
+   memcpy(last_message, text, last_message_length);
    last_status = exit_status;
 
    struct sigaction action;

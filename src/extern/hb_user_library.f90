@@ -390,7 +390,7 @@ contains
          call fail(error, "cannot load the library: '"//path//"' is a pipe or a device")
          return
       end if
-      call begin_outside_code("'"//path//"': the loader of the system died of this library; the file is damaged")   ! e.g. cut off
+      call begin_outside_code("'"//path//"': the loader of the system crashed on this library, which is damaged")   ! e.g. cut off
       self%handle = dlopen(path//c_null_char, rtld_now)
       call end_outside_code()
       if (.not. c_associated(self%handle)) call fail(error, "cannot load the library: "//trim(last_reason(path)))

@@ -383,7 +383,7 @@ contains
       integer, allocatable :: status(:)
 
       n_pending = 0
-      call open_file(file, path, error, last_words="was changed while the run wrote it, HDF5 dies of it; results are lost")
+      call open_file(file, path, error, message="was changed while the run wrote it, HDF5 crashes on it; results are lost")
       call file%get("status", status, error)
       if (.not. allocated(error)) n_pending = count(status == outcome%pending)
       call file%close(error)

@@ -201,7 +201,7 @@ def _ending(status: int, program: str, location: str) -> int:
     number = os.WTERMSIG(status)
     if number in (*_TERMINATION, signal.SIGKILL, signal.SIGPIPE):
         return 128 + number
-    end = "found no end in it" if number == signal.SIGPROF else f"died of it ({signal.Signals(number).name})"
+    end = "exceeded its time" if number == signal.SIGPROF else f"crashed ({signal.Signals(number).name})"
     text = f"{location}: HDF5 {end}; the file is damaged" if location else f"ended by {signal.Signals(number).name}"
     print(printable(f"{program}: {text}"), file=sys.stderr)
     return 2
