@@ -139,6 +139,9 @@ contains
       n = count(reasons == reason%points)
       if (n > 0) lines = [character(160) :: lines, number_of(n, "curve")//" reached the limit of "//to_text(plan%n_fastest())// &
          " points: increase 'points' of &curve"]
+      n = count(reasons == reason%graze)
+      if (n > 0) lines = [character(160) :: lines, number_of(n, "curve")//" ended where a wall is grazed: no motion was found "// &
+         "beyond; try a sweep from there, or another start"]
       n = number_turned_back(plan%curve_values, kind, plan%n_fastest(), plan%curve%curve_request_t)
       if (n > 0) lines = [character(160) :: lines, number_of(n, "curve")//" returned to "//to_text(plan%curve%start)// &
          " without reaching the other end of the range: try start = "// &

@@ -41,7 +41,7 @@ module hb_motion_curve
       real(wp), private :: first_sense = 1.0_wp                       ! of the value on the first branch
       type(origin_t), allocatable, private :: met(:)                  ! motions at values at which others are searched for
       integer :: n_reported = 0                                       !! points so far
-      logical :: ends_here = .false.                                  !! this branch ends at the last of the waiting points
+      logical :: ends_here = .false.                                  !! this branch ends at the last of the waiting points, a graze
    contains
       procedure :: begin => motion_curve_begin
       procedure :: begin_next_to => motion_curve_begin_next_to
@@ -462,8 +462,9 @@ contains
             return
          end if
          call count_work(self%curve%report, before, result)
-         is_end = self%waiting(self%first_waiting)%kind == curve_kind%end .or. &
-                  (self%ends_here .and. self%first_waiting == size(self%waiting))
+         is_end = self%ends_here .and. self%first_waiting == size(self%waiting)
+         if (is_end .and. is_solved(result%status)) result%reason = reason%graze
+         is_end = is_end .or. self%waiting(self%first_waiting)%kind == curve_kind%end
          self%first_waiting = self%first_waiting + 1
          if (is_end .and. .not. allocated(error)) call leave(self, error)
       end if

@@ -46,10 +46,11 @@ module hb_outcome
       integer :: lost_curve = 6                        !! continuation failed
       integer :: error = 7                             !! of the input, a law or a library: the point cannot be solved as it is
       integer :: points = 8                            !! `points` of `&curve`: the curve continues beyond its last point
+      integer :: graze = 9                             !! a curve ends at a grazing impact, beyond which no motion was found
    end type reason_t
    type(reason_t), parameter :: reason = reason_t()
-   character(*), parameter :: reason_names(0:8) = [character(14) :: "none", "max_iterations", "fallback_work", "time_limit", &
-      "overflow", "growth", "lost_curve", "error", "points"]
+   character(*), parameter :: reason_names(0:9) = [character(14) :: "none", "max_iterations", "fallback_work", "time_limit", &
+      "overflow", "growth", "lost_curve", "error", "points", "graze"]
 
    !> Names as they stand in the result file (`flag_meanings`); the index is the status.
    character(*), parameter :: outcome_names(0:21) = [character(13) :: &

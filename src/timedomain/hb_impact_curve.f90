@@ -1,15 +1,15 @@
 !> A curve of periodic motions with impacts on rigid walls: the state of the period map (hb_impact_orbit) is followed
 !> along a value of the input, through folds and along stable and unstable motions alike.
 !>
-!> Steps and events are those of other curves (hb_curve_step), with the multipliers of the map; at a graze the number of
-!> impacts in a period changes. The unknowns are the state, scaled, and the value; stored with them are the scales and the
-!> section.
+!> Steps and events are those of other curves (hb_curve_step), with the multipliers of the map. At a graze the number of
+!> impacts in a period changes, and the curve has a corner. The unknowns are the state, scaled, and the value; stored with
+!> them are the scales and the section.
 module hb_impact_curve
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_coordinates, only: coordinates_t
-   use hb_curve, only: curve_config_t, new_curve
+   use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_curve_request, only: curve_kind, curve_request_t, located_response_t
-   use hb_curve_step, only: step
+   use hb_curve_step, only: longest_chord, step
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_followed_motion, only: known_t, largest_load, waiting_t
@@ -37,6 +37,10 @@ module hb_impact_curve
    public :: impact_curve_t, new_curve_of
 
    integer, parameter :: most_corrections = 10
+   integer, parameter :: most_halvings = 30
+   real(wp), parameter :: nearest = 1.0e-6_wp                         ! to a graze, in units of lengths: differences need 1e-8
+   real(wp), parameter :: into = 1.0e-5_wp                            ! beyond it, likewise: speed of the impact 3e-3
+   real(wp), parameter :: off_the_line = 0.25_wp                      ! of the distance to a graze ahead
    integer, parameter :: most_candidates = 512                        ! order of the harmonics of a point with a tolerance
 
    !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`.
@@ -224,12 +228,16 @@ contains
       call new_curve(self%curve, bordered, x, direction, units, config, corrector)
    end subroutine impact_curve_make_curve
 
-   !> Performs one step. A graze at which the curve turns back cannot be located on it: the short step begins there.
+   !> Performs one step. A graze at which the curve turns back cannot be located on it: it is passed, or the short step
+   !> begins there.
    subroutine impact_curve_go(self, error)
       class(impact_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
       integer, allocatable :: before(:)
+      logical :: is_passed
 
+      call pass_graze(self, is_passed)
+      if (is_passed) return
       before = self%known%impacts
       call step(self)
       if (self%curve%status == outcome%pending) then
@@ -241,26 +249,308 @@ contains
       if (self%curve%status == outcome%stalled .and. grazes_ahead(self)) call end_at_graze(self)
    end subroutine impact_curve_go
 
+   !> Passes a graze straight ahead: the curve has a corner there, between motions with an impact more and those without it.
+   !>
+   !> The speed of that impact is proportional to the distance from the graze, and multipliers to its inverse. Newton's
+   !> method therefore finds the motions without the impact from afar, and the graze on them; those with it from the graze
+   !> alone. Source: A. B. Nordmark, J. Sound Vib. 145 (1991) 279-297.
+   subroutine pass_graze(self, is_passed)
+      class(impact_curve_t), intent(inout), target :: self
+      logical, intent(out) :: is_passed
+      type(curve_t) :: here
+      type(known_t) :: beyond, known
+      real(wp), dimension(size(self%curve%x)) :: corner, found, tangent
+      real(wp) :: along
+
+      is_passed = .false.
+      call self%prepare_step()
+      here = self%curve
+      known = self%known
+      call self%find_contact(here%x + here%step*here%direction, beyond)
+      if (any([beyond%impacts, known%impacts] < 0)) return
+      if (sum(beyond%impacts) > sum(known%impacts)) then
+         call find_last(self, here%x, here%direction, here%step, known%impacts, corner, along)
+         self%curve = here
+         if (along > nearest) self%curve%step = along                 ! events before the graze are located on a step to it
+         if (along > nearest) return
+         call find_with_impact(self, corner, here%direction, found, tangent, is_passed)
+      else if (sum(beyond%impacts) < sum(known%impacts) .and. known%stability%n_unstable > 0) then   ! as with any slow impact
+         call find_without_impact(self, beyond%impacts, corner, tangent, is_passed)
+         if (is_passed) call find_known_before(self, here, corner, -tangent, known, is_passed)
+         found = corner
+      end if
+      self%curve = here
+      if (.not. is_passed) return
+      self%curve%last_x = here%x
+      self%curve%last_direction = here%direction
+      self%curve%x = found
+      self%curve%direction = tangent
+      self%curve%orientation = 0.0_wp
+      self%curve%step = here%config%first_step
+      call self%renew()
+      call self%evaluate_here(self%known)
+      associate (units => here%units)
+         along = norm2((corner - here%x)/units)
+         self%waiting = [waiting_t(curve_kind%graze, along, corner), corners_of(self, known, along, corner), &
+                         waiting_t(curve_kind%regular, along + norm2((found - corner)/units), found)]
+         self%first_waiting = 1
+      end associate
+   end subroutine pass_graze
+
+   !> Folds and extreme responses at a corner, with what is known before it.
+   function corners_of(self, before, position, x) result(found)
+      class(impact_curve_t), intent(in) :: self
+      type(known_t), intent(in) :: before
+      real(wp), intent(in) :: position, x(:)
+      type(waiting_t), allocatable :: found(:)
+      integer :: i, sense
+
+      allocate (found(0))
+      if (before%rise*self%known%rise < 0.0_wp) found = [waiting_t(curve_kind%fold, position, x)]
+      do i = 1, size(self%request%responses)
+         associate (kind => self%request%responses(i)%kind)
+            if (all(kind /= [curve_kind%peak, curve_kind%minimum])) cycle
+            sense = merge(1, -1, kind == curve_kind%peak)
+            if (sense*before%functions(i) > 0.0_wp .and. sense*self%known%functions(i) < 0.0_wp) &
+               found = [found, waiting_t(kind, position, x, response=i)]
+         end associate
+      end do
+   end function corners_of
+
+   !> The last point of a piece of the curve from which the walls are struck as often as given, within a length.
+   subroutine find_last(self, x, direction, length, impacts, last, along)
+      class(impact_curve_t), intent(inout), target :: self
+      real(wp), intent(in) :: x(:), direction(:), length
+      integer, intent(in) :: impacts(:)
+      real(wp), intent(out) :: last(:)
+      real(wp), intent(out) :: along                                  !! its distance from x; the length: there is no graze
+      type(known_t) :: there
+      real(wp) :: step, y(size(x))
+      logical :: is_on_curve
+
+      self%curve%last_x = x
+      self%curve%last_direction = direction
+      last = x
+      along = 0.0_wp
+      step = length
+      do while (step > 0.5_wp*nearest .and. self%curve%status == outcome%pending .and. along < length)
+         call self%curve%point_at(along + step, y, is_on_curve)
+         if (is_on_curve) then
+            call self%find_contact(y, there)
+            is_on_curve = all(there%impacts == impacts)
+         end if
+         if (is_on_curve) then
+            along = along + step
+            last = y
+         end if
+         step = 0.5_wp*step
+      end do
+   end subroutine find_last
+
+   !> Finds a motion with an impact more near a graze, and the tangent there.
+   subroutine find_with_impact(self, corner, inward, found, tangent, is_found)
+      class(impact_curve_t), intent(inout), target :: self
+      real(wp), intent(in) :: corner(:)                               !! last motion without the impact
+      real(wp), intent(in) :: inward(:)                               !! direction of the motions without, continued
+      real(wp), intent(out) :: found(:), tangent(:)
+      logical, intent(out) :: is_found
+      real(wp), parameter :: share(0:4) = [2.0_wp, 0.5_wp, 0.1_wp, 0.02_wp, 0.004_wp]   ! of the longest step
+      type(known_t) :: before, there
+      real(wp) :: along(size(corner)), sign_there, step
+      integer :: i
+      logical :: is_singular
+
+      is_found = .false.
+      associate (curve => self%curve)
+         call self%find_contact(corner, before)
+         curve%direction = inward
+         call curve%tangent_at(corner + into*inward, along, sign_there, is_singular)
+         do i = 0, merge(-1, 2*size(share) - 1, is_singular)         ! with each share against and along
+            step = share(i/2)*curve%config%longest_step
+            along = -along
+            found = corner + step*along
+            call put_behind_graze(self, inward, step, found)
+            call correct(self, along, found, is_found)
+            if (is_found) is_found = norm2((found - corner)/curve%units) <= longest_chord*step .and. &
+                                     .not. has_wanted(self, corner, found)
+            if (.not. is_found) cycle
+            call self%find_contact(found, there)
+            is_found = sum(there%impacts) > sum(before%impacts)
+            if (.not. is_found) cycle
+            curve%direction = along
+            call curve%tangent_at(found, tangent, sign_there, is_singular)
+            is_found = .not. is_singular
+            if (is_found) exit
+         end do
+      end associate
+   end subroutine find_with_impact
+
+   !> Moves a point to where the map has the smallest defect with an impact more: the distance from the border beyond which
+   !> there is one varies with the square of the speed of the impact.
+   subroutine put_behind_graze(self, inward, longest, x)
+      class(impact_curve_t), intent(inout), target :: self
+      real(wp), intent(in) :: inward(:), longest
+      real(wp), intent(inout) :: x(:)
+      real(wp) :: best, border(2), least, middle, r(self%orbit%n_unknowns)
+      integer :: fewest, k, n
+
+      border = [-longest, longest]
+      call evaluate(border(1), fewest)
+      do k = 1, most_halvings
+         middle = 0.5_wp*sum(border)
+         call evaluate(middle, n)
+         border(merge(1, 2, n == fewest)) = middle
+      end do
+      best = border(2)
+      least = huge(1.0_wp)
+      do k = 0, most_halvings
+         call evaluate(border(2) + 0.5_wp**k*longest, n)
+         if (n <= fewest .or. norm2(r) >= least) cycle
+         least = norm2(r)
+         best = border(2) + 0.5_wp**k*longest
+      end do
+      x = x + best*inward
+
+   contains
+
+      subroutine evaluate(distance, n_impacts)
+         real(wp), intent(in) :: distance
+         integer, intent(out) :: n_impacts
+         real(wp) :: y(size(x))
+         logical :: is_possible
+
+         y = x + distance*inward
+         n_impacts = huge(1)
+         r = huge(1.0_wp)
+         associate (orbit => self%orbit)
+            call orbit%set_parameters([1], y(size(y):), is_possible)
+            if (.not. is_possible) return
+            call orbit%residual(y(:size(y) - 1), r)
+            n_impacts = sum(orbit%impacts)
+         end associate
+      end subroutine evaluate
+   end subroutine put_behind_graze
+
+   !> Finds the graze ahead of the curve, from the motions without the impact, and their tangent, away from it.
+   subroutine find_without_impact(self, impacts, corner, tangent, is_found)
+      class(impact_curve_t), intent(inout), target :: self
+      integer, intent(in) :: impacts(:)                               !! beyond the graze
+      real(wp), intent(out) :: corner(:), tangent(:)
+      logical, intent(out) :: is_found
+      real(wp), parameter :: shares(5) = [0.0_wp, 0.5_wp, -0.5_wp, 1.0_wp, -1.0_wp]   ! of the step
+      real(wp), dimension(size(corner)) :: ahead, along, direction, found, x
+      type(known_t) :: there
+      real(wp) :: distance, length, sign_there
+      integer :: i
+      logical :: is_singular
+
+      is_found = .false.
+      associate (curve => self%curve, units => self%curve%units)
+         x = curve%x
+         direction = curve%direction
+         ahead = x + curve%step*direction
+         length = longest_chord*curve%step
+         call curve%tangent_at(ahead, along, sign_there, is_singular)
+         if (is_singular) return
+         do i = 1, size(shares)
+            found = ahead + shares(i)*curve%step*along
+            call correct(self, along, found, is_found)
+            if (.not. is_found) cycle
+            call self%find_contact(found, there)
+            is_found = all(there%impacts == impacts)
+            if (is_found) exit
+         end do
+         if (.not. is_found) return
+         do i = 1, 2
+            along = -along
+            curve%direction = along
+            call curve%tangent_at(found, tangent, sign_there, is_singular)
+            if (is_singular) cycle
+            call find_last(self, found, -tangent, length, impacts, corner, distance)
+            is_found = distance < length .and. is_ahead(corner)
+            if (is_found) exit
+         end do
+         if (.not. is_found) return
+         curve%direction = tangent
+         call curve%tangent_at(corner, tangent, sign_there, is_singular)
+         is_found = .not. is_singular
+      end associate
+
+   contains
+
+      !> Whether a point is approximately in the direction of the curve.
+      pure logical function is_ahead(y)
+         real(wp), intent(in) :: y(:)
+         real(wp) :: share
+
+         associate (units => self%curve%units)
+            share = dot_product((y - x)/units, direction/units)
+            is_ahead = share > 0.0_wp .and. norm2((y - x - share*direction)/units) <= off_the_line*share
+         end associate
+      end function is_ahead
+   end subroutine find_without_impact
+
+   !> Finds what is known shortly before a graze at which an impact ends, if there is no other event between the point of
+   !> the curve and the graze.
+   subroutine find_known_before(self, here, corner, inward, known, is_clear)
+      class(impact_curve_t), intent(inout), target :: self
+      type(curve_t), intent(in) :: here                               !! at its point
+      real(wp), intent(in) :: corner(:), inward(:)
+      type(known_t), intent(inout) :: known                           !! on entry at the point
+      logical, intent(out) :: is_clear
+      type(known_t) :: before
+      real(wp) :: sign_there
+      logical :: is_singular
+
+      before = known
+      associate (curve => self%curve)
+         curve%x = corner + into*inward
+         curve%direction = here%direction
+         call curve%tangent_at(curve%x, curve%direction, sign_there, is_singular)
+         is_clear = .not. (is_singular .or. has_wanted(self, here%x, corner))
+         if (.not. is_clear) return
+         call self%evaluate_here(known)
+      end associate
+      is_clear = known%rise*before%rise > 0.0_wp .and. all(known%functions*before%functions >= 0.0_wp) .and. &
+                 known%stability%n_unstable == before%stability%n_unstable
+      if (is_clear) is_clear = real(known%stability%multipliers(1))*real(before%stability%multipliers(1)) > 0.0_wp
+   end subroutine find_known_before
+
+   !> Whether a value at which there is a point lies between two points.
+   pure logical function has_wanted(self, x, y)
+      class(impact_curve_t), intent(in) :: self
+      real(wp), intent(in) :: x(:), y(:)
+
+      associate (wanted => [self%request%values, self%request%from, self%request%to], n => size(x))
+         has_wanted = any((wanted - x(n))*(wanted - y(n)) < 0.0_wp)
+      end associate
+   end function has_wanted
+
+   !> Corrects a point in the plane across a direction.
+   subroutine correct(self, direction, x, is_found)
+      class(impact_curve_t), intent(inout), target :: self
+      real(wp), intent(in) :: direction(:)
+      real(wp), intent(inout) :: x(:)
+      logical, intent(out) :: is_found
+      type(report_t) :: report
+
+      associate (curve => self%curve)
+         call curve%put_plane(x, direction, 0.0_wp)
+         call solve_newton(curve%problem, curve%corrector, x, report)
+         call curve%report%add(report)
+      end associate
+      is_found = report%status == outcome%converged
+   end subroutine correct
+
    !> Ends the branch with its last point from which the walls are struck as often: beyond it the curve has no tangent.
    subroutine end_at_graze(self)
       class(impact_curve_t), intent(inout), target :: self
-      real(wp), parameter :: near_enough = 1.0e-3_wp                  ! of the shortest step; nearer to the wall it is struck
-      real(wp), dimension(size(self%curve%x)) :: found, x
-      real(wp) :: position, step
-      logical :: is_on_curve
+      real(wp) :: found(size(self%curve%x)), position
 
-      found = self%curve%x
-      position = 0.0_wp
-      step = self%curve%config%shortest_step
-      self%curve%status = outcome%pending
-      do while (step > near_enough*self%curve%config%shortest_step .and. self%curve%status == outcome%pending)
-         step = 0.5_wp*step
-         call self%curve%point_at(position + step, x, is_on_curve)
-         if (is_on_curve) is_on_curve = all(self%orbit%impacts == self%known%impacts)
-         if (.not. is_on_curve) cycle
-         position = position + step
-         found = x
-      end do
+      associate (curve => self%curve)
+         curve%status = outcome%pending
+         call find_last(self, curve%x, curve%direction, curve%config%shortest_step, self%known%impacts, found, position)
+      end associate
       self%waiting = [waiting_t(curve_kind%graze, position, found)]
       self%first_waiting = 1
       self%ends_here = .true.

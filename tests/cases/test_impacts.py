@@ -212,13 +212,16 @@ def points_of(result):
 
 
 def test_a_curve_passes_the_fold_of_orbits_with_an_impact(tmp_path):
-    """Along stable and unstable orbits multipliers are those of the closed form, and so is the fold, where both kinds meet."""
+    """Along stable and unstable orbits multipliers are those of the closed form, and so is the fold, where both kinds meet.
+    At the graze the curve turns to the motion that does not reach the wall."""
     more = "&curve parameter='tones%frequency', from=1.15, to=1.7, values=1.18,1.45, points=70 /\n&harmonics order=12 /\n"
     found = points_of(curve(tmp_path, more, GAP, FOLDING))
     fold = fold_of(GAP, FOLDING, 1.5, 1.53)
     place = [kind for kind, *_ in found].index("fold")
     assert found[place][1] == pytest.approx(fold, abs=1e-8)
-    for i, (kind, w, stable, real, imaginary, _) in enumerate(found):
+    graze = [kind for kind, *_ in found].index("graze")
+    assert all(stable == 1 for _, _, stable, *_ in found[graze:])
+    for i, (kind, w, stable, real, imaginary, _) in enumerate(found[:graze]):
         if kind == "fold":
             continue
         expected = np.linalg.eigvals(orbits_to(GAP, FOLDING, w)[i > place][1])

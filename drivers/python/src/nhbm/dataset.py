@@ -21,7 +21,7 @@ STATUSES = (
     "diverged locked timed_out impact unused time_domain subharmonic broadband several"
 ).split()
 SOLVED = (1, 7, 8, 9, 16, 18)  # a motion of the tones is stored, if not always within the requested limits
-CUT_SHORT = 8  # as `reason`: a curve continues beyond its last point
+CUT_SHORT, GRAZED = 8, 9  # as `reason`: a curve continues beyond its last point; it ends at a grazing impact
 UNUSED, FAILED = STATUSES.index("unused"), STATUSES.index("failed")  # a row of a curve that was not needed
 COLLAPSED = STATUSES.index("collapsed")  # at the end of a curve: the motion vanishes there
 KINDS = (

@@ -783,8 +783,11 @@ class Model:
 
 def _warns_of_end(session: Session, stacklevel: int = 3) -> bool:
     """Whether a curve has ended before its range does, with a warning if so."""
-    if int(dataset.number(session, "reason")) == dataset.CUT_SHORT:
+    reason = int(dataset.number(session, "reason"))
+    if reason == dataset.CUT_SHORT:
         what = "the curve continues: it has reached the limit of its points, 'points' of &curve"
+    elif reason == dataset.GRAZED:
+        what = "the curve ended where a wall is grazed: no motion was found beyond"
     elif int(dataset.number(session, "status")) not in (*dataset.SOLVED, dataset.COLLAPSED):  # there the motion ends
         what = session.message
     else:
