@@ -13,6 +13,7 @@
 module hb_balance
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_block_factors, only: block_factors_t
+   use hb_cancellation, only: charge_work
    use hb_dense_tangent, only: dense_tangent_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t
    use hb_error, only: error_t
@@ -58,6 +59,7 @@ module hb_balance
       logical, private :: has_moved = .false.                         ! to frequencies other than the initial ones
       integer, private :: n_rounds = 1                                ! of sliders, counted by `tangent_work`
       real(wp), private :: work_of_round = 0.0_wp                     ! of all columns of a tangent
+      real(wp), private :: work_of_pass = 0.0_wp                      ! of a residual or a product, as measured
    contains
       procedure :: residual => balance_residual
       procedure :: tangent => balance_tangent
@@ -313,12 +315,14 @@ contains
    end subroutine balance_of_linear_part
 
    !> Work of a residual and a tangent (see `unit_of_work`): transforms and laws by samples, laws with memory by steps
-   !> for each unknown, factors by multiplications.
+   !> for each unknown, factors by multiplications. `work_of_pass` is charged for each residual and product.
    subroutine count_work(self, torus)
       class(balance_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
       real(wp), parameter :: per_sample = 5.0_wp, per_step = 20.0_wp, per_multiplication = 0.025_wp
+      real(wp), parameter :: per_value = 15.0_wp, per_state = 120.0_wp  ! .6 to 2 times the time, 1 to 3 tones
       real(wp) :: n
+      integer :: i
 
       n = self%n_unknowns
       self%residual_work = per_sample*torus%n_total*self%n_dofs
@@ -329,6 +333,10 @@ contains
       self%work_of_round = 0.0_wp
       if (self%law_set%has_memory) self%work_of_round = n*per_step*torus%n_total
       self%tangent_work = self%tangent_work + self%work_of_round
+      self%work_of_pass = per_value*torus%n_total*self%n_dofs
+      do i = 1, size(self%law_set%laws)
+         self%work_of_pass = self%work_of_pass + per_state*torus%n_total*self%law_set%laws(i)%law%n_states**2
+      end do
    end subroutine count_work
 
    subroutine balance_residual(self, x, r)
@@ -336,6 +344,7 @@ contains
       real(wp), intent(in), contiguous :: x(:)
       real(wp), intent(out), contiguous :: r(:)
 
+      call charge_work(self%work_of_pass)
       call balance_residual_of(self, x, r)
    end subroutine balance_residual
 
@@ -407,6 +416,7 @@ contains
       real(wp), intent(in), contiguous :: x(:)
       real(wp), intent(out), contiguous :: product(:)
 
+      call charge_work(self%work_of_pass)
       call apply_tangent_to(self, x, product)
    end subroutine balance_apply_tangent
 
@@ -430,6 +440,7 @@ contains
       real(wp), intent(out), contiguous :: jacobian(:, :)
 
       call balance_tangent_of(self, x, jacobian)
+      call charge_work(self%tangent_work)
    end subroutine balance_tangent
 
    subroutine balance_tangent_of(self, u, jacobian)

@@ -27,6 +27,7 @@ module hb_coarse_tangent
       procedure :: clear => coarse_tangent_clear
       procedure :: add => coarse_tangent_add
       procedure :: factorise => coarse_tangent_factorise
+      procedure :: n_factors => coarse_tangent_n_factors
       procedure :: solve => coarse_tangent_solve
    end type coarse_tangent_t
 
@@ -120,6 +121,12 @@ contains
       end if
       self%is_usable = info == 0
    end subroutine coarse_tangent_factorise
+
+   pure integer function coarse_tangent_n_factors(self) result(n_factors)
+      class(coarse_tangent_t), intent(in) :: self
+
+      n_factors = size(self%matrix)
+   end function coarse_tangent_n_factors
 
    !> Writes the solution for the selected harmonics of r into step.
    subroutine coarse_tangent_solve(self, r, step)

@@ -27,6 +27,7 @@ module hb_preconditioner
       procedure :: harmonic_tangent => preconditioner_harmonic_tangent
       procedure :: update => preconditioner_update
       procedure :: apply => preconditioner_apply
+      procedure :: work_of_solution => preconditioner_work_of_solution
    end type preconditioner_t
 
 contains
@@ -305,4 +306,13 @@ contains
       if (.not. allocated(self%coupled)) return
       if (self%coupled%is_usable) call self%coupled%solve(r, step)
    end subroutine preconditioner_apply
+
+   !> Work of `apply`, see hb_solver_types%unit_of_work: the factors are read from memory once.
+   pure real(wp) function preconditioner_work_of_solution(self) result(work)
+      class(preconditioner_t), intent(in) :: self
+      real(wp), parameter :: per_factor = 1.0_wp
+
+      work = 0.0_wp
+      if (allocated(self%coupled)) work = per_factor*self%coupled%n_factors()
+   end function preconditioner_work_of_solution
 end module hb_preconditioner

@@ -1,8 +1,9 @@
 !> Cancellation: ends long work early, and receives reports of its progress.
 !>
-!> A cancellation token limits the processor time of a point. Types that extend it end a point for other reasons, such as a signal
-!> (`wants_end`), or show progress (`note_level`, `note_progress`). A decision to end holds until the next point begins, so that all
-!> work in progress ends soon; the decision to end the run is final.
+!> A cancellation token limits the processor time of a point, and the work that is charged to it, by operation counts. Types
+!> that extend it end a point for other reasons, such as a signal (`wants_end`), or show progress (`note_level`,
+!> `note_progress`). A decision to end holds until the next point begins, so that all work in progress ends soon; the
+!> decision to end the run is final.
 !>
 !> Between `enter` and `leave` a token is the current one of its thread: each loop that may take long calls `work_is_over` and
 !> returns what it has; the procedure that entered the token discards that. A token entered within another also ends with it.
@@ -11,12 +12,13 @@ module hb_cancellation
    use hb_kinds, only: wp
    implicit none
    private
-   public :: cancellation_t, note_level, note_progress, verdict, verdict_on_work, work_is_over
+   public :: cancellation_t, charge_work, note_level, note_progress, verdict, verdict_on_work, work_is_over
 
    type :: verdict_t
       integer :: go_on = 0
       integer :: timed_out = 1                                        !! the point has used its time
       integer :: interrupted = 2                                      !! the run ends; the point must be solved again
+      integer :: out_of_work = 3                                      !! more work was charged than permitted
    end type verdict_t
    type(verdict_t), parameter :: verdict = verdict_t()
 
@@ -26,12 +28,15 @@ module hb_cancellation
 
    type :: cancellation_t
       integer :: verdict = verdict%go_on
+      real(wp) :: work = 0.0_wp                                       !! charged so far, see hb_solver_types%unit_of_work
+      real(wp), private :: work_limit = huge(1.0_wp)
       real(wp), private :: cpu_end = huge(1.0_wp)                     ! processor time at which the point has to end [s]
       integer, private :: n_entered = 0
       type(slot_t), private :: slot                                   ! the pointer of the thread
       type(c_ptr), private :: outer = c_null_ptr                      ! the cancellation within which this one was entered
    contains
       procedure :: begin => cancellation_begin
+      procedure :: charge => cancellation_charge
       procedure :: enter => cancellation_enter
       procedure :: is_over => cancellation_is_over
       procedure :: leave => cancellation_leave
@@ -55,12 +60,16 @@ module hb_cancellation
 contains
 
    !> Begins a point with a limit of `time_limit`.
-   subroutine cancellation_begin(self, time_limit)
+   subroutine cancellation_begin(self, time_limit, work_limit)
       class(cancellation_t), intent(inout) :: self
       real(wp), intent(in) :: time_limit                              !! processor time [s], huge() for no limit
+      real(wp), intent(in), optional :: work_limit                    !! of the work that is charged; default none
       real(wp) :: now
 
       if (self%verdict /= verdict%interrupted) self%verdict = verdict%go_on
+      self%work = 0.0_wp
+      self%work_limit = huge(1.0_wp)
+      if (present(work_limit)) self%work_limit = work_limit
       self%cpu_end = huge(1.0_wp)
       if (time_limit >= huge(1.0_wp)) return
       call cpu_time(now)
@@ -69,12 +78,13 @@ contains
 
    !> Makes this the cancellation of the thread. If it was not entered yet, a point begins; otherwise its clock
    !> continues.
-   subroutine cancellation_enter(self, time_limit)
+   subroutine cancellation_enter(self, time_limit, work_limit)
       class(cancellation_t), intent(inout), target :: self            !! must not move until it is left
       real(wp), intent(in) :: time_limit                              !! as that of `begin`
+      real(wp), intent(in), optional :: work_limit                    !! likewise
 
       if (self%n_entered == 0) then
-         call self%begin(time_limit)
+         call self%begin(time_limit, work_limit)
          self%slot%cancellation => self
          self%outer = hb_current_cancellation()
          call hb_set_current_cancellation(c_loc(self%slot))
@@ -91,6 +101,18 @@ contains
       call hb_set_current_cancellation(self%outer)
       self%outer = c_null_ptr
    end subroutine cancellation_leave
+
+   !> Adds work to this cancellation and to those around it.
+   recursive subroutine cancellation_charge(self, work)
+      class(cancellation_t), intent(inout) :: self
+      real(wp), intent(in) :: work
+      type(slot_t), pointer :: outer
+
+      self%work = self%work + work
+      if (.not. c_associated(self%outer)) return
+      call c_f_pointer(self%outer, outer)
+      call outer%cancellation%charge(work)
+   end subroutine cancellation_charge
 
    !> Whether the point must end; `verdict` then gives the reason.
    recursive logical function cancellation_is_over(self) result(is_over)
@@ -109,6 +131,7 @@ contains
          call cpu_time(now)
          if (now >= self%cpu_end) self%verdict = verdict%timed_out
       end if
+      if (self%verdict == verdict%go_on .and. self%work > self%work_limit) self%verdict = verdict%out_of_work
       is_over = self%verdict /= verdict%go_on
    end function cancellation_is_over
 
@@ -147,6 +170,18 @@ contains
    logical function work_is_over()
       work_is_over = verdict_on_work() /= verdict%go_on
    end function work_is_over
+
+   !> Charges work to the current cancellation of this thread.
+   subroutine charge_work(work)
+      real(wp), intent(in) :: work                                    !! see hb_solver_types%unit_of_work
+      type(c_ptr) :: current
+      type(slot_t), pointer :: slot
+
+      current = hb_current_cancellation()
+      if (.not. c_associated(current)) return
+      call c_f_pointer(current, slot)
+      call slot%cancellation%charge(work)
+   end subroutine charge_work
 
    !> Reports a solved level of adaptive refinement to the current cancellation of this thread.
    subroutine note_level(level, n_unknowns, estimate)

@@ -8,7 +8,7 @@
 !> Source: docs/why/accuracy.md; nested iteration as in Hackbusch, Multi-Grid Methods and Applications (1985), chapter
 !> 5.
 module hb_accurate_motion
-   use hb_cancellation, only: cancellation_t, note_level, work_is_over
+   use hb_cancellation, only: cancellation_t, note_level, verdict, work_is_over
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_integrate_to_tolerance, only: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples
@@ -20,7 +20,7 @@ module hb_accurate_motion
    use hb_motion, only: solve_motion
    use hb_motion_description, only: allow_for_growth, compare_with_refined
    use hb_motion_result, only: effort_t, motion_result_t
-   use hb_outcome, only: is_answer => is_solved, outcome
+   use hb_outcome, only: is_answer => is_solved, outcome, reason
    use hb_refinement, only: refinable_t, refine
    use hb_stability, only: few_periods, stability_method, stability_verdict => verdict
    use hb_thresholds, only: minor, reliable, well_solved
@@ -46,6 +46,7 @@ module hb_accurate_motion
    type, extends(effort_t) :: level_solver_t
       type(model_t), pointer :: model => null()
       type(model_t) :: here                                           ! the same model on the set of a level
+      logical :: is_out_of_work = .false.                             ! the last level was ended by its limit
    contains
       procedure :: prepare => level_solver_prepare
       procedure :: take => level_solver_take
@@ -195,6 +196,7 @@ contains
       if (self%n_levels == 0) then
          call find_first(self)
          self%solver%here%may_integrate = .false.
+         self%result%charged = self%solver%charged
          if (.not. allocated(self%error) .and. self%model%has_time_domain()) call integration_lost(self%model, self%result)
          is_solved = .not. allocated(self%error) .and. allocated(self%top%unknowns)
          if (.not. is_solved) return
@@ -203,7 +205,7 @@ contains
          self%own_outputs = estimates_of_outputs(self%result)
       else
          call self%solver%take(self%next, self%n_failures == most_failures - 1, trial, failure)
-         is_solved = allocated(self%next%unknowns) .and. is_answer(trial%status)
+         is_solved = allocated(self%next%unknowns) .and. is_answer(trial%status) .and. .not. self%solver%is_out_of_work
          self%is_ended = has_ended(trial)
          if (trial%status == outcome%interrupted) self%result%status = outcome%interrupted
          if (.not. is_solved) return
@@ -267,7 +269,7 @@ contains
       class(refined_motion_t), intent(inout) :: self
 
       is_over = self%is_ended .or. .not. allocated(self%top%unknowns) .or. self%solver%work > self%model%accuracy%max_work .or. &
-                self%model%lacks_impacts_of(self%result%status)
+                self%solver%is_out_of_work .or. self%model%lacks_impacts_of(self%result%status)
    end function refined_motion_is_over
 
    !> Error of a level: the estimated error of the quantities to which the tolerance applies; a penetration of walls
@@ -376,7 +378,7 @@ contains
             top%n_samples = model%torus%n_samples
             if (i > 1) then
                if (.not. model%accuracy%grows_set) exit
-               if (i < 3 .and. self%solver%work > model%accuracy%max_work) cycle
+               if (i < 3 .and. (self%solver%is_out_of_work .or. self%solver%work > model%accuracy%max_work)) cycle
                call other_first(model, i, top, self%error)
                if (allocated(self%error)) return
             end if
@@ -452,6 +454,7 @@ contains
       logical, intent(in) :: with_fallback
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
+      type(cancellation_t), target :: limit
       real(wp), allocatable :: first_guess(:), found(:)
 
       call move_alloc(level%unknowns, first_guess)
@@ -462,7 +465,13 @@ contains
          solver%patience = merge(0, patience, with_fallback)
          solver%fallback_work = min(model%solver%fallback_work, max(0.0_wp, model%accuracy%max_work - self%work))
          if (self%n_levels > 0) solver%fallback_work = share_of_fallback*solver%fallback_work
+         call limit%enter(huge(1.0_wp), max(model%most_work() - self%charged, &
+                                            merge(model%accuracy%max_work, 0.0_wp, with_fallback)))
          call solve_motion(self%here, result, error, first_guess, found)
+         call limit%leave()
+         result%charged = limit%work
+         self%is_out_of_work = limit%verdict == verdict%out_of_work
+         if (self%is_out_of_work) call end_level(result, error, allocated(found))
          result%n_levels = 1
          call self%add(result%effort_t)
          solver%preconditioner_level = result%preconditioner_level
@@ -471,6 +480,18 @@ contains
       end associate
       if (is_answer(result%status) .and. allocated(found)) call move_alloc(found, level%unknowns)
    end subroutine level_solver_take
+
+   !> Ends a level that its limit of work has interrupted: without a motion, or with one whose error is not known.
+   subroutine end_level(result, error, has_motion)
+      type(motion_result_t), intent(inout) :: result
+      type(error_t), allocatable, intent(inout) :: error
+      logical, intent(in) :: has_motion
+
+      if (allocated(error)) deallocate (error)                        ! of the partial results
+      result%status = merge(outcome%truncated, outcome%out_of_budget, has_motion)
+      if (.not. has_motion) result%reason = reason%fallback_work
+      result%certificate%truncation = 1.0_wp
+   end subroutine end_level
 
    !> Sets status and estimates of the last level, and adds the results that were omitted on the levels.
    subroutine finish(self)

@@ -103,6 +103,7 @@ contains
       is_done = .false.
       if (.not. can_integrate(model)) return
       integrated%integration_work = result%integration_work
+      integrated%charged = result%charged
       call integration(model, steady, integrated, found)
       is_done = work_is_over() .or. steady%status /= outcome%pending
       if (.not. is_done) then
@@ -138,6 +139,7 @@ contains
       if (allocated(result%output_estimate)) return                   ! time integration has no estimates of outputs
       call start_on(model, top, from, is_there)
       if (.not. is_there) return
+      integrated%charged = result%charged
       call integration(from, steady, integrated, found)
       result%work = result%work + steady%work
       if (verdict_on_work() == verdict%interrupted) result%status = outcome%interrupted
@@ -228,6 +230,7 @@ contains
       record%capacity = share_of_integrated*model%accuracy%max_harmonics
       record%order = first_order(model, candidates_of_retained*record%capacity)
       record%most_work = 2.0_wp*model%integration%work_limit - result%integration_work ! two methods may need as much
+      record%most_work = min(record%most_work, 2.0_wp*model%most_work() - result%charged)
       record%most_failures = huge(1)
       record%result = result
       call new_lowest_set(record%candidates, model%tones%n_tones, loaded_tuples(model), record%error, record%order)

@@ -12,7 +12,7 @@ module hb_model
    use hb_normal_mode, only: normal_mode_t
    use hb_outcome, only: outcome
    use hb_response, only: response_t
-   use hb_solver_types, only: solver_config_t
+   use hb_solver_types, only: share_of_solver, solver_config_t
    use hb_stability, only: stability_config_t, stability_finder_t
    use hb_structure, only: structure_t
    use hb_time_domain, only: integration_config_t, locking_t, primary_method, steady_motion_t
@@ -131,6 +131,7 @@ module hb_model
    contains
       procedure :: has_time_domain => model_has_time_domain
       procedure :: lacks_impacts_of => model_lacks_impacts_of
+      procedure :: most_work => model_most_work
    end type model_t
 
    abstract interface
@@ -166,6 +167,13 @@ module hb_model
    end interface
 
 contains
+
+   !> Work of a point that its limits permit: that of all levels, and that of fallbacks, time integration included.
+   pure real(wp) function model_most_work(self) result(work)
+      class(model_t), intent(in) :: self
+
+      work = self%accuracy%max_work + self%solver%fallback_work/share_of_solver
+   end function model_most_work
 
    !> Whether time integration may be used.
    pure logical function model_has_time_domain(self) result(has)

@@ -540,7 +540,14 @@ contains
 
    !> Status of a point that must end early.
    integer function status_of_ended() result(status)
-      status = merge(outcome%timed_out, outcome%interrupted, verdict_on_work() == verdict%timed_out)
+      select case (verdict_on_work())
+      case (verdict%timed_out)
+         status = outcome%timed_out
+      case (verdict%out_of_work)
+         status = outcome%out_of_budget
+      case default
+         status = outcome%interrupted
+      end select
    end function status_of_ended
 
    !> Stores the tones; unknown ones that the motion does not have are NaN.

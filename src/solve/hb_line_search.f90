@@ -154,6 +154,9 @@ contains
          report%status = outcome%timed_out
       case (verdict%interrupted)
          report%status = outcome%interrupted
+      case (verdict%out_of_work)
+         report%status = outcome%out_of_budget
+         report%is_out_of_work = .true.
       end select
    end subroutine end_if_over
 

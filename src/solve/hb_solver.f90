@@ -8,6 +8,7 @@ module hb_solver
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_broyden, only: solve_broyden
+   use hb_cancellation, only: work_is_over
    use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_kinds, only: wp
    use hb_krylov, only: solve_krylov
@@ -267,10 +268,10 @@ contains
    end subroutine find_shares
 
    !> Whether nothing remains to be tried: the solution is found, or the point was cancelled.
-   pure logical function has_ended(report)
+   logical function has_ended(report)
       type(report_t), intent(in) :: report
 
-      has_ended = any(report%status == [outcome%converged, outcome%timed_out, outcome%interrupted])
+      has_ended = report%status == outcome%converged .or. work_is_over()
    end function has_ended
 
    !> Solves the problem with artificial damping, which is reduced step by step from each solution: without resonances
