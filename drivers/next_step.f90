@@ -1,6 +1,6 @@
 !> The command to try after points of a run ended with a given status.
 module next_step
-   use hb_document, only: document_t
+   use hb_document, only: document_t, new_document
    use hb_error, only: error_t
    use hb_kinds, only: two_pi, wp
    use hb_model_tones, only: read_tones
@@ -15,6 +15,8 @@ module next_step
    private
    public :: command_to_try, failure_kind_t, is_by_tolerance, run_names_t, shell_word
 
+   character(*), parameter :: set_keys(4) = [character(8) :: "set", "order", "tuples", "odd_only"], & ! that fix a set or a grid
+                              grid_keys(2) = [character(12) :: "samples", "oversampling"]
    character(*), parameter :: without_bounds(1) = ["jenkins_2d"]      ! laws with states that cvode cannot integrate
    integer, parameter :: more = 10                                    ! times a budget that was insufficient
 
@@ -89,7 +91,8 @@ contains
                text = with_more_harmonics(run)
             end if
          case (outcome%aliased)
-            text = with_more_samples(run)
+            text = by_tolerance(run)
+            if (len(text) == 0) text = with_more_samples(run)
          case (outcome%impact)
             if (has_restitution(run)) then
                text = integrate_from_rest(run)
@@ -132,19 +135,26 @@ contains
       character(:), allocatable :: text
       type(properties_t), pointer :: group
       character(:), allocatable :: guess
+      integer :: limit
       logical :: fallbacks
 
       text = ""
-      select case (run%kind%reason)
+      group => run%here%optional_group("solver")
+      call group%get("fallback", fallbacks)
+      call group%get("first_guess", guess)
+      limit = run%kind%reason
+      if (run%kind%status == outcome%timed_out) limit = reason%time_limit
+      select case (limit)
       case (reason%lost_curve)
          text = with_finer_equations(run)
-      case (reason%max_iterations, reason%fallback_work, reason%time_limit)
-         text = raised(run, trim(reason_names(run%kind%reason)))
+      case (reason%fallback_work, reason%time_limit)
+         text = raised(run, trim(reason_names(limit)))
       case default
-         group => run%here%optional_group("solver")
-         call group%get("fallback", fallbacks)
-         call group%get("first_guess", guess)
-         if (.not. fallbacks) then
+         if (.not. fallbacks .and. limit == reason%max_iterations) then
+            text = raised(run, "max_iterations", [string_t("solver%fallback=.true.")])
+         else if (limit == reason%max_iterations) then
+            text = raised(run, "max_iterations")
+         else if (.not. fallbacks) then
             text = solve_with(run, "solver%fallback=.true.")
          else if (guess /= "integration" .and. .not. any(run%tones%is_unknown) .and. run%here%count("dynamic_stiffness") == 0) then
             text = solve_with(run, "solver%first_guess='integration'")
@@ -171,14 +181,40 @@ contains
       character(:), allocatable :: text
       integer, allocatable :: orders(:)
 
-      text = ""
+      text = by_tolerance(run)
       orders = numbers_of(run, "harmonics", "order")
-      if (size(orders) > 0) then
+      if (len(text) > 0) then
+         return
+      else if (size(orders) > 0) then
          text = solve_with(run, "harmonics%order="//list_of(2*max(orders, 1)))
       else if (is_by_tolerance(run%here)) then
          text = with_more_work(run, "max_harmonics", 1000000)
       end if
    end function with_more_harmonics
+
+   !> A tolerance instead of a given set and grid: the limit of the estimated error; empty if a sweep varies the set, or
+   !> the set is needed.
+   function by_tolerance(run) result(text)
+      type(run_t), intent(in) :: run
+      character(:), allocatable :: text
+      type(string_t), allocatable :: sets(:)
+      integer :: i
+
+      text = ""
+      if (is_by_tolerance(run%here) .or. is_swept(run, "harmonics=") .or. is_swept(run, "sampling=")) return
+      if (real_of(run, "certificate", "improvement_steps") > 0.0_wp .or. run%here%count("normal_mode") > 0) return
+      allocate (sets(0))
+      do i = 1, size(set_keys)
+         if (.not. numbers_are_absent(run, "harmonics", trim(set_keys(i)))) &
+            sets = [sets, string_t("harmonics%"//trim(set_keys(i))//"=")]
+      end do
+      do i = 1, size(grid_keys)
+         if (.not. numbers_are_absent(run, "sampling", trim(grid_keys(i)))) &
+            sets = [sets, string_t("sampling%"//trim(grid_keys(i))//"=")]
+      end do
+      text = solve_with(run, "accuracy%tolerance="//to_text(min(real_of(run, "certificate", "truncation"), &
+                                                                real_of(run, "certificate", "aliasing"))), sets)
+   end function by_tolerance
 
    !> More work for a tolerance, and a higher limit if one is given.
    function with_more_work(run, key, most) result(text)
@@ -317,19 +353,24 @@ contains
       end do
    end function needs_fixed_steps
 
-   !> Ten times the value of a key of `&solver`.
-   function raised(run, key) result(command)
+   !> Ten times the value of a key of `&solver`, and at least its default, with other assignments.
+   function raised(run, key, others) result(command)
       type(run_t), intent(in) :: run
       character(*), intent(in) :: key
+      type(string_t), intent(in), optional :: others(:)
       character(:), allocatable :: command
-      real(wp) :: before
+      type(document_t), target :: empty
+      type(run_t) :: defaults
+      real(wp) :: after
 
-      before = real_of(run, "solver", key)
+      call new_document(empty)
+      defaults%here => empty
+      after = max(more*real_of(run, "solver", key), real_of(defaults, "solver", key))
       command = ""
       if (key == "max_iterations") then
-         command = solve_with(run, "solver%"//key//"="//to_text(nint(more*before)))
-      else if (before > 0.0_wp) then
-         command = solve_with(run, "solver%"//key//"="//to_text(more*before))
+         command = solve_with(run, "solver%"//key//"="//to_text(nint(after)), others)
+      else if (after > 0.0_wp) then
+         command = solve_with(run, "solver%"//key//"="//to_text(after), others)
       end if
    end function raised
 

@@ -81,6 +81,7 @@ module hb_document
       procedure :: refuse_tied => document_refuse_tied
       procedure :: refuse_unknown => document_refuse_unknown
       procedure :: required_group => document_required_group
+      procedure :: remove => document_remove
       procedure :: resolve => document_resolve
       procedure :: unit_of => document_unit_of
       procedure, private :: set_number => document_set_number
@@ -277,6 +278,17 @@ contains
          call group%content%put_words(trim(parameter%key), words, group%has_changed, parameter%element, parameter%line)
       end associate
    end subroutine document_set_word
+
+   !> Removes the values of a key.
+   pure subroutine document_remove(self, parameter)
+      class(document_t), intent(inout) :: self
+      type(parameter_t), intent(in) :: parameter
+      type(value_t) :: none(0)
+
+      associate (group => self%groups%holders(parameter%i_group)%group)
+         call group%content%put(trim(parameter%key), none, group%has_changed)
+      end associate
+   end subroutine document_remove
 
    !> Returns the number of a parameter; not found if the input has none or a word.
    pure subroutine document_number_at(self, parameter, number, is_found)

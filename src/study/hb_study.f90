@@ -194,22 +194,28 @@ contains
       end do
    end subroutine refuse_hidden
 
-   !> Applies one `path=value`.
+   !> Applies one `path=value`; without a value the key is removed.
    subroutine apply_override(document, text, error)
       type(document_t), intent(inout) :: document
       character(*), intent(in) :: text
       type(error_t), allocatable, intent(out) :: error
+      type(parameter_t) :: parameter
       integer :: equals
 
       equals = index(text, "=")
-      if (equals < 2 .or. equals == len(text)) then
+      if (equals < 2) then
          call fail(error, "--set needs path=value, such as law(1)%gap=1.5e-3, not '"//text//"'")
          return
       else if (index(text, new_line("a")) > 0) then
          call fail(error, "--set needs path=value in one line")
          return
       end if
-      call set_text(document, trim(adjustl(text(:equals - 1))), text(equals + 1:), error)
+      if (len_trim(text(equals + 1:)) > 0) then
+         call set_text(document, trim(adjustl(text(:equals - 1))), text(equals + 1:), error)
+      else
+         call document%resolve(text(:equals - 1), parameter, error)
+         if (.not. allocated(error)) call document%remove(parameter)
+      end if
       call annotate(error, "--set")
    end subroutine apply_override
 
