@@ -122,6 +122,7 @@ contains
       self%is_usable = info == 0
    end subroutine coarse_tangent_factorise
 
+   !> Number of stored entries of the factors.
    pure integer function coarse_tangent_n_factors(self) result(n_factors)
       class(coarse_tangent_t), intent(in) :: self
 
