@@ -157,7 +157,10 @@ contains
       integer, allocatable :: numbers(:)
 
       select case (option)
-      case ("--set"); self%overrides = [self%overrides, string_t(value)]
+      case ("--set"); call take_override(self, value, error)
+      case ("--unset")
+         self%overrides = [self%overrides, string_t(value//"=")]
+         if (index(value, "=") > 0) call fail(error, "--unset takes a path without a value, not '"//value//"'")
       case ("--ranks"); self%ranks = value
       case ("--points"); self%points = value
       case ("--point")
@@ -175,6 +178,19 @@ contains
       case default; self%output = value
       end select
    end subroutine take_value
+
+   !> Stores path=value. Without a value, as from an empty variable of the shell, it would remove the key.
+   subroutine take_override(self, assignment, error)
+      type(arguments_t), intent(inout) :: self
+      character(*), intent(in) :: assignment
+      type(error_t), allocatable, intent(out) :: error
+      integer :: equals
+
+      self%overrides = [self%overrides, string_t(assignment)]
+      equals = index(assignment, "=")
+      if (equals == 0 .or. len_trim(assignment(equals + 1:)) > 0) return
+      call fail(error, "--set "//assignment//" has no value; --unset "//assignment(:equals - 1)//" removes the key")
+   end subroutine take_override
 
    !> Reads whole numbers separated by commas, each with a lower bound.
    subroutine read_numbers(option, text, least, numbers, error)
@@ -216,7 +232,7 @@ contains
       is_resume = .false.
       if (allocated(self%verb)) is_resume = self%verb == "resume"
       if (is_resume .and. (allocated(self%output) .or. size(self%overrides) > 0)) then
-         call fail(error, "resume takes the input from the result file and continues in it: no --output, no --set")
+         call fail(error, "resume takes the input from the result file and continues in it: no --output, no --set, no --unset")
       else if (is_resume .and. self%overwrite) then
          call fail(error, "resume continues a result file; solve --overwrite makes it anew")
       else if (self%resumes .and. self%overwrite) then

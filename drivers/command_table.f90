@@ -41,7 +41,7 @@ module command_table
 
    character(*), parameter :: all_verbs = "solve resume info why check plan integrate verify"
 
-   type(option_t), parameter :: options(19) = [ &
+   type(option_t), parameter :: options(20) = [ &
       option_t("--output", "-o", "FILE", "solve integrate", &
          "result file; default: name of the input with .h5, in the current folder"), &
       option_t("--overwrite", "", "", "solve integrate", "replace an existing result file"), &
@@ -52,6 +52,7 @@ module command_table
          "end the run after this time; nhbm resume solves the remaining points"), &
       option_t("--set", "", "PATH=VALUE", "solve check plan integrate", "change one input value, such as law(1)%gap=1.5e-3 "// &
          "or solver%method='broyden'; may be given several times"), &
+      option_t("--unset", "", "PATH", "solve check plan integrate", "remove one key of the input, such as harmonics%order"), &
       option_t("--quiet", "", "", all_verbs, "print errors only, neither progress nor summary; as --log-level quiet"), &
       option_t("--verbose", "", "", all_verbs, "also print the time spent by each rank; as --log-level verbose"), &
       option_t("--log-level", "", "LEVEL", all_verbs, &

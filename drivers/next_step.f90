@@ -281,7 +281,7 @@ contains
       if (present(others)) sets = [sets, others]
       command = "nhbm solve "//shell_word(run%names%input)//earlier(run, sets)
       do i = 1, size(sets)
-         command = command//" --set "//shell_word(sets(i)%value)
+         command = command//option_of(sets(i)%value)
       end do
       command = command//" -o "//shell_word(beside_result(run, "_"//changed(first)))
    end function solve_with
@@ -414,9 +414,21 @@ contains
       sets = [run%names%overrides, later]
       do i = 1, size(run%names%overrides)
          if (any([(path_of(sets(k)%value) == path_of(sets(i)%value), k=i + 1, size(sets))])) cycle
-         words = words//" --set "//shell_word(sets(i)%value)
+         words = words//option_of(sets(i)%value)
       end do
    end function earlier
+
+   !> The option that makes an assignment; without a value it removes the key.
+   function option_of(assignment) result(words)
+      character(*), intent(in) :: assignment                          !! path=value or path=
+      character(:), allocatable :: words
+
+      if (index(assignment, "=") == len_trim(assignment)) then
+         words = " --unset "//shell_word(assignment(:len_trim(assignment) - 1))
+      else
+         words = " --set "//shell_word(assignment)
+      end if
+   end function option_of
 
    pure function path_of(assignment) result(path)
       character(*), intent(in) :: assignment                          !! path=value
