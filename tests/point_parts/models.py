@@ -37,6 +37,7 @@ class Law:
     parameters: tuple[float, ...]
     said: str | None = None  # the group of an input where it is not that of this law alone
     tuple_: tuple[int, ...] = ()  # of the tones, where the last parameter is a frequency
+    is_multiplied_out: bool = False  # in the input its coordinates are all degrees of freedom
 
     def text(self, labels: list[str]) -> str:
         if self.said is not None:
@@ -412,7 +413,8 @@ def _coupled(model: Model, draw) -> list[Law]:
     said += "\n   acts_on=" + ",\n   ".join(f"'{model.labels[i]}'" for i, _, _ in terms)
     said += "\n   displacement_exponents=" + ",\n   ".join(_listed(powers) for _, powers, _ in terms)
     said += "\n   velocity_exponents=" + ",\n   ".join(_listed(powers) for _, _, powers in terms)
-    return [replace(laws[0], said=f"&law type='polynomial_coupled', {said} /\n"), *laws[1:]]
+    laws[0] = replace(laws[0], said=f"&law type='polynomial_coupled', {said} /\n")
+    return [replace(law, is_multiplied_out=True) for law in laws]
 
 
 def _move_base(model: Model, draw) -> None:

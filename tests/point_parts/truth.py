@@ -77,7 +77,8 @@ def error_of(library: ctypes.CDLL, model: Model, motion: Motion) -> float:
     times, integrated = _integration(library, model, motion, q, v, 1e3 * size, RIGID_STEP_OF_ERRORS)
     if times is None:
         return np.inf
-    shapes = np.array([law.shape for law in model.laws]).T
+    everything = np.eye(len(model.mass))
+    shapes = np.vstack([everything if law.is_multiplied_out else law.shape for law in model.laws]).T
     there = motion.at(times)
     own, whole = np.linalg.norm(there @ shapes), np.linalg.norm(there)
     at_rest = own < AT_REST * whole  # a slider that never slips keeps its coordinate where it is
