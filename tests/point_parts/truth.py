@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ RIGID_STEP = 0.015  # of these, in radians of the fastest motion
 RIGID_STEP_OF_ERRORS = 0.003
 LOOKS = 64  # in a period of the slowest tone, for each tone in it
 NEXT, PARTED = 1e-8, 100.0  # distance of neighbours relative to the motion, and how many times that they are apart when they part
+HIGHEST_OF_BEAT, MOST_BEATS = 20, 1000
 MOST_PERIODS, REPEATED = 12, 2e-2  # until a motion repeats, and how well, relative to it
 AT_REST = 1e-6  # motion of a coordinate relative to that of all degrees of freedom
 N_PARAMETERS = 6  # of a law in integration.c
@@ -68,13 +70,14 @@ def farthest(library: ctypes.CDLL, model: Model, motion: Motion, seed: int) -> f
 
 def error_of(library: ctypes.CDLL, model: Model, motion: Motion) -> float:
     """Root of the mean square, over the last periods of integration from the motion and over the coordinates of the laws, of what
-    separates the two, relative to that of the motion: what a tolerance is about."""
+    separates the two, relative to that of the motion: what a tolerance is about. Tones that are nearly commensurate lead through
+    all of the motion in the period of their slowest beat only."""
     size = np.abs(motion.amplitudes).sum(0).max()
     if size == 0.0:
         return 0.0
     start = np.zeros(1)
     q, v = motion.at(start)[0], motion.rate_at(start)[0]
-    times, integrated = _integration(library, model, motion, q, v, 1e3 * size, RIGID_STEP_OF_ERRORS)
+    times, integrated = _integration(library, model, motion, q, v, 1e3 * size, RIGID_STEP_OF_ERRORS, slowest_beat(model.omega))
     if times is None:
         return np.inf
     everything = np.eye(len(model.mass))
@@ -115,8 +118,17 @@ def neighbours_part(library: ctypes.CDLL, model: Model, motion: Motion) -> bool:
     return first is None or second is None or bool(np.abs(second - first).max() > PARTED * NEXT * size)
 
 
-def _integration(library, model: Model, motion: Motion, q, v, bound, rigid_step=RIGID_STEP, is_whole=False):
-    """Times and displacements of the last periods or, `is_whole`, of all."""
+def slowest_beat(omega: np.ndarray) -> int:
+    """Periods of the slowest tone in which harmonics of two tones, up to HIGHEST_OF_BEAT, pass through each other; at most MOST_BEATS."""
+    slowest = np.inf
+    for i, j in itertools.combinations(range(len(omega)), 2):
+        orders = np.arange(1, HIGHEST_OF_BEAT + 1)
+        slowest = min(slowest, np.abs(np.subtract.outer(orders * omega[i], orders * omega[j])).min())
+    return int(min(MOST_BEATS, np.ceil(omega.min() / slowest))) if np.isfinite(slowest) else 1
+
+
+def _integration(library, model: Model, motion: Motion, q, v, bound, rigid_step=RIGID_STEP, least_kept=1, is_whole=False):
+    """Times and displacements of the last periods, `least_kept` or more, or, `is_whole`, of all."""
     inverse = np.linalg.inv(model.mass)
     frequencies, decay = model.modes()
     shape = np.array([law.shape for law in model.laws])
@@ -147,7 +159,7 @@ def _integration(library, model: Model, motion: Motion, q, v, bound, rigid_step=
     step = period / (looks * stride)
     beat = np.abs(np.subtract.outer(model.omega, model.omega))
     beats = int(np.ceil(model.omega.min() / beat[beat > 0].min())) if len(model.omega) > 1 else 1
-    kept = max(20, min(100, 2 * beats))
+    kept = max(20, min(100, 2 * beats), least_kept)
     slowest = decay[decay > 0].min()
     periods = int(np.clip(12 / (slowest * period), 200, 2500)) + kept
     arrays = {
