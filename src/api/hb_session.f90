@@ -347,8 +347,8 @@ contains
          if (allocated(motion%certificate%combination)) then
             claim%estimate = motion%certificate%truncation + motion%certificate%aliasing
             claim%spread = motion%certificate%aliasing
-            claim%frequency_estimates = motion%certificate%frequency_error
          end if
+         if (allocated(motion%certificate%frequency_error)) claim%frequency_estimates = motion%certificate%frequency_error
          claim%is_unstable = motion%stability%n_unstable > 0
          claim%is_averaged = any(motion%status == [outcome%time_domain, outcome%several]) .and. .not. model%accuracy%grows_set
       end associate

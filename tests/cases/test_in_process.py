@@ -21,6 +21,11 @@ import nhbm
 from nhbm import Model, ModelError
 
 CURVE = "&curve parameter = 'tones%frequency', from = 0.3, to = 3.0, peak_of = 'x1 (1)' /\n"
+IMPACTS = """&structure type = 'matrices', n_dofs = 1, mass = 0.5, damping = 0.3, stiffness = 50 /
+&tones frequency = 20.1 /
+&load dof = 'x1', tuple = 1, cos = 6 /
+&law type = 'rigid_wall', dof = 'x1', gap = 0.02, restitution = 0.5 /
+"""
 SECONDS = "setup_seconds", "iteration_seconds", "certificate_seconds", "solve_seconds"
 
 
@@ -190,6 +195,20 @@ def test_time_integration_has_the_bits_of_the_command(text, tmp_path):
     assert model.verify()["integration_verdict"] == "agrees"  # of the motion still
     with pytest.raises(ModelError, match="no motion of `solve` that can be verified"):
         Model.from_namelist(text).verify()
+
+
+@pytest.mark.filterwarnings("ignore::nhbm.NotConverged")  # found by time integration
+def test_a_motion_with_impacts_is_verified_as_by_the_command(tmp_path):
+    (tmp_path / "run.nml").write_text(IMPACTS)
+    assert run("solve", "run.nml", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
+    assert run("verify", "run.h5", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
+    model = Model.from_namelist(IMPACTS)
+    model.solve()
+    verdict = model.verify()
+    with h5py.File(tmp_path / "run.h5") as file:
+        for name in set(verdict.data_vars) - {"integration_verdict"}:
+            assert np.array_equal(verdict[name].values, file[name][0]), name
+    assert verdict["integration_verdict"] == "agrees"
 
 
 SCRIPT = """
