@@ -211,6 +211,12 @@ def test_a_motion_with_impacts_is_verified_as_by_the_command(tmp_path):
     assert verdict["integration_verdict"] == "agrees"
 
 
+def test_a_motion_with_impacts_has_no_derivatives():
+    with pytest.warns(nhbm.NotConverged, match="no derivatives of this motion: time integration over"):
+        value, slopes = Model.from_namelist(IMPACTS).gradient("x1 (1)", ["law[0].gap"])
+    assert value > 0.02 and np.isnan(slopes).all()
+
+
 SCRIPT = """
 import numpy as np, nhbm
 {law}

@@ -449,8 +449,8 @@ class Model:
         Returns
         -------
         Gradient
-            The response, and its derivatives in its unit over those of the values; NaN, with the warning NotConverged, if
-            no motion was found.
+            The response, and its derivatives in its unit over those of the values. With the warning NotConverged, both are NaN
+            if no motion was found, and derivatives alone if it was found by time integration.
 
         Examples
         --------
@@ -472,7 +472,11 @@ class Model:
             value = dataset.response_of(session, of)
             if not value:
                 raise ModelError(f"'{of}' is zero, where an amplitude has no derivative; does the set of harmonics have it?")
-            return Gradient(value, dataset.gradient_of(session, of))
+            slopes = dataset.gradient_of(session, of)
+            if np.isnan(slopes).any():
+                reason = session.message or "it is not differentiable"
+                warnings.warn(f"no derivatives of this motion: {reason}", NotConverged, stacklevel=2)
+            return Gradient(value, slopes)
         warnings.warn(session.message, NotConverged, stacklevel=2)
         return Gradient(float("nan"), np.full(len(paths), np.nan))
 
