@@ -65,6 +65,10 @@ def test_warm_starts_stay_on_the_branch():
 def test_what_is_wrong_is_said():
     with pytest.raises(ModelError, match="type = 'chian' is not known; did you mean 'chain'"):
         Model.from_namelist(DUFFING.replace("chain", "chian"))
+    with pytest.raises(ModelError, match=r"mass has the shape \(1, 4\), not \(1, 1\); \[\[1, 0\]"):
+        nhbm.Matrices([1, 0, 0, 1], np.eye(2))
+    with pytest.raises(ModelError, match=r"damping has the shape \(1, 1\), not \(2, 2\)"):
+        nhbm.Matrices(np.eye(2), np.eye(2), 0.1)
     with pytest.raises(ModelError, match="keys of &tones such as {'unknown': True}"):
         Model(nhbm.Chain(n_masses=1), tones=[None])
     model = Model.from_namelist(DUFFING)

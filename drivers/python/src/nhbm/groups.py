@@ -184,8 +184,13 @@ class RotorStator(Builder):
     type = "rotor_stator"
 
 
-def _full(matrix: Any) -> Any:
-    return np.asarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix, dtype=float)
+def _square(name: str, matrix: Any, n: int = 0) -> Any:
+    """A full matrix of n rows, by default of as many as it has; ModelError for another shape."""
+    full = np.atleast_2d(np.asarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix, dtype=float))
+    n = n or len(full)
+    if full.shape != (n, n):
+        raise ModelError(f"{name} has the shape {full.shape}, not {(n, n)}; [[1, 0], [0, 1]] has two degrees of freedom")
+    return full
 
 
 class Matrices(Builder):
@@ -202,9 +207,9 @@ class Matrices(Builder):
     type = "matrices"
 
     def __init__(self, mass: Any, stiffness: Any, damping: Any = None, **keys: Any) -> None:
-        mass = np.atleast_2d(_full(mass))
+        mass = _square("mass", mass)
         more = {
-            name: _full(m).ravel()
+            name: _square(name, m, len(mass)).ravel()
             for name, m in (("stiffness", stiffness), ("damping", damping))
             if m is not None
         }
