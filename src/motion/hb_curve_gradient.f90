@@ -4,6 +4,7 @@
 !> their function, hb_curve_events. All other points are fixed at their value along the curve, hb_gradient. Source:
 !> docs/why/theory.md, section 6.8.
 module hb_curve_gradient
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_cancellation, only: work_is_over
    use hb_curve, only: event_t
    use hb_curve_events, only: fold_event_t
@@ -13,8 +14,10 @@ module hb_curve_gradient
    use hb_event_location, only: bifurcation_event_t, response_event_t
    use hb_followed_motion, only: followed_motion_t, waiting_t
    use hb_gradient, only: differentiable_t, find_gradient, keep_slope, refine, zero_gradient
+   use hb_hysteretic_law, only: has_memory
    use hb_kinds, only: wp
    use hb_level, only: carry, level_t
+   use hb_model, only: model_t
    use hb_model_reader, only: update_model
    use hb_motion_result, only: gradient_t, motion_result_t
    use hb_outcome, only: is_solved
@@ -25,11 +28,15 @@ module hb_curve_gradient
    public :: find_curve_gradient
 
    real(wp), parameter :: apart = 1.0e-4_wp                           ! a step, relative to the value
+   real(wp), parameter :: across_samples = 3.0e-2_wp                  ! likewise, over 20 of the following samples
+   integer, parameter :: fewest_samples = 4096                        ! of one tone, for a position to 1 %
+   real(wp), parameter :: most_values = 1.0e6_wp                      ! of them for all coordinates: a second for a step
 
    !> A located point.
    type, extends(differentiable_t) :: located_t
       class(followed_motion_t), pointer :: curve => null()
       type(waiting_t) :: point
+      real(wp) :: step = apart                                        ! relative to the value
    contains
       procedure :: differentiate => located_differentiate
    end type located_t
@@ -65,7 +72,9 @@ contains
             located%curve => curve
             located%point = point
             call located%differentiate(curve%level, result%gradient, error)
-            if (allocated(result%gradient%coefficients)) call refine(located, problem%model, curve%level, result%gradient)
+            if (.not. allocated(result%gradient%coefficients)) return
+            call refine(located, problem%model, curve%level, result%gradient)
+            if (has_jumping_slopes(problem%model)) call average_position(located, result%gradient)
          case default
             document = problem%document_here()
             unknowns = [point%x(:problem%n_unknowns), problem%omega]
@@ -73,6 +82,36 @@ contains
          end select
       end associate
    end subroutine find_curve_gradient
+
+   !> Whether laws have memory or rigid contact, whose kinks in time are not corrected.
+   pure logical function has_jumping_slopes(model)
+      type(model_t), intent(in) :: model
+      integer :: i
+
+      has_jumping_slopes = has_memory(model%laws) .or. any([(model%laws(i)%law%is_multiplier, i=1, size(model%laws))])
+   end function has_jumping_slopes
+
+   !> Differentiates the position across samples: where kinks move from one to the next without a correction, the slope of
+   !> the motion along the curve jumps, by which the position of a peak changes as much as between them. Unknown, NaN, with
+   !> several tones or many coordinates.
+   subroutine average_position(located, gradient)
+      type(located_t), intent(inout) :: located
+      type(gradient_t), intent(inout) :: gradient
+      type(error_t), allocatable :: error
+      type(gradient_t) :: average
+      type(level_t) :: level
+
+      gradient%position = ieee_value(1.0_wp, ieee_quiet_nan)
+      gradient%frequency = ieee_value(1.0_wp, ieee_quiet_nan)
+      level = located%curve%level
+      if (size(level%n_samples) > 1 .or. fewest_samples*real(located%curve%problem%n_dofs, wp) > most_values) return
+      level%n_samples = max(level%n_samples, fewest_samples)
+      located%step = across_samples
+      call located%differentiate(level, average, error)
+      if (.not. allocated(average%coefficients)) return
+      gradient%position = average%position
+      gradient%frequency = average%frequency
+   end subroutine average_position
 
    !> Forms the differences of the points on both sides; their distance from a line reveals a kink.
    subroutine located_differentiate(self, level, gradient, error)
@@ -89,7 +128,7 @@ contains
          gradient = zero_gradient(model, level%set)
          do k = 1, size(model%gradient%by)
             call self%curve%document%number_at(model%gradient%by(k), value, is_found)
-            step = apart*merge(abs(value), 1.0_wp, abs(value) > 0.0_wp)
+            step = self%step*merge(abs(value), 1.0_wp, abs(value) > 0.0_wp)
             do side = -1, 1
                call locate(self, level, model%gradient%by(k), value + side*step, sides(side), is_found)
                if (is_found .and. .not. work_is_over()) cycle
