@@ -219,6 +219,7 @@ contains
       call new_bordered_problem(bordered, self%orbit, [1], reshape(direction, [size(x), 1]), [0.0_wp])
       corrector%tolerance = accurate
       corrector%max_iterations = most_corrections
+      corrector%patience = 3
       corrector%line_search = .false.
       config = self%config()
       config%shortest_step = 1.0e-4_wp*config%longest_step            ! the period map has no derivative at a graze
