@@ -19,6 +19,7 @@ module hb_impact_curve
    use hb_integrated_result, only: keep_integrated
    use hb_kinds, only: wp
    use hb_level, only: level_t, put_on_set
+   use hb_line_search, only: end_if_over
    use hb_model, only: model_t, share_of_integrated
    use hb_model_basis, only: coordinates_of
    use hb_motion_curve, only: motion_curve_continue_from, motion_curve_start_branch, motion_curve_t
@@ -234,13 +235,16 @@ contains
    subroutine impact_curve_go(self, error)
       class(impact_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
+      type(report_t) :: ended
       integer, allocatable :: before(:)
       logical :: is_passed
 
-      call pass_graze(self, is_passed)
-      if (is_passed) return
       before = self%known%impacts
-      call step(self)
+      call pass_graze(self, is_passed)
+      if (.not. is_passed) call step(self)
+      call end_if_over(ended)                                         ! time integrations that were ended found no impacts
+      if (ended%status /= outcome%pending) self%curve%status = ended%status
+      if (is_passed) return
       if (self%curve%status == outcome%pending) then
          if (any(before /= self%known%impacts) .and. all(self%waiting%kind /= curve_kind%graze)) &
             self%waiting = [waiting_t(curve_kind%graze, 0.0_wp, self%curve%last_x), self%waiting]
@@ -271,6 +275,7 @@ contains
       if (any([beyond%impacts, known%impacts] < 0)) return
       if (sum(beyond%impacts) > sum(known%impacts)) then
          call find_last(self, here%x, here%direction, here%step, known%impacts, corner, along)
+         here%report = self%curve%report                             ! of its work
          self%curve = here
          if (along > nearest) self%curve%step = along                 ! events before the graze are located on a step to it
          if (along > nearest) return
@@ -280,6 +285,7 @@ contains
          if (is_passed) call find_known_before(self, here, corner, -tangent, known, is_passed)
          found = corner
       end if
+      here%report = self%curve%report
       self%curve = here
       if (.not. is_passed) return
       self%curve%last_x = here%x
@@ -610,6 +616,7 @@ contains
       type(coordinates_t) :: coordinates
       type(model_t) :: here
       type(motion_result_t) :: fresh
+      type(report_t) :: ended
       type(steady_motion_t) :: steady
       real(wp) :: r(self%orbit%n_unknowns)
       logical :: is_done
@@ -635,6 +642,8 @@ contains
             call keep_integrated(here, coordinates, steady, fresh)
             fresh%status = steady%status
          end if
+         call end_if_over(ended)
+         if (ended%status /= outcome%pending) fresh%status = ended%status
          result = fresh
       end associate
    end subroutine impact_curve_describe
