@@ -5,6 +5,7 @@
 !> impacts in a period changes, and the curve has a corner. The unknowns are the state, scaled, and the value; stored with
 !> them are the scales and the section.
 module hb_impact_curve
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_coordinates, only: coordinates_t
    use hb_curve, only: curve_config_t, curve_t, new_curve
@@ -412,7 +413,8 @@ contains
       least = huge(1.0_wp)
       do k = 0, most_halvings
          call evaluate(border(2) + 0.5_wp**k*longest, n)
-         if (n <= fewest .or. norm2(r) >= least) cycle
+         if (n <= fewest .or. .not. all(ieee_is_finite(r))) cycle
+         if (norm2(r) >= least) cycle
          least = norm2(r)
          best = border(2) + 0.5_wp**k*longest
       end do
@@ -423,18 +425,9 @@ contains
       subroutine evaluate(distance, n_impacts)
          real(wp), intent(in) :: distance
          integer, intent(out) :: n_impacts
-         real(wp) :: y(size(x))
-         logical :: is_possible
 
-         y = x + distance*inward
-         n_impacts = huge(1)
-         r = huge(1.0_wp)
-         associate (orbit => self%orbit)
-            call orbit%set_parameters([1], y(size(y):), is_possible)
-            if (.not. is_possible) return
-            call orbit%residual(y(:size(y) - 1), r)
-            n_impacts = sum(orbit%impacts)
-         end associate
+         r = defect(self, x + distance*inward)
+         n_impacts = sum(self%orbit%impacts)
       end subroutine evaluate
    end subroutine put_behind_graze
 
@@ -618,13 +611,10 @@ contains
       type(motion_result_t) :: fresh
       type(report_t) :: ended
       type(steady_motion_t) :: steady
-      real(wp) :: r(self%orbit%n_unknowns)
       logical :: is_done
 
       associate (orbit => self%orbit, n => self%orbit%n_unknowns, accuracy => self%model%accuracy)
-         call orbit%set_parameters([1], point%x(n + 1:), is_done)
-         call orbit%residual(point%x(:n), r)
-         fresh%residual = orbit%norm(r)
+         fresh%residual = orbit%norm(defect(self, point%x))
          fresh%n_unknowns = n
          fresh%status = outcome%failed
          here = orbit%model
@@ -693,12 +683,22 @@ contains
       real(wp), intent(in) :: x(:)
       type(known_t), intent(inout) :: known
       real(wp) :: r(self%orbit%n_unknowns)
-      logical :: is_possible
 
-      call self%orbit%set_parameters([1], x(size(x):), is_possible)
-      if (is_possible) call self%orbit%residual(x(:size(x) - 1), r)
+      r = defect(self, x)
       known%impacts = self%orbit%impacts
    end subroutine impact_curve_find_contact
+
+   !> Defect of a motion after a period, NaN if its value is rejected; the orbit counts its impacts.
+   function defect(self, x) result(r)
+      class(impact_curve_t), intent(inout), target :: self
+      real(wp), intent(in) :: x(:)
+      real(wp) :: r(self%orbit%n_unknowns)
+      logical :: is_possible
+
+      r = ieee_value(1.0_wp, ieee_quiet_nan)
+      call self%orbit%set_parameters([1], x(size(x):), is_possible)
+      if (is_possible) call self%orbit%residual(x(:size(x) - 1), r)
+   end function defect
 
    !> Frees the equations of motion; safe to call twice.
    subroutine impact_curve_destroy(self)
