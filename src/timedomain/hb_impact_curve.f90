@@ -335,6 +335,7 @@ contains
 
       self%curve%last_x = x
       self%curve%last_direction = direction
+      self%curve%corrector%patience = 1                               ! on this piece Newton's method gains from the first step on
       last = x
       along = 0.0_wp
       step = length
@@ -533,10 +534,8 @@ contains
       class(impact_curve_t), intent(inout), target :: self
       real(wp) :: found(size(self%curve%x)), position
 
-      associate (curve => self%curve)
-         curve%status = outcome%pending
-         call find_last(self, curve%x, curve%direction, curve%config%shortest_step, self%known%impacts, found, position)
-      end associate
+      self%curve%status = outcome%pending
+      call find_last(self, self%curve%x, self%curve%direction, self%curve%config%shortest_step, self%known%impacts, found, position)
       self%waiting = [waiting_t(curve_kind%graze, position, found)]
       self%first_waiting = 1
       self%ends_here = .true.
