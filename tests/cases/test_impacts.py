@@ -388,7 +388,7 @@ def test_a_curve_locates_the_branch_point_of_equal_masses(tmp_path):
     (tmp_path / "equal.nml").write_text(
         "&structure type='chain', n_masses=2, ends='free', mass=1.0, coupling_stiffness=0.1, ground_stiffness=1.0,\n"
         f"           damping_mass=0.1 /\n&tones frequency=2.3 /\n{both}&harmonics order=12 /\n"
-        "&curve parameter='structure%coupling_stiffness', from=0.15, to=0.3, points=40 /\n"
+        "&curve parameter='structure%coupling_stiffness', from=0.18, to=0.33, points=12 /\n"
     )
     run("solve", "equal.nml", "--quiet", cwd=tmp_path)
     kind, value = read(tmp_path / "equal.h5", "curve_kind", "structure_coupling_stiffness")
