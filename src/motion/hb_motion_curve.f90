@@ -379,6 +379,7 @@ contains
       end associate
       self%is_closed = .false.
       self%ends_here = .false.
+      self%first_waiting = size(self%waiting) + 1
       self%is_reversed = .not. is_last
       if (is_last) self%branch = self%branch + 1
       if (self%branch > size(self%origins) .and. self%n_reported + 1 < self%request%n_points) then

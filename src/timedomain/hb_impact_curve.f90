@@ -5,7 +5,9 @@
 !> impacts in a period changes, and the curve has a corner. The unknowns are the state, scaled, and the value; stored with
 !> them are the scales and the section.
 module hb_impact_curve
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
+   use hb_cancellation, only: verdict, verdict_on_work
    use hb_coordinates, only: coordinates_t
    use hb_curve, only: curve_config_t, curve_t, new_curve
    use hb_curve_request, only: curve_kind, curve_request_t, located_response_t
@@ -219,6 +221,7 @@ contains
       call new_bordered_problem(bordered, self%orbit, [1], reshape(direction, [size(x), 1]), [0.0_wp])
       corrector%tolerance = accurate
       corrector%max_iterations = most_corrections
+      corrector%patience = 3
       corrector%line_search = .false.
       config = self%config()
       config%shortest_step = 1.0e-4_wp*config%longest_step            ! the period map has no derivative at a graze
@@ -236,14 +239,14 @@ contains
       integer, allocatable :: before(:)
       logical :: is_passed
 
-      call pass_graze(self, is_passed)
-      if (is_passed) return
       before = self%known%impacts
-      call step(self)
-      if (self%curve%status == outcome%pending) then
-         if (any(before /= self%known%impacts) .and. all(self%waiting%kind /= curve_kind%graze)) &
-            self%waiting = [waiting_t(curve_kind%graze, 0.0_wp, self%curve%last_x), self%waiting]
-      end if
+      call pass_graze(self, is_passed)
+      if (.not. is_passed) call step(self)
+      if (verdict_on_work() == verdict%timed_out) self%curve%status = outcome%timed_out   ! integrations then miss impacts
+      if (is_passed) return
+      if (self%curve%status == outcome%pending .and. any(before /= self%known%impacts) .and. &
+          all(self%waiting%kind /= curve_kind%graze)) &
+         self%waiting = [waiting_t(curve_kind%graze, 0.0_wp, self%curve%last_x), self%waiting]
       self%problem%refused = self%curve%x(size(self%curve%x))
       if (allocated(self%orbit%error_text)) self%problem%error_text = self%orbit%error_text
       if (self%curve%status == outcome%stalled .and. grazes_ahead(self)) call end_at_graze(self)
@@ -258,7 +261,8 @@ contains
       class(impact_curve_t), intent(inout), target :: self
       logical, intent(out) :: is_passed
       type(curve_t) :: here
-      type(known_t) :: beyond, known
+      type(known_t) :: known
+      integer, allocatable :: beyond(:)
       real(wp), dimension(size(self%curve%x)) :: corner, found, tangent
       real(wp) :: along
 
@@ -266,19 +270,21 @@ contains
       call self%prepare_step()
       here = self%curve
       known = self%known
-      call self%find_contact(here%x + here%step*here%direction, beyond)
-      if (any([beyond%impacts, known%impacts] < 0)) return
-      if (sum(beyond%impacts) > sum(known%impacts)) then
+      beyond = impacts_at(self, here%x + here%step*here%direction)
+      if (any([beyond, known%impacts] < 0)) return
+      if (sum(beyond) > sum(known%impacts)) then
          call find_last(self, here%x, here%direction, here%step, known%impacts, corner, along)
+         here%report = self%curve%report                             ! of its work
          self%curve = here
          if (along > nearest) self%curve%step = along                 ! events before the graze are located on a step to it
          if (along > nearest) return
          call find_with_impact(self, corner, here%direction, found, tangent, is_passed)
-      else if (sum(beyond%impacts) < sum(known%impacts) .and. known%stability%n_unstable > 0) then   ! as with any slow impact
-         call find_without_impact(self, beyond%impacts, corner, tangent, is_passed)
+      else if (sum(beyond) < sum(known%impacts) .and. known%stability%n_unstable > 0) then   ! as with any slow impact
+         call find_without_impact(self, beyond, corner, tangent, is_passed)
          if (is_passed) call find_known_before(self, here, corner, -tangent, known, is_passed)
          found = corner
       end if
+      here%report = self%curve%report
       self%curve = here
       if (.not. is_passed) return
       self%curve%last_x = here%x
@@ -324,21 +330,18 @@ contains
       integer, intent(in) :: impacts(:)
       real(wp), intent(out) :: last(:)
       real(wp), intent(out) :: along                                  !! its distance from x; the length: there is no graze
-      type(known_t) :: there
       real(wp) :: step, y(size(x))
       logical :: is_on_curve
 
       self%curve%last_x = x
       self%curve%last_direction = direction
+      self%curve%corrector%patience = 1                               ! on this piece Newton's method gains from the first step on
       last = x
       along = 0.0_wp
       step = length
       do while (step > 0.5_wp*nearest .and. self%curve%status == outcome%pending .and. along < length)
          call self%curve%point_at(along + step, y, is_on_curve)
-         if (is_on_curve) then
-            call self%find_contact(y, there)
-            is_on_curve = all(there%impacts == impacts)
-         end if
+         if (is_on_curve) is_on_curve = all(impacts_at(self, y) == impacts)
          if (is_on_curve) then
             along = along + step
             last = y
@@ -355,14 +358,12 @@ contains
       real(wp), intent(out) :: found(:), tangent(:)
       logical, intent(out) :: is_found
       real(wp), parameter :: share(0:2) = [2.0_wp, 0.5_wp, 0.1_wp]      ! of the longest step
-      type(known_t) :: before, there
       real(wp) :: along(size(corner)), sign_there, step
       integer :: i
       logical :: is_singular
 
       is_found = .false.
       associate (curve => self%curve)
-         call self%find_contact(corner, before)
          curve%direction = inward
          call curve%tangent_at(corner + into*inward, along, sign_there, is_singular)
          do i = 0, merge(-1, 2*size(share) - 1, is_singular)         ! with each share against and along
@@ -373,9 +374,7 @@ contains
             call correct(self, along, found, is_found)
             if (is_found) is_found = norm2((found - corner)/curve%units) <= longest_chord*step .and. &
                                      .not. has_wanted(self, corner, found)
-            if (.not. is_found) cycle
-            call self%find_contact(found, there)
-            is_found = sum(there%impacts) > sum(before%impacts)
+            if (is_found) is_found = sum(impacts_at(self, found)) > sum(self%known%impacts)
             if (.not. is_found) cycle
             curve%direction = along
             call curve%tangent_at(found, tangent, sign_there, is_singular)
@@ -395,17 +394,18 @@ contains
       integer :: fewest, k, n
 
       border = [-longest, longest]
-      call evaluate(border(1), fewest)
+      fewest = impacts_beyond(border(1))
       do k = 1, most_halvings
          middle = 0.5_wp*sum(border)
-         call evaluate(middle, n)
+         n = impacts_beyond(middle)
          border(merge(1, 2, n == fewest)) = middle
       end do
       best = border(2)
       least = huge(1.0_wp)
       do k = 0, most_halvings
-         call evaluate(border(2) + 0.5_wp**k*longest, n)
-         if (n <= fewest .or. norm2(r) >= least) cycle
+         n = impacts_beyond(border(2) + 0.5_wp**k*longest)
+         if (n <= fewest .or. .not. all(ieee_is_finite(r))) cycle
+         if (norm2(r) >= least) cycle
          least = norm2(r)
          best = border(2) + 0.5_wp**k*longest
       end do
@@ -413,22 +413,12 @@ contains
 
    contains
 
-      subroutine evaluate(distance, n_impacts)
+      integer function impacts_beyond(distance)
          real(wp), intent(in) :: distance
-         integer, intent(out) :: n_impacts
-         real(wp) :: y(size(x))
-         logical :: is_possible
 
-         y = x + distance*inward
-         n_impacts = huge(1)
-         r = huge(1.0_wp)
-         associate (orbit => self%orbit)
-            call orbit%set_parameters([1], y(size(y):), is_possible)
-            if (.not. is_possible) return
-            call orbit%residual(y(:size(y) - 1), r)
-            n_impacts = sum(orbit%impacts)
-         end associate
-      end subroutine evaluate
+         r = defect(self, x + distance*inward)
+         impacts_beyond = sum(self%orbit%impacts)
+      end function impacts_beyond
    end subroutine put_behind_graze
 
    !> Finds the graze ahead of the curve, from the motions without the impact, and their tangent, away from it.
@@ -439,7 +429,6 @@ contains
       logical, intent(out) :: is_found
       real(wp), parameter :: shares(5) = [0.0_wp, 0.5_wp, -0.5_wp, 1.0_wp, -1.0_wp]   ! of the step
       real(wp), dimension(size(corner)) :: ahead, along, direction, found, x
-      type(known_t) :: there
       real(wp) :: distance, length, sign_there
       integer :: i
       logical :: is_singular
@@ -455,9 +444,7 @@ contains
          do i = 1, size(shares)
             found = ahead + shares(i)*curve%step*along
             call correct(self, along, found, is_found)
-            if (.not. is_found) cycle
-            call self%find_contact(found, there)
-            is_found = all(there%impacts == impacts)
+            if (is_found) is_found = all(impacts_at(self, found) == impacts)
             if (is_found) exit
          end do
          if (.not. is_found) return
@@ -547,10 +534,8 @@ contains
       class(impact_curve_t), intent(inout), target :: self
       real(wp) :: found(size(self%curve%x)), position
 
-      associate (curve => self%curve)
-         curve%status = outcome%pending
-         call find_last(self, curve%x, curve%direction, curve%config%shortest_step, self%known%impacts, found, position)
-      end associate
+      self%curve%status = outcome%pending
+      call find_last(self, self%curve%x, self%curve%direction, self%curve%config%shortest_step, self%known%impacts, found, position)
       self%waiting = [waiting_t(curve_kind%graze, position, found)]
       self%first_waiting = 1
       self%ends_here = .true.
@@ -559,13 +544,12 @@ contains
    !> Whether a wall is struck a different number of times shortly behind the point of the curve.
    logical function grazes_ahead(self)
       class(impact_curve_t), intent(inout), target :: self
-      type(known_t) :: known
       integer :: i
 
       grazes_ahead = .false.
       do i = 1, 4
-         call self%find_contact(self%curve%x + 0.25_wp*i*self%request%longest_step*self%curve%direction, known)
-         grazes_ahead = grazes_ahead .or. any(known%impacts /= self%known%impacts)
+         grazes_ahead = grazes_ahead .or. any(self%known%impacts /= &
+            impacts_at(self, self%curve%x + 0.25_wp*i*self%request%longest_step*self%curve%direction))
       end do
    end function grazes_ahead
 
@@ -608,17 +592,14 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(coordinates_t) :: coordinates
       type(model_t) :: here
-      type(motion_result_t) :: fresh
       type(steady_motion_t) :: steady
-      real(wp) :: r(self%orbit%n_unknowns)
       logical :: is_done
 
       associate (orbit => self%orbit, n => self%orbit%n_unknowns, accuracy => self%model%accuracy)
-         call orbit%set_parameters([1], point%x(n + 1:), is_done)
-         call orbit%residual(point%x(:n), r)
-         fresh%residual = orbit%norm(r)
-         fresh%n_unknowns = n
-         fresh%status = outcome%failed
+         result = motion_result_t()
+         result%residual = orbit%norm(defect(self, point%x))
+         result%n_unknowns = n
+         result%status = outcome%failed
          here = orbit%model
          coordinates = coordinates_of(here)
          if (accuracy%is_on) then
@@ -628,13 +609,13 @@ contains
          call orbit%describe(here, coordinates, point%x(:n), steady, is_done)
          steady%status = outcome%time_domain
          if (is_done .and. accuracy%is_on) then
-            call keep_lines(here, coordinates, share_of_integrated*accuracy%max_harmonics, steady, fresh, self%level)
-            fresh%status = status_within(self%model, steady, fresh)
+            call keep_lines(here, coordinates, share_of_integrated*accuracy%max_harmonics, steady, result, self%level)
+            result%status = status_within(self%model, steady, result)
          else if (is_done) then
-            call keep_integrated(here, coordinates, steady, fresh)
-            fresh%status = steady%status
+            call keep_integrated(here, coordinates, steady, result)
+            result%status = steady%status
          end if
-         result = fresh
+         if (verdict_on_work() == verdict%timed_out) result%status = outcome%timed_out
       end associate
    end subroutine impact_curve_describe
 
@@ -682,13 +663,32 @@ contains
       class(impact_curve_t), intent(inout), target :: self
       real(wp), intent(in) :: x(:)
       type(known_t), intent(inout) :: known
+
+      known%impacts = impacts_at(self, x)
+   end subroutine impact_curve_find_contact
+
+   !> Impacts of each wall in a period, as of a record.
+   function impacts_at(self, x) result(impacts)
+      class(impact_curve_t), intent(inout), target :: self
+      real(wp), intent(in) :: x(:)
+      integer, allocatable :: impacts(:)
+      real(wp) :: r(self%orbit%n_unknowns)
+
+      r = defect(self, x)
+      impacts = self%orbit%impacts
+   end function impacts_at
+
+   !> Defect of a motion after a period, NaN if its value is rejected; the orbit counts its impacts.
+   function defect(self, x) result(r)
+      class(impact_curve_t), intent(inout), target :: self
+      real(wp), intent(in) :: x(:)
       real(wp) :: r(self%orbit%n_unknowns)
       logical :: is_possible
 
+      r = ieee_value(1.0_wp, ieee_quiet_nan)
       call self%orbit%set_parameters([1], x(size(x):), is_possible)
       if (is_possible) call self%orbit%residual(x(:size(x) - 1), r)
-      known%impacts = self%orbit%impacts
-   end subroutine impact_curve_find_contact
+   end function defect
 
    !> Frees the equations of motion; safe to call twice.
    subroutine impact_curve_destroy(self)

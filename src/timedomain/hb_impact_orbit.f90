@@ -223,7 +223,7 @@ contains
          if (.not. is_done) limit = limit_t(nearer)
          if (.not. is_done) cycle
          call limit%add(slopes)
-         if (limit%estimate <= enough) exit
+         if (limit%estimate <= enough .or. limit%n_idle > 1) exit     ! rounding
       end do
       if (allocated(limit%best)) self%slopes = limit%best
    end subroutine differentiate

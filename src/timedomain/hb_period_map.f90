@@ -80,6 +80,7 @@ module hb_period_map
       real(wp) :: ratio = nearer                                      !! of one distance to the one before
       real(wp), allocatable :: best(:, :)
       real(wp) :: estimate = huge(1.0_wp)                             !! relative to its largest entry
+      integer :: n_idle = 0                                           !! last distances that have not improved the best value
       real(wp), allocatable, private :: orders(:, :, :)               ! at the last distance
    contains
       procedure :: add => limit_add
@@ -262,6 +263,7 @@ contains
       if (allocated(self%orders)) n_last = size(self%orders, 3)
       allocate (now(size(difference, 1), size(difference, 2), n_last + 1))
       now(:, :, 1) = difference
+      self%n_idle = self%n_idle + 1
       do i = 1, n_last
          associate (share => self%ratio**(2*i), last => self%orders(:, :, i))
             now(:, :, i + 1) = (now(:, :, i) - share*last)/(1.0_wp - share)
@@ -270,6 +272,7 @@ contains
          change = change/max(1.0_wp, maxval(abs(now(:, :, i + 1))))
          if (.not. change < self%estimate) cycle
          self%estimate = change
+         self%n_idle = 0
          self%best = now(:, :, i + 1)
       end do
       call move_alloc(now, self%orders)

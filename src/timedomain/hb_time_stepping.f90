@@ -196,9 +196,10 @@ contains
          call fail(error, "a time integration of "//to_text(config%transient + config%duration)//" s has "//to_text(n_steps)// &
             " steps of "// &
                    to_text(step)//" s, at most "//to_text(huge(1))//" can be counted: give a shorter duration or a larger step")
-      else if (bytes > available_memory()) then
-         call fail(error, "a record of "//to_text(config%duration)//" s takes "//to_text(nint(bytes/2.0_wp**20))// &
-                   " MiB, more than available: give a shorter duration, a larger step or a larger decimation")
+      else if (bytes > 2.0_wp**20) then                               ! else not worth reading how much is available
+         if (bytes > available_memory()) &
+            call fail(error, "a record of "//to_text(config%duration)//" s takes "//to_text(nint(bytes/2.0_wp**20))// &
+                      " MiB, more than available: give a shorter duration, a larger step or a larger decimation")
       end if
    end subroutine check_length
 

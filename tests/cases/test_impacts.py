@@ -1,9 +1,10 @@
 """Masses that strike rigid walls with a given restitution, against orbits composed of free flights."""
 
+import h5py
 import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
-from program import read, run
+from program import INCOMPLETE, read, run
 from scipy.linalg import expm
 from scipy.optimize import brentq, fsolve
 
@@ -266,6 +267,26 @@ def test_an_interrupted_curve_goes_on_where_it_was(tmp_path):
         np.testing.assert_allclose(one[1], other[1], rtol=1e-7)
 
 
+def test_a_curve_interrupted_at_a_graze_goes_on_to_the_same_bits(tmp_path):
+    """At a load of 1.007 the motion without impacts reaches the wall, and the curve turns back to the unstable motion with one."""
+    model = MODEL.replace("gap=0.0", f"gap={GAP}").replace("cos=1.0", "cos=0.95")
+    model = model.format(tone=1.22, tuple=1, law=f", restitution={FOLDING}")
+    (tmp_path / "turn.nml").write_text(
+        model + "&harmonics order=3 /\n&curve parameter='load(1)%cos', from=0.95, to=1.05, points=8, max_step=0.5 /\n"
+    )
+    whole, part = tmp_path / "whole.h5", tmp_path / "part.h5"
+    assert run("solve", "turn.nml", "-o", whole, "--quiet", cwd=tmp_path).status == 0
+    assert "graze" in [kind for kind, *_ in points_of(whole)]
+    status = run("solve", "turn.nml", "-o", part, "--time-limit", "0.4", "--quiet", cwd=tmp_path).status
+    assert status == INCOMPLETE
+    assert run("resume", part, "--quiet", cwd=tmp_path).status == 0
+    with h5py.File(whole) as one, h5py.File(part) as other:
+        assert set(one) == set(other)
+        for name in one:  # but for the times of both runs
+            if isinstance(one[name], h5py.Dataset) and not (name.startswith("worker_") or name.endswith("_seconds")):
+                np.testing.assert_array_equal(one[name][()], other[name][()], name)
+
+
 @pytest.mark.parametrize(
     ("more", "says"),
     [
@@ -367,7 +388,7 @@ def test_a_curve_locates_the_branch_point_of_equal_masses(tmp_path):
     (tmp_path / "equal.nml").write_text(
         "&structure type='chain', n_masses=2, ends='free', mass=1.0, coupling_stiffness=0.1, ground_stiffness=1.0,\n"
         f"           damping_mass=0.1 /\n&tones frequency=2.3 /\n{both}&harmonics order=12 /\n"
-        "&curve parameter='structure%coupling_stiffness', from=0.15, to=0.3, points=40 /\n"
+        "&curve parameter='structure%coupling_stiffness', from=0.18, to=0.33, points=12 /\n"
     )
     run("solve", "equal.nml", "--quiet", cwd=tmp_path)
     kind, value = read(tmp_path / "equal.h5", "curve_kind", "structure_coupling_stiffness")

@@ -340,6 +340,18 @@ def test_curves_that_end_early_are_reported():
     assert not whole["reason"].any()
 
 
+def test_a_curve_that_ends_at_a_graze_is_reported():
+    """Where the motion without impacts reaches the wall, (1 - w**2)**2 + (0.1 w)**2 = 1, the curve finds none beyond."""
+    model = Model(nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1),
+                  tones=[1.411])  # fmt: skip
+    model.load("x1", 1, cos=1.0)
+    model.law("rigid_wall", "x1", gap=1.0, restitution=0.9)
+    with pytest.warns(nhbm.NotConverged, match="ended where a wall is grazed"):
+        curve = model.curve("tones[0]", 1.411, 1.408, order=3, points=20)
+    assert curve.nhbm.kind[-1] == "graze" and int(curve["reason"][-1]) == dataset.GRAZED and not curve["reason"][:-1].any()
+    assert float(curve["tones_frequency_1"][-1]) == pytest.approx(1.4106735979666, abs=1e-6)
+
+
 def test_sweeps_are_spread_over_processes():
     model = duffing(spring=cubic)
     model.law(nhbm.Law(cubic, odd=True), "x1", label="spring")
