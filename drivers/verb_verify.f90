@@ -63,6 +63,13 @@ contains
       character(:), allocatable :: text
       character(400) :: line
 
+      if (found%is_of_coefficients) then
+         text = trim(verdict_text(found%kind))//"; "//number_of(found%n_periods, "period")
+         write (line, "(2(a, es7.1), a)") " to the end of a second time integration, whose coefficients differ by ", &
+            found%difference, " (limit ", found%limit, ", at "//found%coordinate//")"
+         if (len(found%coordinate) > 0) text = text//trim(line)
+         return
+      end if
       write (line, "(3(a, es7.1), a)") "; difference ", found%first_difference, " of the motion in the first period, ", &
          found%difference, " in the last ones (limit ", found%limit, ", at "//found%coordinate//"), disturbances"
       text = trim(verdict_text(found%kind))//trim(line)

@@ -12,7 +12,7 @@ module hb_verification
    use hb_integrated_motion, only: fastest_of, find_steady_motion, has_bounds_of
    use hb_integration_difference, only: integration_difference_t, motion, new_integration_difference, series_t
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
-   use hb_integration_verdict, only: decide, growth_of, limit_of, n_steady, verdict
+   use hb_integration_verdict, only: decide, growing, growth_of, limit_of, n_steady, verdict
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: law_dofs_of
    use hb_model, only: model_t
@@ -70,6 +70,8 @@ module hb_verification
       real(wp), allocatable :: drift(:)                               !! of the unknown frequencies [rad/s], (n_tones)
       real(wp) :: duration = 0.0_wp                                   !! of the time integration [s]
       integer :: n_periods = 0                                        !! of the slowest tone, likewise
+      logical :: is_of_coefficients = .false.                         !! both differences are that of the coefficients, those of
+                                                                      !! a second time integration to its end; no `growth`
    end type verdict_t
 
    !> Length of a time integration, in periods of the slowest tone.
@@ -113,8 +115,7 @@ contains
       call begin_pair(pair, model, claim, n_periods)
       if (claim%is_averaged) then
          model%integration%tolerance = pair%config%tolerance
-         call verify_integrated(model, pair%system, claim%tuples, transpose(claim%amplitudes), pair%state, claim%spread, result, &
-            error)
+         call verify_integrated(model, pair%system, claim, pair%state, result, error)
          return
       end if
       do while (result%kind == verdict%not_done)
@@ -235,12 +236,17 @@ contains
          if (difference%n_periods == 0) return
          call find_worst(difference, self%system, self%length, self%expected, result)
          result%first_difference = maxval(difference%largest(:, 1))
-         result%growth = growth_of(self%ratio, self%distance)/self%length%period
+         ! the difference of a motion that agrees exceeds its limit in the transient alone
+         result%growth = growth_of(merge(0.0_wp, self%ratio, result%kind == verdict%agrees), self%distance)/self%length%period
          n_retained = findloc(self%ratio > 1.0_wp, .true., dim=1) - 1
          if (n_retained < 0) n_retained = difference%n_periods
-         if (claim%is_unstable .and. result%kind == verdict%differs .and. n_retained > 0) then   ! it starts there and leaves
-            result%kind = verdict%unstable
-            result%growth = log(self%ratio(min(n_retained + 1, size(self%ratio)))/self%ratio(1))/(n_retained*self%length%period)
+         if (claim%is_unstable .and. result%kind == verdict%differs) then
+            if (n_retained > 0) then                                  ! it starts there and leaves
+               result%kind = verdict%unstable
+               result%growth = log(self%ratio(min(n_retained + 1, size(self%ratio)))/self%ratio(1))/(n_retained*self%length%period)
+            else if (self%distance(1) > log(growing)) then             ! it leaves within a period, from its neighbour, too
+               result%kind = verdict%unstable
+            end if
          end if
          result%drift = difference%drift(n_retained)
          if (result%kind == verdict%unstable) return                  ! the drift is then that of the motion to which it diverges
@@ -255,13 +261,11 @@ contains
    !> Verdict on a motion that was integrated: a second time integration, from the motion itself and with its own
    !> tolerance, until it is steady. The part of the motion outside the set is not in its coefficients, so that
    !> coefficients are compared.
-   subroutine verify_integrated(model, system, tuples, amplitudes, start, spread, result, error)
+   subroutine verify_integrated(model, system, claim, start, result, error)
       type(model_t), intent(in) :: model
       type(integration_system_t), intent(in) :: system
-      integer, intent(in) :: tuples(:, :)                             !! of the file, (n_tones, n_harmonics); a point may have fewer
-      complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin [m], (n_dofs, n_harmonics)
+      type(claim_t), intent(in) :: claim
       type(integration_state_t), intent(in) :: start
-      real(wp), intent(in) :: spread                                  !! of the averages, relative
       type(verdict_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       complex(wp), allocatable :: items(:, :), others(:, :)
@@ -276,10 +280,12 @@ contains
       result%duration = steady%n_periods*two_pi/minval(model%tones%omega)
       result%drift = 0.0_wp*model%tones%omega
       result%coordinate = ""
-      result%kind = verdict%differs
+      result%is_of_coefficients = .true.
+      result%kind = merge(verdict%unstable, verdict%differs, claim%is_unstable)
       if (steady%status == outcome%pending) result%kind = verdict%undecided
       if (steady%status /= outcome%time_domain) return
-      associate (n => model%structure%n_dofs, shape => cmplx(system%laws%shape, 0.0_wp, wp), units => model%structure%units)
+      associate (amplitudes => transpose(claim%amplitudes), tuples => claim%tuples, n => model%structure%n_dofs, &
+                 shape => cmplx(system%laws%shape, 0.0_wp, wp), units => model%structure%units)
          allocate (items(n + size(shape, 2), size(amplitudes, 2)), others(n + size(shape, 2), size(amplitudes, 2)))
          items(:n, :) = amplitudes
          items(n + 1:, :) = matmul(transpose(shape), amplitudes)
@@ -298,7 +304,7 @@ contains
       result%coordinate = trim(labels(i))
       result%difference = difference(i)
       result%first_difference = difference(i)
-      result%limit = limit_of(spread + steady%spread, 1.0_wp)
+      result%limit = limit_of(claim%spread + steady%spread, 1.0_wp)
       if (result%difference <= result%limit) result%kind = verdict%agrees
    end subroutine verify_integrated
 

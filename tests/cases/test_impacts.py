@@ -396,3 +396,19 @@ def test_a_curve_locates_the_branch_point_of_equal_masses(tmp_path):
     (place,) = np.flatnonzero(kind == KINDS.index("branch"))
     branch = brentq(lambda coupling: largest_of_difference(coupling, 2.3) - 1, 0.15, 0.25, xtol=1e-13)
     assert value[place] == pytest.approx(branch, abs=1e-6)
+
+
+@pytest.mark.parametrize("order", ["&harmonics order=9 /\n", ""], ids=["order", "tolerance"])
+def test_unstable_motions_are_left_not_wrong(tmp_path, order):
+    """Behind a flip; of a given order the coefficients are compared, and there are no disturbances to speak of."""
+    (tmp_path / "case.nml").write_text(
+        "&structure type='matrices', n_dofs=1, mass=0.5, damping=0.3, stiffness=50.0 /\n&tones hertz=3.4 /\n"
+        "&load dof='x1', tuple=1, cos=6.0 /\n&law type='rigid_wall', dof='x1', gap=0.02, restitution=0.5 /\n"
+        f"{order}&curve parameter='tones%hertz', from=3.68, to=3.76 /\n"
+    )
+    run("solve", "case.nml", "--quiet", cwd=tmp_path)
+    stable = read(tmp_path / "case.h5", "is_stable")
+    points = [np.flatnonzero(stable == 1)[0], np.flatnonzero(stable == -1)[-1]]
+    said = run("verify", "case.h5", "--points", ",".join(map(str, points)), cwd=tmp_path).stdout
+    assert f"point {points[0]}: agrees" in said and f"point {points[1]}: unstable" in said
+    assert ("whose coefficients differ by" in said) == bool(order) and "neither grow nor decay" not in said

@@ -480,6 +480,15 @@ def test_verify_is_as_long_as_the_slowest_decay_needs_by_default(tmp_path):
     assert np.log(100) / 0.001 < read(result, "integration_duration")[0] < 1.3 * np.log(100) / 0.001
 
 
+def test_disturbances_of_a_motion_that_agrees_decay(tmp_path):
+    """Its difference exceeds the limit in the transient: growth is that of all periods, by the multipliers -0.6/s."""
+    text = "&structure type='chain', n_masses=2, mass=2.0, 0.7, ends='fixed-free', coupling_stiffness=5000.0, 1500.0,\n"
+    text += "           damping_stiffness=4e-4, damping_mass=0.3 /\n&tones hertz=8.0 /\n&load dof='x1', tuple=1, cos=8.0 /\n"
+    text += "&law type='elastic_stop', label='stop', dof='x2', stiffness=3.0e4, gap=3e-3 /\n"
+    found = verified(solve(text, tmp_path))
+    assert found["integration_verdict"] == [AGREES] and found["integration_growth"][0] == pytest.approx(-0.6, abs=0.2)
+
+
 def test_verify_needs_all_degrees_of_freedom(tmp_path):
     two = "&structure type='chain', n_masses=2, mass=1, coupling_stiffness=1 /\n&tones frequency=3 /\n&harmonics order=1 /\n"
     result = solve(two + "&load dof='x1', tuple=1, cos=1 /\n&output dofs='x1' /\n", tmp_path)
