@@ -113,9 +113,7 @@ contains
       end if
       integrated%is_integrated_first = result%work <= 0.0_wp
       integrated%work = integrated%work + result%work
-      integrated%status = steady%status
-      integrated%n_periods = steady%n_repeat
-      if (allocated(integrated%coefficients)) integrated%status = status_within(model, steady, integrated)
+      call take_status(model, steady, integrated)
       if (work_is_over()) integrated%status = status_of_ended()
       result = integrated
    end subroutine integrate_to_tolerance
@@ -167,8 +165,7 @@ contains
          end if
          if (estimate >= estimate_before) return
       end if
-      integrated%status = steady%status
-      if (allocated(integrated%coefficients)) integrated%status = status_within(model, steady, integrated)
+      call take_status(model, steady, integrated)
       integrated%effort_t = result%effort_t
       integrated%level_difference = apart
       if (is_struck) then
@@ -178,6 +175,17 @@ contains
       end if
       result = integrated
    end subroutine integrate_from_balance
+
+   !> Status of an integrated motion, and the number of periods after which it repeats.
+   pure subroutine take_status(model, steady, result)
+      type(model_t), intent(in) :: model
+      type(steady_motion_t), intent(in) :: steady
+      type(motion_result_t), intent(inout) :: result
+
+      result%status = steady%status
+      result%n_periods = steady%n_repeat
+      if (allocated(result%coefficients)) result%status = status_within(model, steady, result)
+   end subroutine take_status
 
    !> Status of an integrated motion: converged if its estimate is within the tolerance.
    pure integer function status_within(model, steady, result) result(status)

@@ -1,5 +1,7 @@
 """Masses that strike rigid walls with a given restitution, against orbits composed of free flights."""
 
+import shlex
+
 import h5py
 import numpy as np
 import pytest
@@ -412,3 +414,17 @@ def test_unstable_motions_are_left_not_wrong(tmp_path, order):
     said = run("verify", "case.h5", "--points", ",".join(map(str, points)), cwd=tmp_path).stdout
     assert f"point {points[0]}: agrees" in said and f"point {points[1]}: unstable" in said
     assert ("whose coefficients differ by" in said) == bool(order) and "neither grow nor decay" not in said
+
+
+def test_a_motion_of_four_periods_leads_to_a_command_that_finds_it(tmp_path):
+    (tmp_path / "case.nml").write_text(
+        "&structure type='matrices', n_dofs=1, mass=0.5, damping=0.3, stiffness=50.0 /\n&tones hertz=4.0 /\n"
+        "&load dof='x1', tuple=1, cos=6.0 /\n&law type='rigid_wall', dof='x1', gap=0.02, restitution=0.5 /\n"
+    )
+    run("solve", "case.nml", "--quiet", cwd=tmp_path)
+    assert read(tmp_path / "case.h5", "n_periods") == [4]
+    (command,) = [line for line in run("why", "case.h5", cwd=tmp_path).stdout.splitlines() if line.strip().startswith("try:")]
+    words = shlex.split(command)
+    assert words[1:4] == ["nhbm", "solve", "case.nml"] and "tones%subharmonic=4" in words
+    run(*words[2:], cwd=tmp_path)
+    assert read(tmp_path / words[-1], "status") == [TIME_DOMAIN]
