@@ -314,6 +314,8 @@ contains
       write (duration, "(es8.1e2)") 200.0_wp*two_pi/minval(run%tones%omega)
       if (real_of(run, "integration", "duration") <= 0.0_wp) command = command// &
          " --set integration%duration="//trim(adjustl(duration))
+      if (run%kind%status == outcome%broadband .and. numbers_are_absent(run, "integration", "n_peaks")) &
+         command = command//" --set integration%n_peaks=8"
       if (needs_fixed_steps(run)) command = command//" --set "//shell_word("integration%method='generalized_alpha'")
       command = command//" -o "//shell_word(beside_result(run, ending))
    end function integrate_from_rest

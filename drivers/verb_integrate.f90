@@ -20,6 +20,7 @@ module verb_integrate
    use hb_study, only: study_t
    use hb_text, only: to_text
    use hb_time_integration, only: report_motions
+   use hb_time_stepping, only: integration_assessment_t
    use result_location, only: place_result
    use verb_solve, only: load_study
    implicit none
@@ -138,7 +139,26 @@ contains
       end if
       write (line, "(es7.1)") maxval(content%assessment%spread)
       call say("largest difference between coefficients of both halves of the record: "//trim(line))
+      call say_peaks(content%assessment, study%model%structure%labels(study%model%output%dofs))
    end subroutine integrate_to_file
+
+   !> Prints the largest lines of the spectrum of the degree of freedom that has the largest of all.
+   subroutine say_peaks(assessment, labels)
+      type(integration_assessment_t), intent(in) :: assessment
+      character(*), intent(in) :: labels(:)
+      character(40) :: line
+      character(:), allocatable :: text
+      integer :: dof, i
+
+      if (size(assessment%frequencies) == 0) return
+      dof = maxloc(maxval(abs(assessment%amplitudes), dim=1), dim=1)
+      text = ""
+      do i = 1, size(assessment%frequencies, 1)
+         write (line, "(es13.6, a, es7.1, a)") assessment%frequencies(i, dof), " (", abs(assessment%amplitudes(i, dof)), ")"
+         text = text//", "//trim(adjustl(line))
+      end do
+      call say("largest lines of "//trim(labels(dof))//", frequency [rad/s] (amplitude): "//text(3:))
+   end subroutine say_peaks
 
    !> Amplitude of an oscillation with the same root mean square, for the degree of freedom with the largest one.
    pure real(wp) function amplitude_of(content, motion) result(amplitude)

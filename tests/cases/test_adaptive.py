@@ -90,7 +90,7 @@ def test_one_percent_without_a_word(tmp_path):
 @pytest.mark.parametrize(
     ("group", "words"),
     [
-        ("&accuracy tolerance = 0 /", "tolerance"),
+        ("&accuracy tolerance = 1e-15 /", "tolerance = 1e-15 must be 1.0e-14 or greater"),
         ("&accuracy of = 'x2 (1,0)' /", "unknown degree of freedom 'x2'"),
         ("&accuracy of = 'x1 (1)' /", "'x1 (1,1)'"),
         ("&accuracy max_harmonics = 60 /", "must be 61 or more"),

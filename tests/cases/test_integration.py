@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import h5py
@@ -33,6 +34,16 @@ def integration(text: str | Path, folder: Path, *options, name="integration", st
     done = run("integrate", source, "-o", record, "--overwrite", "--quiet", *options, cwd=folder)
     assert done.status == status, done.stderr
     return record
+
+
+def test_the_largest_lines_of_the_spectrum_are_printed(tmp_path):
+    (tmp_path / "case.nml").write_text(FORCED + "&integration duration=200, n_peaks=1 /\n")
+    said = run("integrate", "case.nml", cwd=tmp_path).stdout
+    found = re.search(r"^largest lines of x1, frequency \[rad/s\] \(amplitude\): (\S+) \((\S+)\)$", said, re.MULTILINE)
+    assert found, said
+    frequency, amplitude = read(tmp_path / "case.h5", "peak_frequency", "peak_coefficients")
+    assert float(found[1]) == pytest.approx(frequency[0, 0], rel=1e-6)
+    assert float(found[2]) == pytest.approx(np.hypot(*amplitude[0, 0]), rel=0.1)
 
 
 def coefficient(record: Path, *j: int, dof: int = 0) -> np.ndarray:
