@@ -79,6 +79,7 @@ contains
       integer, intent(out) :: status
       type(error_t), allocatable, intent(out) :: error
       integer, intent(out), optional :: n_rows                        !! points of the file except unused ones
+      character(*), parameter :: chain_note = "; a chain of points that is not finished begins again (see &solver chain_length)"
       type(run_options_t) :: how
       type(run_summary_t) :: summary
       logical :: is_reported
@@ -107,7 +108,8 @@ contains
       if (is_reported .and. options%level >= log_level%verbose) call write_times(summary)
       if (rank_of(comm) == 0 .and. status == incomplete) call print_error(reason(summary)//": "// &
          number_of(summary%n_left, "point")//trim(merge(" is ", " are", summary%n_left == 1))// &
-         " left; nhbm resume "//path//" solves "//merge("it  ", "them", summary%n_left == 1))
+         " left; nhbm resume "//path//" solves "//trim(merge("it  ", "them", summary%n_left == 1))// &
+         trim(merge(chain_note, repeat(" ", len(chain_note)), study%n_chains() > 0 .and. study%n_chains() < study%plan%n_points)))
    end subroutine run
 
    !> Follows the motions that leave the curves of a finished run, each in its own result file, if the input requests

@@ -149,6 +149,15 @@ def test_retry_solves_again_what_did_not_converge(tmp_path):
     assert contents(result) == undisturbed
 
 
+def test_an_unfinished_chain_is_said_to_begin_again(tmp_path):
+    """A limit shorter than a chain would never end the run; points on their own need no word."""
+    write(tmp_path, SWEPT)
+    for guess, is_said in (("neighbour", True), ("linear", False)):
+        done = run("solve", "case.nml", "--overwrite", "--time-limit", "0", "--set", f"solver%first_guess='{guess}'", cwd=tmp_path)
+        assert done.status == INCOMPLETE and "nhbm resume case.h5 solves" in done.stderr
+        assert ("a chain of points that is not finished begins again (see &solver chain_length)" in done.stderr) == is_said
+
+
 @pytest.mark.parametrize(
     "words, says",
     [
