@@ -98,8 +98,9 @@ contains
       i = index(text, opening)                         ! message of the operating system within the details
       if (i > 0) text = text(i + len(opening):)
       if (i > 0) text = text(:index(text//"'", "'") - 1)
+      if (index(text, "MPI_ERR_ACCESS") > 0 .or. index(text, "MPI_ERR_READ_ONLY") > 0) text = "Permission denied"
       if (cause%length > 0) text = " ("//text//")"
-      call fail(error, "HDF5 cannot "//action//text)
+      call fail(error, "HDF5 cannot "//trim(action)//text)
       if (present(location)) call annotate(error, location)
    end subroutine check
 
