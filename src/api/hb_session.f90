@@ -81,7 +81,7 @@ module hb_session
       type(integration_t), allocatable :: record                      !! of the last `integrate`, if `verify` was not called since
       type(verdict_t) :: verdict                                      !! of the last `verify`
       type(session_cancellation_t) :: cancellation
-      type(column_view_t) :: column                                   !! found last    
+      type(column_view_t) :: column                                   !! found last
       type(parameter_t), allocatable :: parameters(:)                 !! resolved parameters
       type(callbacks_t) :: callbacks                                  !! `fe_models` is the source of structures
       integer :: n_points = 1                                         !! points that share the time for stability which a run of

@@ -95,10 +95,10 @@ contains
    !> Two steps of Newton's method from a motion. With several tones they are block steps, two in the second one, if each
    !> is clearly smaller than the one before: retained and added harmonics are then so weakly coupled that a few block
    !> steps add up to the full step. Two may decrease by chance: the first one is in the added harmonics, and what
-   !> comes back to these shows only in the third. With rigid walls, the harmonics of an impact decrease slowly, and in the response to the first
-   !> step contact begins and ends within it: the second step grows with the set (.0003, .035, .041 at orders 8, 20,
-   !> 30 of the beam against a wall, products .019, .018) while the first one agrees with the true error (.0054,
-   !> .0041, .0043; against order 45 .0031 at order 20), and only the first one is used.
+   !> comes back to these shows only in the third. With rigid walls, the harmonics of an impact decrease slowly, and in
+   !> the response to the first step contact begins and ends within it: the second step grows with the set (.0003, .035,
+   !> .041 at orders 8, 20, 30 of the beam against a wall, products .019, .018) while the first one agrees with the true
+   !> error (.0054, .0041, .0043; against order 45 .0031 at order 20), and only the first one is used.
    subroutine wide_problem_find_two_steps(self, motion, r, is_rigid, first, second, is_lost)
       class(wide_problem_t), intent(inout) :: self
       real(wp), intent(in) :: motion(:, :)                            !! [m], (n_coefficients, n_dofs)

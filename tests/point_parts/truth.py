@@ -119,7 +119,8 @@ def neighbours_part(library: ctypes.CDLL, model: Model, motion: Motion) -> bool:
 
 
 def slowest_beat(omega: np.ndarray) -> int:
-    """Periods of the slowest tone in which harmonics of two tones, up to HIGHEST_OF_BEAT, pass through each other; at most MOST_BEATS."""
+    """Periods of the slowest tone in which harmonics of two tones, up to HIGHEST_OF_BEAT, pass through each other, at most
+    MOST_BEATS."""
     slowest = np.inf
     for i, j in itertools.combinations(range(len(omega)), 2):
         orders = np.arange(1, HIGHEST_OF_BEAT + 1)
