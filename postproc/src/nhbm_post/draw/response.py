@@ -424,7 +424,7 @@ def _special_keys(curves: list[Curve]) -> list[Line2D]:
         words = "1 jump" if n_jumps == 1 else f"{n_jumps} jumps"
         entries.append(Line2D([], [], linestyle="none", marker=r"$\downarrow$", markersize=9, color=style.INK, label=words))
     stability = np.concatenate([curve.stability for curve in curves])
-    dots = {"marker": "o", "markersize": 3.4} if any(curve.has_dots for curve in curves) else {}
+    dots = {"marker": "o", "markersize": 3.4} if any(curve.has_dots and curve.stability.any() for curve in curves) else {}
     faces = _dot_faces(style.INK, True)
     if _of_unknown_stability(curves) or any(c.stability.any() and (c.stability_between == 0).any() for c in curves):
         look = {"linestyle": style.UNKNOWN, "linewidth": 1.4, "markerfacecolor": faces[0]} | dots
