@@ -38,6 +38,7 @@ def response(path, name="tones%frequency", unit="rad/s", groups="", amplitudes=(
         ("load(1)%cos", "Amplitude of load 1 $F$"),
         ("load%cos", "Amplitude of the load $F$"),
         ("solver%method", "Method of the solver"),
+        ("law(pump)%stiffness_cos", "Stiffness amplitude of pump $k$"),
         ("structure%stiffness(3)", "Stiffness of the structure, entry 3 $k$"),
         ("amplitude", "Amplitude"),
     ],

@@ -178,6 +178,26 @@ def test_time_lays_an_integration_below_with_the_difference(sweep, tmp_path, cap
     assert motion.get_xlim()[1] == pytest.approx(30.0)
 
 
+def test_a_record_is_described_and_drawn(tmp_path, capsys, monkeypatch):
+    t = np.linspace(0.0, 30.0, 4000)
+    record, drawn = integration_record(tmp_path / "integration.h5", t, 0.5 * np.cos(2.0 * t)), []
+    with h5py.File(record, "r+") as file:
+        file.attrs.update(program_version="1", git_commit="0", created_utc="now", title="", schema_version=1)
+        file["frequency"], file["tuple"], file["input_text"] = [2.0], [[0], [1]], "&tones hertz = 1 /"
+        file["coefficients"] = [[[0.0, 0.0], [0.5, 0.0]]]
+        file["coefficients"].attrs["units"] = "m"
+        file["peak_frequency"], file["peak_coefficients"] = [[2.0, 3.5]], [[[0.3, -0.4], [0.0, 0.125]]]
+    assert "peaks      0.5 at 2, 0.125 at 3.5 rad/s of v3" in run(capsys, "info", record)[1].splitlines()
+    monkeypatch.setattr("nhbm_post.draw.save", lambda fig, *_: drawn.append(fig) or tmp_path / "x.png")
+    assert run(capsys, "time", record)[0] == 0 and run(capsys, "spectrum", record, "--over", "frequency")[0] == 0
+    record_line, harmonics = drawn[0].axes[0].lines
+    np.testing.assert_allclose(np.interp(record_line.get_xdata(), *harmonics.get_data()), record_line.get_ydata(), atol=1e-3)
+    assert drawn[1].axes[0].get_xlabel() == "Frequency $f$ [Hz]"
+    status, _, err = run(capsys, "time", record, "--point", 0)
+    assert status == 2 and "leave --point, --at and --of out" in err
+    assert "info, time and spectrum read it" in run(capsys, "orbit", record)[2]
+
+
 def test_unconverged_points_are_drawn_only_on_request(sweep, capsys):
     assert run(capsys, "spectrum", sweep, "--point", 3)[0] == 2
     assert run(capsys, "spectrum", sweep, "--point", 3, "--unconverged")[0] == 0
@@ -189,7 +209,7 @@ def test_unconverged_points_are_drawn_only_on_request(sweep, capsys):
     [
         (["info", "none.h5"], "none.h5: no such file"),
         (["spectrum", "FILE", "--dof", "v9"], "stored: v1, v3"),
-        (["spectrum", "FILE", "--point", "9"], "no point 9; points: 0 to 5"),
+        (["spectrum", "FILE", "--point", "9"], "no point 9; points: 0-5"),
         (["spectrum", "FILE", "--point", "4"], "status failed: dgetrf: singular matrix"),
         (["spectrum", "FILE", "--point", "5"], "status pending"),
         (["spectrum", "FILE", "--point", "-1"], "-1 is less than 0"),

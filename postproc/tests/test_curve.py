@@ -56,11 +56,22 @@ def test_a_curve_is_drawn_along_its_arc(tmp_path):
     with Results(curve_file(tmp_path / "c.h5", stability=None)) as results:
         assert results.outcome_text() == "7 of 7 points converged"
         fig = draw_response(results, measure=Measure("harmonic", (1,)))
+        with pytest.raises(ReaderError, match="no point 8; points: 0-6"):
+            results.point(8)
     [line] = lines(fig, "curve")
     assert line.get_xdata().tolist() == VALUE[:7] and line.get_ydata().tolist() == HEIGHT[:7]
     assert [x for fold in lines(fig, "fold") for x in fold.get_xdata()] == [3.0, 2.0]
     assert [x for peak in lines(fig, "peak") for x in peak.get_xdata()] == [2.5]
     assert "2 folds" in legend_of(fig) and "1 peak" in legend_of(fig) and "unstable" not in legend_of(fig)
+
+
+def test_pending_points_of_a_curve_make_no_empty_row(tmp_path):
+    path = curve_file(tmp_path / "c.h5", stability=None)
+    with h5py.File(path, "r+") as file:
+        file["status"][7:] = 0
+    with Results(path) as results:
+        fig = draw_response(results)
+    assert "2 pending" in legend_of(fig) and len([ax for ax in fig.axes if ax.axison]) == 1
 
 
 def test_info_has_rows_of_points_not_of_room(tmp_path):

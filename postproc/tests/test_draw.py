@@ -40,6 +40,8 @@ def test_correction(tmp_path, n_tones, view, is_stored):
     path = walled(tmp_path / "a.h5", n_tones, has_samples=is_stored)
     with Results(path) as results:
         fig = draw_correction(results, 0, view=view, n_samples=24)
+    heading = next(text for text in fig.texts if text.get_text().startswith("(c)")).get_window_extent()
+    assert not any(ax.get_legend() and ax.get_legend().get_window_extent().overlaps(heading) for ax in fig.axes)
     assert_picture(fig, tmp_path / "a.png")
     source = "as stored by the run" if is_stored else "summed from the stored coefficients"
     assert source in texts_of(fig)
@@ -47,17 +49,18 @@ def test_correction(tmp_path, n_tones, view, is_stored):
 
 
 @pytest.mark.parametrize(
-    "groups, why",
+    "groups, why, status",
     [
-        ("", "no law of this model is a rigid contact"),
-        ("&law\n   type = 'rigid_wall'\n/\n", "the rigid contact at it is not reached"),
-        ("&law\n   type = 'blade_contact'\n   contact = 'rigid'\n/\n", "the rigid contact at it is not reached"),
+        ("", "no law of this model is a rigid contact", 1),
+        ("&law\n   type = 'rigid_wall'\n/\n", "the rigid contact at it is not reached", 1),
+        ("&law\n   type = 'blade_contact'\n   contact = 'rigid'\n/\n", "the rigid contact at it is not reached", 1),
+        ("&law\n   type = 'rigid_wall'\n/\n", "it was found by time integration", 18),
     ],
 )
-def test_correction_reports_where_there_is_none(tmp_path, groups, why):
+def test_correction_reports_where_there_is_none(tmp_path, groups, why, status):
     """Instead of four panels of which two are equal to the other two."""
     with (
-        Results(single(tmp_path / "a.h5", 2, input_groups=groups)) as results,
+        Results(single(tmp_path / "a.h5", 2, input_groups=groups, status=[status])) as results,
         pytest.raises(UsageError, match=f"nothing is corrected in the motion of 'v3' at point 0, since {why}"),
     ):
         draw_correction(results, 0)
@@ -181,6 +184,7 @@ def test_units_get_prefixes(largest, units, expected):
     factor, text = unit_scale(largest, units)
     assert text == expected
     assert largest == 0.0 or 0.4 < largest * factor < 1000.0
+    assert "10^" not in unit_scale(largest, units, is_logarithmic=True)[1]
 
 
 ROTOR = """&structure

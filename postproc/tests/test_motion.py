@@ -130,6 +130,24 @@ def test_waterfall_has_stems(tmp_path):
     assert main(["waterfall", str(path), "--dpi", "40"]) == 0 and main(["campbell", str(path), "--dpi", "40"]) == 0
 
 
+def test_spectra_are_those_of_one_line_of_a_sweep(tmp_path):
+    tuples, frequency = box(1, 1), np.tile([1.0, 2.0, 3.0], 2)
+    coefficients = np.zeros((6, 1, 2, 2))
+    coefficients[:, 0, 1, 0] = [1.0] * 3 + [5.0] * 3
+    gap = np.repeat([1e-3, 2e-3], 3)
+    parameters = {"law_1_gap": ("law(1)%gap", "m", gap), "tones_frequency": ("tones%frequency", "rad/s", frequency)}
+    path = write_results(tmp_path / "a.h5", tuples, frequency[:, None], coefficients, parameters=parameters)
+    with Results(path) as results:
+        for where, size, head in (
+            (None, 1.0, "gap of law 1 = 1.0e-3 m one of 2 lines"),
+            ({"law(1)%gap": "2e-3"}, 5.0, "gap of law 1 = 2.0e-3 m"),
+        ):
+            fig = draw_waterfall(results, view="campbell", where=where)
+            dots = next(c for ax in fig.axes for c in ax.collections if c.get_gid() == "harmonics")
+            assert dots.get_array().tolist() == [size] * 3
+            assert head in " ".join(text.get_text() for text in fig.texts).replace("dash-dotted: multiples of the first tone; ", "")
+
+
 @pytest.mark.parametrize("n_tones", [1, 2])
 def test_state_moves_along_the_motion(n_tones):
     series, times = circle(n_tones), np.linspace(0.0, 2.0, 21)

@@ -92,6 +92,12 @@ def test_statuses_and_their_texts_are_those_of_the_program():
     assert sorted(SOLVED) == sorted(names.index(word) for word in re.findall(r"outcome%(\w+)", solved))
 
 
+def test_motions_found_by_time_integration_are_counted_as_answers(tmp_path):
+    with Results(single_tone_sweep(tmp_path / "a.h5", [18, 18, 1, 0])) as results:
+        assert results.outcome_text([0, 1, 3]) == "2 of 3 points found by time integration, 1 pending"
+        assert results.outcome_text() == "1 of 4 points converged, 2 found by time integration, 1 pending"
+
+
 def test_points_are_counted_as_the_program_does(tmp_path):
     """Converged are those of status 1 alone: truncated, aliased and penetrating ones are solved and counted apart."""
     status = [1, 7, 7, 8, 9, 2, 99]
@@ -159,7 +165,7 @@ def test_selection_of_points(sweep):
             results.point(at={"law_1_gap": "1.4e-3"})
         with pytest.raises(ReaderError, match=r"no swept parameter 'gap'; swept: law\(1\)%gap, solver%method"):
             results.point(at={"gap": 1.0})
-        with pytest.raises(ReaderError, match=r"no point 6; points: 0 to 5"):
+        with pytest.raises(ReaderError, match=r"no point 6; points: 0-5"):
             results.point(6)
 
 

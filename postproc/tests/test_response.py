@@ -91,6 +91,29 @@ def test_truncated_points_stand_on_their_curve_and_do_not_count_as_converged(tmp
     np.testing.assert_allclose(drawn.get_ydata(), [1.1, 1.2])
 
 
+@pytest.mark.parametrize("status", [[18] * 5, [18, 1, 18, 1, 1], [18] * 50])
+def test_motions_found_by_time_integration_are_answers(tmp_path, status):
+    """They have no mark of a failure, and along a line of many points none at all."""
+    path = grid_file(tmp_path / "a.h5", n_gaps=1, n_speeds=len(status), status=status)
+    with Results(path) as results:
+        fig = draw_response(results)
+    n = status.count(18)
+    assert {f"{n} found by time integration"} <= set(legend_of(fig)) and marks_of(fig, "time_domain")[0].size == 0
+    assert len(marks_of(fig, "found by time integration")[0]) == (n if n < 50 else 0)
+    assert all(line.get_markersize() < 4.0 for line in fig.axes[0].lines if line.get_gid() == "found by time integration")
+
+
+def test_dots_of_unstable_motions_are_open(tmp_path):
+    """Also where an unstable motion stands between dashes on both sides, as an unstable neighbour of it does."""
+    path = grid_file(tmp_path / "a.h5", n_gaps=1)
+    with h5py.File(path, "r+") as file:
+        file["is_stable"] = np.array([1, -1, -1, 1, 0], np.int32)
+    with Results(path) as results:
+        fig = draw_response(results)
+    dots = {line.get_markerfacecolor(): line.get_xdata().tolist() for line in fig.axes[0].lines if line.get_gid() == "converged"}
+    assert dots["white"] == [2.0, 3.0] and sorted(dots.values()) == [[1.0, 4.0], [2.0, 3.0], [5.0]]
+
+
 def test_failures_stand_in_the_row_of_their_curve(tmp_path):
     status = np.ones(15, int)
     status[[2, 3]], status[11] = STALLED, FAILED
@@ -310,9 +333,8 @@ def test_map_hatches_what_is_unstable(tmp_path):
     with Results(path) as results:
         fig = draw_map(results)
     assert "6 unstable" in legend_of(fig)
-    (hatched,) = [c for ax in fig.axes for c in ax.collections if c.get_hatch() or getattr(c, "hatches", None)]
-    box = hatched.get_paths()[0].get_extents()
-    assert box.x0 == pytest.approx(3.5) and (box.y0, box.y1) == pytest.approx((1.0, 3.0))
+    (hatched,) = [patch for ax in fig.axes for patch in ax.patches if patch.get_hatch()]
+    np.testing.assert_allclose(hatched.get_path().get_extents().get_points(), [[3.5, 0.5], [5.5, 3.5]])  # whole cells
 
 
 def test_map_shows_what_the_sweep_lacks(tmp_path):

@@ -112,6 +112,8 @@ def test_models_are_made_of_values():
     direct = sum(c * np.cos(j @ [np.e, np.pi] * times) + s * np.sin(j @ [np.e, np.pi] * times)
                  for j, (c, s) in zip(motion["tuple"].values, motion["coefficients"].sel(dof="v3").values))  # fmt: skip
     np.testing.assert_allclose(motion.nhbm.time("v3", times), direct, atol=1e-12)
+    np.testing.assert_allclose(motion.nhbm.time("v3", 0.0), direct[0], atol=1e-12)  # a single time
+    assert np.isnan(motion.nhbm.time("v3", [np.nan, 0.0])).values.tolist() == [True, False]
 
 
 def test_structures_come_from_memory_and_from_files(tmp_path):

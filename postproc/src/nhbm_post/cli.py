@@ -139,7 +139,8 @@ def _parser() -> argparse.ArgumentParser:
         "motion over time (figures 4 and 7 of the paper)",
         "Draws a degree of freedom over time, for one or several points of a sweep, over other result "
         "files or over recorded time series. Default window: 2 periods of one tone, 8 of the slowest of several, from t = 0, or "
-        "the last ones of an overlaid record. --output NAME.csv writes the numbers in place of a picture.",
+        "the last ones of an overlaid record. --output NAME.csv writes the numbers in place of a picture. Of a record of nhbm "
+        "integrate it draws the motion and its harmonics at the tones.",
     )
     options.add_dof(sub)
     options.add_quantity(sub)
@@ -181,7 +182,8 @@ def _parser() -> argparse.ArgumentParser:
         verbs.spectrum,
         "amplitudes of all harmonics (figure 8 of the paper)",
         "Draws |c_j| on a logarithmic scale: a map over (j1, j2) for two tones (the redundant half "
-        "hatched), stems over j for one tone, stems over the frequency |j.omega| for three tones and more.",
+        "hatched), stems over j for one tone, stems over the frequency |j.omega| for three tones and more. Of a record of nhbm "
+        "integrate it draws the harmonics at the tones.",
     )
     options.add_dof(sub)
     options.add_quantity(sub)
@@ -234,16 +236,17 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--view", choices=("surface", "map"), default="surface", help="default: surface")
     options.add_output(sub)
 
+    one_line = "If other values are swept, too, the points are those with the first of each, or with those that --where chooses."
     for name, help_text, description in (
         (
             "waterfall",
             "spectra along a sweep or curve",
-            "Draws the spectra of 24 points at most, one above the other, stems of logarithmic height.",
+            "Draws the spectra of 24 points at most, one above the other, stems of logarithmic height. " + one_line,
         ),
         (
             "campbell",
             "frequencies of all harmonics along a sweep or curve",
-            "Draws each harmonic as a dot at its frequency over the swept value, coloured by its amplitude.",
+            "Draws each harmonic as a dot at its frequency over the swept value, coloured by its amplitude. " + one_line,
         ),
     ):
         sub = command(name, verbs.waterfall, help_text, description)
@@ -282,7 +285,7 @@ def _parser() -> argparse.ArgumentParser:
         "response curve of a sweep",
         "Draws a measure of a degree of freedom over a swept parameter; further swept parameters, and further files, make "
         "several curves, by default seven at most. Points are counted as nhbm solve counts them. A solved point "
-        "that has not converged stands on its curve with the mark of its status, any other in a row below, one a curve; "
+        "that exceeds a limit stands on its curve with the mark of its status, a point without motion in a row below, one a curve; "
         "curves are broken there, and where the motion jumps to another branch. What a &curve has followed is drawn along its "
         "arc, with folds and peaks marked and, where stability is known, unstable parts dashed and jumps off folds; files of "
         "normal modes after it are drawn over the frequency found, as backbones.",
@@ -338,7 +341,7 @@ def _parser() -> argparse.ArgumentParser:
         verbs.map,
         "a measure over two swept parameters",
         "Draws a measure of a degree of freedom as a map, a cell a point, over two parameters of a sweep. Cells of points that "
-        "have not converged carry the mark of their status. Further swept parameters must be fixed by --where.",
+        "exceed a limit or have no motion carry the mark of their status. Further swept parameters must be fixed by --where.",
     )
     options.add_dof(sub)
     options.add_quantity(sub)

@@ -8,6 +8,9 @@ import h5py
 import numpy as np
 
 from .errors import ReaderError
+from .hdf5 import text_of
+from .reader import gives_hertz
+from .series import Series
 
 
 def is_record(path) -> bool:
@@ -32,6 +35,10 @@ def info(path) -> str:
                 f"tones      {', '.join(f'{w:.10g}' for w in np.atleast_1d(file['frequency'][()]))} rad/s",
             ]
             lines += [f"largest    {np.max(np.abs(x)):.4g} at {dof}" for dof, x in zip(dofs, file["displacement"][()], strict=True)]
+            if "peak_frequency" in file:
+                sizes = np.hypot(*np.moveaxis(file["peak_coefficients"][()], -1, 0))
+                for dof, size, omega in zip(dofs, sizes, file["peak_frequency"][()], strict=True):
+                    lines.append(f"peaks      {', '.join(f'{a:.4g} at {w:.10g}' for a, w in zip(size, omega))} rad/s of {dof}")
             if "start_motion" in file:
                 starts = file["start_motion"][()]
                 for k, motion in enumerate(file["motion_coefficients"][()], start=1):
@@ -42,6 +49,27 @@ def info(path) -> str:
     return "\n".join(lines)
 
 
+def read_series(path, dof: str | None) -> tuple[Series, str, bool]:
+    """Harmonics of one degree of freedom (default: the first) at the tones of a record, a title, and whether it is in hertz."""
+    try:
+        with h5py.File(path, "r") as file:
+            labels = list(file["dof"].asstr()[()])
+            k, stored = _row(path, labels, dof or labels[0]), file["coefficients"]
+            units = text_of(stored.attrs.get("dof_units", "")).split() or [text_of(stored.attrs["units"])] * len(labels)
+            cos, sin = stored[k].T
+            series = Series(file["tuple"][()], file["frequency"][()], cos, sin, labels[k], units[k], "displacement")
+            about = text_of(file.attrs["title"]), "record of time integration, its harmonics at the tones"
+            return series, ", ".join(filter(None, about)), gives_hertz(text_of(file["input_text"][()]))
+    except (OSError, KeyError, ValueError) as error:
+        raise ReaderError(f"{path}: cannot be read as a record of nhbm integrate ({error})") from None
+
+
+def _row(path, labels: list[str], dof: str) -> int:
+    if dof not in labels:
+        raise ReaderError(f"{path}: has no degree of freedom '{dof}'; recorded: {', '.join(labels)}")
+    return labels.index(dof)
+
+
 def read_displacement(path, dof: str) -> tuple[str, np.ndarray, np.ndarray]:
     """Method, times [s] and displacements of one degree of freedom."""
     path = Path(path)
@@ -49,10 +77,8 @@ def read_displacement(path, dof: str) -> tuple[str, np.ndarray, np.ndarray]:
         with h5py.File(path, "r") as file:
             if file.attrs.get("kind") != "integration":
                 raise ReaderError(f"{path}: is no record of nhbm integrate")
-            labels = list(file["dof"].asstr()[()])
-            if dof not in labels:
-                raise ReaderError(f"{path}: has no degree of freedom '{dof}'; recorded: {', '.join(labels)}")
-            t, x = file["time"][()], file["displacement"][labels.index(dof)]
+            k = _row(path, list(file["dof"].asstr()[()]), dof)
+            t, x = file["time"][()], file["displacement"][k]
             method = str(file.attrs["method"]).replace("_", " ")
     except (OSError, KeyError) as error:
         raise ReaderError(f"{path}: cannot be read as a record of nhbm integrate ({error})") from None

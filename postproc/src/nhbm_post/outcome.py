@@ -5,12 +5,14 @@ The program has them in src/solve/hb_outcome.f90; a file brings its own numbers 
 
 from __future__ import annotations
 
-PENDING, CONVERGED, FAILED, CRASHED, UNUSED = 0, 1, 6, 12, 17
+PENDING, CONVERGED, FAILED, CRASHED, UNUSED, TIME_DOMAIN = 0, 1, 6, 12, 17, 18
 # No motion was reached that could be looked at.
 EMPTY = (PENDING, FAILED, CRASHED, UNUSED)
 # There is a motion: of the balance, where all but the first miss a threshold of the certificate and do not count as converged, or
 # integrated.
-SOLVED = (CONVERGED, 7, 8, 9, 16, 18, 21)
+SOLVED = (CONVERGED, 7, 8, 9, 16, TIME_DOMAIN, 21)
+# Statuses of motions without a fault.
+ANSWERS = {CONVERGED: "converged", TIME_DOMAIN: "found by time integration"}
 
 TEXTS = {
     "pending": "not solved yet",

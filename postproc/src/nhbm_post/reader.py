@@ -14,7 +14,7 @@ import numpy as np
 
 from .errors import ReaderError, UsageError
 from .hdf5 import open_file, strings_of, text_of
-from .outcome import CONVERGED, EMPTY, NAMES, SOLVED, UNUSED, sentence, words
+from .outcome import ANSWERS, CONVERGED, EMPTY, NAMES, SOLVED, UNUSED, sentence, words
 from .parameter import Parameter
 from .series import Series
 from .text import list_text, range_text, tuple_text
@@ -133,8 +133,7 @@ class Results:
     @cached_property
     def in_hertz(self) -> bool:
         """Whether the input gives frequencies in hertz; pictures then do so too."""
-        text = re.sub(r"!.*", "", f"{self.input_text}\n{self.overrides}")
-        return re.search(r"&tones\b[^/&]*?\bhertz\b|\btones%hertz\b", text, re.IGNORECASE) is not None
+        return gives_hertz(f"{self.input_text}\n{self.overrides}")
 
     def frequency_scale(self) -> tuple[float, str]:
         """(factor on rad/s, unit) of the frequencies in pictures."""
@@ -239,12 +238,19 @@ class Results:
 
     def outcome_text(self, points: Sequence[int] | None = None) -> str:
         """`123 of 205 points converged, 50 truncated, 32 stalled`: counted as in `nhbm solve`."""
-        points = self.used if points is None else np.asarray(points, dtype=int)
-        status = self.status[points]
-        counts = self.status_counts(points)
-        others = [f"{n} {words(name)}" for name, n in counts.items() if name != self._names.get(CONVERGED)]
-        n_converged = int((status == CONVERGED).sum())
-        return ", ".join([f"{n_converged} of {status.size} points converged", *others])
+        answers = [self._names.get(code) for code in ANSWERS]
+        others = [f"{n} {words(name)}" for name, n in self.status_counts(self._or_used(points)).items() if name not in answers]
+        return ", ".join([self.answers_text(points), *others])
+
+    def answers_text(self, points: Sequence[int] | None = None) -> str:
+        """The part of `outcome_text` about motions without a fault: `123 of 205 points converged`, or found by time integration."""
+        status = self.status[self._or_used(points)]
+        counts = [(int((status == code).sum()), how) for code, how in ANSWERS.items()]
+        (n, how), *more = [count for count in counts if count[0]] or counts[:1]
+        return ", ".join([f"{n} of {status.size} points {how}", *(f"{n} {how}" for n, how in more)])
+
+    def _or_used(self, points: Sequence[int] | None) -> np.ndarray:
+        return self.used if points is None else np.asarray(points, dtype=int)
 
     def warning(self, point: int) -> str:
         """The remark on the point in a picture: empty if it has converged, otherwise the meaning of its status."""
@@ -319,8 +325,8 @@ class Results:
     def point(self, number: int | None = None, at: Mapping[str, object] | None = None) -> int:
         """One point: by number, by parameter values, or by default the first converged one."""
         if number is not None:
-            if not 0 <= number < self.n_points:
-                raise ReaderError(f"{self.path}: no point {number}; points: 0 to {self.n_points - 1}")
+            if number not in self.used:
+                raise ReaderError(f"{self.path}: no point {number}; points: {range_text(self.used)}")
             return int(number)
         if at:
             points = self.select(at)
@@ -511,7 +517,7 @@ class Results:
     def _require_outcome(self, point: int, allow_unconverged: bool) -> None:
         """Raises an error unless the point is solved or, if that suffices, has at least ended with numbers."""
         if not 0 <= point < self.n_points:
-            raise ReaderError(f"{self.path}: no point {point}; points: 0 to {self.n_points - 1}")
+            raise ReaderError(f"{self.path}: no point {point}; points: {range_text(self.used)}")
         status = self.status[point]
         if status in SOLVED or (allow_unconverged and status not in EMPTY):
             return
@@ -561,7 +567,7 @@ class Results:
                 f"{self.path}: schema version {version}; this nhbm-post reads version {SCHEMA_VERSION}"
             )
         if self._file.attrs.get("kind") == "integration":
-            raise ReaderError(f"{self.path}: a record of time integration; nhbm-post info and nhbm-post time --integration read it")
+            raise ReaderError(f"{self.path}: a record of time integration; nhbm-post info, time and spectrum read it")
         missing = [name for name in _REQUIRED if name not in self._file]
         if "tuple" not in self._file and "tuples" not in self._file:
             missing.append("tuple")
@@ -616,6 +622,12 @@ class Results:
 
     def _text_dataset(self, name: str) -> str:
         return text_of(self._dataset(name)[()])
+
+
+def gives_hertz(input_text: str) -> bool:
+    """Whether an input gives frequencies in hertz."""
+    text = re.sub(r"!.*", "", input_text)
+    return re.search(r"&tones\b[^/&]*?\bhertz\b|\btones%hertz\b", text, re.IGNORECASE) is not None
 
 
 def _blocks(dataset: h5py.Dataset) -> Iterator[tuple[int, np.ndarray]]:

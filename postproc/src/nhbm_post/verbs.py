@@ -53,18 +53,22 @@ def correction(arguments):
 def spectrum(arguments):
     from . import draw
 
-    with Results(arguments.file) as results:
-        point = results.point(arguments.point, dict(arguments.at))
-        series = _series(results, point, arguments.dof, arguments)
-        fig = draw.draw_spectrum(
-            series,
-            title=_origin(results, point, arguments.quantity),
-            form=arguments.form,
-            over=arguments.over,
-            decades=arguments.decades,
-            is_normalised=not arguments.absolute,
-            in_hertz=results.in_hertz,
-        )
+    if integration.is_record(arguments.file):
+        series, title, in_hertz = _series_of_record(arguments)
+    else:
+        with Results(arguments.file) as results:
+            point = results.point(arguments.point, dict(arguments.at))
+            series, in_hertz = _series(results, point, arguments.dof, arguments), results.in_hertz
+            title = _origin(results, point, arguments.quantity)
+    fig = draw.draw_spectrum(
+        series,
+        title=title,
+        form=arguments.form,
+        over=arguments.over,
+        decades=arguments.decades,
+        is_normalised=not arguments.absolute,
+        in_hertz=in_hertz,
+    )
     _save(fig, arguments)
 
 
@@ -344,26 +348,25 @@ def time(arguments):
     from .draw.time_history import Record, read_record, write_time
 
     at = dict(arguments.at)
-    with Results(arguments.file) as results:
-        if arguments.point is not None:
-            points = [results.point(number) for number in arguments.point]
-        elif at:
-            points = results.select(at)
-        else:
-            points = [results.point()]
-        dof = arguments.dof or results.default_dof(arguments.quantity)
-        curves = [
-            (
-                _legend(results, point, points),
-                _series(results, point, dof, arguments),
-            )
-            for point in points
-        ]
-        outcome = results.warning(points[0]) if len(points) == 1 else ""
-        title = ", ".join(part for part in (results.title, *_common_parameters(results, points), outcome) if part)
+    if integration.is_record(arguments.file):
+        series, title, _ = _series_of_record(arguments)
+        dof, curves = series.label, [(f"its {series.n_harmonics} harmonics", series)]
+        arguments.integration = arguments.integration or ("", arguments.file)
+    else:
+        with Results(arguments.file) as results:
+            if arguments.point is not None:
+                points = [results.point(number) for number in arguments.point]
+            elif at:
+                points = results.select(at)
+            else:
+                points = [results.point()]
+            dof = arguments.dof or results.default_dof(arguments.quantity)
+            curves = [(_legend(results, point, points), _series(results, point, dof, arguments)) for point in points]
+            outcome = results.warning(points[0]) if len(points) == 1 else ""
+            title = ", ".join(part for part in (results.title, *_common_parameters(results, points), outcome) if part)
     if arguments.output and arguments.output.suffix.lower() == ".csv":
         if arguments.overlay or arguments.integration:
-            raise UsageError("a .csv holds the motions of one result file: leave --overlay and --integration out")
+            raise UsageError("a .csv holds the motions of one result file, no records: leave --overlay and --integration out")
         names = [dof if len(points) == 1 else f"{dof} at point {point}" for point in points]
         columns = [(name, series) for name, (_, series) in zip(names, curves, strict=True)]
         print(f"wrote {write_time(columns, arguments.output, arguments.t_from, arguments.t_to, arguments.samples)}")
@@ -445,6 +448,13 @@ def bench(arguments):
     for note in notes:
         print(note)
     _save(fig, arguments)
+
+
+def _series_of_record(arguments):
+    """Harmonics of a record of time integration, a title, and whether it is in hertz."""
+    if arguments.point is not None or arguments.at or arguments.quantity != "motion":
+        raise UsageError(f"{arguments.file}: a record of time integration holds one motion: leave --point, --at and --of out")
+    return integration.read_series(arguments.file, arguments.dof)
 
 
 def _series(results: Results, point: int, dof: str | None, arguments):

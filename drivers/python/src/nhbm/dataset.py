@@ -282,15 +282,15 @@ class Accessor:
         Returns
         -------
         xarray.DataArray
-            In the unit of the column, (..., time).
+            In the unit of the column, (..., time); a single time adds no dimension.
         """
         data = self._dataset
         tuples = data["tuples"] if "tuples" in data else data["tuple"]
-        times = xr.DataArray(np.asarray(times, dtype=float), dims="time", attrs={"units": "s"})
+        times = xr.DataArray(np.asarray(times, dtype=float), dims="time" if np.ndim(times) else (), attrs={"units": "s"})
         phases = (tuples * data["frequency"]).sum("tone") * times
         column = self._row(of, dof).where(self._in_use(), 0.0)
         values = column.sel(component="cos", drop=True) * np.cos(phases) + column.sel(component="sin", drop=True) * np.sin(phases)
-        found: xr.DataArray = values.sum("harmonic").assign_coords(time=times)
+        found: xr.DataArray = values.sum("harmonic").where(np.isfinite(times)).assign_coords(time=times)
         return found
 
     def largest(self, dof: str, n: int = 4096) -> xr.DataArray:

@@ -11,6 +11,7 @@ from matplotlib.colors import Normalize, to_rgba
 from matplotlib.patches import FancyArrowPatch, Patch
 
 from ..errors import ReaderError, UsageError
+from ..outcome import TIME_DOMAIN
 from ..reader import Results
 from . import style
 from .spectrum import DECADES, amplitude_norm, colour_bar, draw_map, draw_stem, style_3d
@@ -48,6 +49,8 @@ def draw_correction(
         raise ReaderError(f"{results.path}: the motion of '{dof}' at point {point} is zero: nothing to draw")
     if not np.abs(corrected - motion).max() > _TOUCH * np.ptp(motion):
         why = "the rigid contact at it is not reached" if results.has_rigid_law else "no law of this model is a rigid contact"
+        if results.status[point] == TIME_DOMAIN:
+            why = "it was found by time integration, where impacts replace the correction"
         raise UsageError(
             f"{results.path}: nothing is corrected in the motion of '{dof}' at point {point}, since {why}; "
             f"'nhbm-post spectrum' and 'time' draw the motion"
@@ -120,7 +123,7 @@ def _panels(n_tones: int, view: str):
     side, pitch, lift = 2.85, 3.9, 0.30
     below = 0.75
     if n_tones == 1:
-        side, pitch, lift, below = 2.1, 3.0, 0.12, 0.0
+        side, pitch, lift, below = 2.1, 3.18, 0.30, 0.0
     height = 0.85 + 2.0 * pitch + below
     left_width = side if has_maps else 3.55
     right = 0.75 + left_width + (1.15 if has_maps else 1.45)
@@ -272,7 +275,7 @@ def _draw_curves(axes, tau, motion, corrected, touch, label) -> None:
         axes[1].plot(
             tau[touch], corrected[touch], ".", color=style.CORRECTED, markersize=4, label="at the wall"
         )
-    axes[1].legend(**style.ABOVE)
+    axes[1].legend(**style.ABOVE | {"ncol": 3})
     for ax in axes:
         ax.set(xlabel=style.phase(1), ylabel=label, xlim=(0.0, 2.0 * np.pi))
         style.phase_ticks(ax.xaxis)

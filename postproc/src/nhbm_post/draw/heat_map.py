@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib import colormaps, rc_context
+from matplotlib import colormaps
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, PathPatch
 
 from ..axis_words import axis_words, with_symbol
 from ..errors import UsageError
@@ -16,6 +16,7 @@ from ..reader import Results
 from ..text import list_text
 from . import marks, style
 from .response import is_logarithmic
+from .spectrum import cells_outline
 
 _UNSTABLE = "////"
 _OUTSIDE = "#e4e6ea"
@@ -62,7 +63,7 @@ def draw_map(
     if not np.isfinite(cells).any():
         raise UsageError(f"{results.path}: none of the chosen points is solved; in the file: {results.outcome_text()}")
     what, symbol = measure.words(results, dof)
-    factor, units = style.unit_scale(np.nanmax(np.abs(cells)), measure.units(results, dof))
+    factor, units = style.unit_scale(np.nanmax(np.abs(cells)), measure.units(results, dof), "z" in (logarithmic or ""))
     scales = [
         "log" if axis.is_number and (is_logarithmic(grid) if logarithmic is None else letter in logarithmic) else "linear"
         for axis, grid, letter in zip(axes, grids, "xy")
@@ -84,7 +85,7 @@ def draw_map(
     with style.look():
         statuses = marks.by_status(results, points)
         counts = {(name, is_solved): group.size for name, is_solved, group in statuses}
-        handles = marks.keys(counts, 0)
+        handles = marks.keys(counts, {})
         if (~is_there).any():
             handles.append(Patch(facecolor=_OUTSIDE, label=f"{int((~is_there).sum())} not in the sweep"))
         is_unstable = is_there & (results.stability()[number] < 0)
@@ -96,7 +97,7 @@ def draw_map(
         (ax,) = style.below_legends(fig, [handles], 4.0)
         labels, edges = [], []
         for axis, grid, scale in zip(axes, grids, scales):
-            by, unit = style.unit_scale(np.abs(grid).max(), axis.units) if axis.is_number else (1.0, "")
+            by, unit = style.unit_scale(np.abs(grid).max(), axis.units, scale == "log") if axis.is_number else (1.0, "")
             middles = by * grid.astype(float) if axis.is_number else np.arange(grid.size, dtype=float)
             if scale == "log" and middles[0] <= 0.0:
                 raise UsageError(f"{results.path}: '{axis.label}' has values of 0 or less: no logarithmic axis")
@@ -115,8 +116,8 @@ def draw_map(
             style.decade_axis(bar.ax.yaxis, (norm.vmin, norm.vmax))
         centres = [_centres(edge, scale) for edge, scale in zip(edges, scales)]
         if is_unstable.any():
-            with rc_context({"hatch.color": "white"}):
-                ax.contourf(*centres, is_unstable.astype(float), levels=[0.5, 1.5], colors="none", hatches=[_UNSTABLE])
+            outline = cells_outline(is_unstable, *edges)
+            ax.add_patch(PathPatch(outline, facecolor="none", edgecolor="white", linewidth=0.0, hatch=_UNSTABLE))
         size = float(np.clip(0.55 * 72.0 * 4.0 / max(number.shape), 1.3, 6.0))
         for name, is_solved, group in statuses:
             rows, columns = np.nonzero(np.isin(number, group))
@@ -132,7 +133,7 @@ def draw_map(
         ax.set(xlabel=labels[0], ylabel=labels[1], xlim=edges[0][[0, -1]], ylim=edges[1][[0, -1]])
         ax.spines[["top", "right"]].set_visible(True)
         chosen = results.where_text(where or {})
-        outcome = results.outcome_text(points).split(",")[0]
+        outcome = results.answers_text(points)
         style.head(
             fig,
             f"{what} over {' and '.join(axis_words(results, axis)[0] for axis in axes)}",

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.lines import Line2D
 
-from ..outcome import CONVERGED, PENDING, SOLVED, words
+from ..outcome import ANSWERS, CONVERGED, PENDING, SOLVED, TIME_DOMAIN, words
 from ..reader import Results
 from . import style
 
@@ -42,7 +42,6 @@ _MARKS = {
     "aliased": Mark("s", "#56B4E9"),
     "penetrating": Mark("v", "#CC79A7"),
     "impact": Mark("<", "#F0E442"),
-    "time_domain": Mark("d", "#009E73"),
     "several": Mark("D", "#009E73"),
     "stalled": Mark("x", style.FAILURE),
     "out_of_budget": Mark("+", style.FAILURE),
@@ -59,6 +58,7 @@ _MARKS = {
     "broadband": Mark("p", style.INK),
     "pending": Mark("|", style.WALL),
 }
+DOTS = {CONVERGED: "o", TIME_DOMAIN: "d"}  # shapes of answers, in the colour of their curve
 # Statuses that are newer than this table.
 _SOLVED_MARK = Mark("8", "#F0E442")
 _UNSOLVED_MARK = Mark("H", style.FAILURE)
@@ -70,21 +70,21 @@ def mark(name: str, is_solved: bool) -> Mark:
 
 
 def by_status(results: Results, points: Iterable[int]) -> list[tuple[str, bool, np.ndarray]]:
-    """(name, whether solved, points) for each status except `converged` that occurs, in the order of the status numbers."""
+    """(name, whether solved, points) for each status except those of answers that occurs, in the order of the status numbers."""
     points = np.asarray(list(points), dtype=int)
-    codes = [code for code in np.unique(results.status[points]) if code not in (CONVERGED, PENDING)]
+    codes = [code for code in np.unique(results.status[points]) if code not in (*ANSWERS, PENDING)]
     if (results.status[points] == PENDING).any():
         codes.append(PENDING)
     groups = [points[results.status[points] == code] for code in codes]
     return [(results.status_name(int(group[0])), code in SOLVED, group) for code, group in zip(codes, groups)]
 
 
-def keys(counts: dict[tuple[str, bool], int], n_converged: int, size: float = 5.5) -> list[Line2D]:
-    """Entries of a legend, `50 truncated`, for all that occur: converged points first."""
+def keys(counts: dict[tuple[str, bool], int], n_answers: dict[int, int], size: float = 5.5) -> list[Line2D]:
+    """Entries of a legend, `50 truncated`, for all that occur: answers first."""
     entries = []
-    if n_converged:
-        look = {"color": style.MUTED, "linewidth": 1.4, "marker": "o", "markersize": 0.62 * size}
-        entries.append(Line2D([], [], **look, label=f"{n_converged} converged"))
+    for code, n in n_answers.items():
+        look = {"color": style.MUTED, "linewidth": 1.4, "marker": DOTS[code], "markersize": 0.62 * size}
+        entries += [Line2D([], [], **look, label=f"{n} {ANSWERS[code]}")] if n else []
     for (name, is_solved), n in counts.items():
         entries.append(Line2D([], [], **mark(name, is_solved).look(size), label=f"{n} {words(name)}"))
     return entries

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from ..axis_words import axis_words, with_symbol
 from ..errors import UsageError
 from ..measure import Measure
-from ..outcome import CONVERGED, SOLVED
+from ..outcome import ANSWERS, CONVERGED, PENDING, SOLVED, TIME_DOMAIN
 from ..parameter import Parameter
 from ..reader import Results
 from ..text import list_text, tuple_text
@@ -46,11 +46,17 @@ class Curve:
     def is_converged(self) -> np.ndarray:
         return self.results.status[self.points] == CONVERGED
 
-    def line(self, is_drawn) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """x, y and convergence, with a gap at points without a value and where the motion jumps to another branch."""
+    @property
+    def has_dots(self) -> bool:
+        """Whether each answer is marked: in a sweep of few points, not along a curve that was followed."""
+        return self.points.size <= _MANY_POINTS and self.results.curve is None
+
+    def line(self, is_drawn) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """x, y, status and stability, with a gap at points without a value and where the motion jumps to another branch."""
         y = np.where(is_drawn(self.y), self.y, np.nan)
         jumps = np.flatnonzero(self.is_jump) + 1
-        return np.insert(self.x, jumps, np.nan), np.insert(y, jumps, np.nan), np.insert(self.is_converged, jumps, False)
+        columns = (self.x, np.nan), (y, np.nan), (self.results.status[self.points], PENDING), (self.stability, 0)
+        return tuple(np.insert(column, jumps, gap) for column, gap in columns)
 
     @property
     def is_jump(self) -> np.ndarray:
@@ -139,14 +145,14 @@ def draw_response(
     x = np.concatenate([curve.x for curve in curves])
     what, symbol = measure.words(results, dof)
     words, letter = axis_words(results, axis)
-    x_factor, x_units = style.unit_scale(np.nanmax(np.abs(x)), axis.units) if axis.is_number else (1.0, "")
-    factor, units = style.unit_scale(np.nanmax(np.abs(y)), measure.units(results, dof))
     scales = _scales(logarithmic, axis, x)
+    x_factor, x_units = style.unit_scale(np.nanmax(np.abs(x)), axis.units, scales[0] == "log") if axis.is_number else (1.0, "")
+    factor, units = style.unit_scale(np.nanmax(np.abs(y)), measure.units(results, dof), scales[1] == "log")
     for scale, numbers, name in zip(scales, (x, y), "xy"):
         n_lost = int((numbers[np.isfinite(numbers)] <= 0.0).sum()) if scale == "log" else 0
         if n_lost:
             notes.append(f"{n_lost} points with {name} = 0 or less cannot be drawn on a logarithmic axis")
-    rows = [i for i, curve in enumerate(curves) if (~curve.is_solved).any()]
+    rows = [i for i, curve in enumerate(curves) if (~curve.is_solved & np.isfinite(curve.x)).any()]
     with style.look():
         heights = [3.2] + ([_ROW * len(rows)] if rows else [])
         fig = style.figure(7.0, 0.9 + sum(heights))
@@ -205,14 +211,10 @@ def curves_of(results, name, dof, measure, over, where, n_curves, axis=None) -> 
     along = results.shown(along)
     x = _positions(along)
     values = measure.values(results, dof)
-    others = [
-        p
-        for p in results.parameters.values()
-        if p is not swept and len({str(v) for v in p.values[points]}) > 1 and (moving or not _varies_along(p, swept, points))
-    ]
+    others = other_parameters(results, swept, points)
     if moving and results.curve_branch().any():
         others.append(Parameter("curve_branch", "curve", "", results.curve_branch().astype(float)))
-    groups = _groups(others, points)
+    groups = groups_of(others, points)
     notes = []
     for follower in list(others[1:]):
         if _varies_along(follower, others[0], points):
@@ -282,7 +284,7 @@ def _draw_curve(ax, i, curve: Curve, x_factor, factor, scales, is_joined, by_sta
     """The line, its converged points (if there are few, or between gaps), and marks of the others."""
     look = _curve_look(i, is_joined, curve)
     is_drawn = np.isfinite if scales[1] == "linear" else lambda values: values > 0.0
-    x, y, is_converged = curve.line(is_drawn)
+    x, y, status, stability = curve.line(is_drawn)
     if by_stability:
         _draw_by_stability(ax, curve, is_drawn, x_factor, factor, look)
     else:
@@ -296,9 +298,18 @@ def _draw_curve(ax, i, curve: Curve, x_factor, factor, scales, is_joined, by_sta
         ax.annotate("", (x_factor * to, factor * end), (x_factor * at, factor * start), arrowprops=arrow, gid="jump", zorder=6)
     known = np.isfinite(y) & np.isfinite(x)
     alone = known & ~np.append(known[1:], False) & ~np.insert(known[:-1], 0, False)
-    dots = is_converged & (known if not is_joined or (curve.points.size <= _MANY_POINTS and curve.results.curve is None) else alone)
-    ax.plot(x_factor * x[dots], factor * y[dots], "o", color=look["color"], markersize=3.4 if is_joined else 5.0)
+    dot = {"color": look["color"], "linestyle": "none", "markersize": 3.4 if is_joined else 5.0}
+    for code, shape in marks.DOTS.items():
+        is_marked = not is_joined or curve.has_dots or (code == TIME_DOMAIN and curve.is_converged.any())
+        for verdict, face in _dot_faces(look["color"], by_stability).items():
+            at = (known if is_marked else alone) & (status == code) & ((stability == verdict) | (not by_stability))
+            ax.plot(x_factor * x[at], factor * y[at], **dot, marker=shape, markerfacecolor=face, gid=ANSWERS[code])
     _mark(ax, curve, x_factor * curve.x, factor * curve.y, are_solved=True)
+
+
+def _dot_faces(colour: str, by_stability: bool) -> dict:
+    """Colour of the face of a dot by stability: open for an unstable motion, grey for an unknown one."""
+    return {1: colour, 0: style.WALL, -1: "white"} if by_stability else {0: colour}
 
 
 def _shape(marker: str, size: float) -> dict:
@@ -413,23 +424,27 @@ def _special_keys(curves: list[Curve]) -> list[Line2D]:
         words = "1 jump" if n_jumps == 1 else f"{n_jumps} jumps"
         entries.append(Line2D([], [], linestyle="none", marker=r"$\downarrow$", markersize=9, color=style.INK, label=words))
     stability = np.concatenate([curve.stability for curve in curves])
+    dots = {"marker": "o", "markersize": 3.4} if any(curve.has_dots and curve.stability.any() for curve in curves) else {}
+    faces = _dot_faces(style.INK, True)
     if _of_unknown_stability(curves) or any(c.stability.any() and (c.stability_between == 0).any() for c in curves):
-        entries.append(Line2D([], [], color=style.INK, linestyle=style.UNKNOWN, linewidth=1.4, label="stability not known"))
+        look = {"linestyle": style.UNKNOWN, "linewidth": 1.4, "markerfacecolor": faces[0]} | dots
+        entries.append(Line2D([], [], color=style.INK, **look, label="stability not known"))
     for verdict, dashes, word in ((1, style.STABLE, "stable"), (-1, style.UNSTABLE, "unstable")):
         if (stability == verdict).any():
-            entries.append(Line2D([], [], color=style.INK, linestyle=dashes, linewidth=1.4, label=word))
+            look = {"linestyle": dashes, "linewidth": 1.4, "markerfacecolor": faces[verdict]} | dots
+            entries.append(Line2D([], [], color=style.INK, **look, label=word))
     return entries
 
 
 def _status_keys(curves: list[Curve]) -> list[Line2D]:
     """Legend of the statuses of the points in the picture; none if all have converged."""
     counts: dict[tuple[str, bool], int] = {}
-    n_converged = 0
+    status = np.concatenate([curve.results.status[curve.points] for curve in curves])
+    n_answers = {code: int((status == code).sum()) for code in ANSWERS}
     for curve in curves:
-        n_converged += int(curve.is_converged.sum())
         for name, is_solved, group in marks.by_status(curve.results, curve.points):
             counts[name, is_solved] = counts.get((name, is_solved), 0) + group.size
-    return marks.keys(counts, n_converged) if counts else []
+    return marks.keys(counts, n_answers) if counts or n_answers[TIME_DOMAIN] else []
 
 
 def _axis_key(axis: Parameter) -> tuple:
@@ -451,13 +466,20 @@ def _swept_parameter(results: Results, over: str | None, points: np.ndarray) -> 
     )
 
 
+def other_parameters(results: Results, swept: Parameter, points: np.ndarray) -> list[Parameter]:
+    """Parameters that change between the lines over `swept`."""
+    is_moving = results.curve is not None and swept.name == results.curve.name
+    several = [p for p in results.parameters.values() if p.name != swept.name and len({str(v) for v in p.values[points]}) > 1]
+    return [p for p in several if is_moving or not _varies_along(p, swept, points)]
+
+
 def _varies_along(other: Parameter, swept: Parameter, points: np.ndarray) -> bool:
     """Whether each value of `swept` occurs with one value of `other`: parameters that vary together on one axis of a sweep."""
     pairs = {(str(swept.values[point]), str(other.values[point])) for point in points}
     return len(pairs) == len({value for value, _ in pairs})
 
 
-def _groups(others: list[Parameter], points: np.ndarray) -> list[np.ndarray]:
+def groups_of(others: list[Parameter], points: np.ndarray) -> list[np.ndarray]:
     """Points by the values of the other swept parameters, in ascending order of the values."""
     members: dict[tuple, list[int]] = {}
     for point in points:

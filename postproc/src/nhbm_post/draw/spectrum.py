@@ -50,7 +50,7 @@ def draw_spectrum(
     if is_normalised:
         amplitudes, label = amplitudes / largest, rf"Amplitude $|c_j|\,/\,\max|c_j|$ of {series.label}"
     else:
-        factor, units = style.unit_scale(largest, series.units)
+        factor, units = style.unit_scale(largest, series.units, is_logarithmic=True)
         amplitudes, label = amplitudes * factor, style.with_unit(rf"Amplitude $|c_j|$ of {series.label}", units)
     norm = amplitude_norm(amplitudes, decades)
     what = "Normalised amplitudes" if is_normalised else "Amplitudes"
@@ -95,9 +95,9 @@ def draw_map(ax, tuples: np.ndarray, amplitudes: np.ndarray, norm: LogNorm, has_
     is_mirror = is_stored[::-1, ::-1] & ~is_stored
     is_outside = ~is_stored & ~is_mirror
 
+    edges = np.arange(-n1, n1 + 2) - 0.5, np.arange(-n2, n2 + 2) - 0.5
     ax.pcolormesh(
-        np.arange(-n1, n1 + 2) - 0.5,
-        np.arange(-n2, n2 + 2) - 0.5,
+        *edges,
         values,
         norm=norm,
         cmap=colormaps[style.COLOUR_MAP],
@@ -107,7 +107,7 @@ def draw_map(ax, tuples: np.ndarray, amplitudes: np.ndarray, norm: LogNorm, has_
     )
     ax.add_patch(
         PathPatch(
-            _cells(is_mirror, n1, n2), facecolor="white", edgecolor="#b4b9c1", hatch="////", linewidth=0
+            cells_outline(is_mirror, *edges), facecolor="white", edgecolor="#b4b9c1", hatch="////", linewidth=0
         )
     )
     keys = [
@@ -121,7 +121,7 @@ def draw_map(ax, tuples: np.ndarray, amplitudes: np.ndarray, norm: LogNorm, has_
     ]
     if is_outside.any():
         ax.add_patch(
-            PathPatch(_cells(is_outside, n1, n2), facecolor="#e4e6ea", edgecolor="none", linewidth=0)
+            PathPatch(cells_outline(is_outside, *edges), facecolor="#e4e6ea", edgecolor="none", linewidth=0)
         )
         keys.append(Patch(facecolor="#e4e6ea", label="not in the set"))
     ax.set(
@@ -284,10 +284,10 @@ def style_3d(ax) -> None:
     ax.tick_params(pad=0.5, labelsize=8.0)
 
 
-def _cells(mask: np.ndarray, n1: int, n2: int) -> Outline:
-    """One outline of all cells of a mask, so that a hatch is continuous."""
-    square = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5)])
-    corners = [square + (i1 - n1, i2 - n2) for i2, i1 in np.argwhere(mask)]
+def cells_outline(mask: np.ndarray, x: np.ndarray, y: np.ndarray) -> Outline:
+    """One outline of all cells of a mask (y, x) between these edges, so that a hatch is continuous."""
+    column, row = np.array([0, 1, 1, 0, 0]), np.array([0, 0, 1, 1, 0])
+    corners = [np.column_stack([x[i1 + column], y[i2 + row]]) for i2, i1 in np.argwhere(mask)]
     codes = [Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY]
     if not corners:
         return Outline(np.empty((0, 2)))

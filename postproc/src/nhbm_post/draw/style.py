@@ -211,8 +211,9 @@ def below_legends(fig: Figure, groups: list[list], *heights: float, **kwargs) ->
     return axes
 
 
-def unit_scale(largest: float, units: str) -> tuple[float, str]:
-    """(factor, unit text) for convenient numbers of values up to `largest`: 1.5e-3 m gives (1e3, `mm`)."""
+def unit_scale(largest: float, units: str, is_logarithmic: bool = False) -> tuple[float, str]:
+    """(factor, unit text) for convenient numbers of values up to `largest`: 1.5e-3 m gives (1e3, `mm`). Logarithmic axes, whose
+    numbers have powers of ten, need none in the unit."""
     if not np.isfinite(largest) or largest <= 0.0:
         return 1.0, units
     power = int(3 * np.floor((np.log10(largest) + 0.31) / 3.0))
@@ -220,7 +221,7 @@ def unit_scale(largest: float, units: str) -> tuple[float, str]:
         return 1.0, units
     if units in _WITH_PREFIX and power in _PREFIXES and not (units in ("s", "rad/s") and power > 0):
         return 10.0**-power, _PREFIXES[power] + units
-    if -3 < power < 6:
+    if -3 < power < 6 or is_logarithmic:
         return 1.0, units
     shown = "" if units in ("", "1") else " " + units
     return 10.0**-power, rf"$10^{{{power}}}${shown}"

@@ -11,6 +11,7 @@ from ..errors import UsageError
 from ..reader import Results
 from ..series import Series
 from . import style
+from .response import groups_of, other_parameters
 
 _N_SPECTRA = 24  # largest number of spectra in a waterfall, spread evenly
 _HEIGHT = 1.8  # of the tallest stem, in distances between spectra
@@ -28,19 +29,21 @@ def draw_waterfall(
     frequency over the swept value, coloured by its amplitude, with the multiples of a given tone.
     """
     dof = results.default_dof(quantity) if dof is None else dof
-    points = set(results.select(where) if where else range(results.n_points))
-    found = {point: series.without_noise(results.noise(point, quantity, series.units))
-             for point, series in results.all_series(dof, quantity) if point in points}  # fmt: skip
-    if not found:
+    points = np.intersect1d(results.select(where) if where else results.used, results.solved)
+    if not points.size:
         raise UsageError(f"{results.path}: none of the chosen points is solved; in the file: {results.outcome_text()}")
-    axis = results.shown(results.parameter(over) if over else _varied(results, list(found)))
+    axis = results.shown(results.parameter(over) if over else _varied(results, points))
     if not axis.is_number:
         raise UsageError(f"{results.path}: '{axis.label}' takes words, which are no axis for spectra")
+    others = [p for p in other_parameters(results, axis, points) if p is not results.curve]
+    points, *other_lines = groups_of(others, points)
+    found = {point: series.without_noise(results.noise(point, quantity, series.units))
+             for point, series in results.all_series(dof, quantity, points)}  # fmt: skip
     by, hertz = results.frequency_scale()
     largest = max(float(series.amplitudes.max(initial=0.0)) for series in found.values())
     if largest == 0.0:
         raise UsageError(f"all harmonics of {dof} are zero: there is no spectrum to draw")
-    factor, units = style.unit_scale(largest, next(iter(found.values())).units)
+    factor, units = style.unit_scale(largest, next(iter(found.values())).units, is_logarithmic=True)
     norm = LogNorm(factor * largest * 10.0**-decades, factor * largest)
     words, symbol = axis_words(results, axis)
     frequency = "Frequency $f$ [Hz]" if hertz == "Hz" else r"Frequency $|j\cdot\omega|$ [rad/s]"
@@ -60,12 +63,17 @@ def draw_waterfall(
         ax.grid(True)
         fig.colorbar(drawn, ax=ax, label=amplitude, extend="min").outline.set_linewidth(0.5)
         head = "Campbell diagram" if view == "campbell" else "Waterfall"
-        about = ", ".join(t for t in (results.title, results.where_text(where or {})) if t)
+        named = [p.name for p in others]
+        chosen = {key: value for key, value in (where or {}).items() if results.parameter(key).name not in named}
+        at = [results.shown(p).text(int(points[0])) for p in others]
+        about = ", ".join(t for t in (results.title, results.where_text(chosen), *at) if t)
+        if other_lines:
+            note = "; ".join([*[note] * bool(note), f"one of {1 + len(other_lines)} lines of the sweep: --where chooses"])
         style.head(fig, f"{head} of {dof} over {words}", about, note)
     return fig
 
 
-def _varied(results: Results, points: list[int]):
+def _varied(results: Results, points: np.ndarray):
     """The value along which a curve was followed, otherwise the number with most values."""
     if results.curve:
         return results.curve
