@@ -42,11 +42,13 @@ contains
       character(:), allocatable :: text
       integer :: n
 
-      associate (counts => summary%counts)
-         text = to_text(counts(outcome%converged))//" of "//to_text(summary%n_points - counts(outcome%unused))//" points converged"
-         n = number_answered(summary) - counts(outcome%converged)
+      associate (converged => summary%counts(outcome%converged), of_all => " of "// &
+                 to_text(summary%n_points - summary%counts(outcome%unused))//" points ")
+         n = number_answered(summary) - converged
+         text = to_text(converged)//of_all//"converged"
+         if (n > 0) text = text//", "//to_text(n)//" found by time integration"
+         if (n > 0 .and. converged == 0) text = to_text(n)//of_all//"found by time integration"
       end associate
-      if (n > 0) text = text//", "//to_text(n)//" found by time integration"
    end function answers_text
 
    !> Counts motions that are stable, unstable and of unknown stability.
