@@ -139,7 +139,7 @@ def _process(*words, ranks: int | None = None, stopped: tuple[float, int] | None
         process = subprocess.Popen(limited, env=variables, stdout=subprocess.DEVNULL, stderr=said, start_new_session=True)
         if stopped:
             time.sleep(stopped[0])
-            process.send_signal(stopped[1])
+            os.kill(process.pid, stopped[1])  # `send_signal` would reap it, and wait4 find nothing
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         seconds = usage.ru_utime + usage.ru_stime
