@@ -146,7 +146,11 @@ contains
       if (run%kind%status == outcome%timed_out) limit = reason%time_limit
       select case (limit)
       case (reason%lost_curve)
-         text = with_finer_equations(run)
+         if (has_restitution(run)) then                              ! the period map has no finer equations
+            text = solve_with(run, "curve%max_step="//to_text(real_of(run, "curve", "max_step")/more))
+         else
+            text = with_finer_equations(run)
+         end if
       case (reason%fallback_work, reason%time_limit)
          text = raised(run, trim(reason_names(limit)))
       case default
@@ -320,21 +324,21 @@ contains
       command = command//" -o "//shell_word(beside_result(run, ending))
    end function integrate_from_rest
 
-   !> Whether the restitution of rigid walls is given.
+   !> Whether there are rigid walls, all with a given restitution, as in hb_model.
    logical function has_restitution(run)
       type(run_t), intent(in) :: run
       character(:), allocatable :: type
       type(properties_t), pointer :: group
       integer :: i
 
-      has_restitution = .not. numbers_are_absent(run, "integration", "restitution")
-      if (has_restitution) return
+      has_restitution = .false.
       do i = 1, run%here%count("law")
          type = ""
          group => run%here%group("law", i)
          call group%get("type", type)
-         has_restitution = group%given("restitution")
-         if (type == "rigid_wall" .and. .not. has_restitution) return
+         if (type /= "rigid_wall") cycle
+         has_restitution = group%given("restitution") .or. .not. numbers_are_absent(run, "integration", "restitution")
+         if (.not. has_restitution) return
       end do
    end function has_restitution
 

@@ -231,8 +231,8 @@ contains
       call new_curve(self%curve, bordered, x, direction, units, config, corrector)
    end subroutine impact_curve_make_curve
 
-   !> Performs one step. A graze at which the curve turns back cannot be located on it: it is passed, or the short step
-   !> begins there.
+   !> Performs one step, or passes a graze, before it or where it stalls. A graze at which the curve turns back cannot be located
+   !> on a step: it is passed, or the short step begins there.
    subroutine impact_curve_go(self, error)
       class(impact_curve_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
@@ -242,6 +242,7 @@ contains
       before = self%known%impacts
       call pass_graze(self, is_passed)
       if (.not. is_passed) call step(self)
+      if (self%curve%status == outcome%stalled .and. self%known%stability%n_unstable > 0) call pass_graze(self, is_passed)
       if (verdict_on_work() == verdict%timed_out) self%curve%status = outcome%timed_out   ! integrations then miss impacts
       if (is_passed) return
       if (self%curve%status == outcome%pending .and. any(before /= self%known%impacts) .and. &
@@ -263,16 +264,21 @@ contains
       type(curve_t) :: here
       type(known_t) :: known
       integer, allocatable :: beyond(:)
-      real(wp), dimension(size(self%curve%x)) :: corner, found, tangent
+      real(wp), dimension(size(self%curve%x)) :: ahead, corner, found, tangent
       real(wp) :: along
+      logical :: is_stalled
 
       is_passed = .false.
       call self%prepare_step()
+      is_stalled = self%curve%status == outcome%stalled
+      if (is_stalled) self%curve%step = self%curve%config%longest_step
       here = self%curve
       known = self%known
-      beyond = impacts_at(self, here%x + here%step*here%direction)
+      ahead = here%x + here%step*here%direction
+      if (is_stalled) call leave_impact(self, ahead)
+      beyond = impacts_at(self, ahead)
       if (any([beyond, known%impacts] < 0)) return
-      if (sum(beyond) > sum(known%impacts)) then
+      if (sum(beyond) > sum(known%impacts) .and. .not. is_stalled) then
          call find_last(self, here%x, here%direction, here%step, known%impacts, corner, along)
          here%report = self%curve%report                             ! of its work
          self%curve = here
@@ -280,13 +286,15 @@ contains
          if (along > nearest) return
          call find_with_impact(self, corner, here%direction, found, tangent, is_passed)
       else if (sum(beyond) < sum(known%impacts) .and. known%stability%n_unstable > 0) then   ! as with any slow impact
-         call find_without_impact(self, beyond, corner, tangent, is_passed)
+         self%curve%status = outcome%pending
+         call find_without_impact(self, beyond, ahead, corner, tangent, is_passed)
          if (is_passed) call find_known_before(self, here, corner, -tangent, known, is_passed)
          found = corner
       end if
       here%report = self%curve%report
       self%curve = here
       if (.not. is_passed) return
+      self%curve%status = outcome%pending
       self%curve%last_x = here%x
       self%curve%last_direction = here%direction
       self%curve%x = found
@@ -421,14 +429,31 @@ contains
       end function impacts_beyond
    end subroutine put_behind_graze
 
+   !> Moves a point ahead of a stalled curve to where there are fewer impacts, if there are any such points. The curve touches
+   !> the border of these motions, and its tangent may miss them; the defect of a slow impact crosses it: the multiplier is large.
+   subroutine leave_impact(self, x)
+      class(impact_curve_t), intent(inout), target :: self
+      real(wp), intent(inout) :: x(:)
+      real(wp) :: across(size(x)), ahead(size(x))
+      integer :: i
+
+      ahead = x
+      across = [defect(self, ahead), 0.0_wp]
+      do i = 0, merge(2*most_halvings + 1, -1, all(ieee_is_finite(across)))   ! to both sides, the nearest first
+         x = ahead + (-1)**i*0.5_wp**(most_halvings - i/2)*across
+         if (sum(impacts_at(self, x)) < sum(self%known%impacts)) exit
+      end do
+   end subroutine leave_impact
+
    !> Finds the graze ahead of the curve, from the motions without the impact, and their tangent, away from it.
-   subroutine find_without_impact(self, impacts, corner, tangent, is_found)
+   subroutine find_without_impact(self, impacts, ahead, corner, tangent, is_found)
       class(impact_curve_t), intent(inout), target :: self
       integer, intent(in) :: impacts(:)                               !! beyond the graze
+      real(wp), intent(in) :: ahead(:)                                !! of the curve, with these impacts
       real(wp), intent(out) :: corner(:), tangent(:)
       logical, intent(out) :: is_found
       real(wp), parameter :: shares(5) = [0.0_wp, 0.5_wp, -0.5_wp, 1.0_wp, -1.0_wp]   ! of the step
-      real(wp), dimension(size(corner)) :: ahead, along, direction, found, x
+      real(wp), dimension(size(corner)) :: along, direction, found, x
       real(wp) :: distance, length, sign_there
       integer :: i
       logical :: is_singular
@@ -437,7 +462,6 @@ contains
       associate (curve => self%curve, units => self%curve%units)
          x = curve%x
          direction = curve%direction
-         ahead = x + curve%step*direction
          length = longest_chord*curve%step
          call curve%tangent_at(ahead, along, sign_there, is_singular)
          if (is_singular) return
@@ -460,6 +484,8 @@ contains
          if (.not. is_found) return
          curve%direction = tangent
          call curve%tangent_at(corner, tangent, sign_there, is_singular)
+         if (is_singular) corner = corner + nearest*curve%direction  ! where there are distances for differences
+         if (is_singular) call curve%tangent_at(corner, tangent, sign_there, is_singular)
          is_found = .not. is_singular
       end associate
 
