@@ -31,8 +31,8 @@ module hb_followed_motion
    use hb_thresholds, only: agreement, faint
    implicit none
    private
-   public :: curve_state_t, followed_motion_t, known_t, largest_load, most_tolerance_factor, n_further, origin_t, &
-      reported_extreme_t, waiting_t
+   public :: curve_state_t, followed_motion_function_at, followed_motion_t, known_t, largest_load, most_tolerance_factor
+   public :: n_further, origin_t, reported_extreme_t, waiting_t
 
    integer, parameter :: most_corrections = 10
    real(wp), parameter :: most_tolerance_factor = 1.0e4_wp            !! by which a tolerance increases for a rough residual
@@ -100,6 +100,7 @@ module hb_followed_motion
       real(wp) :: roughness = 0.0_wp !! of the residual as a function of frequencies, at the start of this branch
       logical :: is_rough = .false.                                   !! above the tolerance
       real(wp) :: tolerance_factor = 1.0_wp                           !! by which the tolerance may have increased along the branch
+      real(wp) :: apart = 1.0e-3_wp                                   !! of differences for slopes of responses [lengths]
       logical :: has_collapsed = .false.                              !! the motion of an unknown tone has vanished
       logical :: is_closed = .false.                                  !! this branch has returned to its start
       integer :: first_waiting = 1
@@ -461,7 +462,6 @@ contains
       class(followed_motion_t), intent(inout), target :: self
       type(located_response_t), intent(in) :: response
       real(wp), intent(in) :: x(:), direction(:)
-      real(wp), parameter :: apart = 1.0e-3_wp
       complex(wp), allocatable :: c(:)
       complex(wp) :: load
       type(harmonics_t), pointer :: set
@@ -475,7 +475,7 @@ contains
          if (abs(load) > 0.0_wp) value = 0.0_wp
          if (abs(load) > 0.0_wp .and. size(c) > 0) value = real(c(set%index_of(response%tuple))*conjg(load))/abs(load)
       case default                                                    ! the slope, by a fourth-order difference
-         value = (8.0_wp*change(apart) - change(2.0_wp*apart))/(12.0_wp*apart)
+         value = (8.0_wp*change(self%apart) - change(2.0_wp*self%apart))/(12.0_wp*self%apart)
       end select
 
    contains

@@ -14,7 +14,7 @@ module hb_impact_curve
    use hb_curve_step, only: longest_chord, step
    use hb_document, only: document_t
    use hb_error, only: error_t
-   use hb_followed_motion, only: known_t, largest_load, waiting_t
+   use hb_followed_motion, only: followed_motion_function_at, known_t, largest_load, waiting_t
    use hb_harmonics, only: harmonics_t
    use hb_impact_orbit, only: accurate, impact_orbit_t, new_impact_orbit
    use hb_integrate_to_tolerance, only: keep_lines, loaded_tuples, status_within
@@ -61,6 +61,7 @@ module hb_impact_curve
       procedure :: prepare_step => impact_curve_prepare_step
       procedure :: transfer_start => impact_curve_transfer_start
       procedure :: renew => impact_curve_renew
+      procedure :: function_at => impact_curve_function_at
       procedure :: find_series => impact_curve_find_series
       procedure :: find_stability => impact_curve_find_stability
       procedure :: find_contact => impact_curve_find_contact
@@ -654,6 +655,25 @@ contains
          curve%units = [spread(self%largest, 1, n), self%orbit%parameter_scales([1])]
       end associate
    end subroutine impact_curve_renew
+
+   !> Slopes are those of motions with the same impacts: near a graze their differences are shorter.
+   real(wp) function impact_curve_function_at(self, response, x, direction) result(value)
+      class(impact_curve_t), intent(inout), target :: self
+      type(located_response_t), intent(in) :: response
+      real(wp), intent(in) :: x(:), direction(:)
+      real(wp) :: usual
+      integer, allocatable :: impacts(:)
+
+      usual = self%apart
+      impacts = impacts_at(self, x)
+      do while (self%apart > 0.01_wp*nearest)                         ! corners are that near to a graze
+         if (all(impacts == impacts_at(self, x + 2.0_wp*self%apart*direction)) .and. &
+             all(impacts == impacts_at(self, x - 2.0_wp*self%apart*direction))) exit
+         self%apart = 0.5_wp*self%apart
+      end do
+      value = followed_motion_function_at(self, response, x, direction)
+      self%apart = usual
+   end function impact_curve_function_at
 
    !> Amplitudes of the degree of freedom of a response; none if the value is rejected.
    subroutine impact_curve_find_series(self, response, x, set, c, load)

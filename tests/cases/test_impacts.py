@@ -428,3 +428,19 @@ def test_a_motion_of_four_periods_leads_to_a_command_that_finds_it(tmp_path):
     assert words[1:4] == ["nhbm", "solve", "case.nml"] and "tones%subharmonic=4" in words
     run(*words[2:], cwd=tmp_path)
     assert read(tmp_path / words[-1], "status") == [TIME_DOMAIN]
+
+
+@pytest.mark.long
+def test_an_impact_that_fades_is_no_peak(tmp_path):
+    """Behind the flip the motion is unstable; steps fail near the graze, where the linear motion reaches the wall and falls on."""
+    (tmp_path / "case.nml").write_text(
+        "&structure type='matrices', n_dofs=1, mass=0.5, damping=0.3, stiffness=50.0 /\n&tones hertz=2.9 /\n"
+        "&load dof='x1', tuple=1, cos=6.0 /\n&law type='rigid_wall', dof='x1', gap=0.02, restitution=0.5 /\n"
+        "&curve parameter='tones%hertz', from=2.9, to=4.5, peak_of='x1 (1)' /\n"
+    )
+    run("solve", "case.nml", "--quiet", cwd=tmp_path)
+    kinds, hertz = read(tmp_path / "case.h5", "curve_kind", "tones_hertz")
+    located = [(KINDS[kind], value) for kind, value in zip(kinds, hertz) if KINDS[kind] not in ("none", "regular", "start")]
+    assert [kind for kind, _ in located] == ["peak", "flip", "graze", "end"]
+    w = 2 * np.pi * brentq(lambda f: abs(6 / (50 - 0.5 * (2 * np.pi * f) ** 2 + 0.6j * np.pi * f)) - 0.02, 3.5, 5.0)
+    assert located[2][1] == pytest.approx(w / (2 * np.pi), rel=1e-6)
