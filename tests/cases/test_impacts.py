@@ -148,11 +148,12 @@ def test_the_period_doubles_as_shaw_and_holmes_say(tmp_path, monkeypatch):
     flip = brentq(lambda w: largest(w).real.min() + 1, 2.6, 2.7, xtol=1e-10)
     assert np.linalg.eigvals(closed_orbit(flip)[2]).min() == pytest.approx(-1.0, abs=1e-8)
     for w in (2.0, flip - 1e-2):
-        expected = np.sort_complex(largest(w))
+        expected = largest(w)
         result = solve(tmp_path, f", restitution={E}", "&harmonics order=48 /\n", tone=w)
         real, imaginary, stable = (a[0] for a in read(result, "multiplier_real", "multiplier_imag", "is_stable"))
         assert stable == 1
-        np.testing.assert_allclose(np.sort_complex((real + 1j * imaginary)[:2]), expected, atol=1e-7)
+        # At 2.0 the two are nearly equal: their sum and product, not they themselves, have the digits of the map.
+        np.testing.assert_allclose(np.poly((real + 1j * imaginary)[:2]).real, np.poly(expected).real, atol=1e-7)
 
     w = flip + 2e-2
     monkeypatch.setattr("test_impacts.W", w)
