@@ -13,8 +13,8 @@ module hb_user_library
    use hb_text, only: to_text
    implicit none
    private
-   public :: any_number, api_version, dynamic_library_t, forget_law, give_law, law_info_t, law_samples_t, law_step_t, &
-      load_user_library, open_library, user_library_t
+   public :: any_number, api_version, dynamic_library_t, forget_law, give_law, law_info_t, law_input_t, law_samples_t, &
+      law_step_t, load_user_library, open_library, user_library_t
 
    !> A shared library. It remains loaded until the process ends, so that addresses are valid in every copy of their
    !> holder. Source of the interfaces: POSIX.1-2017, dlopen, dlsym, dlerror.
@@ -81,6 +81,16 @@ module hb_user_library
       type(c_ptr) :: ds_dz = c_null_ptr, ds_dz_before = c_null_ptr, ds_drise = c_null_ptr, ds_drise_before = c_null_ptr
       type(c_ptr) :: context = c_null_ptr
    end type law_step_t
+
+   !> What the function of a law may know: a copy of its own, so that it cannot change data of others. Not allocated: not needed.
+   type :: law_input_t
+      real(wp), allocatable :: parameters(:)
+      real(wp), allocatable :: z(:, :)                                !! [m], (n_samples, n_coordinates)
+      real(wp), allocatable :: v(:, :)                                !! [m/s], as z; empty if not needed
+      real(wp), allocatable :: phases(:, :)                           !! [rad], (n_samples, n_tones)
+      real(wp), allocatable :: frequencies(:)                         !! [rad/s], (n_tones)
+      real(wp), allocatable :: states(:, :)                           !! (n_samples, n_states)
+   end type law_input_t
 
    !> A loaded law and its properties.
    type :: user_library_t
@@ -226,149 +236,41 @@ contains
       if (.not. self%is_given) text = library_fingerprint(self%evaluate_function)
    end function user_library_fingerprint
 
-   !> Calls the user's function and returns its return code. The function gets copies, so that it cannot change data
-   !> of others, and values that it does not write remain NaN. Its floating-point exceptions do not stop the program;
-   !> their results are visible in the numbers.
-   integer function user_library_evaluate(self, parameters, z, v, f, df_dz, df_dv, phases, frequencies, states, df_ds) result(code)
+   !> Calls the user's function and returns its return code. Values that it does not write remain NaN.
+   integer function user_library_evaluate(self, input, f, df_dz, df_dv, df_ds) result(code)
       class(user_library_t), intent(in) :: self
-      real(wp), intent(in), contiguous :: parameters(:)
-      real(wp), intent(in), contiguous :: z(:, :), v(:, :)            !! (n_samples, n_coordinates), v empty if not needed
+      type(law_input_t), intent(inout), target :: input               !! unchanged, unless the function is wrong
       real(wp), intent(out), contiguous, target :: f(:, :)
       real(wp), intent(out), contiguous, optional, target :: df_dz(:, :, :), df_dv(:, :, :)
-      real(wp), intent(in), optional :: phases(:, :)                  !! [rad], (n_samples, n_tones), if needed
-      real(wp), intent(in), optional :: frequencies(:)                !! [rad/s], (n_tones), where they are needed
-      real(wp), intent(in), optional :: states(:, :)                  !! (n_samples, n_states), of a law that has them
       real(wp), intent(out), contiguous, optional, target :: df_ds(:, :, :)   !! (n_samples, n_coordinates, n_states)
-      real(wp), allocatable, target :: given(:), parameters_copy(:), s(:, :), tau(:, :), v_copy(:, :), z_copy(:, :)
-      type(law_samples_t) :: samples
-
-      parameters_copy = parameters
-      z_copy = z
-      v_copy = v
-      if (present(phases)) then
-         tau = phases
-         samples%n_tones = size(phases, 2, c_int)
-         samples%phases = c_loc(tau)
-      end if
-      if (present(frequencies)) then
-         given = frequencies
-         samples%n_tones = size(frequencies, kind=c_int)
-         samples%frequencies = c_loc(given)
-      end if
-      if (present(states)) then
-         s = states
-         samples%n_states = size(states, 2, c_int)
-         samples%states = c_loc(s)
-      end if
-      if (present(df_ds)) then
-         df_ds = ieee_value(1.0_wp, ieee_quiet_nan)
-         samples%df_ds = c_loc(df_ds)
-      end if
-      code = call_evaluate(self, samples, parameters_copy, z_copy, v_copy, f, df_dz, df_dv)
-   end function user_library_evaluate
-
-   !> Calls the user's function for the states at the end of a step, as `evaluate` does.
-   integer function user_library_advance(self, parameters, states_before, z, z_before, rise, rise_before, states, &
-                                         ds_dbefore, ds_dz, ds_dz_before, ds_drise, ds_drise_before) result(code)
-      class(user_library_t), intent(in) :: self
-      real(wp), intent(in), contiguous, target :: parameters(:)
-      real(wp), intent(in), contiguous, target :: states_before(:, :)         !! (n_samples, n_states)
-      real(wp), intent(in), contiguous, target :: z(:, :), z_before(:, :)     !! [m], (n_samples, n_coordinates)
-      real(wp), intent(in), contiguous, target :: rise(:, :), rise_before(:, :)   !! rates times the step [m], as z
-      real(wp), intent(out), contiguous, target :: states(:, :)
-      real(wp), intent(out), contiguous, optional, target :: ds_dbefore(:, :, :)  !! last axis: the state differentiated by
-      real(wp), intent(out), contiguous, optional, target :: ds_dz(:, :, :), ds_dz_before(:, :, :), ds_drise(:, :, :), &
-         ds_drise_before(:, :, :)                                     !! (n_samples, n_states, n_coordinates); all or none
-      procedure(advance_function), pointer :: advance
-      type(law_step_t) :: step
-      logical :: halting(size(ieee_all))
-
-      step = law_step_t(size(z, 1, c_int), size(z, 2, c_int), size(states, 2, c_int), size(z, 1, c_int), &
-                        size(parameters, kind=c_int), c_loc(z), c_loc(z_before), c_loc(rise), c_loc(rise_before), &
-                        c_loc(states_before), c_loc(parameters), c_loc(states), context=self%context)
-      states = ieee_value(1.0_wp, ieee_quiet_nan)
-      if (present(ds_dbefore)) then
-         ds_dbefore = ieee_value(1.0_wp, ieee_quiet_nan)
-         ds_dz = ieee_value(1.0_wp, ieee_quiet_nan)
-         ds_dz_before = ieee_value(1.0_wp, ieee_quiet_nan)
-         ds_drise = ieee_value(1.0_wp, ieee_quiet_nan)
-         ds_drise_before = ieee_value(1.0_wp, ieee_quiet_nan)
-         step%ds_dbefore = c_loc(ds_dbefore)
-         step%ds_dz = c_loc(ds_dz)
-         step%ds_dz_before = c_loc(ds_dz_before)
-         step%ds_drise = c_loc(ds_drise)
-         step%ds_drise_before = c_loc(ds_drise_before)
-      end if
-      call ieee_get_halting_mode(ieee_all, halting)
-      call ieee_set_halting_mode(ieee_all, .false.)
-      call c_f_procpointer(self%advance_function, advance)
-      code = advance(step)
-      call ieee_set_halting_mode(ieee_all, halting)
-   end function user_library_advance
-
-   !> Calls the user's function, and says whether it has written to what it is only to read.
-   logical function user_library_has_touched(self, parameters, z, v, phases, frequencies) result(has_touched)
-      class(user_library_t), intent(in) :: self
-      real(wp), intent(in) :: parameters(:), z(:, :), v(:, :)         !! as `evaluate` has them
-      real(wp), intent(in), contiguous, optional, target :: phases(:, :)   !! as `evaluate` has them
-      real(wp), intent(in), contiguous, optional, target :: frequencies(:)
-      real(wp), allocatable, target :: f(:, :), parameters_copy(:), v_copy(:, :), z_copy(:, :)
-      type(law_samples_t) :: samples
-      integer :: ignored
-
-      allocate (f, mold=z)
-      parameters_copy = parameters
-      z_copy = z
-      v_copy = v
-      if (present(phases)) then
-         samples%n_tones = size(phases, 2, c_int)
-         samples%phases = c_loc(phases)
-      end if
-      if (present(frequencies)) then
-         samples%n_tones = size(frequencies, kind=c_int)
-         samples%frequencies = c_loc(frequencies)
-      end if
-      ignored = call_evaluate(self, samples, parameters_copy, z_copy, v_copy, f)
-      has_touched = .not. (is_unchanged(parameters_copy, parameters) .and. &
-         is_unchanged(reshape(z_copy, [size(z)]), reshape(z, [size(z)])) .and. &
-         is_unchanged(reshape(v_copy, [size(v)]), reshape(v, [size(v)])))
-   end function user_library_has_touched
-
-   pure logical function is_unchanged(values, before)
-      real(wp), intent(in) :: values(:), before(:)
-
-      is_unchanged = all(ieee_is_finite(values))
-      if (is_unchanged) is_unchanged = all(abs(values - before) <= 0.0_wp)
-   end function is_unchanged
-
-   integer function call_evaluate(self, samples, parameters, z, v, f, df_dz, df_dv) result(code)
-      class(user_library_t), intent(in) :: self
-      type(law_samples_t), intent(in) :: samples                      ! what only some laws get
-      real(wp), intent(inout), contiguous, target :: parameters(:), z(:, :), v(:, :)  ! copies, which it must leave
-      real(wp), intent(out), contiguous, target :: f(:, :)
-      real(wp), intent(out), contiguous, optional, target :: df_dz(:, :, :), df_dv(:, :, :)
       procedure(evaluate_function), pointer :: evaluate
       procedure(evaluate_2_function), pointer :: evaluate_2
       type(law_samples_t) :: s
       logical :: halting(size(ieee_all))
 
-      s = samples
-      s%n_samples = size(z, 1, c_int)
-      s%n_coordinates = size(z, 2, c_int)
+      s%n_samples = size(input%z, 1, c_int)
+      s%n_coordinates = size(input%z, 2, c_int)
       s%stride = s%n_samples
-      s%n_parameters = size(parameters, kind=c_int)
-      s%z = c_loc(z)
-      s%parameters = c_loc(parameters)
+      s%n_parameters = size(input%parameters, kind=c_int)
+      s%z = c_loc(input%z)
+      s%parameters = c_loc(input%parameters)
       s%f = c_loc(f)
       s%context = self%context
-      if (self%needs_velocity) s%v = c_loc(v)
-      if (present(df_dz)) s%df_dz = c_loc(df_dz)
-      if (present(df_dv) .and. self%needs_velocity) s%df_dv = c_loc(df_dv)
       f = ieee_value(1.0_wp, ieee_quiet_nan)
       if (present(df_dz)) df_dz = ieee_value(1.0_wp, ieee_quiet_nan)
       if (present(df_dv)) df_dv = ieee_value(1.0_wp, ieee_quiet_nan)
-      call ieee_get_halting_mode(ieee_all, halting)
-      call ieee_set_halting_mode(ieee_all, .false.)
+      if (present(df_ds)) df_ds = ieee_value(1.0_wp, ieee_quiet_nan)
+      if (present(df_dz)) s%df_dz = c_loc(df_dz)
+      if (present(df_ds)) s%df_ds = c_loc(df_ds)
+      if (self%needs_velocity) s%v = c_loc(input%v)
+      if (self%needs_velocity .and. present(df_dv)) s%df_dv = c_loc(df_dv)
+      if (allocated(input%phases)) s%n_tones = size(input%phases, 2, c_int)
+      if (allocated(input%phases)) s%phases = c_loc(input%phases)
+      if (allocated(input%frequencies)) s%n_tones = size(input%frequencies, kind=c_int)
+      if (allocated(input%frequencies)) s%frequencies = c_loc(input%frequencies)
+      if (allocated(input%states)) s%n_states = size(input%states, 2, c_int)
+      if (allocated(input%states)) s%states = c_loc(input%states)
+      call begin_arithmetic(halting)
       if (self%is_of_version_1) then
          call c_f_procpointer(self%evaluate_function, evaluate)
          code = evaluate(s%n_samples, s%n_coordinates, s%stride, s%z, s%v, s%n_parameters, s%parameters, s%f, s%df_dz, s%df_dv)
@@ -377,7 +279,70 @@ contains
          code = evaluate_2(s)
       end if
       call ieee_set_halting_mode(ieee_all, halting)
-   end function call_evaluate
+   end function user_library_evaluate
+
+   !> Calls the user's function for the states at the end of a step and returns its return code. Values that it does not write
+   !> remain NaN. The last axis of `path` and `ds_dpath`: z, z before, rise, rise before.
+   integer function user_library_advance(self, parameters, states_before, path, states, ds_dbefore, ds_dpath) result(code)
+      class(user_library_t), intent(in) :: self
+      real(wp), intent(in), contiguous, target :: parameters(:)
+      real(wp), intent(in), contiguous, target :: states_before(:, :) !! (n_samples, n_states)
+      real(wp), intent(in), contiguous, target :: path(:, :, :)       !! [m], (n_samples, n_coordinates, 4)
+      real(wp), intent(out), contiguous, target :: states(:, :)
+      real(wp), intent(out), contiguous, optional, target :: ds_dbefore(:, :, :)  !! last axis: the state differentiated by
+      real(wp), intent(out), contiguous, optional, target :: ds_dpath(:, :, :, :) !! (n_samples, n_states, n_coordinates, 4)
+      procedure(advance_function), pointer :: advance
+      type(law_step_t) :: step
+      logical :: halting(size(ieee_all))
+
+      step = law_step_t(size(path, 1, c_int), size(path, 2, c_int), size(states, 2, c_int), size(path, 1, c_int), &
+                        size(parameters, kind=c_int), c_loc(path(1, 1, 1)), c_loc(path(1, 1, 2)), c_loc(path(1, 1, 3)), &
+                        c_loc(path(1, 1, 4)), c_loc(states_before), c_loc(parameters), c_loc(states), context=self%context)
+      states = ieee_value(1.0_wp, ieee_quiet_nan)
+      if (present(ds_dbefore) .and. present(ds_dpath)) then
+         ds_dbefore = ieee_value(1.0_wp, ieee_quiet_nan)
+         ds_dpath = ieee_value(1.0_wp, ieee_quiet_nan)
+         step%ds_dbefore = c_loc(ds_dbefore)
+         step%ds_dz = c_loc(ds_dpath(1, 1, 1, 1))
+         step%ds_dz_before = c_loc(ds_dpath(1, 1, 1, 2))
+         step%ds_drise = c_loc(ds_dpath(1, 1, 1, 3))
+         step%ds_drise_before = c_loc(ds_dpath(1, 1, 1, 4))
+      end if
+      call begin_arithmetic(halting)
+      call c_f_procpointer(self%advance_function, advance)
+      code = advance(step)
+      call ieee_set_halting_mode(ieee_all, halting)
+   end function user_library_advance
+
+   !> Floating-point exceptions of the user's function do not stop the program; their results are visible in the numbers.
+   subroutine begin_arithmetic(halting)
+      logical, intent(out) :: halting(size(ieee_all))                 !! before, to be restored
+
+      call ieee_get_halting_mode(ieee_all, halting)
+      call ieee_set_halting_mode(ieee_all, .false.)
+   end subroutine begin_arithmetic
+
+   !> Calls the user's function, and says whether it has written to what it is only to read.
+   logical function user_library_has_touched(self, input) result(has_touched)
+      class(user_library_t), intent(in) :: self
+      type(law_input_t), intent(in) :: input
+      type(law_input_t) :: copy
+      real(wp) :: f(size(input%z, 1), size(input%z, 2))
+      integer :: ignored
+
+      copy = input
+      ignored = self%evaluate(copy, f)
+      has_touched = .not. (is_unchanged(copy%parameters, input%parameters) .and. &
+                           is_unchanged(reshape(copy%z, [size(copy%z)]), reshape(input%z, [size(input%z)])) .and. &
+                           is_unchanged(reshape(copy%v, [size(copy%v)]), reshape(input%v, [size(input%v)])))
+   end function user_library_has_touched
+
+   pure logical function is_unchanged(values, before)
+      real(wp), intent(in) :: values(:), before(:)
+
+      is_unchanged = all(ieee_is_finite(values))
+      if (is_unchanged) is_unchanged = all(abs(values - before) <= 0.0_wp)
+   end function is_unchanged
 
    !> Loads a shared library; a path with a slash is taken as it is, a name without is searched for where the system keeps
    !> libraries. Fails with the reason that the loader gives.

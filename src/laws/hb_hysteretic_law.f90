@@ -11,7 +11,8 @@ module hb_hysteretic_law
    private
    public :: advance_step_by_step, has_memory, hysteretic_law_t, n_path_parts, path_part
 
-   !> Data of a coordinate along one step: its value at both ends [m], and its rate times the step [m].
+   !> Data of a coordinate along one step: its value at both ends [m], and its rate times the step [m]; in this order a law of
+   !> the user has them (hb_user_library).
    type :: path_part_t
       integer :: at_end = 1                                           !! at the sample itself
       integer :: at_start = 2                                         !! one step earlier

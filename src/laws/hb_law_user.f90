@@ -5,14 +5,14 @@
 module hb_law_user
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
    use hb_error, only: error_t, fail
-   use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
+   use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
    use hb_law, only: law_box_t, law_t, read_dofs, read_location
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_system, only: library_path
    use hb_text, only: to_text
-   use hb_user_library, only: any_number, load_user_library, user_library_t
+   use hb_user_library, only: any_number, law_input_t, load_user_library, user_library_t
    implicit none
    private
    public :: load_user_law, take_memory, user_law_t, user_memory_t
@@ -112,11 +112,10 @@ contains
       real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
       real(wp), intent(out), contiguous :: f(:, :)
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
+      type(law_input_t) :: input
 
-      integer :: code
-
-      code = self%library%evaluate(self%parameters, z, v, f, df_dz, df_dv, self%phases, self%omega)
-      if (code == 0) return
+      input = law_input_t(self%parameters, z, v, self%phases, self%omega)
+      if (self%library%evaluate(input, f, df_dz, df_dv) == 0) return
       f = ieee_value(1.0_wp, ieee_quiet_nan)
       if (present(df_dz)) df_dz = ieee_value(1.0_wp, ieee_quiet_nan)
       if (present(df_dv)) df_dv = ieee_value(1.0_wp, ieee_quiet_nan)
@@ -128,11 +127,12 @@ contains
       real(wp), intent(in), contiguous :: z(:, :), v(:, :)
       character(:), allocatable, intent(out) :: text
       logical, intent(out) :: is_fatal
-      real(wp), allocatable :: f(:, :)
+      type(law_input_t) :: input
+      real(wp) :: f(size(z, 1), size(z, 2))
       integer :: code
 
-      allocate (f, mold=z)
-      code = self%library%evaluate(self%parameters, z, v, f, phases=self%phases, frequencies=self%omega)
+      input = law_input_t(self%parameters, z, v, self%phases, self%omega)
+      code = self%library%evaluate(input, f)
       is_fatal = code < 0
       if (code /= 0) then
          text = "'"//self%name//"_evaluate' returned "//to_text(code)
@@ -156,7 +156,7 @@ contains
       class(user_law_t), intent(in) :: self
       real(wp), intent(in) :: z(:, :), v(:, :)                        !! as `evaluate` has them
 
-      has_touched = self%library%has_touched(self%parameters, z, v, self%phases, self%omega)
+      has_touched = self%library%has_touched(law_input_t(self%parameters, z, v, self%phases, self%omega))
    end function user_law_has_touched_inputs
 
    pure subroutine user_law_set_phases(self, phases)
@@ -180,15 +180,16 @@ contains
       integer, intent(in) :: tone
       real(wp), intent(out), contiguous :: slope(:, :)
       real(wp), parameter :: step = epsilon(1.0_wp)**(1.0_wp/3.0_wp)  ! relative
-      real(wp) :: lower(size(slope, 1), size(slope, 2)), omega(size(self%omega)), h
+      type(law_input_t) :: input
+      real(wp) :: lower(size(slope, 1), size(slope, 2)), h
       integer :: codes(2)
 
-      omega = self%omega
-      h = step*omega(tone)
-      omega(tone) = self%omega(tone) + h
-      codes(1) = self%library%evaluate(self%parameters, z, v, slope, phases=self%phases, frequencies=omega)
-      omega(tone) = self%omega(tone) - h
-      codes(2) = self%library%evaluate(self%parameters, z, v, lower, phases=self%phases, frequencies=omega)
+      input = law_input_t(self%parameters, z, v, self%phases, self%omega)
+      h = step*self%omega(tone)
+      input%frequencies(tone) = self%omega(tone) + h
+      codes(1) = self%library%evaluate(input, slope)
+      input%frequencies(tone) = self%omega(tone) - h
+      codes(2) = self%library%evaluate(input, lower)
       slope = (slope - lower)/(2.0_wp*h)
       if (any(codes /= 0)) slope = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine user_law_frequency_slope
@@ -230,19 +231,8 @@ contains
       real(wp), intent(in), contiguous :: s_old(:, :), path(:, :, :)
       real(wp), intent(out), contiguous :: s_new(:, :)
       real(wp), intent(out), contiguous, optional :: ds_ds_old(:, :, :), ds_dpath(:, :, :, :)
-      integer :: code
 
-      associate (p => path_part, own => self%own)
-         if (present(ds_ds_old) .and. present(ds_dpath)) then
-            code = own%library%advance(own%parameters, s_old, path(:, :, p%at_end), path(:, :, p%at_start), &
-               path(:, :, p%end_rate), path(:, :, p%start_rate), s_new, ds_ds_old, ds_dpath(:, :, :, p%at_end), &
-               ds_dpath(:, :, :, p%at_start), ds_dpath(:, :, :, p%end_rate), ds_dpath(:, :, :, p%start_rate))
-         else
-            code = own%library%advance(own%parameters, s_old, path(:, :, p%at_end), path(:, :, p%at_start), &
-               path(:, :, p%end_rate), path(:, :, p%start_rate), s_new)
-         end if
-      end associate
-      if (code == 0) return
+      if (self%own%library%advance(self%own%parameters, s_old, path, s_new, ds_ds_old, ds_dpath) == 0) return
       s_new = ieee_value(1.0_wp, ieee_quiet_nan)
       if (present(ds_ds_old)) ds_ds_old = ieee_value(1.0_wp, ieee_quiet_nan)
       if (present(ds_dpath)) ds_dpath = ieee_value(1.0_wp, ieee_quiet_nan)
@@ -253,9 +243,10 @@ contains
       real(wp), intent(in), contiguous :: z(:, :), s(:, :)
       real(wp), intent(out), contiguous :: f(:, :)
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_ds(:, :, :)
-      real(wp) :: no_rates(size(z, 1), 0)
+      type(law_input_t) :: input
 
-      if (self%own%library%evaluate(self%own%parameters, z, no_rates, f, df_dz, states=s, df_ds=df_ds) == 0) return
+      input = law_input_t(self%own%parameters, z, z(:, 1:0), states=s)
+      if (self%own%library%evaluate(input, f, df_dz, df_ds=df_ds) == 0) return
       f = ieee_value(1.0_wp, ieee_quiet_nan)
       if (present(df_dz)) df_dz = ieee_value(1.0_wp, ieee_quiet_nan)
       if (present(df_ds)) df_ds = ieee_value(1.0_wp, ieee_quiet_nan)
