@@ -13,7 +13,7 @@ module hb_law_polynomial_coupled
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_system, only: beside
-   use hb_text, only: parse_real, string_t, to_text
+   use hb_text, only: parse_real, split, string_t, to_text
    use hb_text_file, only: read_text_file
    implicit none
    private
@@ -24,12 +24,12 @@ module hb_law_polynomial_coupled
    character(*), parameter :: blanks = " "//achar(9)//achar(13)
 
    type, extends(law_t) :: polynomial_coupled_t
+      integer :: n_coordinates = 0
       real(wp), allocatable :: coefficients(:)                        !! c, (n_terms)
       integer, allocatable :: acts_on(:)                              !! coordinate on which the term acts, (n_terms)
       integer, allocatable :: first(:)                                !! first factor of each term, and one more, (n_terms + 1)
-      integer, allocatable :: coordinate(:)                           !! of each factor
-      integer, allocatable :: exponent(:)                             !! of each factor, > 0
-      logical, allocatable :: is_rate(:)                              !! of each factor: of the rate of the coordinate
+      integer, allocatable :: factor(:)                               !! coordinate, or n_coordinates and the coordinate of a rate;
+                                                                      !! ascending in each term, a power by repetition
       character(:), allocatable, private :: file_fingerprint          ! fingerprint of its file
    contains
       procedure :: read => polynomial_coupled_read
@@ -47,63 +47,40 @@ contains
       integer, intent(in) :: acts_on(:)                               !! (n_terms)
       integer, intent(in) :: z_exponents(:, :)                        !! (n_terms, n_coordinates), >= 0
       integer, intent(in) :: v_exponents(:, :)                        !! (n_terms, n_coordinates), >= 0
-      integer :: c, i
+      integer :: exponents(2*size(z_exponents, 2)), i
 
-      call begin(self, size(coefficients), count(z_exponents > 0) + count(v_exponents > 0))
+      self%n_coordinates = size(z_exponents, 2)
+      self%coefficients = coefficients
+      self%acts_on = acts_on
+      self%first = [1]
+      self%factor = [integer ::]
       do i = 1, size(coefficients)
-         self%coefficients(i) = coefficients(i)
-         self%acts_on(i) = acts_on(i)
-         self%first(i + 1) = self%first(i)
-         do c = 1, size(z_exponents, 2)
-            if (z_exponents(i, c) > 0) call add_factor(self, i, c, z_exponents(i, c), .false.)
-            if (v_exponents(i, c) > 0) call add_factor(self, i, c, v_exponents(i, c), .true.)
-         end do
+         exponents = [z_exponents(i, :), v_exponents(i, :)]
+         self%factor = [self%factor, factors(exponents)]
+         self%first = [self%first, size(self%factor) + 1]
       end do
-      call describe(self, size(z_exponents, 2))
+      call describe(self)
    end subroutine new_polynomial_coupled
 
-   !> Allocates memory for terms, of which there are none yet.
-   pure subroutine begin(self, n_terms, n_factors)
-      class(polynomial_coupled_t), intent(inout) :: self
-      integer, intent(in) :: n_terms, n_factors                       !! at most
+   !> Factors of a term.
+   pure function factors(exponents)
+      integer, intent(in) :: exponents(:)
+      integer, allocatable :: factors(:)
+      integer :: c, k
 
-      if (allocated(self%first)) deallocate (self%coefficients, self%acts_on, self%first, self%coordinate, self%exponent, &
-                                             self%is_rate)
-      allocate (self%coefficients(n_terms), self%acts_on(n_terms), self%first(n_terms + 1))
-      allocate (self%coordinate(n_factors), self%exponent(n_factors), self%is_rate(n_factors))
-      self%first(1) = 1
-   end subroutine begin
-
-   !> Adds a factor to the last term.
-   pure subroutine add_factor(self, i, coordinate, exponent, is_rate)
-      class(polynomial_coupled_t), intent(inout) :: self
-      integer, intent(in) :: i                                        !! its number
-      integer, intent(in) :: coordinate, exponent
-      logical, intent(in) :: is_rate
-
-      associate (k => self%first(i + 1))
-         self%coordinate(k) = coordinate
-         self%exponent(k) = exponent
-         self%is_rate(k) = is_rate
-         k = k + 1
-      end associate
-   end subroutine add_factor
+      factors = [((c, k=1, exponents(c)), c=1, size(exponents))]
+   end function factors
 
    !> Sets the properties that follow from the terms.
-   pure subroutine describe(self, n_coordinates)
+   pure subroutine describe(self)
       class(polynomial_coupled_t), intent(inout) :: self
-      integer, intent(in) :: n_coordinates
-      integer :: degree, i
 
-      self%degree = 1
-      self%needs_velocity = any(self%is_rate(:self%first(size(self%first)) - 1))
-      self%is_odd = .true.
-      do i = 1, size(self%coefficients)
-         degree = sum(self%exponent(self%first(i):self%first(i + 1) - 1))
-         self%degree = max(self%degree, degree)
-         self%is_odd = self%is_odd .and. (modulo(degree, 2) == 1 .or. abs(self%coefficients(i)) <= 0.0_wp)
-      end do
-      self%has_potential = is_gradient(self, n_coordinates)
+      associate (degrees => self%first(2:) - self%first(:size(self%first) - 1))
+         self%degree = max(1, maxval(degrees))
+         self%is_odd = all(modulo(degrees, 2) == 1 .or. abs(self%coefficients) <= 0.0_wp)
+      end associate
+      self%needs_velocity = any(self%factor > self%n_coordinates)
+      self%has_potential = is_gradient(self)
    end subroutine describe
 
    !> Reads a `&law type = 'polynomial_coupled'` group.
@@ -212,47 +189,36 @@ contains
       character(*), intent(in) :: name                                !! of the file, as in the input
       type(structure_t), intent(in) :: structure
       type(error_t), allocatable, intent(out) :: error
+      type(string_t), allocatable :: lines(:)
       character(:), allocatable :: text
       character(8) :: sum_of_bytes
-      integer :: last, line, n, start, width
+      integer :: i, n
 
       call check_source(path, error)
       if (.not. allocated(error)) call read_text_file(path, text, error)
       if (allocated(error)) return
-      n = 1
-      do start = 1, len(text)
-         if (text(start:start) == new_line("a")) n = n + 1
-      end do
-      call begin(self, n, len(text)/2 + 1)
+      write (sum_of_bytes, "(z8.8)") checksum(0, text)
+      self%file_fingerprint = name//", CRC-32 "//sum_of_bytes//", "//to_text(len(text))//" bytes"
+      call split(text, new_line("a"), lines)
+      self%n_coordinates = size(self%dofs)
+      allocate (self%coefficients(size(lines)), self%acts_on(size(lines)), self%first(size(lines) + 1), self%factor(len(text)))
+      self%first(1) = 1
       n = 0
-      line = 0
-      start = 1
-      do while (start <= len(text))
-         line = line + 1
-         width = index(text(start:), new_line("a")) - 1
-         if (width < 0) width = len(text) - start + 1
-         last = scan(text(start:start + width - 1), "!#") - 1
-         if (last < 0) last = width
-         if (verify(text(start:start + last - 1), blanks) > 0) then
+      do i = 1, size(lines)
+         associate (line => lines(i)%value(:scan(lines(i)%value//"!", "!#") - 1))
+            if (verify(line, blanks) == 0) cycle
             n = n + 1
-            call read_term(self, text(start:start + last - 1), n, structure, error)
-            if (allocated(error)) then
-               call annotate(error, "'"//name//"', line "//to_text(line))
-               return
-            end if
-         end if
-         start = start + width + 1
+            call read_term(self, line, n, structure, error)
+         end associate
+         call annotate(error, "'"//name//"', line "//to_text(i))
+         if (allocated(error)) return
       end do
       self%coefficients = self%coefficients(:n)
       self%acts_on = self%acts_on(:n)
       self%first = self%first(:n + 1)
-      self%coordinate = self%coordinate(:self%first(n + 1) - 1)
-      self%exponent = self%exponent(:self%first(n + 1) - 1)
-      self%is_rate = self%is_rate(:self%first(n + 1) - 1)
+      self%factor = self%factor(:self%first(n + 1) - 1)
       if (n == 0) call fail(error, "'"//name//"' has no terms; a line each, such as '1.2e5 q1 q1 q1 q2'")
-      write (sum_of_bytes, "(z8.8)") checksum(0, text)
-      self%file_fingerprint = name//", CRC-32 "//sum_of_bytes//", "//to_text(len(text))//" bytes"
-      call describe(self, size(self%dofs))
+      call describe(self)
    end subroutine read_terms
 
    !> Reads one line of the table, without its comment.
@@ -273,35 +239,31 @@ contains
          if (start == last) exit
          last = start + scan(line(start:)//" ", blanks) - 2
          n = n + 1
-         if (n == 1) then
-            call parse_real(line(start:last), self%coefficients(i), is_number)
-            if (.not. (is_number .and. ieee_is_finite(self%coefficients(i)))) then
-               call fail(error, "'"//line(start:last)//"' is not a number; a line has a number, the degree of freedom on which "// &
-                         "the term acts, and those that are multiplied")
-               return
+         associate (word => line(start:last))
+            if (n == 1) then
+               call parse_real(word, self%coefficients(i), is_number)
+               if (is_number) is_number = ieee_is_finite(self%coefficients(i))
+               if (.not. is_number) call fail(error, "'"//word//"' is not a number; a line has a number, the degree of freedom "// &
+                                              "on which the term acts, and those that are multiplied")
+            else
+               do c = size(self%dofs), 1, -1                          ! these first: there may be many others
+                  if (structure%labels(self%dofs(c)) == word) exit
+               end do
+               if (c == 0) c = findloc(self%dofs, structure%dof_index(word), dim=1)
+               if (c == 0) call fail(error, "'"//word//"' is not one of 'dofs'")
             end if
-         else
-            do c = size(self%dofs), 1, -1                             ! these first: there may be many others
-               if (structure%labels(self%dofs(c)) == line(start:last)) exit
-            end do
-            if (c == 0) c = findloc(self%dofs, structure%dof_index(line(start:last)), dim=1)
-            if (c == 0) then
-               call fail(error, "'"//line(start:last)//"' is not one of 'dofs'")
-               return
-            end if
-            if (n == 2) self%acts_on(i) = c
-            if (n > 2) exponents(c) = exponents(c) + 1
-         end if
+         end associate
+         if (allocated(error)) return
+         if (n == 2) self%acts_on(i) = c
+         if (n > 2) exponents(c) = exponents(c) + 1
       end do
       if (n < 3) then
          call fail(error, "a term needs a number, the degree of freedom on which it acts, and at least one that is multiplied")
       else if (any(exponents > highest_exponent)) then
          call fail(error, "a degree of freedom occurs more than "//to_text(highest_exponent)//" times")
       end if
-      self%first(i + 1) = self%first(i)
-      do c = 1, size(exponents)
-         if (exponents(c) > 0) call add_factor(self, i, c, exponents(c), .false.)
-      end do
+      self%first(i + 1) = self%first(i) + sum(exponents)
+      self%factor(self%first(i):self%first(i + 1) - 1) = factors(exponents)
    end subroutine read_term
 
    !> Fingerprint of the file of the terms, if there is one.
@@ -319,26 +281,26 @@ contains
       real(wp), intent(out), contiguous :: f(:, :)
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
       real(wp) :: value(block_size)
-      integer :: first, i, k, last, n
+      integer :: begin, end, i, k
 
       f = 0.0_wp
       if (present(df_dz)) df_dz = 0.0_wp
       if (present(df_dv)) df_dv = 0.0_wp
-      do first = 1, size(z, 1), block_size
-         last = min(first + block_size - 1, size(z, 1))
-         n = last - first + 1
+      do begin = 1, size(z, 1), block_size
+         end = min(begin + block_size - 1, size(z, 1))
          do i = 1, size(self%coefficients)
-            associate (a => self%acts_on(i))
-               call find_term(self, i, z(first:last, :), v(first:last, :), 0, value(1:n))
-               f(first:last, a) = f(first:last, a) + value(1:n)
+            associate (a => self%acts_on(i), f_i => value(1:end - begin + 1))
+               call find_term(self, i, z(begin:end, :), v(begin:end, :), 0, f_i)
+               f(begin:end, a) = f(begin:end, a) + f_i
                do k = self%first(i), self%first(i + 1) - 1
-                  associate (b => self%coordinate(k))
-                     if (present(df_dz) .and. .not. self%is_rate(k)) then
-                        call find_term(self, i, z(first:last, :), v(first:last, :), k, value(1:n))
-                        df_dz(first:last, a, b) = df_dz(first:last, a, b) + value(1:n)
-                     else if (present(df_dv) .and. self%is_rate(k)) then
-                        call find_term(self, i, z(first:last, :), v(first:last, :), k, value(1:n))
-                        df_dv(first:last, a, b) = df_dv(first:last, a, b) + value(1:n)
+                  associate (c => self%factor(k), n => self%n_coordinates)
+                     if (any(self%factor(self%first(i):k - 1) == c)) cycle
+                     if (c <= n .and. present(df_dz)) then
+                        call find_term(self, i, z(begin:end, :), v(begin:end, :), k, f_i)
+                        df_dz(begin:end, a, c) = df_dz(begin:end, a, c) + f_i
+                     else if (c > n .and. present(df_dv)) then
+                        call find_term(self, i, z(begin:end, :), v(begin:end, :), k, f_i)
+                        df_dv(begin:end, a, c - n) = df_dv(begin:end, a, c - n) + f_i
                      end if
                   end associate
                end do
@@ -347,7 +309,7 @@ contains
       end do
    end subroutine polynomial_coupled_evaluate
 
-   !> Term i, or its derivative with respect to one of its factors (0: none).
+   !> Term i, or its derivative with respect to the coordinate or rate of one of its factors (0: none).
    pure subroutine find_term(self, i, z, v, by_factor, value)
       class(polynomial_coupled_t), intent(in) :: self
       integer, intent(in) :: i, by_factor
@@ -355,56 +317,39 @@ contains
       real(wp), intent(out) :: value(:)
       integer :: k
 
-      value = self%coefficients(i)
-      do k = self%first(i), self%first(i + 1) - 1
-         if (self%is_rate(k)) then
-            call multiply(value, v(:, self%coordinate(k)), self%exponent(k), k == by_factor)
-         else
-            call multiply(value, z(:, self%coordinate(k)), self%exponent(k), k == by_factor)
-         end if
-      end do
+      associate (own => self%factor(self%first(i):self%first(i + 1) - 1), n => self%n_coordinates)
+         value = self%coefficients(i)
+         if (by_factor > 0) value = value*count(own == self%factor(by_factor))
+         do k = self%first(i), self%first(i + 1) - 1
+            if (k == by_factor) cycle
+            if (self%factor(k) <= n) then
+               value = value*z(:, self%factor(k))
+            else
+               value = value*v(:, self%factor(k) - n)
+            end if
+         end do
+      end associate
    end subroutine find_term
-
-   !> Multiplies by x**n, n > 0, or by its derivative n x**(n - 1).
-   pure subroutine multiply(value, x, n, is_derivative)
-      real(wp), intent(inout) :: value(:)
-      real(wp), intent(in) :: x(:)
-      integer, intent(in) :: n
-      logical, intent(in) :: is_derivative
-
-      if (is_derivative) then
-         if (n == 2) then
-            value = value*n*x
-         else if (n > 1) then
-            value = value*n*x**(n - 1)
-         end if
-      else if (n == 1) then
-         value = value*x
-      else
-         value = value*x**n
-      end if
-   end subroutine multiply
 
    !> Whether the terms without a rate are a gradient: for the terms from one product of powers, those on each
    !> coordinate must satisfy Euler's theorem for their sum. Products are sorted by their exponents, coordinate by
    !> coordinate.
-   pure logical function is_gradient(self, n_coordinates)
+   pure logical function is_gradient(self)
       class(polynomial_coupled_t), intent(in) :: self
-      integer, intent(in) :: n_coordinates
       real(wp), parameter :: digits = 1.0e-12_wp                      ! coefficients come from a file
       integer, allocatable :: exponents(:, :), order(:), sorted(:)
-      real(wp) :: given(n_coordinates), largest, total
+      real(wp) :: given(self%n_coordinates), largest, total
       integer :: b, e, first, i, k, last
 
-      allocate (exponents(n_coordinates, size(self%coefficients)), source=0)
       order = pack([(i, i=1, size(self%coefficients))], [(.not. has_rate(self, i), i=1, size(self%coefficients))])
+      allocate (exponents(2*self%n_coordinates, size(self%coefficients)), source=0)
       do i = 1, size(self%coefficients)
          do k = self%first(i), self%first(i + 1) - 1
-            exponents(self%coordinate(k), i) = self%exponent(k)
+            exponents(self%factor(k), i) = exponents(self%factor(k), i) + 1
          end do
          exponents(self%acts_on(i), i) = exponents(self%acts_on(i), i) + 1
       end do
-      do b = 1, n_coordinates
+      do b = 1, self%n_coordinates
          allocate (sorted(0))
          do e = 0, maxval(exponents(b, :))
             sorted = [sorted, pack(order, exponents(b, order) == e)]
@@ -414,18 +359,17 @@ contains
       is_gradient = .true.
       first = 1
       do while (first <= size(order))
-         associate (product => exponents(:, order(first)))
+         associate (product => exponents(:self%n_coordinates, order(first)))
             given = 0.0_wp
-            total = 0.0_wp
             largest = 0.0_wp
             do last = first, size(order)
-               if (any(exponents(:, order(last)) /= product)) exit
+               if (any(exponents(:self%n_coordinates, order(last)) /= product)) exit
                associate (c => self%coefficients(order(last)), a => self%acts_on(order(last)))
                   given(a) = given(a) + c
-                  total = total + c
                   largest = max(largest, abs(c))
                end associate
             end do
+            total = sum(given)
             if (any(abs(product*total/sum(product) - given) > digits*largest)) is_gradient = .false.
          end associate
          first = last
@@ -436,7 +380,7 @@ contains
       class(polynomial_coupled_t), intent(in) :: self
       integer, intent(in) :: i
 
-      has_rate = any(self%is_rate(self%first(i):self%first(i + 1) - 1))
+      has_rate = any(self%factor(self%first(i):self%first(i + 1) - 1) > self%n_coordinates)
    end function has_rate
 
    !> Sum of z_a c z**a/(degree + 1) over the terms without a rate, where a is the coordinate on which each acts: by
@@ -454,7 +398,7 @@ contains
          if (has_rate(self, i)) cycle
          call find_term(self, i, z, z, 0, value)
          associate (a => self%acts_on(i))
-            energy = energy + z(:, a)*value/(sum(self%exponent(self%first(i):self%first(i + 1) - 1)) + 1)
+            energy = energy + z(:, a)*value/(self%first(i + 1) - self%first(i) + 1)
             gradient(:, a) = gradient(:, a) + value
          end associate
       end do
