@@ -6,8 +6,7 @@
 !> Redundant half planes are removed: of equal ones the first is retained, of three edges through one corner the outer
 !> two.
 !>
-!> Source: docs/why/theory.md, section 5.3; intersection of half planes sorted by angle: de Berg, Cheong, van Kreveld, Overmars,
-!> Computational Geometry, 3rd edition (2008), section 4.2, with a double-ended queue instead of a sweep.
+!> Source: docs/why/theory.md, section 5.3.
 module hb_contact_polygon
    use hb_kinds, only: wp
    use hb_text, only: to_text
@@ -95,124 +94,53 @@ contains
       integer, allocatable, intent(out) :: retained(:)
       character(:), allocatable, intent(out) :: failure
       real(wp), parameter :: sides(4, 2) = reshape([1.0_wp, 0.0_wp, -1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, -1.0_wp], [4, 2])
-      real(wp), allocatable :: h(:), length(:), n(:, :)
-      real(wp) :: scale
-      integer, allocatable :: order(:), queue(:)
-      integer :: first, i, last
+      real(wp) :: angle(size(distances) + 4), h(size(distances) + 4), n(size(distances) + 4, 2), scale
+      logical :: is_side(size(distances) + 4)
+      integer :: i, k
 
-      failure = ""
-      length = norm2(normals, dim=2)
-      scale = maxval(abs(distances/length))
-      if (scale <= 0.0_wp) scale = 1.0_wp
-      allocate (n(size(distances) + 4, 2))
-      n(:size(distances), :) = normals/spread(length, 2, 2)
-      n(size(distances) + 1:, :) = sides
-      h = [distances/length, spread(far*scale, 1, 4)]
-      order = by_angle(n, h)
-      allocate (queue(size(order)))
-      first = 1
-      last = 0
-      do i = 1, size(order)
-         do while (last > first)
-            if (.not. is_cut_off(queue(last - 1), queue(last), order(i))) exit
-            last = last - 1
-         end do
-         do while (last > first)
-            if (.not. is_cut_off(queue(first), queue(first + 1), order(i))) exit
-            first = first + 1
-         end do
-         last = last + 1
-         queue(last) = order(i)
-      end do
-      do while (last > first + 1)
-         if (.not. is_cut_off(queue(last - 1), queue(last), queue(first))) exit
-         last = last - 1
-      end do
-      do while (last > first + 1)
-         if (.not. is_cut_off(queue(first), queue(first + 1), queue(last))) exit
-         first = first + 1
-      end do
-      retained = queue(first:last)
-      if (.not. is_not_empty(n, h, retained, rounding*scale)) failure = "the gaps leave no room to move"
-
-   contains
-
-      !> Whether the corner of half planes a and b, in this order, is not inside half plane c.
-      pure logical function is_cut_off(a, b, c)
-         integer, intent(in) :: a, b, c
-
-         is_cut_off = .true.                                          ! parallel or opposite: the intersection is empty
-         if (cross(n(a, :), n(b, :)) <= 0.0_wp) return
-         is_cut_off = dot_product(n(c, :), crossing(n(a, :), h(a), n(b, :), h(b))) >= h(c) - rounding*scale
-      end function is_cut_off
-   end subroutine intersect
-
-   !> Whether the centre of the corners is inside all half planes.
-   pure logical function is_not_empty(n, h, retained, rounding)
-      real(wp), intent(in) :: n(:, :), h(:)                           !! normals of length 1, distances
-      integer, intent(in) :: retained(:)                              !! those with a side, in order
-      real(wp), intent(in) :: rounding
-      real(wp) :: center(2)
-      integer :: i
-
-      is_not_empty = .false.
-      center = 0.0_wp
-      do i = 1, size(retained)
-         associate (a => retained(i), b => retained(1 + modulo(i, size(retained))))
-            if (cross(n(a, :), n(b, :)) <= 0.0_wp) exit
-            center = center + crossing(n(a, :), h(a), n(b, :), h(b))/real(size(retained), wp)
-         end associate
-      end do
-      if (i > size(retained) .and. size(retained) > 2) is_not_empty = all(matmul(n, center) < h - rounding)
-   end function is_not_empty
-
-   !> Half planes sorted by the angle of their normals; of those with the same direction only the most restrictive,
-   !> the first of equal ones.
-   pure function by_angle(n, h) result(order)
-      real(wp), intent(in) :: n(:, :)                                 !! unit normals, (any, 2)
-      real(wp), intent(in) :: h(:)
-      integer, allocatable :: order(:)
-      real(wp) :: angle(size(h))
-      integer :: gap, i, k, moving, n_retained
-
+      associate (length => norm2(normals, dim=2))
+         scale = maxval(abs(distances/length))
+         if (scale <= 0.0_wp) scale = 1.0_wp
+         n(:size(distances), :) = normals/spread(length, 2, 2)
+         n(size(distances) + 1:, :) = sides
+         h = [distances/length, spread(far*scale, 1, 4)]
+      end associate
       angle = atan2(n(:, 2), n(:, 1))
       where (angle < -acos(-1.0_wp) + rounding) angle = angle + 2.0_wp*acos(-1.0_wp)
-      order = [(i, i=1, size(h))]
-      gap = size(h)
-      do while (gap > 1)                                              ! Shell's method
-         gap = max(1, (5*gap)/11)
-         do i = gap + 1, size(order)
-            moving = order(i)
-            k = i
-            do while (k > gap)
-               if (.not. is_before(moving, order(k - gap))) exit
-               order(k) = order(k - gap)
-               k = k - gap
-            end do
-            order(k) = moving
-         end do
+      is_side = [(has_length(n, h, i, rounding*scale), i=1, size(h))]
+      allocate (retained(count(is_side)))
+      do k = 1, size(retained)
+         retained(k) = minloc(angle, dim=1, mask=is_side)
+         is_side(retained(k)) = .false.
       end do
-      n_retained = 1
-      do i = 2, size(order)
-         associate (best => order(n_retained), found => order(i))
-            if (angle(found) - angle(best) > rounding) then
-               n_retained = n_retained + 1
-               order(n_retained) = found
-            else if (h(found) < h(best) .or. (h(found) <= h(best) .and. found < best)) then
-               order(n_retained) = found
-            end if
-         end associate
+      failure = ""
+      if (size(retained) < 3) failure = "the gaps leave no room to move"
+   end subroutine intersect
+
+   !> Whether a part of the line of half plane i is inside all others; of equal half planes that of the first.
+   pure logical function has_length(n, h, i, least)
+      real(wp), intent(in) :: n(:, :), h(:)                           !! normals of length 1, distances
+      integer, intent(in) :: i
+      real(wp), intent(in) :: least
+      real(wp) :: first, last, room, slope
+      integer :: k
+
+      has_length = .false.
+      first = -huge(1.0_wp)
+      last = huge(1.0_wp)
+      do k = 1, size(h)                                               ! from h n on, to the left of n
+         slope = cross(n(i, :), n(k, :))
+         room = h(k) - h(i)*dot_product(n(i, :), n(k, :))
+         if (slope > rounding) then
+            last = min(last, room/slope)
+         else if (slope < -rounding) then
+            first = max(first, room/slope)
+         else if (k /= i .and. (room < -least .or. (room <= least .and. (k < i .or. dot_product(n(i, :), n(k, :)) < 0.0_wp)))) then
+            return
+         end if
       end do
-      order = order(:n_retained)
-
-   contains
-
-      pure logical function is_before(a, b)
-         integer, intent(in) :: a, b
-
-         is_before = angle(a) < angle(b) .or. (angle(a) <= angle(b) .and. a < b)
-      end function is_before
-   end function by_angle
+      has_length = last - first > least
+   end function has_length
 
    !> Maps the point y onto the polygon.
    pure function contact_polygon_land(self, y) result(landing)
