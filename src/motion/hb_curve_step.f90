@@ -29,7 +29,7 @@ contains
       integer :: n_branch_points
       logical :: is_balance, is_lost, is_near, is_short, is_taken
 
-      if (allocated(self%problem%error_text)) deallocate (self%problem%error_text)
+      call self%problem%refusal%forget()
       call self%prepare_step()
       is_balance = .not. allocated(self%known%impacts)
       associate (curve => self%curve)

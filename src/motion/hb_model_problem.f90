@@ -27,7 +27,7 @@ module hb_model_problem
    use hb_thresholds, only: difference_step
    implicit none
    private
-   public :: model_problem_t, moving_value_t, new_model_problem
+   public :: model_problem_t, moving_value_t, new_model_problem, refusal_t
 
    character(*), parameter :: mode_group = "normal_mode"
    character(*), parameter :: several = "several"                     ! groups, in which values follow the moving one
@@ -46,6 +46,16 @@ module hb_model_problem
       type(amplitudes_t) :: loads                                     !! [N]
    end type side_t
 
+   !> A value that was rejected: of several the nearest to the last possible one.
+   type :: refusal_t
+      character(:), allocatable :: text                               !! the reason; not allocated: none was rejected
+      real(wp) :: value = 0.0_wp
+      real(wp) :: possible = 0.0_wp                                   !! the last possible one
+   contains
+      procedure :: note => refusal_note
+      procedure :: forget => refusal_forget
+   end type refusal_t
+
    !> Owns external resources: call `destroy`.
    type, extends(balance_t) :: model_problem_t
       type(model_t) :: model                                          !! at the present value
@@ -54,8 +64,7 @@ module hb_model_problem
       integer, allocatable :: which(:)                                !! parameters that are unknown along a curve, the value last
       logical :: moves_frequency = .false.                            !! the value is that of a tone, and loads do not grow with it
       logical :: moves_mode = .false.                                 !! the value is the amplitude or the energy of a normal mode
-      character(:), allocatable :: error_text                         !! why the last value was rejected
-      real(wp) :: refused = 0.0_wp                                    !! that value
+      type(refusal_t) :: refusal                                      !! since the last step of a curve began
       type(moving_value_t), private :: moving
       character(:), allocatable, private :: group                     ! of the value, or `several`
       real(wp), private :: value = 0.0_wp                             ! the present one
@@ -237,8 +246,7 @@ contains
          if (is_possible) then
             self%value = value
          else
-            self%error_text = "an amplitude or energy must not be 0"
-            self%refused = value
+            call self%refusal%note("an amplitude or energy must not be 0", value)
          end if
          return
       end if
@@ -248,8 +256,7 @@ contains
          associate (omega => self%omega_at_zero + self%omega_slopes*value, tones => self%model%tones)
             is_possible = all(omega > 0.0_wp)
             if (.not. is_possible) then
-               self%error_text = "frequencies must be greater than 0"
-               self%refused = value
+               call self%refusal%note("frequencies must be greater than 0", value)
                return
             end if
             where (.not. tones%is_unknown) tones%omega = omega
@@ -260,8 +267,8 @@ contains
             call rebuild(self, error)
          else
             call self%balance_t%set_parameters([(i, i=1, size(self%omega_slopes))], self%model%tones%omega, is_possible)
-            if (.not. is_possible) self%error_text = "the structure has no condensed stiffness at these frequencies"
-            if (.not. is_possible) self%refused = value
+            if (.not. is_possible) &
+               call self%refusal%note("the structure has no condensed stiffness at these frequencies", value)
          end if
       else
          call set_value(self, value)
@@ -269,6 +276,7 @@ contains
       end if
       if (allocated(error)) call refuse(self, error, is_possible)
       self%is_sound = is_possible
+      if (is_possible) self%refusal%possible = value
    end subroutine move_to
 
    !> Sets model and balance to the frequencies that other values follow.
@@ -293,9 +301,28 @@ contains
       logical, intent(out) :: is_possible
 
       is_possible = .false.
-      self%error_text = error%message
-      self%refused = self%value
+      call self%refusal%note(error%message, self%value)
    end subroutine refuse
+
+   !> Notes a rejected value.
+   pure subroutine refusal_note(self, text, value)
+      class(refusal_t), intent(inout) :: self
+      character(*), intent(in) :: text
+      real(wp), intent(in) :: value
+
+      if (allocated(self%text)) then
+         if (abs(value - self%possible) >= abs(self%value - self%possible)) return
+      end if
+      self%text = text
+      self%value = value
+   end subroutine refusal_note
+
+   !> Forgets rejected values.
+   pure subroutine refusal_forget(self)
+      class(refusal_t), intent(inout) :: self
+
+      if (allocated(self%text)) deallocate (self%text)
+   end subroutine refusal_forget
 
    !> Reads the model again from the document, and creates the balance at the present frequencies.
    subroutine read_again(self, error)

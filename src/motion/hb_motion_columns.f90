@@ -186,7 +186,7 @@ contains
          call t%real("slip_defect", "W", "", &
             "largest power by which exact friction would exceed the reaction of rigid friction", found%defects%slip)
          call t%real("power_in", "W", "", "mean power of the loads", found%power_in)
-         call t%real("power_damping", "W", "", "mean dissipation in the damping of the structure", found%energy%lost)
+         call t%real("power_damping", "W", "", "mean dissipation in the structure", found%energy%lost)
          call t%real("power_laws", "W", "law", "mean dissipation in each law", found%power_laws)
          call t%real("energy_kinetic", "J", "", "mean kinetic energy of the structure", found%energy%kinetic)
          call t%real("energy_strain", "J", "", "mean strain energy of the structure", found%energy%strain)

@@ -449,7 +449,10 @@ contains
       else if (self%curve%status /= outcome%pending) then
          result%status = self%curve%status
          result%reason = reason%lost_curve
-         if (self%has_collapsed) then
+         if (is_refused(self)) then
+            result%status = outcome%failed
+            result%reason = reason%error
+         else if (self%has_collapsed) then
             result%status = outcome%collapsed
             result%reason = reason%none
          end if
@@ -594,16 +597,26 @@ contains
       class(motion_curve_t), intent(in) :: self
       character(500) :: text
 
-      associate (value => self%curve%x(size(self%curve%x)), unit => self%curve%units(size(self%curve%x)))
-         if (self%has_collapsed) then
+      associate (value => self%curve%x(size(self%curve%x)))
+         if (is_refused(self)) then
+            text = "continuation failed at the value "//to_text(value)//": "//self%problem%refusal%text
+         else if (self%has_collapsed) then
             text = "the amplitude of an unknown tone vanishes near the value "//to_text(value)
-            return
+         else
+            text = "continuation failed at the value "//to_text(value)//", arc length "//to_text(self%length)
          end if
-         text = "continuation failed at the value "//to_text(value)//", arc length "//to_text(self%length)
-         if (.not. allocated(self%problem%error_text)) return
-         if (abs(self%problem%refused - value) <= next_to_none*unit) text = trim(text)//": "//self%problem%error_text  ! else none
       end associate
    end function lost_text
+
+   !> Whether the values ahead are not possible.
+   pure logical function is_refused(self)
+      class(motion_curve_t), intent(in) :: self
+
+      is_refused = allocated(self%problem%refusal%text)
+      associate (n => size(self%curve%x))
+         if (is_refused) is_refused = abs(self%problem%refusal%value - self%curve%x(n)) <= next_to_none*self%curve%units(n)
+      end associate
+   end function is_refused
 
    !> The first response of the request at the point reported last.
    real(wp) function motion_curve_measure(self, x) result(measure)

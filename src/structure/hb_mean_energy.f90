@@ -3,9 +3,10 @@
 !>
 !> The mean of x'^T M x'/2 is w**2 c^H M c/4, that of x^T K x/2 is c^H K c/4, of a constant part twice that; a
 !> frequency-dependent part stores Re(conj(a.c) Z b.c)/4. With the rate i w c the damping dissipates w**2 Re(c^H D
-!> c)/2, of which gyroscopic parts have none, and a frequency-dependent part w Im(conj(a.c) Z b.c)/2. A linear
-!> oscillator with damping d and amplitude a at frequency w dissipates P = d w**2 a**2/2, so that P/(2 w U) = d w/k is
-!> its loss factor and P/(4 T) = d/(2 m) its decay rate; with several harmonics w U is their sum.
+!> c)/2, of which gyroscopic parts have none, a circulatory stiffness, such as that of damping which rotates with a
+!> shaft, w Im(c^H K c)/2, and a frequency-dependent part w Im(conj(a.c) Z b.c)/2. A linear oscillator with damping d
+!> and amplitude a at frequency w dissipates P = d w**2 a**2/2, so that P/(2 w U) = d w/k is its loss factor and P/(4
+!> T) = d/(2 m) its decay rate; with several harmonics w U is their sum.
 module hb_mean_energy
    use hb_kinds, only: wp
    use hb_lapack, only: dgemm
@@ -49,7 +50,7 @@ contains
       complex(wp), intent(in) :: c(:, :)
       real(wp), intent(in) :: frequencies(:)
       real(wp), dimension(size(c, 1), 2*size(c, 2)) :: x, y
-      real(wp), dimension(size(c, 2)) :: damped, moved, strained
+      real(wp), dimension(size(c, 2)) :: circulated, damped, moved, strained
       complex(wp) :: work
       real(wp) :: strain
       integer :: h, n
@@ -71,11 +72,12 @@ contains
          damped = functionals_in(structure%damping)
          strained = functionals_in(structure%stiffness)
       end if
+      circulated = [(dot_product(x(:, h), y(:, n + h)) - dot_product(x(:, n + h), y(:, h)), h=1, n)]   ! y = K x
       do h = 1, n
          associate (w => frequencies(h))
             work = structure%work_in_parts(c(:, h), w)
             self%kinetic = self%kinetic + 0.25_wp*w**2*moved(h)
-            self%lost = self%lost + 0.5_wp*w**2*damped(h) + 0.5_wp*w*aimag(work)
+            self%lost = self%lost + 0.5_wp*w**2*damped(h) + 0.5_wp*w*(circulated(h) + aimag(work))
             strain = 0.25_wp*(strained(h) + real(work))
             if (abs(w) <= 0.0_wp) strain = 2.0_wp*strain
             self%strain = self%strain + strain

@@ -258,6 +258,7 @@ contains
       logical :: is_passed
 
       before = self%known%impacts
+      call self%orbit%refusal%forget()
       call pass_graze(self, .false., is_passed)
       if (.not. is_passed) call step(self)
       if (self%curve%status == outcome%stalled .and. self%known%stability%n_unstable > 0) call pass_graze(self, .true., is_passed)
@@ -266,8 +267,7 @@ contains
       if (self%curve%status == outcome%pending .and. any(before /= self%known%impacts) .and. &
           all(self%waiting%kind /= curve_kind%graze)) &
          self%waiting = [waiting_t(curve_kind%graze, 0.0_wp, self%curve%last_x), self%waiting]
-      self%problem%refused = self%curve%x(size(self%curve%x))
-      if (allocated(self%orbit%error_text)) self%problem%error_text = self%orbit%error_text
+      self%problem%refusal = self%orbit%refusal
       if (self%curve%status == outcome%stalled .and. grazes_ahead(self)) call end_at_graze(self)
    end subroutine impact_curve_go
 

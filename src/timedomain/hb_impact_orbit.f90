@@ -17,7 +17,7 @@ module hb_impact_orbit
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_system
    use hb_kinds, only: two_pi, wp
    use hb_model, only: model_t
-   use hb_model_problem, only: moving_value_t
+   use hb_model_problem, only: moving_value_t, refusal_t
    use hb_model_reader, only: update_model
    use hb_motion_series, only: motion_series_t
    use hb_period_map, only: distance_at, far_from_events, farthest_phase, limit_t, new_state_map, state_map_t
@@ -49,7 +49,7 @@ module hb_impact_orbit
       real(wp) :: value = 0.0_wp
       real(wp) :: section = 0.0_wp                                    !! phase of the map, part of a period
       integer, allocatable :: impacts(:)                              !! in the period after the last residual, as of a record
-      character(:), allocatable :: error_text                         !! why the last value was rejected
+      type(refusal_t) :: refusal
       type(state_map_t) :: map
       type(integration_system_t), pointer, private :: system => null()
       real(wp), allocatable, private :: known(:), slopes(:, :)        ! state and value with the last derivatives of the map
@@ -300,7 +300,11 @@ contains
          self%map%motion%omega = self%model%tones%omega
       end if
       is_possible = .not. allocated(error)
-      if (.not. is_possible) self%error_text = error%message
+      if (is_possible) then
+         self%refusal%possible = values(1)
+      else
+         call self%refusal%note(error%message, values(1))
+      end if
    end subroutine impact_orbit_set_parameters
 
    !> Assigns the value that moves.
