@@ -76,6 +76,7 @@ contains
       write (line, "(a, es7.1, a)") trim(merge(" grow at ", " decay at", found%growth > 0.0_wp))//" ", abs(found%growth), " 1/s"
       if (abs(found%growth)*found%duration < clear) line = " neither grow nor decay"   ! a shift in time of a free motion
       text = text//trim(line)//"; "//number_of(found%n_periods, "period")
+      if (allocated(found%ended_by)) text = text//", ended by: "//found%ended_by
       if (.not. any(abs(found%drift) > 0.0_wp)) return
       write (line, "(*(es10.2))") pack(found%drift, abs(found%drift) > 0.0_wp)
       text = text//"; its frequency is off by "//trim(adjustl(line))//" rad/s"

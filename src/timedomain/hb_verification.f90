@@ -44,7 +44,6 @@ module hb_verification
    real(wp), parameter :: runaway = 1.0e4_wp                          ! displacement relative to the motion
    integer, parameter :: fewest_steps = 1000                          ! of fixed steps in a period of the slowest tone, and in
    real(wp), parameter :: step_of_mode = 0.1_wp                       ! radians of the fastest mode: errors of 1e-6 in a period
-   real(wp), parameter :: gone = 2.0_wp                               ! likewise, at which the time integration is stopped
 
    !> A motion with its estimated errors.
    type :: claim_t
@@ -70,6 +69,7 @@ module hb_verification
       real(wp), allocatable :: drift(:)                               !! of the unknown frequencies [rad/s], (n_tones)
       real(wp) :: duration = 0.0_wp                                   !! of the time integration [s]
       integer :: n_periods = 0                                        !! of the slowest tone, likewise
+      character(:), allocatable :: ended_by                           !! error that ended the time integration
       logical :: is_of_coefficients = .false.                         !! both differences are that of the coefficients, those of
                                                                       !! a second time integration to its end; no `growth`
    end type verdict_t
@@ -97,6 +97,7 @@ module hb_verification
       real(wp) :: estimate, share                                    !! of the motion, relative; factor for velocities
       real(wp) :: expected                                            !! difference in the last periods
       real(wp) :: moved_back = 0.0_wp                                 !! logarithm of the total factor of all resets
+      logical :: is_ending = .false.                                  !! one of them fails: period by period up to there
    end type pair_t
 
 contains
@@ -176,23 +177,33 @@ contains
       type(verdict_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       type(integration_record_t) :: other_record
+      type(integration_state_t) :: before(2)
       integer :: i, n_new
 
       associate (length => self%length, difference => self%difference)
          n_new = min(max(periods_at_once, difference%n_periods/4), length%bound - difference%n_periods)
+         if (self%is_ending) n_new = 1
          self%config%duration = n_new*length%period
+         before = [self%state, self%other]
          associate (step => length%period/length%n_samples, all_dofs => [(i, i=1, self%system%n_dofs)])
             call integrate_from(self%system, self%config, step, all_dofs, self%state, self%record, error)
             if (.not. allocated(error)) call integrate_from(self%system, self%config, step, all_dofs, self%other, other_record, &
                error)
          end associate
-         if (allocated(error)) then
-            if (.not. has_run_away(self)) return
+         if (allocated(error)) then                                   ! the motion is bounded: it has been left
+            if (.not. self%record%is_under_way .or. self%record%is_out_of_work .or. other_record%is_out_of_work) return
+            if (n_new == 1) then
+               result%ended_by = error%message
+               i = size(self%distance)
+               result%kind = verdict%differs
+               if (i > 0) result%kind = decide([self%ratio, 2.0_wp], [self%distance, self%distance(i)], length%fewest, &
+                                               length%decay, .true.)
+               if (result%kind == verdict%undecided) result%kind = verdict%differs
+            end if
             deallocate (error)
-            result%kind = verdict%differs
-            i = size(self%distance)
-            if (i > 0) result%kind = decide([self%ratio, 2.0_wp], [self%distance, self%distance(i)], length%fewest, length%decay, &
-                                            .true.)
+            self%is_ending = .true.
+            self%state = before(1)
+            self%other = before(2)
             return
          end if
          call difference%add(self%record, other_record, n_new)
@@ -209,16 +220,6 @@ contains
          result%kind = verdict%not_done
       end associate
    end subroutine go_on
-
-   !> Whether an integration that was stopped was diverging.
-   pure logical function has_run_away(self)
-      type(pair_t), intent(in) :: self
-
-      has_run_away = self%record%is_under_way
-      if (.not. has_run_away) return
-      if (all(ieee_is_finite(self%state%q)) .and. all(ieee_is_finite(self%other%q))) &
-         has_run_away = any(max(abs(self%state%q), abs(self%other%q)) > gone*self%scale)
-   end function has_run_away
 
    !> Fills the result in.
    subroutine write_up(self, claim, result)
@@ -246,6 +247,7 @@ contains
                result%growth = log(self%ratio(min(n_retained + 1, size(self%ratio)))/self%ratio(1))/(n_retained*self%length%period)
             else if (self%distance(1) > log(growing)) then             ! it leaves within a period, from its neighbour, too
                result%kind = verdict%unstable
+               result%growth = self%distance(1)/self%length%period
             end if
          end if
          result%drift = difference%drift(n_retained)
