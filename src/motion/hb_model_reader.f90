@@ -306,7 +306,7 @@ contains
             return
          end if
          call document%number_at(ties(i)%to, number, is_given)
-         if (.not. is_given) call group%problem("to", "has no number in this input: give it one")
+         if (.not. is_given) call group%problem("to", absence_of(document, ties(i)%to))
       end do
       do i = 1, n
          if (any([(ties(n)%parameter%hides(ties(i)%to), n=i, size(ties))])) then
@@ -317,6 +317,21 @@ contains
       call move_alloc(ties, document%ties)
       call document%follow_ties()
    end subroutine read_ties
+
+   !> Why a parameter has no number.
+   pure function absence_of(document, parameter) result(text)
+      type(document_t), intent(in) :: document
+      type(parameter_t), intent(in) :: parameter
+      character(:), allocatable :: text
+
+      text = "has no number in this input: give it one"
+      associate (group => document%groups%holders(parameter%i_group)%group)
+         if (group%name /= "tones") return
+         if (parameter%key == "frequency" .and. group%given("hertz")) text = "has no number in this input, which gives tones%hertz"
+         if (parameter%key == "hertz" .and. group%given("frequency")) &
+            text = "has no number in this input, which gives tones%frequency"
+      end associate
+   end function absence_of
 
    !> Reads `&gradient`: the values with respect to which motions are differentiated, real numbers of the input.
    subroutine read_gradient(self, document)
@@ -365,7 +380,7 @@ contains
       else if (document%n_tones_of(parameter) > 1) then
          problem = "does not specify the tone; give one, such as '"//path//"(1)'"
       else if (.not. is_given) then
-         problem = "has no number in this input: give it one"
+         problem = absence_of(document, parameter)
       else if (.not. document%is_real(parameter)) then
          problem = "is not a real number; only real numbers have derivatives"
       else if (document%groups%holders(parameter%i_group)%group%name == "tones") then
