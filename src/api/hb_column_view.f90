@@ -20,8 +20,8 @@ module hb_column_view
 
    type, extends(columns_t) :: column_view_t
       character(:), allocatable :: name                               !! requested; empty: all names are listed
-      logical :: is_found = .false.
-      integer :: kind = column_kind%unknown
+      logical :: is_found
+      integer :: kind
       real(wp), allocatable :: reals(:)
       integer, allocatable :: integers(:)
       integer, allocatable :: extents(:)                              !! fastest axis first; none for a single value

@@ -233,8 +233,8 @@ contains
          call scale_mode(search, goal, h, deflection)
          if (search%report%status == outcome%no_motion) return
          u = search%base%u
-         u(set%cos_at(h), :) = u(set%cos_at(h), :) + goal%share*real(deflection)
-         u(set%sin_at(h), :) = u(set%sin_at(h), :) - goal%share*aimag(deflection)
+         u(set%cos_at(h), :) = goal%share*real(deflection)            ! of an unknown tone: none in the base motion
+         u(set%sin_at(h), :) = -goal%share*aimag(deflection)
       end associate
    end subroutine start_on_mode
 
@@ -285,8 +285,8 @@ contains
       deflection = length*deflection/deflection(maxloc(abs(deflection), dim=1))
       u = search%base%u
       associate (set => search%balance%harmonics)
-         u(set%cos_at(h), :) = u(set%cos_at(h), :) + real(deflection)
-         u(set%sin_at(h), :) = u(set%sin_at(h), :) - aimag(deflection)
+         u(set%cos_at(h), :) = real(deflection)
+         u(set%sin_at(h), :) = -aimag(deflection)
       end associate
       energy = goal%energy%value(search%balance, u)
       if (energy > 0.0_wp) then

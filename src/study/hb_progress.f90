@@ -32,7 +32,7 @@ module hb_progress
       logical, private :: on_terminal = .false.
       integer, private :: n_points = 0
       character(:), allocatable, private :: what                      ! name of the items that are counted
-      real(wp), private :: started = 0.0_wp, shown = 0.0_wp, interval = log_interval
+      real(wp), private :: started, shown, interval = log_interval
       integer, private :: done = 0, failed = 0                        ! points of this rank that are not reported yet
       integer, private :: shown_done = 0, shown_failed = 0            ! in the last line
       logical, private :: ends_log = .false.                          ! the last line is one of a log, about whole points only

@@ -78,7 +78,7 @@ def assess(count: int, seed: int, jobs: int, only: str, note) -> list[Verdict]:
     """So many mutants of some modules that build, `jobs` at once, fewer where it is interrupted; `note` is called with each
     verdict."""
     suites = prepare(jobs)
-    reach = half_bandwidth_of(suites, jobs)
+    reach = reach_of(suites, jobs)
     verdicts: list[Verdict] = []
     drawn = enumerate(draws(SOURCE, 10 * count, seed, only))
 
@@ -179,7 +179,7 @@ def outcome_of(suite: Suite, seconds: float, counters: Path, libraries: str = ""
     return outcome, usage.ru_utime + usage.ru_stime
 
 
-def half_bandwidth_of(suites: dict[str, Suite], jobs: int) -> dict:
+def reach_of(suites: dict[str, Suite], jobs: int) -> dict:
     """For each suite its seconds and, of each source, the lines that it executes and all that count; known ones are used again."""
     known = json.loads(REACH.read_text(encoding="utf-8")) if REACH.is_file() else {}
     source = stamp_of_source()
