@@ -21,15 +21,14 @@ module hb_monodromy
    use hb_variation_pieces, only: cut_time, make_sliders_periodic
    implicit none
    private
-   public :: find_monodromy, find_transfer, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
+   public :: fewest_instants, find_monodromy, find_transfer, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
 
    real(wp), parameter :: inside = 1.0e-8_wp                          ! fraction of a piece by which its ends are evaluated inside
 
    integer, parameter :: fewest_steps = 8
    integer, parameter :: instants_per_harmonic = 8 ! detection times for events in a period of the highest harmonic
-   integer, parameter :: fewest_instants = 128
+   integer, parameter :: fewest_instants = 128                        !! in a period
    integer, parameter :: most_doublings = 12
-   real(wp), parameter :: set_up = 3.0e4_wp                           ! [ns] of equations linearised along a motion
 
    type :: matrix_t
       real(wp), allocatable :: entries(:, :)
