@@ -16,9 +16,6 @@ module hb_exponents
    public :: exponents_t, find_exponents, orthogonalise, propagation_t, work_of_exponents
 
    integer, parameter :: n_periods = 100                              ! of an average
-   real(wp), parameter :: overrun = 10.0_wp                           ! of the limit by unexpected work: balls of a bearing,
-                                                                      ! whose slopes have kinks, need 3.5 times the expected
-                                                                      ! work
 
    !> Propagation of disturbances along a motion.
    type, abstract :: propagation_t
@@ -75,7 +72,7 @@ contains
       integer :: forgotten, i, k, n_all
       logical :: is_done
 
-      propagation%work_left = overrun*work_limit
+      propagation%work_left = clearly*work_limit                      ! balls of a bearing need 3.5 times the expected work
       call propagation%reach_steady_state(n_forgotten_of(n_periods), is_done)
       if (.not. is_done .or. propagation%n_followed < 1) return
       allocate (x(propagation%size, propagation%n_followed), source=0.0_wp)

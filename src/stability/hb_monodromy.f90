@@ -107,7 +107,7 @@ contains
       type(variation_t), intent(in) :: variation
 
       associate (length => two_pi/variation%motion%omega(1))
-         work = set_up + work_of_transfer(variation, length)
+         work = work_of_transfer(variation, length)
          if (variation%n_states > 0) work = work + 2*work_of_cuts(variation, length)
       end associate
    end function work_of_monodromy
@@ -117,10 +117,9 @@ contains
    pure real(wp) function work_of_transfer(variation, length) result(work)
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]
-      real(wp), parameter :: set_up_of_steps = 5.0e3_wp
       integer :: doubling, n
 
-      work = set_up_of_steps + work_of_cuts(variation, length)
+      work = work_of_cuts(variation, length)
       if (variation%is_piecewise_linear()) then
          n = 1 + n_events_of(variation, length)
          work = work + 0.5_wp*n*variation%work_of_step(2.0_wp*length/n)
@@ -137,12 +136,11 @@ contains
    pure real(wp) function work_of_cuts(variation, length) result(work)
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]
-      real(wp), parameter :: single = 500.0_wp                        ! additional work of a node evaluated alone
       integer, parameter :: evaluations_per_event = 10
 
       work = 0.0_wp
       if (variation%is_smooth()) return
-      work = evaluations_per_event*n_events_of(variation, length)*(single + variation%work_of_node())
+      work = evaluations_per_event*n_events_of(variation, length)*variation%work_of_node()
       work = work + n_instants_of(variation, length)*variation%work_of_node()
    end function work_of_cuts
 
