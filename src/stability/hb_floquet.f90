@@ -46,6 +46,8 @@ module hb_floquet
    end type linear_propagation_t
 
    real(wp), parameter :: largest_surge = log(100.0_wp) ! a disturbance of 1 % grows to the size of the motion before it decays
+   real(wp), parameter :: most_work_of_orbit = 1.0e8_wp ! likewise; high modes need more, and the series is used for them: with a
+                                                                      ! minute, inputs/gallery/beam_stop_peak.nml takes 24 s, not .5 s
    real(wp), parameter :: work_on_demand = 6.0e10_wp                  !! in about a nanosecond: a minute
    real(wp), parameter :: most_turns = 1.0e6_wp                       ! of the fastest harmonic in a period of the slowest
                                                                       !! tone: the samples of a period are stored, and counted
@@ -103,7 +105,7 @@ contains
       stability%method = stability_method%integration
       is_orbit_sought = .false.
       if (has_piecewise_orbit(variation) .and. .not. any(motion%tones%is_unknown)) &
-         is_orbit_sought = work + work_of_piecewise_orbit(variation) <= min(limit, work_on_demand)
+         is_orbit_sought = work + work_of_piecewise_orbit(variation) <= min(limit, most_work_of_orbit)
       if (is_orbit_sought) then
          call assess_orbit(stability, variation, structure, motion, excitation)
          return

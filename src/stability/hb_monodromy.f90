@@ -16,14 +16,12 @@ module hb_monodromy
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: two_pi, wp
    use hb_matrix_exponential, only: exponential_of, exponential_of_two, product_of
-   use hb_thresholds, only: agreement, minor
+   use hb_thresholds, only: agreement, minor, rounding
    use hb_variation, only: piece_t, variation_t
    use hb_variation_pieces, only: cut_time, make_sliders_periodic
    implicit none
    private
    public :: fewest_instants, find_monodromy, find_transfer, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
-
-   real(wp), parameter :: inside = 1.0e-8_wp                          ! fraction of a piece by which its ends are evaluated inside
 
    integer, parameter :: fewest_steps = 8
    integer, parameter :: instants_per_harmonic = 8 ! detection times for events in a period of the highest harmonic
@@ -333,8 +331,8 @@ contains
       if (known == 2*n_steps) return
       associate (length => piece%finish - piece%start)
          times = piece%start + length*[(real(i, wp)/(2*n_steps), i=0, 2*n_steps)]
-         if (piece%is_after_event) times(0) = piece%start + inside*length
-         if (piece%is_before_event) times(2*n_steps) = piece%finish - inside*length
+         if (piece%is_after_event) times(0) = piece%start + rounding*length
+         if (piece%is_before_event) times(2*n_steps) = piece%finish - rounding*length
       end associate
       associate (n => self%n_coordinates)
          allocate (by_displacement(n, n, 0:2*n_steps), by_rate(n, n, 0:2*n_steps), by_state(n, self%n_states, 0:2*n_steps))

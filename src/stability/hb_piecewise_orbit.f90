@@ -23,7 +23,6 @@ module hb_piecewise_orbit
    integer, parameter :: steps_a_period = 16 ! of the fastest oscillation: a switch reverses at most once in a step
    integer, parameter :: most_events = 1000                           ! in a period: with more, contact chatters
    integer, parameter :: usual_shots = 5
-   integer, parameter :: most_backtracks = 5
 
    type :: piecewise_orbit_t
       real(wp), allocatable :: matrix(:, :)                           !! monodromy matrix of (q, v/scale)
@@ -89,7 +88,7 @@ contains
       real(wp), dimension(2*variation%n_dofs) :: after, begun, left, left_before, step, units, x
       complex(wp) :: turned(size(amplitudes, 1), size(amplitudes, 2))
       real(wp) :: sense, sense_before, start
-      integer :: backtrack, n, shot
+      integer :: n, shot
       logical :: is_done
 
       n = variation%n_dofs
@@ -108,19 +107,16 @@ contains
       step = 0.0_wp
       left_before = huge(1.0_wp)
       sense_before = 0.0_wp
-      backtrack = 0
       do shot = 1, nearby_steps
          call go_round(flow, variation, x, after, self%matrix, is_done)
          if (.not. is_done) return
          left = (after - x)/units
-         if (maxval(abs(left)) >= maxval(abs(left_before)) .and. backtrack < most_backtracks) then
+         if (maxval(abs(left)) >= maxval(abs(left_before))) then
             if (maxval(abs(left)) <= rounding) exit                    ! rounding
             step = 0.5_wp*step
             x = x - step
-            backtrack = backtrack + 1
             cycle
          end if
-         backtrack = 0
          call solve_step(self%matrix, after - x, step, sense)
          if (.not. sense*sense_before > 0.0_wp .and. shot > 1) return ! a fold lies between: the motion is ambiguous
          sense_before = sense
