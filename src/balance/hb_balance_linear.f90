@@ -107,7 +107,7 @@ contains
    real(wp) function rounding_level_of(self, u)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
-      real(wp), parameter :: units = 8.0_wp, condensed_units = 64.0_wp ! elimination amplifies errors slightly
+      real(wp), parameter :: unit = 8.0_wp*epsilon(1.0_wp)
       type(error_t), allocatable :: error
       real(wp) :: terms, total
       integer :: h, i, k
@@ -139,7 +139,7 @@ contains
          if (self%law_set%has_memory) total = total + sum((self%law_set%factor*self%law_set%spring_forces() &
                                                            /[(scale_of(i), i=1, self%n_dofs)])**2)
       end if
-      rounding_level_of = min(agreement, units*epsilon(1.0_wp)*sqrt(total))
+      rounding_level_of = min(agreement, unit*sqrt(total))
       if (.not. self%has_moved .or. self%stiffness%n_dofs == self%n_dofs) return
       total = 0.0_wp
       associate (set => self%harmonics)
@@ -149,7 +149,7 @@ contains
             end do
          end do
       end associate
-      rounding_level_of = min(agreement, rounding_level_of + condensed_units*epsilon(1.0_wp)*sqrt(total))
+      rounding_level_of = min(agreement, rounding_level_of + unit*sqrt(total))
 
    contains
 

@@ -25,7 +25,7 @@ module hb_certificate
    use hb_solver_types, only: report_t, solver_config_t
    use hb_structure, only: structure_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
-   use hb_thresholds, only: agreement, minor, well_solved
+   use hb_thresholds, only: agreement, minor, nearby_steps, well_solved
    use hb_tones, only: new_tones, tones_t
    use hb_torus, only: fast_size, new_torus, samples_for, torus_t
    use hb_tuple_choice, only: new_doubled_set, shifted
@@ -35,9 +35,7 @@ module hb_certificate
    public :: certificate_t, certify, certify_linear, choose_wider_set, finer_samples, near_commensurate, wanted_motions_t
    public :: wider_orders
 
-   integer, parameter :: most_iterations = 30                         ! of another solution for comparison
    real(wp), parameter :: largest_wide_set = 2.0e5_wp                  ! tuples of the wider set
-   real(wp), parameter :: least_density = 1.25_wp                      ! samples per tone of the finer grid, relative to 2 N + 1
    real(wp), parameter :: largest_fine_grid = 4.0e6_wp                 ! samples
 
    !> Requested motions beside the estimates.
@@ -265,7 +263,7 @@ contains
       logical, intent(in) :: is_fine                                  !! as for `choose_wider`
       integer :: samples(size(highest))
 
-      samples = max(2*n_samples, fast_size(ceiling(least_density*(2*highest + 1))))
+      samples = max(2*n_samples, fast_size(2*highest + 2))
       if (.not. (size(highest) == 1 .or. is_fine .or. product(real(samples, wp)) > largest_fine_grid)) return
       samples = max(samples_for(highest, 0), 4*n_samples)
       do while (product(real(samples, wp)) > largest_fine_grid .and. any(samples > max(n_samples, 2*highest + 2)))
@@ -301,7 +299,7 @@ contains
       call new_balance(fine, balance%harmonics, wide%law_set%transform%torus, balance%omega, linear, balance%law_set%laws, &
                        error)
       if (.not. allocated(error)) then
-         config%max_iterations = most_iterations
+         config%max_iterations = nearby_steps
          config%fallback = .false.
          x = reshape(u, [size(u)])
          call solve(fine, config, 0.0_wp*x, x, report)
@@ -496,7 +494,6 @@ contains
       real(wp), intent(in) :: x(:)                                    !! its solution
       integer, intent(in) :: n                                        !! coefficients among its unknowns
       real(wp), intent(in) :: size_of_motion                          !! [m]
-      real(wp), parameter :: most_fallback = 20.0_wp                  ! work, relative to that of the first attempt
       real(wp), parameter :: nearly_at_rest = 0.5_wp ! size relative to the motion; a smaller one approaches the equilibrium
       type(report_t) :: report
       type(solver_config_t) :: config
@@ -517,9 +514,8 @@ contains
       is_held = [(is_high, i=1, n/size(is_high))]
       x_half = x
       where (is_held) x_half(:n) = 0.0_wp
-      config%max_iterations = most_iterations
+      config%max_iterations = nearby_steps
       config%fallback_work = 0.0_wp
-      config%fallback_share = most_fallback
       select type (problem)
       class is (bordered_problem_t)
          problem%is_held = is_held

@@ -203,8 +203,7 @@ contains
       integer, intent(in) :: all_dofs(:)
       real(wp), intent(in) :: all_weights(:)                          !! (size(all_dofs)), some may be zero
       real(wp), intent(out) :: mass, stiffness
-      real(wp), parameter :: far = 1.0e4_wp                           ! times a bound of the resonances
-      real(wp) :: largest_mass, highest
+      real(wp) :: far, highest, largest_mass
       real(wp), allocatable :: dampings(:), masses(:), stiffnesses(:)
       real(wp), allocatable :: weights(:)
       integer, allocatable :: dofs(:)
@@ -223,7 +222,8 @@ contains
             highest = max(highest, sqrt(abs(stiffnesses(i))/masses(i)), abs(dampings(i))/masses(i))
       end do
       if (.not. highest > 0.0_wp) highest = 1.0_wp
-      mass = max(0.0_wp, -seen_at(far*highest)/(far*highest)**2)
+      far = highest*epsilon(1.0_wp)**(-0.25_wp)                       ! the inertia there is as exact as rounding permits
+      mass = max(0.0_wp, -seen_at(far)/far**2)
 
    contains
 

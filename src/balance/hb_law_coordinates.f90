@@ -195,10 +195,7 @@ contains
    logical function is_worth_it(self, structure)
       type(coordinates_t), intent(in) :: self
       type(structure_t), intent(in) :: structure
-      integer, parameter :: narrowest = 8                             ! blocks below are never bands
 
-      is_worth_it = size(self%dofs) < narrowest
-      if (is_worth_it) return
       is_worth_it = work(self%n, condensed_half_bandwidth(structure, self)) <= &
                     work(size(self%dofs), condensed_half_bandwidth(structure, dofs_as_coordinates(self%dofs)))
 

@@ -23,7 +23,6 @@ module hb_limit_cycle_search
    real(wp), parameter :: first_amplitude = 1.0e-3_wp                 !! of a search, relative to the length of the model
    real(wp), parameter :: last_amplitude = 1.0e3_wp                   !! likewise
    integer, parameter :: most_steps = 600                             !! of a path of motions over the amplitude or the damping
-   real(wp), parameter :: path_tolerance = 1.0e-8_wp
 
    !> A motion with prescribed amplitudes of the unknown tones.
    type :: path_point_t
@@ -110,12 +109,12 @@ contains
       real(wp), intent(in) :: amplitude                               !! [m]
       type(path_point_t), intent(out) :: point
       logical, intent(out) :: is_solved
-      integer, parameter :: most_tries = 4
-      integer :: try
+      real(wp) :: smaller
 
-      do try = 0, most_tries - 1
+      smaller = amplitude
+      do
          call shape_references(self)
-         point%amplitude = spread(amplitude*0.01_wp**try, 1, size(self%tones))
+         point%amplitude = spread(smaller, 1, size(self%tones))
          point%u = self%base%u + point%amplitude(1)*sum(self%reference, dim=3)
          associate (modes => self%base%modes)
             point%omega = modes%frequency(self%modes)
@@ -125,6 +124,8 @@ contains
             if (.not. is_solved .or. all(modes%growth(self%modes) <= rounding*modes%frequency(self%modes))) return
             if (any(self%damping(point) < -rounding)) return
          end associate
+         smaller = 0.01_wp*smaller
+         if (smaller < rounding*self%length) return
       end do
    end subroutine search_begin
 
@@ -221,7 +222,7 @@ contains
       type(solver_config_t) :: config
 
       config = self%config
-      config%tolerance = max(path_tolerance, config%tolerance)
+      config%tolerance = max(rounding, config%tolerance)
       config%max_iterations = nearby_steps
    end function search_path_config
 

@@ -15,14 +15,12 @@ module hb_line_tangent
    private
    public :: line_tangent_t, new_line_tangent
 
-   integer, parameter :: most_runs = 64 ! intervals of sticking, beyond which each column is integrated
-
    !> Complex numbers of all harmonics: sums of exp(i j.tau).
    type :: line_tangent_t
       logical :: is_available = .false.                               !! after `prepare`: the method applies to the law
       real(wp), allocatable :: g(:)                                   !! after `find`, (n_steps) [N/m]
       integer :: n_runs = 0
-      complex(wp), allocatable :: stuck(:, :) !! sum over the samples of an interval, (n_harmonics, most_runs)
+      complex(wp), allocatable :: stuck(:, :) !! sum over the samples of an interval, (n_harmonics, intervals)
       complex(wp), allocatable :: pushed(:, :)                        !! motion where the slider was moved last, as `stuck`
       integer, allocatable, private :: order(:)                       ! (n_harmonics) entry of the tuple
       integer, private :: n_steps = 0
@@ -50,7 +48,6 @@ contains
       self%n_period = merge(1, 2, characteristic%closing > 0.0_wp)*self%n_steps
       self%order = harmonics%tuples(1, :)
       allocate (self%half_turn(0:2*self%n_period - 1), self%factor(harmonics%n_harmonics, n_path_parts))
-      allocate (self%stuck(harmonics%n_harmonics, most_runs), self%pushed(harmonics%n_harmonics, most_runs))
       allocate (self%g(self%n_steps))
       do m = 0, 2*self%n_period - 1
          angle = 0.5_wp*two_pi*m/self%n_period
@@ -93,7 +90,8 @@ contains
             n_runs = n_runs + count(.not. is_held .and. is_turned(memory, k))
          end associate
       end do
-      if (n_runs > most_runs) return
+      if (allocated(self%stuck)) deallocate (self%stuck, self%pushed)
+      allocate (self%stuck(size(self%order), n_runs), self%pushed(size(self%order), n_runs))
       c = size(memory%path, 2)
       z = transpose(memory%path(1, :, path_part%at_end, :))
       s = transpose(memory%states(1, :, :))

@@ -15,11 +15,11 @@ module hb_linear_part
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_structure, only: structure_t
+   use hb_thresholds, only: minor
    implicit none
    private
    public :: cached_linear_part_t, cached_linear_parts_t, linear_part_t, new_linear_part
 
-   real(wp), parameter :: weakness = 1.0e-1_wp                        ! of supports, relative to the stiffness
 
    type, extends(dynamic_stiffness_t) :: linear_part_t
       logical, allocatable :: is_singular(:)                          !! (n_harmonics) the structure can move freely
@@ -75,7 +75,7 @@ contains
       call self%linear_amplitudes(self%free_motion, self%is_singular)
       self%has_supports = any(self%is_singular)
       h = max(1, findloc(self%is_singular, .false., dim=1))
-      self%support = [(weakness*abs(self%entry(i, i, h)), i=1, self%n_law)]
+      self%support = [(minor*abs(self%entry(i, i, h)), i=1, self%n_law)]
       stiffest = maxval(self%support)
       if (stiffest <= 0.0_wp) stiffest = 1.0_wp
       where (self%support <= epsilon(1.0_wp)*stiffest) self%support = stiffest
@@ -178,7 +178,7 @@ contains
          if (frequencies(h) == 0.0_wp) cycle
          do i = 1, self%n_law
             associate (entry => self%condensed(self%pattern%shift(i) + i, i, h))
-               entry = entry + cmplx(0.0_wp, sign(loss*self%support(i)/weakness, frequencies(h)), wp)
+               entry = entry + cmplx(0.0_wp, sign(loss*self%support(i)/minor, frequencies(h)), wp)
             end associate
          end do
       end do

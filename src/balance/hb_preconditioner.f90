@@ -310,9 +310,8 @@ contains
    !> Work of `apply`, see hb_solver_types%unit_of_work: the factors are read from memory once.
    pure real(wp) function preconditioner_work_of_solution(self) result(work)
       class(preconditioner_t), intent(in) :: self
-      real(wp), parameter :: per_factor = 1.0_wp
 
       work = 0.0_wp
-      if (allocated(self%coupled)) work = per_factor*self%coupled%n_factors()
+      if (allocated(self%coupled)) work = self%coupled%n_factors()
    end function preconditioner_work_of_solution
 end module hb_preconditioner

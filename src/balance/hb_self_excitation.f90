@@ -15,8 +15,6 @@ module hb_self_excitation
    private
    public :: search_from_modes
 
-   integer, parameter :: n_amplitudes = 13                            ! of the scan, equal ratios
-   real(wp), parameter :: largest_amplitude = 1.0e8_wp                ! beyond: grows without bound
    real(wp), parameter :: longest_growth = 1.1_wp                     ! of log(amplitude) in one step
 
 contains
@@ -69,19 +67,12 @@ contains
       logical, intent(out) :: is_found
       type(path_point_t) :: last
       real(wp) :: goal
-      integer :: i
       logical :: is_solved
 
       is_found = .false.
-      do i = 1, n_amplitudes
-         if (work_is_over()) exit
-         goal = self%length*first_amplitude*(last_amplitude/first_amplitude)**(real(i - 1, wp)/(n_amplitudes - 1))
-         if (i == 1) then
-            call self%begin(goal, point, is_solved)
-         else
-            call approach(self, last, spread(goal, 1, size(self%tones)), point, is_solved)
-         end if
-         if (.not. is_solved) return
+      goal = self%length*first_amplitude
+      call self%begin(goal, point, is_solved)
+      do while (is_solved .and. .not. work_is_over())
          last = point
          self%reached = goal
          self%is_neutral = self%is_neutral .and. all(abs(self%damping(point)) <= rounding)
@@ -89,6 +80,9 @@ contains
             call follow(self, point, is_found)
             return
          end if
+         goal = exp(longest_growth)*goal
+         if (goal > last_amplitude*self%length) return
+         call approach(self, last, spread(goal, 1, size(self%tones)), point, is_solved)
       end do
    end subroutine follow_flow
 
@@ -119,7 +113,7 @@ contains
             if (is_found) return
             next_try = 0.3_wp*maxval(abs(self%damping(now)))
          end if
-         if (maxval(now%amplitude) > largest_amplitude*self%length) then
+         if (maxval(now%amplitude) > last_amplitude*self%length) then
             self%message = "self-excited at all amplitudes tried: the motion grows without bound"
             self%runs_away = .true.
             return

@@ -24,7 +24,6 @@ module hb_slider_states
 
    integer, parameter :: most_rounds = 1000
    integer, parameter :: many_rounds = 40, between_jumps = 4
-   integer, parameter :: long_round = 10000                           ! states from which on a round takes a millisecond
    real(wp), parameter :: repeat_tolerance = 64*epsilon(1.0_wp)       ! of the largest coordinate or state
 
    !> Samples are stored slice by slice: (n_slice, ..., n_steps).
@@ -111,7 +110,7 @@ contains
          self%repeats = change <= rounding
          self%full_stick = largest_move <= rounding
          if (self%repeats .or. self%rounds >= most_rounds .or. .not. ieee_is_finite(change)) exit
-         if (modulo(self%rounds, between_jumps) == 0 .or. size(self%states) > long_round) then
+         if (modulo(self%rounds, between_jumps) == 0) then
             if (work_is_over()) exit
          end if
          if (self%full_stick .and. characteristic%n_slice > 1 .and. self%rounds >= many_rounds .and. self%levelled_at == 0) then

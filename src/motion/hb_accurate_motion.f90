@@ -14,7 +14,7 @@ module hb_accurate_motion
    use hb_integrate_to_tolerance, only: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples
    use hb_integrated_result, only: is_lost
    use hb_kinds, only: wp
-   use hb_level, only: choose_next, degree_of, distance, estimate_of, estimate_of_motion, &
+   use hb_level, only: caution, choose_next, degree_of, distance, estimate_of, estimate_of_motion, &
       estimate_of_wanted, is_rigid, least_goal, level_t, margin, most_failures, put_on_level, trim_set, with_caution
    use hb_model, only: accuracy_t, model_t
    use hb_motion, only: solve_motion
@@ -33,7 +33,6 @@ module hb_accurate_motion
 
    integer, parameter :: most_idle = 4                                ! consecutive levels without improvement
    real(wp), parameter :: share_of_fallback = 0.2_wp                  ! of the work of fallbacks, for each level except the first
-   real(wp), parameter :: work_of_stability = 1.5_wp                  ! at most, relative to that of all levels
    integer, parameter :: patience_with_products = 16 ! iterations before the preconditioner becomes stronger: there are many levels
    integer, parameter :: most_refinements = 2                         ! for a verdict on stability
    real(wp), parameter :: clear_change = 1.0e-4_wp                    ! of multipliers, caused by the errors of the motion
@@ -353,11 +352,10 @@ contains
    pure real(wp) function left_after(n_below, n_above, n_tones) result(share)
       integer, intent(in) :: n_below, n_above                         !! tuples of the two levels
       integer, intent(in) :: n_tones
-      real(wp), parameter :: largest_share = 2.0_wp
       real(wp) :: shrinking
 
       shrinking = (real(n_below, wp)/n_above)**(1.0_wp/n_tones)
-      share = largest_share
+      share = caution
       if (shrinking < 1.0_wp) share = min(share, shrinking/(1.0_wp - shrinking))
    end function left_after
 
@@ -501,7 +499,7 @@ contains
          if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
             result%status = merge(outcome%converged, outcome%truncated, estimate_of_wanted(result) <= model%accuracy%tolerance)
          if (model%stability%method /= stability_method%off .or. size(model%output%samples) > 0) &
-            call add_stability(model, self%top, work_of_stability*(self%solver%work + self%solver%work_beside), result)
+            call add_stability(model, self%top, self%solver%charged, result)
          if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
             result%message = trim(message_on_outputs(model%accuracy, max(result%output_estimate, result%output_level_estimate)))
          result%harmonics = self%top%set

@@ -22,7 +22,7 @@ module hb_curve_gradient
    use hb_motion_result, only: gradient_t, motion_result_t
    use hb_outcome, only: is_solved
    use hb_stability, only: bifurcation
-   use hb_thresholds, only: faint, minor, nearby_steps, sharp
+   use hb_thresholds, only: agreement, faint, minor, nearby_steps, sharp
    implicit none
    private
    public :: find_curve_gradient
@@ -30,7 +30,6 @@ module hb_curve_gradient
    real(wp), parameter :: apart = 1.0e-4_wp                           ! a step, relative to the value
    real(wp), parameter :: across_samples = 3.0e-2_wp                  ! likewise, over 20 of the following samples
    integer, parameter :: fewest_samples = 4096                        ! of one tone, for a position to 1 %
-   real(wp), parameter :: most_values = 1.0e6_wp                      ! of them for all coordinates: a second for a step
 
    !> A located point.
    type, extends(differentiable_t) :: located_t
@@ -104,7 +103,7 @@ contains
       gradient%position = ieee_value(1.0_wp, ieee_quiet_nan)
       gradient%frequency = ieee_value(1.0_wp, ieee_quiet_nan)
       level = located%curve%level
-      if (size(level%n_samples) > 1 .or. fewest_samples*real(located%curve%problem%n_dofs, wp) > most_values) return
+      if (size(level%n_samples) > 1) return
       level%n_samples = max(level%n_samples, fewest_samples)
       located%step = across_samples
       call located%differentiate(level, average, error)
@@ -216,7 +215,6 @@ contains
       class(event_t), intent(inout) :: event
       real(wp), intent(inout) :: x(:)                                 !! near the zero
       logical, intent(out) :: is_found
-      real(wp), parameter :: rough = 1.0e-7_wp                        ! [lengths]: with a rough residual steps shrink no further
       real(wp) :: before, here, direction(size(x)), last_step, step
       integer :: i
 
@@ -230,7 +228,7 @@ contains
          here = event%value(curve%curve, x)
          last_step = abs(step)
          if (i > 1) step = -here*step/(here - before)
-         is_found = i > 1 .and. (abs(step) <= sharp .or. (abs(step) <= rough .and. abs(step) >= last_step))
+         is_found = i > 1 .and. (abs(step) <= sharp .or. (abs(step) <= agreement .and. abs(step) >= last_step)) ! a rough residual
          if (is_found) return
          if (.not. abs(step) <= minor) return
          x = x + step*direction

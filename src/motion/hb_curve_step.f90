@@ -14,10 +14,8 @@ module hb_curve_step
    real(wp), parameter :: largest_turn = 0.6_wp                       ! [rad] on a step, unless it is short
    real(wp), parameter :: longest_chord = 2.0_wp                      ! of a step, unless it is short: 1.05 with the largest turn
    real(wp), parameter :: short = 1.0e-2_wp                           ! of the longest step
-   real(wp), parameter :: largest_phase = 0.5_wp                      ! its cosine; a phase may change by 60 degrees on a step
    real(wp), parameter :: largest_change = 0.5_wp                     !! of a motion or an amplitude on a step
    real(wp), parameter :: off_the_line = 0.25_wp                      ! of a step, likewise: an arc that turns by 0.6 has 0.075
-   integer, parameter :: most_middles = 4                             ! points at which one step is examined
 
 contains
 
@@ -111,14 +109,15 @@ contains
    logical function has_leapt(self)
       class(followed_motion_t), intent(inout), target :: self
       complex(wp) :: before, behind
-      real(wp) :: middles(most_middles), share, size_of_motion, x(size(self%curve%x))
-      integer :: d, h, n_middles
+      real(wp), allocatable :: middles(:)
+      real(wp) :: share, size_of_motion, x(size(self%curve%x))
+      integer :: d, h
       logical :: is_on_curve
 
       has_leapt = .false.
       if (self%curve%last_step <= next_to_none*self%curve%config%longest_step .or. self%is_rough) return
       if (size(self%problem%which) > 1) return                                ! unknown tones have no given phases
-      n_middles = 0
+      allocate (middles(0))
       associate (curve => self%curve, set => self%problem%model%harmonics, n => self%problem%n_unknowns)
          size_of_motion = maxval(abs(curve%x(:n)/self%weights))
          do h = 1, set%n_harmonics
@@ -127,12 +126,10 @@ contains
                before = coefficient_of(curve%last_x)
                behind = coefficient_of(curve%x)
                if (max(abs(before), abs(behind)) < faint*size_of_motion) cycle
-               if (real(conjg(before)*behind) >= largest_phase*abs(before)*abs(behind)) cycle
+               if (abs(before - behind) <= max(abs(before), abs(behind))) cycle
                share = real(conjg(before)*(before - behind))/abs(before - behind)**2
-               if (n_middles == most_middles .or. share <= 0.0_wp .or. share >= 1.0_wp) cycle
-               if (any(abs(middles(:n_middles) - share) < 0.1_wp)) cycle
-               n_middles = n_middles + 1
-               middles(n_middles) = share
+               if (share <= 0.0_wp .or. share >= 1.0_wp .or. any(abs(middles - share) < 0.1_wp)) cycle
+               middles = [middles, share]
                call curve%point_at(share*curve%last_step, x, is_on_curve)
                has_leapt = .not. is_on_curve
                if (.not. has_leapt) has_leapt = norm2((x - (curve%last_x + share*(curve%x - curve%last_x)))/curve%units) > &

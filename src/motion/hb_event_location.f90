@@ -7,14 +7,12 @@ module hb_event_location
    use hb_curve_request, only: curve_kind, located_response_t
    use hb_followed_motion, only: followed_motion_t, known_t, waiting_t
    use hb_kinds, only: wp
-   use hb_stability, only: bifurcation, bifurcation_value, is_torus, stability_method, stability_t
-   use hb_thresholds, only: agreement, minor, next_to_none, rounding, sharp
+   use hb_stability, only: bifurcation, bifurcation_value, is_torus, most_multipliers, stability_method, stability_t
+   use hb_thresholds, only: agreement, clearly, minor, next_to_none, rounding, sharp
    implicit none
    private
    public :: bifurcation_event_t, find_events, response_event_t
 
-   real(wp), parameter :: at_value = 1.0e-13_wp                       ! of the range: tolerance of a wanted value
-   real(wp), parameter :: uncertain = 100.0_wp ! times the tolerance of multipliers: distance from the unit circle
    integer, parameter :: kind_of(3) = [curve_kind%split, curve_kind%flip, curve_kind%torus]   ! of each kind of bifurcation
 
    !> The step, and the state of the search.
@@ -211,7 +209,7 @@ contains
       type(stability_t) :: better
       real(wp) :: same_position
 
-      if (minval(abs(abs(there%multipliers) - 1.0_wp)) > uncertain*self%model%stability%tolerance) return
+      if (minval(abs(abs(there%multipliers) - 1.0_wp)) > clearly*self%model%stability%tolerance) return
       call evaluate_stability_at(self, position, sharp, same_position, better)
       if (allocated(better%multipliers)) there%multipliers = better%multipliers
    end subroutine make_certain
@@ -252,7 +250,6 @@ contains
       type(search_t), intent(inout) :: search
       type(piece_t), intent(in) :: piece
       integer, intent(in) :: n_before                                 !! waiting points, of them found without multipliers
-      integer, parameter :: most_changes = 8
       type(count_event_t) :: number
       type(stability_t) :: there
       real(wp) :: begin, position, x(size(self%curve%x))
@@ -266,7 +263,7 @@ contains
       number%motion => self
       number%may_jump = .true.
       begin = piece%ends(1)
-      do i = 1, most_changes
+      do i = 1, most_multipliers
          if (number%n == n_last) return
          call self%curve%find_zero(number, [begin, piece%ends(2)], [1.0_wp, -1.0_wp], x, position, is_found)
          search%is_lost = search%is_lost .or. .not. is_found
@@ -388,7 +385,6 @@ contains
          end if
          wanted = [request%from, request%to, request%values]
          event%unit = abs(request%to - request%from)
-         event%tolerance = at_value
          do i = 1, size(wanted)
             if (i > 2 .and. any(abs(wanted(i) - wanted(:2)) <= 0.0_wp)) cycle
             event%wanted = wanted(i)

@@ -26,7 +26,7 @@ module hb_gradient
    use hb_phase, only: coefficient_functional, shift_functional
    use hb_problem, only: problem_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
-   use hb_thresholds, only: difference_step, sharp
+   use hb_thresholds, only: difference_step, minor, sharp
    use hb_tuple_choice, only: new_doubled_set
    implicit none
    private
@@ -170,7 +170,6 @@ contains
       type(model_t), intent(in) :: model
       type(level_t), intent(in) :: own                                !! of the present derivatives
       type(gradient_t), intent(inout) :: gradient
-      real(wp), parameter :: largest = 2.0e5_wp                       ! samples; motions have up to 10 times as many
       type(gradient_t) :: finer
       type(error_t), allocatable :: error
       type(level_t) :: before, next
@@ -189,8 +188,8 @@ contains
          if (allocated(error)) return
          if (is_exact .and. refines_grid) next%n_samples = needed_samples(next%set%highest, degree_of(model))
          if (.not. is_exact) next%n_samples = 2*next%n_samples
-         if (product(real(next%n_samples, wp)) >= largest .or. any(next%n_samples <= 2*next%set%highest) .or. &
-             next%set%n_harmonics > model%accuracy%max_harmonics) return
+         if (product(real(next%n_samples, wp)) >= minor*model%accuracy%max_samples .or. &
+             any(next%n_samples <= 2*next%set%highest) .or. next%set%n_harmonics > model%accuracy%max_harmonics) return
          call motion%differentiate(next, finer, error)
          if (allocated(error) .or. .not. allocated(finer%coefficients)) return
          finer%coefficients = in_set(finer%coefficients, next%set, own%set)

@@ -33,8 +33,7 @@ module hb_integrate_to_tolerance
    integer, parameter :: candidates_of_retained = 4                   ! at most, for each tuple of a set
    real(wp), parameter :: fall = 0.7_wp                               ! power of the tolerance with which orders of candidates grow
    real(wp), parameter :: fall_of_one_tone = 0.4_wp                   ! likewise: with one tone a larger box is cheap
-   real(wp), parameter :: nearly = 0.9_wp                             ! of the tolerance: the error at which a time integration ends
-   real(wp), parameter :: share_of_tail = 0.3_wp                      ! of that error, in omitted tuples
+   real(wp), parameter :: share_of_tail = 0.3_wp                      ! of the tolerance, in omitted tuples; the rest is the misfit
 
    !> A motion found by time integration whose candidates for a set are refined.
    type, extends(refinable_t) :: refined_record_t
@@ -63,7 +62,6 @@ contains
    !> smaller.
    logical function integrates_first(model)
       type(model_t), intent(in) :: model
-      real(wp), parameter :: largest_tolerance = 1.0e-3_wp            ! above it the balance is always cheaper
       type(hold_t) :: hold
       type(integration_counts_t) :: counts
       type(structure_t) :: structure
@@ -72,7 +70,7 @@ contains
       integrates_first = model%primary_method == primary_method%integration
       if (model%primary_method /= primary_method%auto .or. model%tones%n_tones /= 1 .or. any(model%tones%is_unknown)) return
       if (.not. is_rigid(model) .or. .not. model%accuracy%grows_set .or. size(model%accuracy%outputs) > 0) return
-      if (model%accuracy%tolerance > largest_tolerance .or. model%structure%n_dofs > most_dense .or. model%chain%is_on) return
+      if (model%structure%n_dofs > most_dense .or. model%chain%is_on) return
       structure = model%structure
       call structure%unpack()
       counts%n_dofs = structure%n_dofs
@@ -231,7 +229,7 @@ contains
 
       record%model => model
       record%here = model
-      record%here%integration%aim = nearly*model%accuracy%tolerance
+      record%here%integration%aim = sqrt(1.0_wp - share_of_tail**2)*model%accuracy%tolerance
       record%here%integration%tolerance = max(model%integration%tolerance, well_solved*record%here%integration%aim)
       record%here%certificate%truncation = min(model%certificate%truncation, model%accuracy%tolerance)
       record%coordinates = coordinates_of(model)
@@ -371,7 +369,7 @@ contains
          carried = max(carried, abs(steady%averages(:, k))/max(norm2(abs(steady%averages(:, k))), tiny(1.0_wp)))
       end do
       is_needed = [(sum(abs(model%harmonics%tuples(:, h))) <= 1 .or. .not. model%loads%is_zero_at(h), h=1, size(carried))]
-      tail = share_of_tail*model%integration%aim
+      tail = share_of_tail*model%accuracy%tolerance
       positions = largest_indices(merge(huge(1.0_wp), carried, is_needed), tail, capacity)
       is_retained = .false.
       is_retained(positions) = .true.

@@ -11,6 +11,7 @@ module hb_model_tones
    use hb_properties, only: properties_t
    use hb_structure, only: most_dense
    use hb_text, only: string_t, to_text
+   use hb_thresholds, only: rounding
    use hb_tones, only: new_tones, tones_t
    implicit none
    private
@@ -217,7 +218,6 @@ contains
    subroutine check_energy(self, group)
       type(model_t), intent(in) :: self
       type(properties_t), intent(inout) :: group
-      real(wp), parameter :: digits = 1.0e-12_wp                      ! relative to the largest stiffness
       type(error_t), allocatable :: error
       integer :: h, i
 
@@ -237,7 +237,7 @@ contains
          return
       end if
       associate (k => self%structure%stiffness)
-         if (maxval(abs(k - transpose(k))) > digits*maxval(abs(k))) &
+         if (maxval(abs(k - transpose(k))) > rounding*maxval(abs(k))) &
             call group%problem("energy", "the stiffness is not symmetric, so that there is no strain energy; give 'amplitude' "// &
                                "and 'dof'")
       end associate

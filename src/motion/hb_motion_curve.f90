@@ -26,7 +26,7 @@ module hb_motion_curve
    use hb_solver_types, only: report_t
    use hb_stability, only: angle_of_pair
    use hb_text, only: to_text
-   use hb_thresholds, only: faint, next_to_none, reliable
+   use hb_thresholds, only: faint, nearby_steps, next_to_none, reliable
    implicit none
    private
    public :: motion_curve_continue_from, motion_curve_start_branch, motion_curve_t
@@ -480,17 +480,16 @@ contains
    end subroutine find_next
 
    !> Follows the curve to the first point of a kind, within a number of steps, and returns that point alone.
-   subroutine motion_curve_search_for(self, kind, most_steps, result, n_steps, is_found, error)
+   subroutine motion_curve_search_for(self, kind, result, is_found, error)
       class(motion_curve_t), intent(inout), target :: self
-      integer, intent(in) :: kind, most_steps
+      integer, intent(in) :: kind
       type(motion_result_t), intent(out) :: result
-      integer, intent(out) :: n_steps
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
-      integer :: i
+      integer :: i, n_steps
 
       is_found = .false.
-      do n_steps = 1, most_steps
+      do n_steps = 1, nearby_steps
          call self%go(error)
          if (allocated(error) .or. self%curve%status /= outcome%pending) return
          i = findloc(self%waiting%kind, kind, dim=1)

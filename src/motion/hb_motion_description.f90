@@ -18,7 +18,7 @@ module hb_motion_description
    use hb_model_basis, only: asymmetry
    use hb_motion_result, only: as_pairs, motion_result_t
    use hb_outcome, only: is_solved, outcome, reason
-   use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, &
+   use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, stability_config_t, &
       stability_method, stability_t, stability_verdict => verdict
    use hb_structure, only: most_dense
    use hb_thresholds, only: agreement
@@ -57,7 +57,6 @@ contains
          if (allocated(error)) return
          call keep_outputs(model, basis, c, result)
       end if
-      result%work_beside = work_beside_solver(model, balance)
       if (is_solved(result%status)) then
          if (result%stability%method == stability_method%off) &
             call stability_of(model, balance, c, model%stability%tolerance, result%stability)
@@ -83,7 +82,7 @@ contains
       config%tolerance = tolerance
       if (present(is_integrated)) config%is_integrated = is_integrated
       call request_stability(model, config, harmonic_motion_t(balance%harmonics%tuples, tones_of(model, balance), c), &
-                             usual_work(model, balance), stability)
+                             usual_work(balance), stability)
    end subroutine stability_of
 
    !> Accepts a verdict only if the motion with its first-order errors removed has the same one: multipliers and
@@ -94,8 +93,6 @@ contains
       type(tones_t), intent(in) :: tones                              !! of the motion
       type(certificate_t), intent(in) :: found                        !! its certificate
       type(stability_t), intent(inout) :: stability                   !! its stability
-      integer, parameter :: fewest_periods = 5
-      real(wp), parameter :: share_of_periods = 0.25_wp               ! sufficient if the exponent is clearly nonzero
       type(stability_config_t) :: config
       type(stability_t) :: refined
 
@@ -103,7 +100,7 @@ contains
       if (max(found%truncation, found%aliasing) <= agreement .or. stability%is_integrated) return
       config = model%stability
       config%patience = 1.0_wp
-      if (stability%n_periods > 0) config%fewest_periods = max(fewest_periods, nint(share_of_periods*stability%n_periods))
+      if (stability%n_periods > 0) config%fewest_periods = min(few_periods, stability%n_periods)
       if (stability%n_periods > 0) config%most_periods = stability%n_periods
       call request_stability(model, config, harmonic_motion_t(found%around%tuples, tones, found%refined), huge(1.0_wp), refined)
       call stability%compare_with(refined)
@@ -150,25 +147,13 @@ contains
    end function tones_of
 
    !> Approximate time of a usual point in nanoseconds, from counts alone, so that it is the same for all points of a
-   !> sweep.
-   pure real(wp) function usual_work(model, balance) result(work)
-      type(model_t), intent(in) :: model
+   !> sweep: the solution and its certificate, with twice the order and the samples, in residuals.
+   pure real(wp) function usual_work(balance) result(work)
       type(balance_t), intent(in) :: balance
-      real(wp), parameter :: residuals = 10.0_wp, tangents = 5.0_wp, residuals_for_tangent = 60.0_wp
+      real(wp), parameter :: residuals = 300.0_wp                     ! of small models, measured
 
-      work = work_beside_solver(model, balance) + residuals*balance%residual_work &
-                                             + tangents*min(balance%tangent_work, residuals_for_tangent*balance%residual_work)
+      work = residuals*balance%residual_work
    end function usual_work
-
-   !> The part of it for set-up, recovery of all degrees of freedom and the certificate: twice the order and the samples.
-   pure real(wp) function work_beside_solver(model, balance) result(work)
-      type(model_t), intent(in) :: model
-      type(balance_t), intent(in) :: balance
-      real(wp), parameter :: set_up = 1.0e5_wp, per_pair_of_dofs = 12.0_wp, residuals_of_certificate = 300.0_wp
-
-      work = set_up + per_pair_of_dofs*real(model%structure%n_dofs, wp)**2*balance%harmonics%n_harmonics
-      if (model%certificate%is_on) work = work + residuals_of_certificate*balance%residual_work
-   end function work_beside_solver
 
    !> Stores the coefficients of the output degrees of freedom in a result.
    subroutine keep_motion(model, basis, c, result)

@@ -43,7 +43,6 @@ module hb_motion_result
       integer :: iterations = 0
       integer :: evaluations = 0                        !! of the residual
       real(wp) :: work = 0.0_wp                         !! of the solver and of time integration, see hb_solver_types
-      real(wp) :: work_beside = 0.0_wp                  !! of set-up, recovery and certificate, likewise
       real(wp) :: charged = 0.0_wp                      !! of levels, everything included, see hb_cancellation
       integer :: n_levels = 0 !! sets solved until the tolerance was satisfied, hb_accurate_motion; 0: a given one
       integer :: fallback = 0                           !! methods that the solver needed, hb_solver_types
@@ -108,7 +107,6 @@ contains
       self%iterations = self%iterations + other%iterations
       self%evaluations = self%evaluations + other%evaluations
       self%work = self%work + other%work
-      self%work_beside = self%work_beside + other%work_beside
       self%charged = self%charged + other%charged
       self%n_levels = self%n_levels + other%n_levels
       self%fallback = max(self%fallback, other%fallback)

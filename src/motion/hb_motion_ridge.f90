@@ -22,8 +22,6 @@ module hb_motion_ridge
    private
    public :: motion_ridge_t, new_motion_curve
 
-   integer, parameter :: easy_steps = 4, most_steps = 12              ! of a curve, up to the point that is searched for
-
    !> Owns external resources: call `destroy`. A variable of this type needs the attribute `target`. Lengths are
    !> relative to the range of the second value.
    type, extends(motion_curve_t) :: motion_ridge_t
@@ -180,7 +178,7 @@ contains
       type(motion_result_t) :: nothing
       type(cancellation_t), target :: cancellation
       real(wp) :: far, started, value
-      integer :: i, kind, n_steps
+      integer :: i, kind
       logical :: is_found
 
       started = wall_clock()
@@ -198,14 +196,14 @@ contains
                value = far
                kind = merge(curve_kind%end, curve_kind%value, abs(far - request%to) <= 0.0_wp)
             end if
-            call try(self, value, result, n_steps, is_found, error)
+            call try(self, value, result, is_found, error)
             if (allocated(error) .or. is_found) exit
             if (work_is_over()) exit
             self%step = 0.5_wp*min(self%step, abs(value - self%value)/request%moving%typical)
             if (self%step < next_to_none*request%longest_step) exit
          end do
          if (is_found) then
-            if (n_steps <= easy_steps) self%step = min(request%longest_step, 1.5_wp*self%step)
+            self%step = min(request%longest_step, 1.5_wp*self%step)
             call take(self, value, kind, result)
          else if (.not. allocated(error)) then
             result = nothing
@@ -225,11 +223,10 @@ contains
 
    !> Searches for the point at another second value, near the last one: along the curve there, then in the opposite
    !> direction.
-   subroutine try(self, value, result, n_steps, is_found, error)
+   subroutine try(self, value, result, is_found, error)
       class(motion_ridge_t), intent(inout), target :: self
       real(wp), intent(in) :: value
       type(motion_result_t), intent(out) :: result
-      integer, intent(out) :: n_steps                                 !! of the curve
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
       type(curve_position_t) :: position
@@ -237,7 +234,6 @@ contains
       logical :: is_new
 
       is_found = .false.
-      n_steps = 0
       call set_values(self, value, self%last%unknowns(size(self%last%unknowns)))
       call update_model(self%model, self%document, is_new, error, self%request%available_memory)
       if (allocated(error)) return
@@ -246,7 +242,7 @@ contains
          call self%short%destroy()
          call self%short%begin_next_to(self%model, self%document, self%inner, position, is_found, error)
          if (allocated(error) .or. .not. is_found) return
-         call self%short%search_for(self%request%over%kind, most_steps, result, n_steps, is_found, error)
+         call self%short%search_for(self%request%over%kind, result, is_found, error)
          if (allocated(error) .or. is_found) exit
          position%direction = -position%direction
       end do

@@ -18,12 +18,11 @@ module hb_point
    use hb_motion, only: forget_motion, solve_motion
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_outcome, only: outcome
-   use hb_thresholds, only: sharp, well_solved
+   use hb_thresholds, only: nearby_steps, sharp, well_solved
    implicit none
    private
    public :: solve_point
 
-   integer, parameter :: most_steps = 30                              ! of Broyden's method
    real(wp), parameter :: largest_fall = 0.5_wp                       ! of a frequency in a step, relative
 
 contains
@@ -56,7 +55,7 @@ contains
       do i = 1, size(tones)
          slope(i, i) = 1.0_wp
       end do
-      do i = 1, most_steps
+      do i = 1, nearby_steps
          if (allocated(error) .or. .not. allocated(level%unknowns) .or. work_is_over()) return
          associate (found => result%frequency(tones), accuracy => model%accuracy)
             if (i > 1) then
@@ -67,7 +66,7 @@ contains
             defect = found - omega(tones)
             if (all(abs(defect) <= merge(well_solved*accuracy%tolerance, sharp, accuracy%is_on)*found)) return
          end associate
-         if (i == most_steps) exit
+         if (i == nearby_steps) exit
          step = matmul(slope, defect)
          do while (any(step < -largest_fall*omega(tones)) .and. all(omega(tones) > 0.0_wp))
             step = 0.5_wp*step

@@ -10,15 +10,12 @@ module hb_exponents
    use hb_birkhoff, only: bump_weights
    use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
+   use hb_stability, only: few_periods
    use hb_thresholds, only: clearly, safety
    implicit none
    private
    public :: exponents_t, find_exponents, orthogonalise, propagation_t, work_of_exponents
 
-   integer, parameter :: n_periods = 100                              ! of an average
-   real(wp), parameter :: overrun = 10.0_wp                           ! of the limit by unexpected work: balls of a bearing,
-                                                                      ! whose slopes have kinks, need 3.5 times the expected
-                                                                      ! work
 
    !> Propagation of disturbances along a motion.
    type, abstract :: propagation_t
@@ -75,8 +72,8 @@ contains
       integer :: forgotten, i, k, n_all
       logical :: is_done
 
-      propagation%work_left = overrun*work_limit
-      call propagation%reach_steady_state(n_forgotten_of(n_periods), is_done)
+      propagation%work_left = clearly*work_limit                      ! balls of a bearing need 3.5 times the expected work
+      call propagation%reach_steady_state(n_forgotten_of(fewest_periods), is_done)
       if (.not. is_done .or. propagation%n_followed < 1) return
       allocate (x(propagation%size, propagation%n_followed), source=0.0_wp)
       do i = 1, propagation%n_followed
@@ -102,7 +99,7 @@ contains
             if (.not. all(ieee_is_finite(growth(:, i)))) return
          end do
          call average(growth(:, forgotten + 1:), propagation%length, found%rate, found%spread)
-         if (abs(found%rate(1)) > merge(clearly, safety, found%n_periods < n_periods)*found%spread(1)) exit
+         if (abs(found%rate(1)) > merge(clearly, safety, found%n_periods <= few_periods)*found%spread(1)) exit
          found%is_cut_short = 2.0_wp*n_all*propagation%work > work_limit
          if (found%is_cut_short .or. 2*found%n_periods > most_periods) exit
          found%n_periods = 2*found%n_periods
@@ -122,7 +119,7 @@ contains
    pure integer function n_forgotten_of(n)
       integer, intent(in) :: n                                        !! of the average
 
-      n_forgotten_of = min(n_periods, n)/5
+      n_forgotten_of = n/5
    end function n_forgotten_of
 
    !> Orthonormalises columns from left to right, twice; returns the logarithms of their lengths.

@@ -29,9 +29,7 @@ module hb_floquet
       new_linear_propagation, stability_of_map, work_on_demand
 
    real(wp), parameter :: error_of_map = 1.0e-8_wp                    ! of a derivative by differences of high order, relative
-   real(wp), parameter :: most_of_usual = 100.0_wp                    ! work of a period
    integer, parameter :: turns_of_part = 4                            ! of the fastest tone
-   integer, parameter :: most_parts = 16                              ! of a period
 
    type, extends(propagation_t) :: linear_propagation_t
       type(variation_t), pointer :: variation => null()
@@ -48,7 +46,8 @@ module hb_floquet
    end type linear_propagation_t
 
    real(wp), parameter :: largest_surge = log(100.0_wp) ! a disturbance of 1 % grows to the size of the motion before it decays
-   real(wp), parameter :: most_work_of_orbit = 1.0e8_wp ! likewise; high modes need more, and the series is used for them
+   real(wp), parameter :: most_work_of_orbit = 1.0e8_wp ! likewise; high modes need more, and the series is used for them: with a
+                                                                      ! minute, inputs/gallery/beam_stop_peak.nml takes 24 s, not .5 s
    real(wp), parameter :: work_on_demand = 6.0e10_wp                  !! in about a nanosecond: a minute
    real(wp), parameter :: most_turns = 1.0e6_wp                       ! of the fastest harmonic in a period of the slowest
                                                                       !! tone: the samples of a period are stored, and counted
@@ -198,7 +197,7 @@ contains
    !> times at which contact begins and ends.
    subroutine assess_orbit(self, variation, structure, motion, excitation)
       type(stability_t), intent(inout) :: self
-      type(variation_t), intent(in) :: variation
+      type(variation_t), intent(inout) :: variation
       type(structure_t), intent(in) :: structure
       type(harmonic_motion_t), intent(in) :: motion
       type(excitation_t), intent(in) :: excitation
@@ -368,7 +367,7 @@ contains
       self%n_followed = self%n_begun - size(shifts, 3)
       self%length = two_pi/minval(variation%motion%omega)
       associate (ratio => maxval(variation%motion%omega)/minval(variation%motion%omega))
-         self%n_parts = max(1, int(min(real(most_parts, wp), ratio/turns_of_part)))
+         self%n_parts = max(1, int(ratio/turns_of_part))
       end associate
       self%work = self%n_parts*work_of_transfer(variation, self%length/self%n_parts)
    end subroutine new_linear_propagation
@@ -402,7 +401,7 @@ contains
       length = self%length/self%n_parts
       do i = 1, self%n_parts
          call find_transfer(part, self%variation, self%time, self%time + length, self%tolerance, &
-                            min(most_of_usual*self%work, max(self%work, self%work_left)))
+                            max(self%work, self%work_left))
          self%work_left = self%work_left - part%work
          before = norm2(x(:, 1))
          x = matmul(part%matrix, x)

@@ -9,11 +9,10 @@ module hb_matrix_exponential
    use hb_lapack, only: dgemm, dgetrf, dgetrs
    implicit none
    private
-   public :: count_exponential, exponential_of, exponential_of_two, per_multiplication, product_of
+   public :: count_exponential, exponential_of, exponential_of_two, product_of, work_of_product
 
    integer, parameter :: degree = 6
-   integer, parameter :: largest_plain = 12                           ! rows up to which the compiler's products are faster
-   real(wp), parameter :: uncut = 1.0e8_wp                            ! [ns] of work between two checks of the cancellation
+   real(wp), parameter :: unchecked = 1.0e6_wp                        ! [ns] of a product: a check takes up to half a microsecond
 
 contains
 
@@ -24,12 +23,14 @@ contains
       real(wp), dimension(size(a, 1), size(a, 1)) :: denominator, power, scaled
       real(wp) :: factor
       integer :: i, info, k, n, n_squarings, pivots(size(a, 1))
+      logical :: is_long
 
       n = size(a, 1)
       if (n == 2) then
          call exponential_of_two(a(1, 1), a(1, 2), a(2, 1), a(2, 2), e)
          return
       end if
+      is_long = work_of_product(n) > unchecked
       n_squarings = squarings_for(norm_of(a))
       scaled = a*0.5_wp**n_squarings
       e = 0.0_wp
@@ -41,22 +42,17 @@ contains
       factor = 1.0_wp
       do k = 1, degree
          factor = factor*real(degree - k + 1, wp)/real(k*(2*degree - k + 1), wp)
-         if (n > largest_plain) then
-            if (work_is_over()) return                                ! a product takes milliseconds or more
+         if (is_long) then                                            ! up to a second
+            if (work_is_over()) return
          end if
          power = product_of(scaled, power)
          e = e + factor*power
          denominator = denominator + merge(-factor, factor, modulo(k, 2) == 1)*power
       end do
       call dgetrf(n, n, denominator, n, pivots, info)
-      do i = 1, n, panel_of(n)
-         if (i > 1) then
-            if (work_is_over()) return
-         end if
-         call dgetrs("N", n, min(panel_of(n), n - i + 1), denominator, n, pivots, e(:, i:), n, info)
-      end do
+      call dgetrs("N", n, n, denominator, n, pivots, e, n, info)
       do i = 1, n_squarings
-         if (n > largest_plain) then
+         if (is_long) then
             if (work_is_over()) return
          end if
          e = product_of(e, e)
@@ -102,15 +98,15 @@ contains
       real(wp), intent(in) :: norm
 
       work = 30.0_wp
-      if (n > 2) work = per_multiplication(n)*real(n, wp)**3*(degree + 1.4_wp + squarings_for(norm)) + 500.0_wp
+      if (n > 2) work = work_of_product(n)*(degree + 1.4_wp + squarings_for(norm))
    end function count_exponential
 
-   !> Approximate time of one multiplication of `product_of` in nanoseconds.
-   pure real(wp) function per_multiplication(n)
+   !> Approximate time of a product of two matrices of n rows in nanoseconds.
+   pure real(wp) function work_of_product(n) result(work)
       integer, intent(in) :: n
 
-      per_multiplication = merge(0.5_wp, 0.12_wp, n <= largest_plain)
-   end function per_multiplication
+      work = 150.0_wp + 0.08_wp*real(n, wp)**3                         ! 0.7 to 1.6 times the time of an exponential up to 40 rows
+   end function work_of_product
 
    pure integer function squarings_for(norm)
       real(wp), intent(in) :: norm
@@ -126,30 +122,13 @@ contains
       norm_of = maxval(sum(abs(a), dim=1))
    end function norm_of
 
-   !> Columns of a product with n rows, or solutions, that take no longer than `uncut`.
-   pure integer function panel_of(n)
-      integer, intent(in) :: n
-
-      panel_of = max(1, int(min(real(n, wp), uncut/(per_multiplication(n)*real(n, wp)**2))))
-   end function panel_of
-
-   !> a b, (n, any); incomplete if the work of the thread was cancelled.
+   !> a b, (n, any); the compiler's product is at most 20 ns faster, for 3 and 4 rows.
    function product_of(a, b) result(c)
       real(wp), intent(in), contiguous :: a(:, :), b(:, :)
       real(wp) :: c(size(a, 1), size(b, 2))
-      integer :: first, n, n_columns
+      integer :: n
 
-      if (size(a, 1) <= largest_plain) then
-         c = matmul(a, b)
-      else
-         n = size(a, 1)
-         do first = 1, size(b, 2), panel_of(n)
-            if (first > 1) then
-               if (work_is_over()) exit
-            end if
-            n_columns = min(panel_of(n), size(b, 2) - first + 1)
-            call dgemm("N", "N", n, n_columns, n, 1.0_wp, a, n, b(:, first:), n, 0.0_wp, c(:, first:), n)
-         end do
-      end if
+      n = size(a, 1)
+      call dgemm("N", "N", n, size(b, 2), n, 1.0_wp, a, n, b, n, 0.0_wp, c, n)
    end function product_of
 end module hb_matrix_exponential

@@ -16,20 +16,17 @@ module hb_monodromy
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: two_pi, wp
    use hb_matrix_exponential, only: exponential_of, exponential_of_two, product_of
-   use hb_thresholds, only: agreement, minor
+   use hb_thresholds, only: agreement, minor, rounding
    use hb_variation, only: piece_t, variation_t
    use hb_variation_pieces, only: cut_time, make_sliders_periodic
    implicit none
    private
-   public :: find_monodromy, find_transfer, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
-
-   real(wp), parameter :: inside = 1.0e-8_wp                          ! fraction of a piece by which its ends are evaluated inside
+   public :: fewest_instants, find_monodromy, find_transfer, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
 
    integer, parameter :: fewest_steps = 8
    integer, parameter :: instants_per_harmonic = 8 ! detection times for events in a period of the highest harmonic
-   integer, parameter :: fewest_instants = 128
+   integer, parameter :: fewest_instants = 128                        !! in a period
    integer, parameter :: most_doublings = 12
-   real(wp), parameter :: set_up = 3.0e4_wp                           ! [ns] of equations linearised along a motion
 
    type :: matrix_t
       real(wp), allocatable :: entries(:, :)
@@ -108,7 +105,7 @@ contains
       type(variation_t), intent(in) :: variation
 
       associate (length => two_pi/variation%motion%omega(1))
-         work = set_up + work_of_transfer(variation, length)
+         work = work_of_transfer(variation, length)
          if (variation%n_states > 0) work = work + 2*work_of_cuts(variation, length)
       end associate
    end function work_of_monodromy
@@ -118,10 +115,9 @@ contains
    pure real(wp) function work_of_transfer(variation, length) result(work)
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]
-      real(wp), parameter :: set_up_of_steps = 5.0e3_wp
       integer :: doubling, n
 
-      work = set_up_of_steps + work_of_cuts(variation, length)
+      work = work_of_cuts(variation, length)
       if (variation%is_piecewise_linear()) then
          n = 1 + n_events_of(variation, length)
          work = work + 0.5_wp*n*variation%work_of_step(2.0_wp*length/n)
@@ -138,12 +134,11 @@ contains
    pure real(wp) function work_of_cuts(variation, length) result(work)
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]
-      real(wp), parameter :: single = 500.0_wp                        ! additional work of a node evaluated alone
       integer, parameter :: evaluations_per_event = 10
 
       work = 0.0_wp
       if (variation%is_smooth()) return
-      work = evaluations_per_event*n_events_of(variation, length)*(single + variation%work_of_node())
+      work = evaluations_per_event*n_events_of(variation, length)*variation%work_of_node()
       work = work + n_instants_of(variation, length)*variation%work_of_node()
    end function work_of_cuts
 
@@ -336,8 +331,8 @@ contains
       if (known == 2*n_steps) return
       associate (length => piece%finish - piece%start)
          times = piece%start + length*[(real(i, wp)/(2*n_steps), i=0, 2*n_steps)]
-         if (piece%is_after_event) times(0) = piece%start + inside*length
-         if (piece%is_before_event) times(2*n_steps) = piece%finish - inside*length
+         if (piece%is_after_event) times(0) = piece%start + rounding*length
+         if (piece%is_before_event) times(2*n_steps) = piece%finish - rounding*length
       end associate
       associate (n => self%n_coordinates)
          allocate (by_displacement(n, n, 0:2*n_steps), by_rate(n, n, 0:2*n_steps), by_state(n, self%n_states, 0:2*n_steps))

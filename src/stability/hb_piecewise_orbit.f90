@@ -10,23 +10,19 @@ module hb_piecewise_orbit
    use hb_kinds, only: two_pi, wp
    use hb_lapack, only: dgetrf, dgetrs, dpotrs
    use hb_matrix_exponential, only: count_exponential, exponential_of
+   use hb_monodromy, only: n_instants_of
    use hb_stability, only: excitation_t
    use hb_structure, only: structure_t
-   use hb_thresholds, only: nearby_steps, rounding, same_motion
+   use hb_thresholds, only: minor, nearby_steps, rounding, same_motion
    use hb_variation, only: piece_t, variation_t
-   use hb_variation_pieces, only: bracket_t
+   use hb_variation_pieces, only: bracket_t, cut_time
    implicit none
    private
-   public :: find_piecewise_orbit, has_piecewise_orbit, n_instants, piecewise_orbit_t, smallest_scale, work_of_piecewise_orbit
+   public :: find_piecewise_orbit, has_piecewise_orbit, piecewise_orbit_t, work_of_piecewise_orbit
 
    integer, parameter :: steps_a_period = 16 ! of the fastest oscillation: a switch reverses at most once in a step
-   integer, parameter :: n_instants = 256                             ! in a period, to find an interval without events
-   integer, parameter :: fewest_steps = 64                            ! in a period of the motion
-   integer, parameter :: most_terms = 60                              ! of an exponential series within a step
    integer, parameter :: most_events = 1000                           ! in a period: with more, contact chatters
    integer, parameter :: usual_shots = 5
-   integer, parameter :: most_backtracks = 5
-   real(wp), parameter :: smallest_scale = 0.1_wp                     ! of one unknown, relative to the largest of its kind
 
    type :: piecewise_orbit_t
       real(wp), allocatable :: matrix(:, :)                           !! monodromy matrix of (q, v/scale)
@@ -73,20 +69,18 @@ contains
    !> Approximate work in nanoseconds, from counts alone.
    pure real(wp) function work_of_piecewise_orbit(variation) result(work)
       type(variation_t), intent(in) :: variation
-      real(wp), parameter :: per_step = 50.0_wp, set_up = 2.0e4_wp
-      real(wp) :: n_events, n_steps, period
+      real(wp) :: n_events, period
 
       period = two_pi/variation%motion%omega(1)
       n_events = 2.0_wp*variation%n_switches()
-      n_steps = max(real(fewest_steps, wp), steps_a_period*period*variation%scale/two_pi) + steps_a_period*n_events
-      work = set_up + usual_shots*(n_steps*(per_step + (variation%size + 3)**2) &
-             + (n_events + 1)*count_exponential(variation%size, period*variation%norm/(n_events + 1)))
+      work = usual_shots*(steps_a_period*(period*variation%scale/two_pi + n_events)*(variation%size + 3)**2 &
+                          + (n_events + 1)*count_exponential(variation%size, period*variation%norm/(n_events + 1)))
    end function work_of_piecewise_orbit
 
    !> Finds the periodic motion by shooting from the state of a given one far from its events.
    subroutine find_piecewise_orbit(self, variation, structure, amplitudes, excitation)
       type(piecewise_orbit_t), intent(out) :: self
-      type(variation_t), intent(in) :: variation                      !! along the given motion
+      type(variation_t), intent(inout) :: variation                   !! along the given motion
       type(structure_t), intent(in) :: structure
       complex(wp), intent(in) :: amplitudes(:, :)                     !! of the given motion, cos - i sin, (n_dofs, n_harmonics)
       type(excitation_t), intent(in) :: excitation
@@ -94,7 +88,7 @@ contains
       real(wp), dimension(2*variation%n_dofs) :: after, begun, left, left_before, step, units, x
       complex(wp) :: turned(size(amplitudes, 1), size(amplitudes, 2))
       real(wp) :: sense, sense_before, start
-      integer :: backtrack, n, shot
+      integer :: n, shot
       logical :: is_done
 
       n = variation%n_dofs
@@ -104,28 +98,25 @@ contains
       begun(n + 1:) = -matmul(aimag(turned), variation%motion%frequencies)/variation%scale
       units(:n) = sum(abs(amplitudes), dim=2)
       units(n + 1:) = matmul(abs(amplitudes), abs(variation%motion%frequencies))/variation%scale
-      units(:n) = max(units(:n), smallest_scale*maxval(units(:n)), tiny(1.0_wp))
+      units(:n) = max(units(:n), minor*maxval(units(:n)), tiny(1.0_wp))
       if (maxval(units(n + 1:)) <= epsilon(1.0_wp)*maxval(units(:n))) units(n + 1:) = maxval(units(:n))   ! an equilibrium
-      units(n + 1:) = max(units(n + 1:), smallest_scale*maxval(units(n + 1:)), tiny(1.0_wp))
+      units(n + 1:) = max(units(n + 1:), minor*maxval(units(n + 1:)), tiny(1.0_wp))
       call new_flow(flow, variation, structure, excitation, start, is_done)
       if (.not. is_done) return
       x = begun
       step = 0.0_wp
       left_before = huge(1.0_wp)
       sense_before = 0.0_wp
-      backtrack = 0
       do shot = 1, nearby_steps
          call go_round(flow, variation, x, after, self%matrix, is_done)
          if (.not. is_done) return
          left = (after - x)/units
-         if (maxval(abs(left)) >= maxval(abs(left_before)) .and. backtrack < most_backtracks) then
+         if (maxval(abs(left)) >= maxval(abs(left_before))) then
             if (maxval(abs(left)) <= rounding) exit                    ! rounding
             step = 0.5_wp*step
             x = x - step
-            backtrack = backtrack + 1
             cycle
          end if
-         backtrack = 0
          call solve_step(self%matrix, after - x, step, sense)
          if (.not. sense*sense_before > 0.0_wp .and. shot > 1) return ! a fold lies between: the motion is ambiguous
          sense_before = sense
@@ -140,40 +131,16 @@ contains
 
    !> Middle of the longest interval without events of the given motion, where the state determines the next events
    !> best.
-   function quiet_time(variation) result(time)
-      type(variation_t), intent(in) :: variation
-      real(wp) :: time                                                !! [s]
-      real(wp), dimension(n_instants, variation%n_coordinates) :: v, z
-      real(wp) :: values(variation%n_switches()), times(n_instants)
-      logical :: is_event(n_instants), is_positive(variation%n_switches(), n_instants)
-      integer :: i, last, length, longest, middle, n
+   real(wp) function quiet_time(variation) result(time)
+      type(variation_t), intent(inout) :: variation
+      type(piece_t), allocatable :: pieces(:)
+      real(wp) :: period
 
-      times = [(two_pi*i/(n_instants*variation%motion%omega(1)), i=0, n_instants - 1)]
-      call variation%motion%at(variation%motion%phases(times), z, v, .false.)
-      do i = 1, n_instants
-         last = 0
-         do n = 1, size(variation%laws)
-            associate (law => variation%laws(n)%law, span => variation%spans(n))
-               call law%switches(z(i, span%first:span%last), v(i, span%first:span%last), values(last + 1:last + law%n_switches))
-               last = last + law%n_switches
-            end associate
-         end do
-         is_positive(:, i) = values > 0.0_wp
-      end do
-      is_event = [(any(is_positive(:, i) .neqv. is_positive(:, 1 + modulo(i, n_instants))), i=1, n_instants)]
-      middle = 1
-      longest = 0
-      length = 0
-      do i = 1, 2*n_instants
-         length = length + 1
-         if (.not. is_event(1 + modulo(i - 1, n_instants))) cycle
-         if (length > longest .and. i > n_instants) then
-            longest = length
-            middle = 1 + modulo(i - 1 - length/2, n_instants)
-         end if
-         length = 0
-      end do
-      time = times(middle)
+      period = two_pi/variation%motion%omega(1)                       ! of two periods, the ends of one lie within the other
+      call cut_time(variation, 0.0_wp, 2.0_wp*period, n_instants_of(variation, 2.0_wp*period), pieces)
+      associate (longest => pieces(maxloc(pieces%finish - pieces%start, dim=1)))
+         time = 0.5_wp*(longest%start + longest%finish)
+      end associate
    end function quiet_time
 
    !> Newton's step: (matrix - 1) step = -left, with the sign of the determinant.
@@ -327,7 +294,7 @@ contains
                                            - matmul(variation%accelerance, forces)/variation%scale
       fastest = sqrt(variation%scale*maxval(sum(abs(speeds(n + 1:self%n, :n)), dim=2)))
       fastest = max(fastest, maxval(abs(self%constant(self%n + 1:, self%n + 1:))))
-      branch%h = min(self%period/fewest_steps, two_pi/(steps_a_period*fastest))
+      branch%h = two_pi/(steps_a_period*fastest)
       allocate (branch%step(self%size, self%size))
       call exponential_of(branch%h*branch%a, branch%step)
       self%branches = [self%branches, branch]
@@ -409,10 +376,11 @@ contains
 
       after = y
       term = y
-      do k = 1, most_terms
+      k = 0
+      do while (any(abs(term) > 0.1_wp*epsilon(1.0_wp)*abs(after)))
+         k = k + 1
          term = matmul(a, term)*(duration/k)
          after = after + term
-         if (all(abs(term) <= 0.1_wp*epsilon(1.0_wp)*abs(after))) exit
       end do
    end subroutine carry
 

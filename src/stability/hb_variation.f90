@@ -9,7 +9,7 @@ module hb_variation
    use hb_kinds, only: wp
    use hb_lapack, only: dpotrs
    use hb_law, only: law_box_t
-   use hb_matrix_exponential, only: count_exponential, per_multiplication
+   use hb_matrix_exponential, only: count_exponential, work_of_product
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_structure, only: most_dense, structure_t
    use hb_thresholds, only: difference_step, faint
@@ -339,7 +339,7 @@ contains
 
       associate (n => real(self%n_dofs, wp), c => real(self%n_coordinates, wp), m => real(self%size, wp))
          work = 2.0_wp*count_exponential(self%size, 0.5_wp*h*self%norm)
-         if (self%size > 2) work = work + 2.0_wp*per_multiplication(self%size)*m**3 + c**2*n**2 + 4.0_wp*m**2
+         if (self%size > 2) work = work + 2.0_wp*work_of_product(self%size) + c**2*n**2 + 4.0_wp*m**2
       end associate
    end function variation_work_of_step
 
@@ -348,7 +348,7 @@ contains
       integer, intent(in) :: n_dofs
 
       work = 0.0_wp
-      if (n_dofs > 1) work = per_multiplication(huge(1))*(2.0_wp*n_dofs)**3
+      if (n_dofs > 1) work = work_of_product(2*n_dofs)
    end function least_work
 
    !> Approximate work of a node of a step or of event detection in nanoseconds, from counts alone.

@@ -20,10 +20,10 @@ module hb_period_map
    use hb_kinds, only: int64, two_pi, wp
    use hb_lapack, only: dgeqrf, dgetrf, dgetrs, dorgqr
    use hb_law, only: hold_t
+   use hb_monodromy, only: fewest_instants
    use hb_motion_series, only: motion_series_t
-   use hb_piecewise_orbit, only: n_instants, smallest_scale
    use hb_structure, only: structure_t
-   use hb_thresholds, only: same_motion
+   use hb_thresholds, only: minor, same_motion
    use hb_time_domain, only: evaluation_work, integration_config_t, integration_method
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
@@ -169,13 +169,13 @@ contains
    function farthest_phase(integration) result(phase)
       type(state_map_t), intent(in) :: integration
       real(wp) :: phase
-      real(wp) :: phases(1, n_instants)
-      real(wp) :: v(n_instants, integration%motion%n_coordinates), z(n_instants, integration%motion%n_coordinates)
+      real(wp) :: phases(1, fewest_instants)
+      real(wp) :: v(fewest_instants, integration%motion%n_coordinates), z(fewest_instants, integration%motion%n_coordinates)
       integer :: i
 
       phase = 0.0_wp
       if (size(integration%rigid) == 0) return
-      phases(1, :) = [(two_pi*i/n_instants, i=0, n_instants - 1)]
+      phases(1, :) = [(two_pi*i/fewest_instants, i=0, fewest_instants - 1)]
       call integration%motion%at(phases, z, v)
       phase = phases(1, maxloc(far_from_events(integration, z, v), dim=1))
    end function farthest_phase
@@ -460,15 +460,15 @@ contains
       self%config%decimation = huge(1)
       extent = sum(abs(motion%amplitudes), dim=2)
       speed = matmul(abs(motion%amplitudes), abs(motion%frequencies))
-      extent = max(extent, smallest_scale*maxval(extent), tiny(1.0_wp))
-      speed = max(speed, smallest_scale*maxval(speed), tiny(1.0_wp))
+      extent = max(extent, minor*maxval(extent), tiny(1.0_wp))
+      speed = max(speed, minor*maxval(speed), tiny(1.0_wp))
       allocate (self%scale(2*n + system%laws%n_states))
       self%scale(:2*n) = [extent, speed]
       do i = 1, size(system%laws%spans)
          associate (span => system%laws%spans(i))
             do k = span%first_state, span%last_state
                self%scale(2*n + k) = max(maxval(matmul(transpose(abs(system%laws%shape(:, span%first:span%last))), extent)), &
-                                         smallest_scale*maxval(extent))
+                                         minor*maxval(extent))
             end do
          end associate
       end do
