@@ -185,7 +185,8 @@ contains
             if (i < size(grazes)) call evaluate_stability_at(self, grazes(i + 1) - agreement*length, tolerance, piece%ends(2), &
                                                              piece%stability(2))
          end associate
-         if (.not. (piece%ends(1) < piece%ends(2) .and. has_multipliers(piece))) cycle
+         if (.not. piece%ends(1) < piece%ends(2)) cycle
+         if (.not. (piece%stability(1)%resolves_circle() .and. piece%stability(2)%resolves_circle())) cycle
          call make_certain(self, piece%ends(1), piece%stability(1))
          call make_certain(self, piece%ends(2), piece%stability(2))
          n_before = size(self%waiting)
@@ -193,12 +194,6 @@ contains
          call find_by_number(self, search, piece, n_before)
       end do
    end subroutine find_bifurcations
-
-   pure logical function has_multipliers(piece)
-      type(piece_t), intent(in) :: piece
-
-      has_multipliers = allocated(piece%stability(1)%multipliers) .and. allocated(piece%stability(2)%multipliers)
-   end function has_multipliers
 
    !> Recomputes multipliers that are so close to the unit circle that their error may determine on which side they
    !> are.

@@ -20,7 +20,7 @@ module hb_floquet
    use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, most_multipliers, stability_config_t, &
       stability_finder_t, stability_method, stability_t, verdict
    use hb_structure, only: structure_t
-   use hb_thresholds, only: clearly, rounding, safety
+   use hb_thresholds, only: clearly, minor, rounding, safety
    use hb_variation, only: least_work, new_variation, piece_t, variation_t
    use hb_variation_pieces, only: cut_time
    implicit none
@@ -46,8 +46,9 @@ module hb_floquet
    end type linear_propagation_t
 
    real(wp), parameter :: largest_surge = log(100.0_wp) ! a disturbance of 1 % grows to the size of the motion before it decays
-   real(wp), parameter :: most_work_of_orbit = 1.0e8_wp ! likewise; high modes need more, and the series is used for them: with a
-                                                                      ! minute, inputs/gallery/beam_stop_peak.nml takes 24 s, not .5 s
+   real(wp), parameter :: most_work_of_orbit = 1.0e8_wp               ! in about a nanosecond; high modes need more, and the
+                                                                      ! series is used for them: with a minute
+                                                                      ! inputs/gallery/beam_stop_peak.nml takes 24 s, not 0.5 s
    real(wp), parameter :: work_on_demand = 6.0e10_wp                  !! in about a nanosecond: a minute
    real(wp), parameter :: most_turns = 1.0e6_wp                       ! of the fastest harmonic in a period of the slowest
                                                                       !! tone: the samples of a period are stored, and counted
@@ -254,11 +255,13 @@ contains
       real(wp), intent(in) :: matrix(:, :)
       real(wp), intent(in) :: omega                                   !! [rad/s]
       complex(wp), allocatable :: multipliers(:)
-      real(wp) :: margin
+      real(wp) :: margin, noise
 
       call eigenvalues_of(matrix, multipliers)
       if (size(multipliers) == 0) return
-      margin = max(rounding, clearly*self%estimate)
+      noise = clearly*epsilon(1.0_wp)*abs(multipliers(1))             ! of all others
+      if (noise >= minor) multipliers = pack(multipliers, abs(multipliers) >= noise)
+      margin = max(rounding, clearly*self%estimate, noise)
       self%n_unstable = count(abs(multipliers) > 1.0_wp + margin)
       if (self%n_unstable > 0) then
          self%verdict = verdict%unstable

@@ -19,6 +19,7 @@ module hb_stability
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_structure, only: structure_t
+   use hb_thresholds, only: clearly, minor
    use hb_tones, only: tones_t
    implicit none
    private
@@ -64,7 +65,8 @@ module hb_stability
 
    type :: stability_t
       integer :: verdict = verdict%unknown
-      integer :: n_unstable = 0                                       !! multipliers outside the unit circle, or exponents > 0
+      integer :: n_unstable = 0                                       !! multipliers outside the unit circle, or exponents > 0;
+                                                                      !! beside much larger ones they are not known, nor counted
       integer :: method = stability_method%off                        !! the one that was used
       logical :: is_integrated = .false.                              !! computed along a periodic motion of the time domain
       logical :: is_too_costly = .false.                              !! omitted: it would exceed the permitted work
@@ -79,6 +81,7 @@ module hb_stability
       real(wp), allocatable :: exponents(:)                           !! [1/s], the largest first; of one tone growth rates
    contains
       procedure :: compare_with => stability_compare_with
+      procedure :: resolves_circle => stability_resolves_circle
    end type stability_t
 
    !> A motion of some tones.
@@ -152,6 +155,14 @@ contains
       end associate
       if (self%verdict == verdict%stable .and. move_far(self%multipliers, better%multipliers)) self%verdict = verdict%unknown
    end subroutine stability_compare_with
+
+   !> Whether multipliers on the unit circle have digits beside the rounding errors of the largest one.
+   pure logical function stability_resolves_circle(self) result(resolves)
+      class(stability_t), intent(in) :: self
+
+      resolves = .false.
+      if (allocated(self%multipliers)) resolves = all(clearly*epsilon(1.0_wp)*abs(self%multipliers) < minor)
+   end function stability_resolves_circle
 
    !> Whether twice the change of a multiplier moves it to the unit circle and, for a complex one, to its nearest
    !> neighbour: with light damping pairs lie on a circle inside, on which they may rotate freely until they meet
