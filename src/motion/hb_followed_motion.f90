@@ -618,7 +618,7 @@ contains
 
    !> Makes the last equation the plane across the tangent at a point, in units of the motion there: it does not
    !> depend on the previous points of the curve. At a branch point, where any vector between the two curves is a
-   !> tangent, steps are across both.
+   !> tangent, steps are across both; at a given value this is held.
    subroutine put_across(self, point)
       class(followed_motion_t), intent(inout), target :: self
       type(waiting_t), intent(in) :: point
@@ -636,6 +636,7 @@ contains
       associate (u => point%x(:self%problem%n_unknowns), problem => self%curve%problem)
          units = [spread(max(norm2(u), tiny(1.0_wp)), 1, size(u)), self%problem%parameter_scales(self%problem%which)]
          last = size(problem%values)
+         if (any(point%kind == [curve_kind%value, curve_kind%end])) tangent = [0.0_wp*tangent(2:), units(size(units))]
          problem%functionals(:, last) = tangent/units**2/norm2(tangent/units)
          problem%values(last) = dot_product(problem%functionals(:, last), point%x)
          call problem%rescale()

@@ -2,7 +2,8 @@
 !>
 !> The difference includes all degrees of freedom, relative to the largest motion in their unit, and the coordinates
 !> of all laws, relative to their own motion, so that a contact with a small motion has the same weight as a large
-!> one.
+!> one. Where there are laws their coordinates count, at which errors are estimated: other degrees of freedom follow
+!> from them, and may respond more strongly to the omitted harmonics.
 !>
 !> A motion with unknown tones may start at any phase of them: an error of its frequency only shifts it along itself,
 !> by a phase that grows with time and is not an error of its shape. Therefore the phases of unknown tones are fitted
@@ -42,6 +43,7 @@ module hb_integration_difference
       real(wp), allocatable :: apart(:)                               !! distance of both records, relative, (n_periods)
       real(wp), allocatable :: scale(:)                               !! [m], (n_items), of the relative differences
       real(wp), allocatable :: share(:)                               !! largest motion over that scale, >= 1, (n_items)
+      logical, allocatable :: counts(:)                               !! (n_items)
       ! The motion
       complex(wp), allocatable :: amplitudes(:, :)                    !! cos - i sin [m], (n_harmonics, n_items)
       real(wp), allocatable :: shape(:, :)                            !! of the coordinates of the laws, (n_dofs, any)
@@ -75,6 +77,7 @@ contains
       self%n_items = n + size(shape, 2)
       self%n_retained = n_retained
       self%length = length
+      self%counts = [spread(size(shape, 2) == 0, 1, n), spread(.true., 1, size(shape, 2))]
       allocate (self%amplitudes(size(series%amplitudes, 1), self%n_items))
       self%amplitudes(:, :n) = series%amplitudes
       self%amplitudes(:, n + 1:) = matmul(series%amplitudes, cmplx(shape, 0.0_wp, wp))

@@ -212,7 +212,8 @@ contains
       end associate
       associate (length => self%length, difference => self%difference, distance => self%distance)
          self%expected = self%estimate*merge(self%share, 1.0_wp, distance(size(distance)) > -log(remembered))
-         self%ratio = [(maxval(difference%largest(:, i)/limit_of(self%expected, difference%share)), i=1, difference%n_periods)]
+         self%ratio = [(maxval(difference%largest(:, i)/limit_of(self%expected, difference%share), mask=difference%counts), &
+                        i=1, difference%n_periods)]
          call reset_distance(self%state, self%other, self%scale, self%speed, self%moved_back)
          result%kind = decide(self%ratio, distance, length%fewest, length%decay, difference%n_periods >= length%bound)
          if (result%kind /= verdict%undecided .or. length%bound >= length%most) return
@@ -236,7 +237,7 @@ contains
          result%coordinate = ""
          if (difference%n_periods == 0) return
          call find_worst(difference, self%system, self%length, self%expected, result)
-         result%first_difference = maxval(difference%largest(:, 1))
+         result%first_difference = maxval(difference%largest(:, 1), mask=difference%counts)
          ! the difference of a motion that agrees exceeds its limit in the transient alone
          result%growth = growth_of(merge(0.0_wp, self%ratio, result%kind == verdict%agrees), self%distance)/self%length%period
          n_retained = findloc(self%ratio > 1.0_wp, .true., dim=1) - 1
@@ -384,7 +385,7 @@ contains
 
       n = difference%n_periods
       steady = maxval(difference%largest(:, n - n_steady(n, length%fewest) + 1:), dim=2)
-      i = maxloc(steady/limit_of(estimate, difference%share), dim=1)
+      i = maxloc(steady/limit_of(estimate, difference%share), dim=1, mask=difference%counts)
       result%difference = steady(i)
       result%limit = limit_of(estimate, difference%share(i))
       labels = [character(64) :: system%structure%labels, system%laws%coordinate_labels()]
