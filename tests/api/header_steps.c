@@ -286,7 +286,8 @@ static const char *const of_structure =
    "&tones frequency = 1.3 /\n"
    "&harmonics order = 1 /\n"
    "&load vector = 'push', tuple = 1, cos = 0.3 /\n"
-   "&law type = 'polynomial', dof = 'tip', stiffness = 3.0 /\n";
+   "&law type = 'polynomial', dof = 'tip', stiffness = 3.0 /\n"
+   "&output dofs = 'tip', 'ground.y' /\n";
 
 int structure_step(void)
 {
