@@ -121,6 +121,8 @@ int refusal_step(void)
    CHECK(strstr(error.text, "'coefficient'; known: ") && strstr(error.text, " coefficients "));
    CHECK(nhbm_verify(model, 5, &error) == NHBM_OK);
    CHECK(nhbm_time_column_of(model, "displacement", &found, &error) == NHBM_USE);
+   CHECK(nhbm_integrate(model, &error) == NHBM_INPUT && strstr(error.text, "missing key 'duration'"));
+   CHECK(nhbm_begin_curve(model, &error) == NHBM_INPUT && strstr(error.text, "curve"));
    nhbm_delete(&model);
    CHECK(model == NULL);
    nhbm_delete(&model);
