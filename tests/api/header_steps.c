@@ -121,6 +121,8 @@ int refusal_step(void)
    CHECK(strstr(error.text, "'coefficient'; known: ") && strstr(error.text, " coefficients "));
    CHECK(nhbm_verify(model, 5, &error) == NHBM_OK);
    CHECK(nhbm_time_column_of(model, "displacement", &found, &error) == NHBM_USE);
+   CHECK(nhbm_integrate(model, &error) == NHBM_INPUT && strstr(error.text, "missing key 'duration'"));
+   CHECK(nhbm_begin_curve(model, &error) == NHBM_INPUT && strstr(error.text, "curve"));
    nhbm_delete(&model);
    CHECK(model == NULL);
    nhbm_delete(&model);
@@ -286,7 +288,8 @@ static const char *const of_structure =
    "&tones frequency = 1.3 /\n"
    "&harmonics order = 1 /\n"
    "&load vector = 'push', tuple = 1, cos = 0.3 /\n"
-   "&law type = 'polynomial', dof = 'tip', stiffness = 3.0 /\n";
+   "&law type = 'polynomial', dof = 'tip', stiffness = 3.0 /\n"
+   "&output dofs = 'tip', 'ground.y' /\n";
 
 int structure_step(void)
 {
