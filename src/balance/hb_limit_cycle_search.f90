@@ -14,7 +14,7 @@ module hb_limit_cycle_search
    use hb_phase, only: amplitude_functional, coefficient_functional, new_phase_problem, phase_problem_t, shift_functional
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_thresholds, only: faint, nearby_steps, rounding
+   use hb_thresholds, only: agreement, faint, nearby_steps, rounding
    implicit none
    private
    public :: continue_in_order, first_amplitude, fundamental, last_amplitude, most_steps, new_search, path_point_t
@@ -222,7 +222,7 @@ contains
       type(solver_config_t) :: config
 
       config = self%config
-      config%tolerance = max(rounding, config%tolerance)
+      config%tolerance = max(agreement, config%tolerance)
       config%max_iterations = nearby_steps
    end function search_path_config
 

@@ -26,12 +26,13 @@ module hb_level
    real(wp), parameter :: least_goal = 0.03_wp !! of the estimate: smallest goal for the error of the next level
    real(wp), parameter :: near = 0.02_wp                              ! errors of first order that can be removed
    real(wp), parameter :: largest_amplification = 5.0_wp              ! of neglected tuples by the response to them
-   real(wp), parameter :: largest_growth = 1.8_wp                     ! of a set, a box or a grid, from one level to the next
+   real(wp), parameter :: largest_growth = 1.8_wp                     ! of a set, or the orders of a box, from one level to the next
    real(wp), parameter :: least_growth = 1.1_wp                       ! of a set that is too small for the motion
    real(wp), parameter :: smaller_tail = 0.2_wp
    integer, parameter :: smallest_growing = 50                        ! tuples, above which this is examined
    real(wp), parameter :: caution = 2.0_wp                            !! with rigid laws: estimates were .34 to 2 times the error
    real(wp), parameter :: clearly_smaller = 0.8_wp                    ! set or grid, worth a change; a grid shrinks by no more
+   real(wp), parameter :: largest_refinement = 2.5_wp                 ! of a grid; multipliers were less accurate after 1.8
    real(wp), parameter :: decay = 2.4_wp ! power of the spacing of samples with which aliasing decreases
    real(wp), parameter :: least_density = 1.5_wp                      ! samples of a grid, relative to 2 N + 1
 
@@ -70,7 +71,7 @@ contains
          finer = 1.0_wp
          if (degree_of(model) == 0) then
             finer = (raised_by(result)*result%certificate%aliasing/(share_of_grid*goal))**(1.0_wp/decay)
-            finer = max(clearly_smaller, min(finer, largest_growth))*1.3_wp**n_failures
+            finer = max(clearly_smaller, min(finer, largest_refinement))*1.3_wp**n_failures
          end if
          next%n_samples = max(least, fast_size(ceiling(finer*top%n_samples)))
          if (degree_of(model) > 0) next%n_samples = least
