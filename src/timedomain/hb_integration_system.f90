@@ -128,7 +128,7 @@ contains
          self%length = max(self%length, laws(i)%law%length_scale)
       end do
       do i = 1, structure%n_dofs
-         associate (k => abs(self%structure%stiffness(i, i)) + maxval(self%loads%frequency**2)*self%structure%mass(i, i))
+         associate (k => abs(self%structure%stiffness(i, i)) + maxval([0.0_wp, self%loads%frequency**2])*self%structure%mass(i, i))
             if (k > 0.0_wp) self%length = max(self%length, sum(abs(loads(i, :)))/k)
          end associate
       end do
