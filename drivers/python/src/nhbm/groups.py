@@ -189,7 +189,9 @@ def _square(name: str, matrix: Any, n: int = 0) -> Any:
     full = np.atleast_2d(np.asarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix, dtype=float))
     n = n or len(full)
     if full.shape != (n, n):
-        raise ModelError(f"{name} has the shape {full.shape}, not {(n, n)}; [[1, 0], [0, 1]] has two degrees of freedom")
+        raise ModelError(
+            f"{name} has the shape {full.shape}, not {(n, n)}; [[1, 0], [0, 1]] has two degrees of freedom, as np.diag([1, 1])"
+        )
     return full
 
 
@@ -199,7 +201,7 @@ class Matrices(Builder):
     Parameters
     ----------
     mass, stiffness, damping : array_like or sparse matrix
-        [kg], [N/m], [N s/m], (n_dofs, n_dofs).
+        [kg], [N/m], [N s/m], (n_dofs, n_dofs); np.diag makes one of a list, which alone would be ambiguous.
     **keys
         Further keys of &structure type = 'matrices', such as `labels`.
     """
