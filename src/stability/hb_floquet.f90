@@ -46,8 +46,8 @@ module hb_floquet
    end type linear_propagation_t
 
    real(wp), parameter :: largest_surge = log(100.0_wp) ! a disturbance of 1 % grows to the size of the motion before it decays
-   real(wp), parameter :: most_work_of_orbit = 1.0e8_wp ! likewise; high modes need more, and the series is used for them: with a
-                                                                      ! minute, inputs/gallery/beam_stop_peak.nml takes 24 s, not .5 s
+   real(wp), parameter :: most_work_of_orbit = 1.0e8_wp               ! likewise; high modes need more, and the series is used
+                                                                      ! for them: decisions.md
    real(wp), parameter :: work_on_demand = 6.0e10_wp                  !! in about a nanosecond: a minute
    real(wp), parameter :: most_turns = 1.0e6_wp                       ! of the fastest harmonic in a period of the slowest
                                                                       !! tone: the samples of a period are stored, and counted
