@@ -122,15 +122,15 @@ contains
    !> well.
    pure real(wp) function carrying_frequency(self) result(frequency)
       type(variation_t), intent(in) :: self
-      integer :: c
+      integer, parameter :: n_parts = 64
+      integer :: c, part
 
       associate (frequencies => abs(self%motion%frequencies), amplitudes => abs(self%motion%amplitudes))
-         frequency = maxval(frequencies)
-         do while (frequency > 0.0_wp)
+         do part = n_parts, 1, -1
+            frequency = maxval(frequencies)*part/n_parts
             do c = 1, self%n_coordinates
-               if (sum(amplitudes(c, :), mask=frequencies >= frequency) > faint*self%extent(c)) return
+               if (sum(amplitudes(c, :), mask=frequencies > maxval(frequencies)*(part - 1)/n_parts) > faint*self%extent(c)) return
             end do
-            frequency = maxval([0.0_wp, pack(frequencies, frequencies < frequency)])
          end do
       end associate
    end function carrying_frequency
