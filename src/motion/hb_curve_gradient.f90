@@ -27,7 +27,7 @@ module hb_curve_gradient
    private
    public :: find_curve_gradient
 
-   real(wp), parameter :: apart = 1.0e-4_wp                           ! a step, relative to the value
+   real(wp), parameter :: apart = 1.0e-4_wp                           ! a step, relative to the value; 1e-5: less exact
    real(wp), parameter :: across_samples = 3.0e-2_wp                  ! likewise, over 20 of the following samples
    integer, parameter :: fewest_samples = 4096                        ! of one tone, for a position to 1 %
 

@@ -13,7 +13,7 @@ module hb_curve_step
 
    real(wp), parameter :: largest_turn = 0.6_wp                       ! [rad] on a step, unless it is short
    real(wp), parameter :: longest_chord = 2.0_wp                      ! of a step, unless it is short: 1.05 with the largest turn
-   real(wp), parameter :: short = 1.0e-2_wp                           ! of the longest step
+   real(wp), parameter :: short = 1.0e-2_wp                           ! of the longest step; 1e-4: ten times as slow
    real(wp), parameter :: largest_change = 0.5_wp                     !! of a motion or an amplitude on a step
    real(wp), parameter :: off_the_line = 0.25_wp                      ! of a step, likewise: an arc that turns by 0.6 has 0.075
 

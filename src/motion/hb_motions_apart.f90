@@ -31,7 +31,6 @@ module hb_motions_apart
    integer, parameter :: most_perturbed = 4                           ! harmonics, the lowest
 
    integer, parameter :: most_iterations = 40                         ! from one first guess
-   integer, parameter :: most_spurious = 4                            ! motions at a value that are known ones on a larger set
 
 contains
 
@@ -43,7 +42,7 @@ contains
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
       type(origin_t), allocatable :: known(:), others(:)
-      integer :: i, k, n_spurious
+      integer :: i, k
 
       is_found = .false.
       if (.not. allocated(self%request%others)) return
@@ -51,7 +50,7 @@ contains
          known = pack(met, [(.not. abs(met(k)%x(size(met(k)%x)) - self%request%others(i)) > 0.0_wp, k=1, size(met))])
          if (size(known) == 0) cycle                                  ! no motion to start from
          others = known
-         do n_spurious = 0, most_spurious
+         do                                                           ! some are known ones on a larger set
             call search_at(self, self%request%others(i), others, x, is_found, error)
             if (allocated(error)) return
             if (.not. is_found) exit

@@ -144,7 +144,7 @@ contains
       type(integration_counts_t), intent(in) :: counts
       real(wp), parameter :: fewest_periods = 150.0_wp                ! of the windows of a time integration
       real(wp), parameter :: decays = 3.0_wp                          ! decay times of its transient, until two windows agree
-      real(wp), parameter :: of_harmonic = 32.0_wp, of_mode = 60.0_wp ! evaluations in a period, two a step
+      real(wp), parameter :: of_harmonic = 32.0_wp                   ! evaluations in a period, two a step
       real(wp), parameter :: of_pair = 500.0_wp                       ! [ns] of a balance, for each pair of unknowns
       real(wp) :: evaluations, n_balance, n_integration, periods, work_of_integration
 
@@ -155,7 +155,7 @@ contains
          n_integration = tolerance**(-merge(0.67_wp, 0.4_wp, counts%has_walls))
          if (n_integration > counts%max_harmonics) return
          periods = max(fewest_periods, decays*log(1.0e2_wp/tolerance)*counts%omega/(two_pi*counts%decay))
-         evaluations = max(of_harmonic*n_integration, of_mode*counts%fastest/counts%omega)
+         evaluations = of_harmonic*max(n_integration, counts%fastest/counts%omega)
          work_of_integration = periods*(evaluation_work(counts%n_dofs, counts%n_coordinates, .false.)*evaluations + &
                                         of_harmonic*n_integration**2*n_coordinates)
          integration_is_cheaper = clearly*work_of_integration < of_pair*(n_balance*n_coordinates)**2
