@@ -31,10 +31,13 @@ module hb_accurate_motion
    private
    public :: calibrate_outputs, estimate_by_levels, left_after, solve_to_tolerance
 
+   integer, parameter :: most_idle = 4                                ! consecutive levels without improvement
    real(wp), parameter :: share_of_fallback = 0.2_wp                  ! of the work of fallbacks, for each level except the first
+   integer, parameter :: patience_with_products = 16 ! iterations before the preconditioner becomes stronger: there are many levels
    integer, parameter :: most_refinements = 2                         ! for a verdict on stability
    real(wp), parameter :: clear_change = 1.0e-4_wp                    ! of multipliers, caused by the errors of the motion
    real(wp), parameter :: work_of_verdict = 4.0_wp ! limit beyond which no level is begun, relative to the work so far
+   real(wp), parameter :: least_work_of_verdict = 5.0e7_wp
    integer, parameter :: patience = 3                                 ! steps without improvement from the level below
    real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by that of the previous level
 
@@ -134,7 +137,7 @@ contains
       sharper%may_integrate = .false.
       sharper%accuracy%tolerance = part*model%accuracy%tolerance
       finer%solver = motion%solver
-      sharper%accuracy%max_work = min(model%accuracy%max_work, work_of_verdict*finer%solver%work)
+      sharper%accuracy%max_work = min(model%accuracy%max_work, max(least_work_of_verdict, work_of_verdict*finer%solver%work))
       finer%start = motion%top
       call solve_by_levels(finer, sharper)
       motion%solver = finer%solver
@@ -151,7 +154,7 @@ contains
       logical :: is_done
 
       self%model => model
-      self%most_idle = most_failures
+      self%most_idle = most_idle
       self%most_failures = most_failures
       if (model%has_time_domain() .and. .not. allocated(self%start%unknowns)) then
          if (integrates_first(model)) then
@@ -434,6 +437,7 @@ contains
          here%certificate%is_on = .true.
          here%stability%method = stability_method%off
          here%solver%tolerance = solver_tolerance(model)
+         here%solver%krylov_patience = patience_with_products
          here%solver%fallback_share = 0.0_wp                          ! other sets remain to be tried
          here%certificate%improvement_steps = 0
          if (allocated(here%output%samples)) here%output%samples = here%output%samples(:0)

@@ -25,6 +25,7 @@ module hb_curve_sets
    private
    public :: transfer_motion, step_to_tolerance
 
+   integer, parameter :: most_idle = 2                                ! consecutive ones without improvement
    real(wp), parameter :: goal_ahead = 0.3_wp                         ! of the tolerance: sufficient for the following points, too
 
    !> A curve that is refined. Its set and grid are those of the motion that is followed.
@@ -250,7 +251,7 @@ contains
       self%model = motion%model
       self%model%loads = as_amplitudes(spread(spread((1.0_wp, 0.0_wp), 1, self%model%loads%n_dofs), 2, &
                                               self%model%loads%n_harmonics))   ! tuples with loads are required
-      self%most_idle = most_failures
+      self%most_idle = most_idle
    end subroutine refined_curve_prepare
 
    !> Chooses the next level for one motion.

@@ -29,6 +29,7 @@ module hb_level
    real(wp), parameter :: largest_growth = 1.8_wp                     ! of a set, or the orders of a box, from one level to the next
    real(wp), parameter :: least_growth = 1.1_wp                       ! of a set that is too small for the motion
    real(wp), parameter :: smaller_tail = 0.2_wp
+   integer, parameter :: smallest_growing = 50                        ! tuples, above which this is examined
    real(wp), parameter :: caution = 2.0_wp                            !! with rigid laws: estimates were .34 to 2 times the error
    real(wp), parameter :: clearly_smaller = 0.8_wp                    ! set or grid, worth a change; a grid shrinks by no more
    real(wp), parameter :: largest_refinement = 2.5_wp                 ! of a grid; multipliers were less accurate after 1.8
@@ -141,7 +142,7 @@ contains
       amplification = raised_by(result)*result%certificate%truncation/max(norm2(neglected), tiny(1.0_wp)) ! by the tuples of the set
       amplification = max(1.0_wp, min(amplification, largest_amplification))
       tail = share_of_tail*goal/amplification
-      capacity = min(model%accuracy%max_harmonics, ceiling(largest_growth*top%set%n_harmonics))
+      capacity = min(model%accuracy%max_harmonics, int(largest_growth*max(top%set%n_harmonics, smallest_growing)))
       smallest = next_to_none*tail
       do while (tail > smallest)                                      ! neglected tuples may appear small and still have an effect
          call new_harmonics(set, chosen_tuples(top%set, carried, around, neglected, is_needed, tail, capacity), error)
