@@ -31,6 +31,8 @@ module hb_motions_apart
    integer, parameter :: most_perturbed = 4                           ! harmonics, the lowest
 
    integer, parameter :: most_iterations = 40                         ! from one first guess
+   integer, parameter :: most_spurious = 4                            ! motions at a value that are known ones on a larger set: a
+                                                                      ! limit of the work alone
 
 contains
 
@@ -42,7 +44,7 @@ contains
       logical, intent(out) :: is_found
       type(error_t), allocatable, intent(out) :: error
       type(origin_t), allocatable :: known(:), others(:)
-      integer :: i, k
+      integer :: i, k, n_spurious
 
       is_found = .false.
       if (.not. allocated(self%request%others)) return
@@ -50,7 +52,7 @@ contains
          known = pack(met, [(.not. abs(met(k)%x(size(met(k)%x)) - self%request%others(i)) > 0.0_wp, k=1, size(met))])
          if (size(known) == 0) cycle                                  ! no motion to start from
          others = known
-         do                                                           ! some are known ones on a larger set
+         do n_spurious = 0, most_spurious
             call search_at(self, self%request%others(i), others, x, is_found, error)
             if (allocated(error)) return
             if (.not. is_found) exit
