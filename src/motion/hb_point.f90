@@ -23,6 +23,8 @@ module hb_point
    private
    public :: solve_point
 
+   real(wp), parameter :: largest_fall = 0.5_wp                       ! of a frequency in a step, relative
+
 contains
 
    !> Solves a model. An `error` is a failure of this point alone.
@@ -66,7 +68,7 @@ contains
          end associate
          if (i == nearby_steps) exit
          step = matmul(slope, defect)
-         do while (any(omega(tones) + step <= 0.0_wp) .and. all(omega(tones) > 0.0_wp))
+         do while (any(step < -largest_fall*omega(tones)) .and. all(omega(tones) > 0.0_wp))
             step = 0.5_wp*step
          end do
          omega(tones) = omega(tones) + step
