@@ -96,7 +96,8 @@ contains
    !> not (3, 3) for (5, 6). Two steps, because the response of odd laws to a tuple j is in the next odd ones, j + k
    !> with an even sum of |k|: within one step of {0, 1} there is no third harmonic, and an estimate without it would
    !> always be 0. Five steps with one tone: order 6 does not show the error of order 3 for a stop that is touched for
-   !> a short part of the period. In addition, the responses of quadratic and cubic forces to the largest tuples: a
+   !> a short part of the period; and all tuples where a set has gaps, since one of those between twice its own may be
+   !> next to a resonance. In addition, the responses of quadratic and cubic forces to the largest tuples: a
    !> load at tuple 7 has its next harmonics at 14 and 21.
    subroutine new_doubled_set(self, set, error, carried, others)
       type(harmonics_t), intent(out) :: self
@@ -105,6 +106,8 @@ contains
       real(wp), intent(in), optional :: carried(:)                    !! amplitudes of a motion (set%n_harmonics)
       integer, intent(in), optional :: others(:, :)                   !! tuples to be included, (n_tones, any)
       integer, parameter :: steps_of_one_tone = 5
+      integer, parameter :: most_in_gaps = 8                          ! order, times the tuples of the set: with a single distant
+                                                                      ! one those up to it would cost more than the motion
       type(tuple_union_t) :: union
       integer :: h, j(set%n_tones), k, m, s
 
@@ -116,6 +119,9 @@ contains
             call union%add(set%tuples + k)
             call union%add(abs(set%tuples - k))
          end do
+         associate (last => 2*min(set%highest(1), most_in_gaps*set%n_harmonics))
+            call union%add(reshape([(k, k=0, last)], [1, last + 1]))
+         end associate
       end if
       do h = 1, set%n_harmonics
          do k = 0, 3**set%n_tones - 1                                 ! digit m: increment of entry m, plus one
