@@ -20,7 +20,6 @@ module hb_linear_part
    private
    public :: cached_linear_part_t, cached_linear_parts_t, linear_part_t, new_linear_part
 
-
    type, extends(dynamic_stiffness_t) :: linear_part_t
       logical, allocatable :: is_singular(:)                          !! (n_harmonics) the structure can move freely
       logical :: has_supports = .false.                               !! in any harmonic

@@ -69,7 +69,6 @@ module hb_impact_curve
       procedure :: destroy => impact_curve_destroy
    end type impact_curve_t
 
-
    ! Grazes; bodies in hb_impact_curve_graze
    interface
       module subroutine pass_graze(self, is_stalled, is_passed)
@@ -82,8 +81,9 @@ module hb_impact_curve
          class(impact_curve_t), intent(inout), target :: self
       end subroutine end_at_graze
 
-      module logical function grazes_ahead(self)
+      module function grazes_ahead(self) result(grazes)
          class(impact_curve_t), intent(inout), target :: self
+         logical :: grazes
       end function grazes_ahead
    end interface
 

@@ -324,9 +324,9 @@ contains
    module procedure grazes_ahead
       integer :: i
 
-      grazes_ahead = .false.
+      grazes = .false.
       do i = 1, 4
-         grazes_ahead = grazes_ahead .or. any(self%known%impacts /= &
+         grazes = grazes .or. any(self%known%impacts /= &
             self%impacts_at(self%curve%x + 0.25_wp*i*self%request%longest_step*self%curve%direction))
       end do
    end procedure grazes_ahead
