@@ -14,7 +14,6 @@ module hb_law_coordinates
    private
    public :: law_dofs_of, laws_at, new_law_coordinates
 
-
    !> Columns found so far.
    type :: span_t
       integer :: n = 0

@@ -23,7 +23,6 @@ module hb_normal_mode
    private
    public :: amplitude_functionals, find_mode_of_energy, find_normal_mode, normal_mode_t
 
-
    type :: normal_mode_t
       logical :: is_requested = .false.
       logical :: has_energy = .false.                                 !! prescribed instead of an amplitude

@@ -32,7 +32,6 @@ module hb_motion
    private
    public :: forget_motion, solve_motion, start_from, status_of_ended
 
-
 contains
 
    !> Solves the model. An `error` is a failure of this point alone, such as a singular interior; a solver that does

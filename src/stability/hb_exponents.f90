@@ -16,7 +16,6 @@ module hb_exponents
    private
    public :: exponents_t, find_exponents, orthogonalise, propagation_t, work_of_exponents
 
-
    !> Propagation of disturbances along a motion.
    type, abstract :: propagation_t
       integer :: size = 0                                             !! of a disturbance

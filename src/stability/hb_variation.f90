@@ -17,7 +17,6 @@ module hb_variation
    private
    public :: least_work, new_variation, piece_t, variation_t
 
-
    !> An interval of time without events inside.
    type :: piece_t
       real(wp) :: start = 0.0_wp, finish = 0.0_wp                     !! [s]
