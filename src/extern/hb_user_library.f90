@@ -104,7 +104,7 @@ module hb_user_library
       type(c_funptr), private :: advance_function = c_null_funptr
       type(c_funptr), private :: evaluate_function = c_null_funptr
       type(c_ptr), private :: context = c_null_ptr
-      logical, private :: is_of_version_1 = .false., is_given = .false.
+      logical, private :: is_of_version_1, is_given
    contains
       procedure :: evaluate => user_library_evaluate
       procedure :: advance => user_library_advance

@@ -43,12 +43,12 @@ module hb_packed_fft
 
    !> Owner of external resources: call `destroy`.
    type :: packed_fft_t
-      integer :: n_samples = 0                                        !! of the whole grid
-      integer, private :: n_together = 1                              ! samples per complex number
-      integer, private :: n_first = 0                                 ! samples of the first tone
+      integer :: n_samples                                            !! of the whole grid
+      integer, private :: n_together                                  ! samples per complex number
+      integer, private :: n_first                                     ! samples of the first tone
       integer, allocatable, private :: extent(:)                      ! (n_tones) of the spectrum
-      logical, private :: is_half = .false.                           ! of the grid
-      integer, private :: parity = 0                                  ! of the sums of tuples, on half a grid
+      logical, private :: is_half                                     ! of the grid
+      integer, private :: parity                                      ! of the sums of tuples, on half a grid
       complex(wp), allocatable, private :: twist(:)                   ! exp(i tau_d) of the samples of the last tone, on half a grid
       integer, allocatable, private :: twisted(:)                     ! columns of lower tones whose last entries are odd
       integer, private :: n_columns = 0                               ! of lower tones, before the last one is transformed

@@ -117,6 +117,7 @@ contains
       complex(wp), intent(in) :: loads(:, :)                          !! cos - i sin [N], (n_dofs, n_harmonics)
       real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s]
+      real(wp) :: highest                                             ! frequency of the loads [rad/s]
       integer :: i
 
       self%n_dofs = structure%n_dofs
@@ -127,6 +128,7 @@ contains
       do i = 1, size(laws)
          self%length = max(self%length, laws(i)%law%length_scale)
       end do
+      highest = maxval([0.0_wp, abs(self%loads%frequency)])           ! without loads as well
       do i = 1, structure%n_dofs
          associate (k => abs(self%structure%stiffness(i, i)) + maxval([0.0_wp, self%loads%frequency**2])*self%structure%mass(i, i))
             if (k > 0.0_wp) self%length = max(self%length, sum(abs(loads(i, :)))/k)

@@ -320,14 +320,15 @@ static int mistaken(void *context, const char *file, nhbm_structure *s)
    static const int32_t starts[] = {0, 1, 2}, at[] = {0, 1}, beyond[] = {0, 2}, node[] = {0, 1}, far_off[] = {0, 2};
    static const double mass[] = {1.0, 2.0};
    const int mistake = *(const int *)context;
+   int code = nhbm_structure_dofs(s, "tip root", mistake == 0 ? "mm" : "", 0.0);
 
    (void)file;
-   if (nhbm_structure_dofs(s, "tip root", mistake == 0 ? "mm" : "", 0.0)) return 1;
-   if (mistake == 1) return nhbm_structure_matrix(s, "weight", starts, at, mass);
-   if (mistake == 2) return nhbm_structure_matrix(s, "mass", starts, beyond, mass);
-   if (mistake == 3) return nhbm_structure_nodes(s, 2, node, "x");
-   if (mistake == 4) return nhbm_structure_nodes(s, 2, far_off, "x y");
-   if (mistake == 5) return nhbm_structure_set(s, "ground", 1, at);
+   if (mistake == 1) code = nhbm_structure_matrix(s, "weight", starts, at, mass);
+   if (mistake == 2) code = nhbm_structure_matrix(s, "mass", starts, beyond, mass);
+   if (mistake == 3) code = nhbm_structure_nodes(s, 2, node, "x");
+   if (mistake == 4) code = nhbm_structure_nodes(s, 2, far_off, "x y");
+   if (mistake == 5) code = nhbm_structure_set(s, "ground", 1, at);
+   if (mistake < 6) return code == NHBM_INPUT ? 1 : 99;
    if (mistake == 6) return nhbm_structure_matrix(s, "mass", starts, at, mass);
    return 7;
 }
