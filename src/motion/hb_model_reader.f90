@@ -306,7 +306,7 @@ contains
             return
          end if
          call document%number_at(ties(i)%to, number, is_given)
-         if (.not. is_given) call group%problem("to", absence_of(document, ties(i)%to))
+         if (.not. is_given) call group%problem("to", trim(absence_of(document, ties(i)%to)))
       end do
       do i = 1, n
          if (any([(ties(n)%parameter%hides(ties(i)%to), n=i, size(ties))])) then
@@ -322,7 +322,7 @@ contains
    pure function absence_of(document, parameter) result(text)
       type(document_t), intent(in) :: document
       type(parameter_t), intent(in) :: parameter
-      character(:), allocatable :: text
+      character(60) :: text
 
       text = "has no number in this input: give it one"
       associate (group => document%groups%holders(parameter%i_group)%group)
@@ -380,7 +380,7 @@ contains
       else if (document%n_tones_of(parameter) > 1) then
          problem = "does not specify the tone; give one, such as '"//path//"(1)'"
       else if (.not. is_given) then
-         problem = absence_of(document, parameter)
+         problem = trim(absence_of(document, parameter))
       else if (.not. document%is_real(parameter)) then
          problem = "is not a real number; only real numbers have derivatives"
       else if (document%groups%holders(parameter%i_group)%group%name == "tones") then

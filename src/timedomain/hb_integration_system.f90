@@ -130,7 +130,7 @@ contains
       end do
       highest = maxval([0.0_wp, abs(self%loads%frequency)])           ! without loads as well
       do i = 1, structure%n_dofs
-         associate (k => abs(self%structure%stiffness(i, i)) + maxval([0.0_wp, self%loads%frequency**2])*self%structure%mass(i, i))
+         associate (k => abs(self%structure%stiffness(i, i)) + highest**2*self%structure%mass(i, i))
             if (k > 0.0_wp) self%length = max(self%length, sum(abs(loads(i, :)))/k)
          end associate
       end do
