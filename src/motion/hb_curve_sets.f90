@@ -27,8 +27,9 @@ module hb_curve_sets
 
    integer, parameter :: most_idle = 2                                ! consecutive ones without improvement
    real(wp), parameter :: goal_ahead = 0.3_wp                         ! of the tolerance: sufficient for the following points, too
-   real(wp), parameter :: ample = 0.01_wp                             ! of the tolerance: below it a smaller set is sufficient; with
-                                                                      ! 0.03 a curve that has left its stop keeps 12 harmonics, not 8
+   real(wp), parameter :: ample = 0.01_wp                             ! of the tolerance: below it a smaller set is sufficient;
+                                                                      ! with 0.03 a curve that has left its stop keeps 12
+                                                                      ! harmonics, not 8
 
    !> A curve that is refined. Its set and grid are those of the motion that is followed.
    type, abstract, extends(refinable_t) :: refined_curve_t

@@ -233,8 +233,8 @@ def measure(case: Case, methods: list[str], folder: Path) -> Finding:
     finding = Finding(case)
     window, t, reference = _reference(case, folder, finding)
     size = rms(reference[t >= case.longest])
-    for method, order_sequence in case.integrations.items():
-        levels = [(f"step {case.sample / n:.2g} s", (f"step={case.sample / n!r}", f"decimation={n}")) for n in order_sequence]
+    for method, divisions in case.integrations.items():
+        levels = [(f"step {case.sample / n:.2g} s", (f"step={case.sample / n!r}", f"decimation={n}")) for n in divisions]
         finding.curves[method] = _integrations(case, method, levels, folder, window, t, reference)
     if case.tolerances:
         levels = [(f"tolerance {x:.0e}", (f"step={case.sample!r}", f"tolerance={x!r}")) for x in case.tolerances]

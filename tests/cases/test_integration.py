@@ -361,7 +361,7 @@ def test_verify_agrees_with_a_converged_motion(tmp_path):
     assert found["integration_difference"][0] < 1e-9
 
 
-def test_verify_integrations_again_what_was_integrated_with_a_set_of_its_own(tmp_path):
+def test_verify_integrates_again_what_was_integrated_with_a_set_of_its_own(tmp_path):
     """Ueda's oscillator without a balance: the file has as many elements as its largest set, the first point uses six of ten."""
     text = "&structure type='matrices', n_dofs=1, mass=1, damping=0.1, stiffness=0 /\n&tones frequency=1 /\n&harmonics order=9 /\n"
     text += "&load dof='x1', tuple=1, cos=1 /\n&law type='cubic_spring', dof='x1', stiffness=1 /\n"

@@ -129,12 +129,12 @@ def _panels(n_tones: int, view: str):
     right = 0.75 + left_width + (1.15 if has_maps else 1.45)
     right_width = side if not is_solid and n_tones > 1 else 3.55
     fig = style.figure(right + right_width + (0.35 if not is_solid else 0.55), height, is_arranged=False)
-    layers = [height - 0.85 - row * pitch - lift - 0.15 - side for row in (0, 1)]
+    floors = [height - 0.85 - row * pitch - lift - 0.15 - side for row in (0, 1)]
     axes = {
-        "a": style.axes_at(fig, 0.75, layers[0], left_width, side),
-        "d": style.axes_at(fig, 0.75, layers[1], left_width, side),
+        "a": style.axes_at(fig, 0.75, floors[0], left_width, side),
+        "d": style.axes_at(fig, 0.75, floors[1], left_width, side),
     }
-    for name, floor in zip("bc", layers):
+    for name, floor in zip("bc", floors):
         if is_solid:
             axes[name] = style.axes_at(
                 fig, right - 0.35, floor - 0.32, right_width + 0.6, side + 0.55, projection="3d"
@@ -142,19 +142,19 @@ def _panels(n_tones: int, view: str):
         else:
             axes[name] = style.axes_at(fig, right, floor, right_width, side)
     for name, left, floor, heading in (
-        ("a", 0.75, layers[0], "motion, multi-frequency domain"),
-        ("b", right, layers[0], "motion, hypertime domain"),
-        ("d", 0.75, layers[1], "corrected, multi-frequency domain"),
-        ("c", right, layers[1], "corrected, hypertime domain"),
+        ("a", 0.75, floors[0], "motion, multi-frequency domain"),
+        ("b", right, floors[0], "motion, hypertime domain"),
+        ("d", 0.75, floors[1], "corrected, multi-frequency domain"),
+        ("c", right, floors[1], "corrected, hypertime domain"),
     ):
         _write(fig, left, floor + side + lift, f"({name}) {heading}", weight="bold", size=9.5, va="bottom")
     gutter = 0.75 + left_width + 0.1
     prefix = "" if n_tones == 1 else f"{n_tones}-"
-    middles = [floor + 0.62 * side for floor in layers]
+    middles = [floor + 0.62 * side for floor in floors]
     _arrow(fig, (gutter, middles[0]), (gutter + 0.5, middles[0]), f"{prefix}iFFT", (0.25, 0.08), "center")
     _arrow(fig, (gutter + 0.5, middles[1]), (gutter, middles[1]), f"{prefix}FFT", (0.25, 0.08), "center")
     turn = right - 0.25
-    _arrow(fig, (turn, layers[0] - 0.02), (turn, layers[1] + side + 0.32), "wall", (-0.09, -0.27), "right")
+    _arrow(fig, (turn, floors[0] - 0.02), (turn, floors[1] + side + 0.32), "wall", (-0.09, -0.27), "right")
     if n_tones == 1:
         return fig, axes, []
     bars = [
