@@ -15,6 +15,7 @@ module hb_self_excitation
    private
    public :: search_from_modes
 
+   real(wp), parameter :: largest_amplitude = 1.0e8_wp                ! beyond: grows without bound
    real(wp), parameter :: longest_growth = 1.1_wp                     ! of log(amplitude) in one step
 
 contains
@@ -113,7 +114,7 @@ contains
             if (is_found) return
             next_try = 0.3_wp*maxval(abs(self%damping(now)))
          end if
-         if (maxval(now%amplitude) > last_amplitude*self%length) then
+         if (maxval(now%amplitude) > largest_amplitude*self%length) then
             self%message = "self-excited at all amplitudes tried: the motion grows without bound"
             self%runs_away = .true.
             return

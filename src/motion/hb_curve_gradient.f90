@@ -30,6 +30,7 @@ module hb_curve_gradient
    real(wp), parameter :: apart = 1.0e-4_wp                           ! a step, relative to the value; 1e-5: less exact
    real(wp), parameter :: across_samples = 3.0e-2_wp                  ! likewise, over 20 of the following samples
    integer, parameter :: fewest_samples = 4096                        ! of one tone, for a position to 1 %
+   real(wp), parameter :: most_values = 1.0e6_wp                      ! of them for all coordinates: a second for a step
 
    !> A located point.
    type, extends(differentiable_t) :: located_t
@@ -103,7 +104,7 @@ contains
       gradient%position = ieee_value(1.0_wp, ieee_quiet_nan)
       gradient%frequency = ieee_value(1.0_wp, ieee_quiet_nan)
       level = located%curve%level
-      if (size(level%n_samples) > 1) return
+      if (size(level%n_samples) > 1 .or. fewest_samples*real(located%curve%problem%n_dofs, wp) > most_values) return
       level%n_samples = max(level%n_samples, fewest_samples)
       located%step = across_samples
       call located%differentiate(level, average, error)
