@@ -1,24 +1,27 @@
 # shellcheck shell=bash
 # Set-up shared by drivers/quickstart and tests/run, which source this file: Debian packages, Python environment, build.
 
-# What the build needs on Debian 12, and what tests, models and pictures need beside it; the only list of packages in the project.
+# The only list of Debian packages in the project. What the build needs, what pictures need beside it, what tests need beside these,
+# and what some recipes and comparisons use: these are left out where a release does not have them.
 hb_build_packages=(
    gcc gfortran cmake make python3
    libopenmpi-dev openmpi-bin libhdf5-openmpi-dev libfftw3-dev libopenblas-dev libsuitesparse-dev
    libsundials-dev
 )
-hb_packages=(
-   "${hb_build_packages[@]}"
-   python3-venv python3-setuptools python3-wheel
-   python3-numpy python3-h5py python3-matplotlib python3-xarray python3-h5netcdf python3-netcdf4 python3-pytest
-   python3-scipy python3-cvxopt python3-meshio calculix-ccx
-)
-# Beside these for long tests: a browser, for pages of results.
+hb_picture_packages=(python3-numpy python3-h5py python3-matplotlib)
 # shellcheck disable=SC2034 # used by tests/run
+hb_test_packages=(python3-venv python3-scipy python3-xarray python3-h5netcdf python3-netcdf4 python3-pytest)
+# shellcheck disable=SC2034
+hb_optional_packages=(python3-cvxopt python3-meshio calculix-ccx)
+# Beside these for long tests: a browser, for pages of results.
+# shellcheck disable=SC2034
 hb_long_packages=(chromium)
+# The same from PyPI, with versions: finite element models for examples, and AUTO.
+hb_optional_modules=(skfem=scikit-fem==12.0.2 xpplab=xpplab==0.1.2)
 
 hb_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 hb_venv=$hb_root/build/venv
+hb_left_out=$hb_root/build/left_out
 hb_status_packages=3 # exit status when packages are missing and may not be installed
 
 # Names a stage, with the time since the start of the script.
@@ -42,8 +45,8 @@ hb_environment() {
    if ((EUID == 0)); then
       export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
    fi
-   if (($(nproc) < 2)); then
-      export OMPI_MCA_rmaps_base_oversubscribe=1
+   if (($(nproc) < 2)); then # more ranks than processors, for Open MPI 4 and 5
+      export OMPI_MCA_rmaps_base_oversubscribe=1 PRTE_MCA_rmaps_default_mapping_policy=:oversubscribe
    fi
 }
 
@@ -56,37 +59,65 @@ hb_missing_packages() {
    done
 }
 
-# Installs what is missing; with `no` as the first argument, or on another system than Debian, only says what is missing:
-# hb_install_packages yes|no [PACKAGE]...   (default: all)
-hb_install_packages() {
-   local missing as_root=() wanted=("${@:2}")
-   ((${#wanted[@]} > 0)) || wanted=("${hb_packages[@]}")
-   if ! command -v dpkg-query >/dev/null; then
-      hb_say "No dpkg here: going on with what is installed. On Debian the packages would be"
-      printf '%s\n' "${wanted[*]}"
-      return
-   fi
-   mapfile -t missing < <(hb_missing_packages "${wanted[@]}")
-   ((${#missing[@]} == 0)) && return
-   if [[ $1 == no ]]; then
-      hb_say "Missing packages, going on without them (--no-install): ${missing[*]}"
-      return
-   fi
+# Notes what goes on without something, for the end: hb_leave_out WHAT EFFECT
+hb_leave_out() {
+   mkdir -p "$hb_root/build"
+   printf '   %s: %s\n' "$1" "$2" >>"$hb_left_out"
+}
+
+# Names once what was left out.
+hb_say_left_out() {
+   [[ -s $hb_left_out ]] || return 0
+   hb_say "Left out"
+   sort -u "$hb_left_out"
+   rm -f "$hb_left_out"
+}
+
+# Runs apt-get: as root, or by sudo where it may ask for a password or needs none. Leaves with status 3 where neither is possible.
+hb_apt_get() {
+   local as_root=()
    if ((EUID != 0)); then
-      # sudo may ask for a password only where somebody can answer
       if command -v sudo >/dev/null && { sudo -n true 2>/dev/null || [[ -t 0 ]]; }; then
          as_root=(sudo)
       else
-         printf '%s: these packages are missing, and only root can install them:\n\n' "${0##*/}" >&2
-         printf '   apt-get update && apt-get install --no-install-recommends %s\n\n' "${missing[*]}" >&2
-         printf 'Run that line as root, then this command again. --no-install goes on without them.\n' >&2
-         exit "$hb_status_packages"
+         return "$hb_status_packages"
       fi
    fi
-   hb_say "Installing ${#missing[@]} packages (a few minutes on a fresh machine): ${missing[*]}"
-   "${as_root[@]}" apt-get update -qq || echo "apt-get update failed; trying with the package lists at hand" >&2
-   "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
-      apt-get install -qq -o Dpkg::Use-Pty=0 --yes --no-install-recommends "${missing[@]}" >/dev/null ||
+   "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -qq -o Dpkg::Use-Pty=0 "$@"
+}
+
+# Installs what is missing and what this release has; a package that it does not have is left out, and so are all with `no` as the
+# first argument or on a system other than Debian: hb_install_packages yes|no PACKAGE...
+hb_install_packages() {
+   local missing available=() package status=0
+   if ! command -v dpkg-query >/dev/null; then
+      hb_leave_out "packages" "this is no Debian, what is installed is used; on Debian they would be ${*:2}"
+      return
+   fi
+   mapfile -t missing < <(hb_missing_packages "${@:2}")
+   ((${#missing[@]} == 0)) && return
+   if [[ $1 == no ]]; then
+      for package in "${missing[@]}"; do hb_leave_out "$package" "not installed (--no-install)"; done
+      return
+   fi
+   hb_say "Installing ${#missing[@]} packages: ${missing[*]}"
+   hb_apt_get update || status=$?
+   if ((status == hb_status_packages)); then
+      printf '%s: these packages are missing, and only root can install them:\n\n' "${0##*/}" >&2
+      printf '   apt-get update && apt-get install --no-install-recommends %s\n\n' "${missing[*]}" >&2
+      printf 'Run that line as root, then this command again. --no-install goes on without them.\n' >&2
+      exit "$hb_status_packages"
+   fi
+   ((status == 0)) || echo "apt-get update failed; trying with the package lists at hand" >&2
+   for package in "${missing[@]}"; do
+      if [[ $(apt-cache policy "$package" 2>/dev/null) =~ Candidate:\ [^\(] ]]; then
+         available+=("$package")
+      else
+         hb_leave_out "$package" "this release of the system does not have it"
+      fi
+   done
+   ((${#available[@]} == 0)) ||
+      hb_apt_get install --yes --no-install-recommends "${available[@]}" >/dev/null ||
       hb_fail "apt-get could not install the packages (see above)"
 }
 
@@ -95,23 +126,27 @@ hb_python() {
    if [[ -x /usr/bin/python3 ]]; then echo /usr/bin/python3; else command -v python3; fi
 }
 
-# Python environment in build/venv with the packages of the system, and ours as they stand in the tree; downloads nothing but scikit-fem
-# and AUTO, which Debian does not have, and goes on without them.
+# Makes a Python environment in build/venv with the packages of the system, and ours as they stand in the tree; downloads nothing.
 hb_make_venv() {
    hb_say "Python environment in build/venv"
    # a copied or moved tree leaves an environment that points elsewhere, and so does a changed Python
    if ! "$hb_venv/bin/python" -c 'import sys; sys.exit(sys.prefix != sys.argv[1])' "$hb_venv" 2>/dev/null; then
-      "$(hb_python)" -m venv --clear --system-site-packages "$hb_venv" || hb_fail "cannot make build/venv"
+      "$(hb_python)" -m venv --clear --without-pip --system-site-packages "$hb_venv" || hb_fail "cannot make build/venv"
    fi
    hb_place_packages || hb_fail "cannot place our packages into build/venv"
    "$hb_venv/bin/nhbm-post" --version
-   "$hb_venv/bin/nhbm-model" --version
-   "$hb_venv/bin/python" -c 'import skfem' 2>/dev/null ||
-      "$hb_venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --retries 1 --timeout 20 'scikit-fem>=8' ||
-      echo "no scikit-fem: 'nhbm-model' makes no examples, and tests with them are left out"
-   "$hb_venv/bin/python" -c 'import xpplab' 2>/dev/null ||
-      "$hb_venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --retries 1 --timeout 20 'xpplab>=0.1.2' ||
-      echo "no xpplab: long tests beside AUTO are left out"
+   if "$hb_venv/bin/python" -c 'import scipy' 2>/dev/null; then "$hb_venv/bin/nhbm-model" --version; fi
+}
+
+# Adds to build/venv what tests and examples use beside Debian's packages, from PyPI; goes on without what cannot be had.
+hb_add_optional_modules() {
+   local module
+   for module in "${hb_optional_modules[@]}"; do
+      "$hb_venv/bin/python" -c "import ${module%%=*}" 2>/dev/null && continue
+      { "$hb_venv/bin/python" -m pip --version >/dev/null 2>&1 || "$hb_venv/bin/python" -m ensurepip >/dev/null 2>&1; } &&
+         "$hb_venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --retries 1 --timeout 20 "${module#*=}" ||
+         hb_leave_out "${module#*=}" "PyPI could not be reached; tests and examples with it are skipped"
+   done
 }
 
 # Names the folders of our packages to the Python of build/venv, and makes the commands of pyproject.toml: pip would need a build backend
@@ -125,6 +160,30 @@ hb_place_packages() {
          "$hb_venv/bin/python" "${command#*=}" >"$hb_venv/bin/${command%%=*}" || return
       chmod +x "$hb_venv/bin/${command%%=*}" || return
    done
+}
+
+# Process groups of what goes on in the background, which end with the script.
+hb_started=()
+# Starts a command in the background, whose output goes to a file: hb_start LOG COMMAND...; its process is in hb_last.
+hb_start() {
+   if ((${#hb_started[@]} == 0)); then
+      # shellcheck disable=SC2154 # group is the variable of the loop
+      trap 'for group in "${hb_started[@]}"; do kill -- "-$group" 2>/dev/null || true; done' EXIT
+      trap 'exit 130' INT TERM
+   fi
+   set -m # a process group of its own, which can be ended as a whole
+   "${@:2}" >"$1" 2>&1 </dev/null &
+   hb_last=$!
+   set +m
+   hb_started+=("$hb_last")
+}
+
+# Waits for one of them and prints its output; leaves where it failed: hb_await PROCESS LOG WORDS
+hb_await() {
+   local status=0
+   wait "$1" || status=$?
+   cat "$2"
+   ((status == 0)) || hb_fail "$3 (above)"
 }
 
 # Configures and builds a preset: hb_build PRESET JOBS [TARGET [option of cmake]...]
