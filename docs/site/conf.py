@@ -7,7 +7,7 @@ from pathlib import Path
 ROOT = Path(os.environ["NHBM_SOURCE"])
 
 project = "nhbm"
-author = "The authors of nhbm"
+author = "The nhbm developers"
 release = re.search(r"project\(nhbm VERSION (\S+)", (ROOT / "CMakeLists.txt").read_text())[1]
 version = release
 
