@@ -268,7 +268,7 @@ contains
       class(slider_states_t), intent(inout) :: self
       type(characteristic_t), intent(in) :: characteristic
       real(wp), intent(out) :: change, largest_move
-      integer :: i, k, last, n, p
+      integer :: i, k, last, n, now, p
 
       n = characteristic%n_steps
       largest_move = 0.0_wp
@@ -276,18 +276,17 @@ contains
       do i = 2, n + 1
          last = i - 1
          call characteristic%interpolate(self%states(:, :, last), self%start)
-         associate (now => 1 + modulo(i - 1, n))
-            if (now == 1) self%start = characteristic%closing*self%start
-            do k = 1, size(self%states, 2)
-               do p = 1, size(self%states, 1)
-                  associate (w => self%start(p, k), low => self%low(p, k, now), high => self%high(p, k, now))
-                     self%pusher(p, k, now) = merge(pushed_by%lower, merge(pushed_by%upper, pushed_by%nothing, w > high), w < low)
-                     self%states(p, k, now) = min(max(w, low), high)
-                  end associate
-               end do
+         now = 1 + modulo(i - 1, n)
+         if (now == 1) self%start = characteristic%closing*self%start
+         do k = 1, size(self%states, 2)
+            do p = 1, size(self%states, 1)
+               associate (w => self%start(p, k), low => self%low(p, k, now), high => self%high(p, k, now))
+                  self%pusher(p, k, now) = merge(pushed_by%lower, merge(pushed_by%upper, pushed_by%nothing, w > high), w < low)
+                  self%states(p, k, now) = min(max(w, low), high)
+               end associate
             end do
-            largest_move = max(largest_move, maxval(abs(self%states(:, :, now) - self%start)))
-         end associate
+         end do
+         largest_move = max(largest_move, maxval(abs(self%states(:, :, now) - self%start)))
       end do
       change = maxval(abs(self%states(:, :, 1) - self%before))
    end subroutine slider_states_go_clamped_round

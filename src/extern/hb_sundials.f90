@@ -3,7 +3,7 @@
 !>
 !> In the order of use: extend `ode_t`, `new_cvode`, `restart` (also after each event), `advance` any number of
 !> times, `destroy`. Source: A. C. Hindmarsh et al., SUNDIALS: Suite of nonlinear and differential/algebraic equation
-!> solvers, ACM Trans. Math. Software 31 (2005) 363-396; user documentation for CVODE 6.4.
+!> solvers, ACM Trans. Math. Software 31 (2005) 363-396; user documentation for CVODE 6.4 and 7.1.
 module hb_sundials
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_pointer, c_funloc, c_funptr, c_int, c_loc, c_null_ptr, c_ptr

@@ -25,7 +25,7 @@ class Nhbm(CMakePackage):
     depends_on("fftw@3")
     depends_on("lapack")
     depends_on("suite-sparse")
-    depends_on("sundials@6", when="+cvode")
+    depends_on("sundials@6:7", when="+cvode")
     for package in ("python@3.9:", "py-h5netcdf", "py-h5py", "py-matplotlib", "py-numpy", "py-scipy", "py-xarray"):
         depends_on(package, type="run")
 
