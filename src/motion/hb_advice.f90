@@ -185,7 +185,7 @@ contains
       is_out_of_work = .false.
       do i = 1, size_of_attempts(report)
          associate (attempt => report%attempts(i))
-            if (.not. attempt_rules(attempt%rule)%has_budget()) cycle
+            if (attempt_rules(attempt%rule)%share <= 0.0_wp) cycle        ! not a fallback
             is_out_of_work = is_out_of_work .or. (attempt%is_out_of_work .and. attempt%status == outcome%out_of_budget)
          end associate
       end do
