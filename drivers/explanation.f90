@@ -4,13 +4,14 @@
 module explanation
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_advice, only: rounded
+   use hb_attempts, only: attempt_rules
    use hb_document, only: document_t
    use hb_kinds, only: wp
    use next_step, only: command_to_try, failure_kind_t, is_by_tolerance, run_names_t, shell_word
    use hb_outcome, only: is_solved, outcome, outcome_names, outcome_remedy, outcome_text
    use hb_properties, only: properties_t
    use hb_results_record, only: messages_of, numbers_of, record_t
-   use hb_solver_types, only: fallback_names, fallback_texts
+   use hb_solver_types, only: fallback_texts
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, split, string_t, to_text
    use hb_thresholds, only: well_solved
@@ -251,8 +252,8 @@ contains
          if (size(words) < 2) cycle                                   ! the end of the message was truncated
          if (size(words) > 2) ending = words(3)%value
          name = trim(words(1)%value)
-         do k = 0, ubound(fallback_names, 1)
-            if (fallback_names(k) == words(1)%value .or. (k == 0 .and. words(1)%value == "direct")) name = trim(fallback_texts(k))
+         do k = 1, size(attempt_rules)
+            if (attempt_rules(k)%name == words(1)%value) name = trim(attempt_rules(k)%text)
          end do
          if (i == 1) text = text//" Tried: "
          if (i > 1) text = text//", "

@@ -4,6 +4,7 @@ module verb_info
    use arguments, only: arguments_t
    use console, only: say
    use exit_status, only: incomplete, success
+   use hb_attempts, only: is_fallback
    use hb_branches, only: jumps_between
    use hb_curve_table, only: note_curve_values
    use hb_document, only: document_t
@@ -133,7 +134,7 @@ contains
       do i = 1, size(lines)
          call write_fact("", lines(i)%value)
       end do
-      n = count(record%fallback > 0)
+      n = count(is_fallback(record%fallback))
       if (n > 0) call write_fact("", number_of(n, "point")//" solved by a fallback (see 'fallback')")
       n = count(record%is_near_commensurate > 0)
       if (n > 0) call write_fact("", number_of(n, "point")//" where a low-order combination of the tones nearly vanishes")

@@ -2,6 +2,7 @@
 !> The remedies follow from the outcomes of the attempts and from properties that make a model difficult: contact much
 !> stiffer than the structure, sliders that hardly slide, nearly commensurate tones.
 module hb_advice
+   use hb_attempts, only: attempt_rules
    use hb_balance, only: balance_t
    use hb_certificate, only: near_commensurate
    use hb_harmonics, only: tuple_text
@@ -9,7 +10,7 @@ module hb_advice
    use hb_law, only: law_t
    use hb_model, only: model_t
    use hb_outcome, only: outcome, outcome_name, reason
-   use hb_solver_types, only: fallback, fallback_names, report_t
+   use hb_solver_types, only: report_t, technique
    use hb_text, only: to_text
    implicit none
    private
@@ -164,10 +165,16 @@ contains
    !> Whether the direct attempt would have converged with more iterations.
    pure logical function was_falling(report)
       type(report_t), intent(in) :: report
+      integer :: i
 
       was_falling = .false.
-      if (size_of_attempts(report) == 0) return
-      was_falling = report%attempts(1)%status == outcome%out_of_budget .and. report%attempts(1)%was_falling
+      do i = 1, size_of_attempts(report)
+         associate (attempt => report%attempts(i))
+            if (attempt_rules(attempt%rule)%technique /= technique%direct) cycle
+            was_falling = attempt%status == outcome%out_of_budget .and. attempt%was_falling
+            return                                                    ! others start elsewhere
+         end associate
+      end do
    end function was_falling
 
    !> Whether a homotopy, or the last method, was ended by its budget.
@@ -176,8 +183,9 @@ contains
       integer :: i
 
       is_out_of_work = .false.
-      do i = 2, size_of_attempts(report)
+      do i = 1, size_of_attempts(report)
          associate (attempt => report%attempts(i))
+            if (attempt_rules(attempt%rule)%share <= 0.0_wp) cycle        ! not a fallback
             is_out_of_work = is_out_of_work .or. (attempt%is_out_of_work .and. attempt%status == outcome%out_of_budget)
          end associate
       end do
@@ -191,8 +199,8 @@ contains
       integer :: i
 
       do i = 1, size_of_attempts(report)
-         if (i == 1) text = text//"; least residuals: direct "
-         if (i > 1) text = text//", "//trim(fallback_names(report%attempts(i)%kind))//" "
+         text = text//trim(merge("; least residuals:", ",                 ", i == 1))//" "// &
+            trim(attempt_rules(report%attempts(i)%rule)%name)//" "
          text = text//rounded(report%attempts(i)%best)
          if (i == 1 .or. report%attempts(i)%status /= report%attempts(1)%status) &
             text = text//" "//outcome_name(report%attempts(i)%status)

@@ -1,11 +1,11 @@
-!> Solves a problem by the method of the settings and, if that fails, by its fallbacks.
+!> Solves a problem by the attempts of `hb_attempts`: directly, from smaller problems, by homotopies.
 !>
-!> Homotopy: continues the solution of an easy problem to the given one by arc length, around folds if necessary.
-!>
-!> The nonlinearity (or the load) is multiplied by a factor from 0 to 1, which is an additional unknown of a curve.
-!> Source: docs/why/theory.md, section 6.4.
+!> A homotopy continues the solution of an easy problem to the given one by arc length, around folds if necessary: the nonlinearity
+!> (or the load) is multiplied by a factor from 0 to 1, which is an additional unknown of a curve. Source: docs/why/theory.md,
+!> section 6.4.
 module hb_solver
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_attempts, only: attempt_conditions_t, attempt_rules, plan_attempts
    use hb_bordered, only: bordered_problem_t, new_bordered_problem
    use hb_broyden, only: solve_broyden
    use hb_cancellation, only: work_is_over
@@ -15,7 +15,8 @@ module hb_solver
    use hb_newton, only: solve_newton
    use hb_outcome, only: outcome
    use hb_problem, only: deformation, problem_t
-   use hb_solver_types, only: fallback, largest_affordable, method, report_t, solver_config_t
+   use hb_solver_types, only: attempt_rule_t, fallback, largest_affordable, method, report_t, solver_config_t, &
+      starting_point, technique
    implicit none
    private
    public :: solve, solve_by_homotopy
@@ -24,28 +25,20 @@ module hb_solver
    real(wp), parameter :: loose_tolerance = 1.0e-4_wp                 ! of the residual along the curve: kinks prevent smaller ones
    integer, parameter :: most_corrections = 8
 
-   real(wp), parameter :: shares(8) = [0.5_wp, 0.2_wp, 0.1_wp, 0.05_wp, 0.02_wp, -0.5_wp, 1.5_wp, -0.1_wp] ! of the linear solution
+   !> Multiples of the linear solution, tried in this order.
+   real(wp), parameter :: multiples(8) = [0.5_wp, 0.2_wp, 0.1_wp, 0.05_wp, 0.02_wp, -0.5_wp, 1.5_wp, -0.1_wp]
 
-   integer, parameter :: kinds(9) = [fallback%other_guess, fallback%fewer_harmonics, fallback%damping, & ! in this order
-                                    fallback%nonlinearity, fallback%none, fallback%other_method, fallback%both_other, &
-                                       fallback%load, &
-                                    fallback%several_guesses]
-   integer, parameter :: n_fallbacks_without_matrix = 2
-   integer, parameter :: patience = 10                                ! with an attempt, if fallbacks remain
    integer, parameter :: easy_iterations = 2                          ! of a problem that is almost linear
    real(wp), parameter :: largest_level = 2.4_wp                      ! ratio of one problem to the next larger one
 
 contains
 
-   !> Solves r(x) = 0 from the given x: by continuation in order from a smaller problem if that is the primary method,
-   !> otherwise by a direct attempt. If that fails and fallbacks are enabled: another first guess, continuation in
-   !> order, artificial damping that is reduced to zero, homotopy in the nonlinearity from the linear solution, the
-   !> direct attempt with unlimited patience, the other method, the other guess with it, homotopy in the load from
-   !> zero, several guesses. The report contains the sum over all attempts and the one that succeeded; if none did, x
-   !> and the status are those of the direct attempt, unless the time was used up.
+   !> Solves r(x) = 0 from the given x by the attempts of `hb_attempts` that apply, in their order, until one converges. The
+   !> report has the work of all attempts and the outcome of the one that succeeded; if none did, x and the outcome are those of the
+   !> direct attempt, unless the time was used up.
    !>
-   !> The fallbacks together may use the work permitted by the settings, or a multiple of that of the direct attempt;
-   !> each at most half of the remainder, so that none exhausts the budget of those that follow.
+   !> The fallbacks together may use the work permitted by the settings, or a multiple of that of the attempts before them; each
+   !> its share of the remainder, so that none exhausts the budget of those that follow.
    !>
    !> Returns `not_finite` if the scales of the problem are out of range.
    recursive subroutine solve(problem, config, linear_solution, x, report)
@@ -58,8 +51,9 @@ contains
       type(solver_config_t) :: limited
       real(wp), allocatable :: first_guess(:), trial(:)
       real(wp) :: all_work
-      integer :: chosen, i, kind
-      logical :: has_continued_in_order
+      type(attempt_rule_t) :: rule
+      integer, allocatable :: plan(:)
+      integer :: chosen, i
 
       if (.not. problem%has_sound_scales()) then
          x = 0.0_wp
@@ -68,64 +62,59 @@ contains
          return
       end if
       first_guess = x
+      all_work = 0.0_wp
       chosen = method_for(problem, config)
-      limited = config
-      if (config%fallback) limited%patience = patience
-      has_continued_in_order = config%fallback .and. config%continues_in_order .and. problem%continues_in_order_first .and. &
-         chosen /= method%broyden
-      call attempt_first(problem, limited, chosen, has_continued_in_order, x, report)
-      if (has_ended(report) .or. .not. config%fallback) return
-      all_work = report%work + max(config%fallback_work, config%fallback_share*report%work)
-      do i = 1, merge(size(kinds), n_fallbacks_without_matrix, problem%n_unknowns <= largest_affordable)
-         kind = kinds(i)
-         limited%work_limit = 0.5_wp*(all_work - report%work)
-         if (limited%work_limit < problem%residual_work) exit
-         if (kind == fallback%fewer_harmonics .and. (has_continued_in_order .or. .not. config%continues_in_order)) cycle
-         if (kind == fallback%damping .and. .not. problem%can_be_damped) cycle
-         trial = first_guess
-         call attempt_fallback(problem, limited, chosen, kind, linear_solution, trial, attempt)
-         if (kind == fallback%fewer_harmonics .and. attempt%status == outcome%pending) cycle
+      plan = plan_attempts(conditions_of(problem, config, chosen))
+      allocate (report%attempts(0))
+      do i = 1, size(plan)
+         rule = attempt_rules(plan(i))
+         limited = config
+         if (config%fallback) limited%patience = rule%max_stagnant_iterations
+         if (rule%has_budget()) then
+            limited%work_limit = rule%share*(all_work - report%work)
+            if (limited%work_limit < problem%residual_work) exit
+         end if
+         trial = start_of(rule, first_guess, linear_solution)
+         call make_attempt(problem, limited, chosen, rule, trial, attempt)
          call report%add(attempt)
-         report%attempts = [report%attempts, attempt%as_attempt(kind)]
+         if (attempt%status == outcome%pending) cycle              ! there is no smaller problem, or no solution of one
+         report%attempts = [report%attempts, attempt%as_attempt(plan(i))]
+         if (rule%has_budget()) then
+            attempt%fallback = rule%kind
+         else
+            all_work = report%work + max(config%fallback_work, config%fallback_share*report%work)
+         end if
+         if (attempt%status == outcome%converged .or. is_first_direct(rule)) then
+            call report%adopt_outcome(attempt)
+            x = trial
+         end if
          if (.not. has_ended(attempt)) cycle
          report%status = attempt%status
-         if (attempt%status /= outcome%converged) return
-         x = trial
-         report%residual = attempt%residual
-         report%levels = attempt%levels
-         report%fallback = kind
          return
       end do
    end subroutine solve
 
-   !> The attempts without a fallback: continuation in order if that pays, and the direct one if it does not succeed.
-   recursive subroutine attempt_first(problem, config, chosen, in_order, x, report)
-      class(problem_t), intent(inout) :: problem
-      type(solver_config_t), intent(in) :: config                     !! of the attempts
+   !> Whether this is the attempt whose outcome is reported if none converges.
+   pure logical function is_first_direct(rule)
+      type(attempt_rule_t), intent(in) :: rule
+
+      is_first_direct = rule%technique == technique%direct .and. .not. rule%has_budget()
+   end function is_first_direct
+
+   !> What decides which attempts apply to a problem.
+   pure type(attempt_conditions_t) function conditions_of(problem, config, chosen) result(conditions)
+      class(problem_t), intent(in) :: problem
+      type(solver_config_t), intent(in) :: config
       integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
-      logical, intent(in) :: in_order                                 !! start with continuation in order
-      real(wp), intent(inout), contiguous :: x(:)
-      type(report_t), intent(out) :: report
-      type(report_t) :: attempt
-      real(wp) :: first_guess(size(x))
 
-      first_guess = x
-      if (in_order) then
-         call refine(problem, config, chosen, x, attempt)
-         if (has_ended(attempt)) then
-            report = attempt
-            return
-         end if
-         x = first_guess
-      end if
-      call solve_directly(problem, config, chosen, x, report)
-      if (in_order) call report%add(attempt)
-      if (report%status == outcome%converged) return
-      report%attempts = [report%as_attempt(fallback%none)]
-      if (attempt%status /= outcome%pending) report%attempts = [report%attempts, attempt%as_attempt(fallback%fewer_harmonics)]
-   end subroutine attempt_first
+      conditions%has_fallbacks = config%fallback
+      conditions%continues_in_order = config%continues_in_order
+      conditions%continues_in_order_first = problem%continues_in_order_first .and. chosen /= method%broyden
+      conditions%can_be_damped = problem%can_be_damped
+      conditions%affords_tangent = problem%n_unknowns <= largest_affordable
+   end function conditions_of
 
-   !> The method of the first attempt.
+   !> The method of direct attempts.
    integer function method_for(problem, config) result(chosen)
       class(problem_t), intent(in) :: problem
       type(solver_config_t), intent(in) :: config
@@ -135,44 +124,50 @@ contains
                                                 problem%has_products .and. problem%n_unknowns > problem%largest_dense)
    end function method_for
 
-   !> Solves once by a fallback.
-   recursive subroutine attempt_fallback(problem, config, chosen, kind, linear_solution, x, report)
+   !> The start of an attempt.
+   pure function start_of(rule, first_guess, linear_solution) result(start)
+      type(attempt_rule_t), intent(in) :: rule
+      real(wp), intent(in) :: first_guess(:), linear_solution(:)
+      real(wp) :: start(size(first_guess))
+
+      select case (rule%start)
+      case (starting_point%linear_solution)
+         start = linear_solution
+      case (starting_point%zero)
+         start = 0.0_wp
+      case (starting_point%other_guess)
+         start = merge(0.0_wp, linear_solution, all(first_guess == linear_solution))
+      case default
+         start = first_guess
+      end select
+   end function start_of
+
+   !> Makes one attempt.
+   recursive subroutine make_attempt(problem, config, chosen, rule, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config                     !! of the attempt
       integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
-      integer, intent(in) :: kind                                     !! one of hb_outcome%fallback
-      real(wp), intent(in) :: linear_solution(:)
-      real(wp), allocatable, intent(inout) :: x(:) !! the first guess of the first attempt, on return the solution
+      type(attempt_rule_t), intent(in) :: rule
+      real(wp), intent(inout), contiguous :: x(:)                     !! the start, on return the last iterate
       type(report_t), intent(out) :: report
-      type(solver_config_t) :: limited
-      integer :: other_method
 
-      limited = config
-      limited%patience = 0
-      if (any(kind == [fallback%other_guess, fallback%several_guesses, fallback%damping])) limited%patience = patience
-      other_method = merge(method%broyden, method%newton, chosen == method%newton)
-      if (any(kind == [fallback%other_guess, fallback%both_other])) &
-         x = merge(0.0_wp*linear_solution, linear_solution, all(x == linear_solution))
-      select case (kind)
-      case (fallback%fewer_harmonics)
-         call refine(problem, limited, chosen, x, report)
-      case (fallback%damping)
-         x = 0.0_wp*linear_solution
-         call solve_by_damping(problem, limited, chosen, x, report)
-      case (fallback%none, fallback%other_guess)
-         call solve_directly(problem, limited, chosen, x, report)
-      case (fallback%other_method, fallback%both_other)
-         call solve_directly(problem, limited, other_method, x, report)
-      case (fallback%nonlinearity)
-         x = linear_solution
-         call solve_by_homotopy(problem, limited, deformation%nonlinearity, x, report)
-      case (fallback%load)
-         x = 0.0_wp*linear_solution
-         call solve_by_homotopy(problem, limited, deformation%load, x, report)
+      select case (rule%technique)
+      case (technique%smaller_problems)
+         call refine(problem, config, chosen, x, report)
+      case (technique%damping_homotopy)
+         call solve_by_damping(problem, config, chosen, x, report)
+      case (technique%other_method)
+         call solve_directly(problem, config, merge(method%broyden, method%newton, chosen == method%newton), x, report)
+      case (technique%nonlinearity_homotopy)
+         call solve_by_homotopy(problem, config, deformation%nonlinearity, x, report)
+      case (technique%load_homotopy)
+         call solve_by_homotopy(problem, config, deformation%load, x, report)
+      case (technique%scaled_guesses)
+         call solve_from_multiples(problem, config, chosen, x, report)
       case default
-         call solve_from_shares(problem, limited, chosen, linear_solution, x, report)
+         call solve_directly(problem, config, chosen, x, report)
       end select
-   end subroutine attempt_fallback
+   end subroutine make_attempt
 
    !> Solves the smallest problem that approximates this one by all methods, larger ones from its solution, and
    !> finally the problem. The status remains `pending` if there is no smaller problem or no solution of one;
@@ -321,26 +316,27 @@ contains
 
    !> Attempts from several multiples of the linear solution, until one succeeds: laws that limit a motion often
    !> preserve its shape.
-   subroutine solve_from_shares(problem, config, chosen, linear_solution, x, report)
+   subroutine solve_from_multiples(problem, config, chosen, x, report)
       class(problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
       integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
-      real(wp), intent(in) :: linear_solution(:)
-      real(wp), intent(inout), contiguous :: x(:)
+      real(wp), intent(inout), contiguous :: x(:)                     !! the linear solution, on return the last iterate
       type(report_t), intent(out) :: report
       type(report_t) :: attempt
       type(solver_config_t) :: limited
+      real(wp) :: linear_solution(size(x))
       integer :: i
 
       limited = config
-      do i = 1, size(shares)
+      linear_solution = x
+      do i = 1, size(multiples)
          limited%work_limit = config%work_limit - report%work
-         x = shares(i)*linear_solution
+         x = multiples(i)*linear_solution
          call solve_directly(problem, limited, chosen, x, attempt)
          call report%take(attempt)
          if (has_ended(report) .or. report%work >= config%work_limit) return
       end do
-   end subroutine solve_from_shares
+   end subroutine solve_from_multiples
 
    subroutine solve_directly(problem, config, chosen, x, report)
       class(problem_t), intent(inout) :: problem

@@ -6,8 +6,8 @@ module hb_solver_types
    use hb_outcome, only: outcome
    implicit none
    private
-   public :: attempt_t, fallback, fallback_names, fallback_texts, largest_affordable, method, report_t
-   public :: share_of_solver, solver_config_t, unit_of_work
+   public :: attempt_rule_t, attempt_t, fallback, fallback_names, fallback_texts, largest_affordable, method, report_t
+   public :: share_of_solver, solver_config_t, starting_point, technique, unit_of_work
 
    type :: method_t
       integer :: auto = 1                                             !! numbers as the order of the table of input keys
@@ -47,6 +47,41 @@ module hb_solver_types
       "from scaled linear motions", "from a solution with fewer harmonics", "from a time-integrated motion", &
       "by homotopy in artificial damping"]
 
+   !> How an attempt proceeds.
+   type :: technique_t
+      integer :: direct = 1                                           !! the method of the settings from the start
+      integer :: other_method = 2                                     !! Broyden's after Newton's, or the other way round
+      integer :: smaller_problems = 3                                 !! the smallest one by all attempts, larger ones from it
+      integer :: damping_homotopy = 4                                 !! artificial damping that is reduced to zero
+      integer :: nonlinearity_homotopy = 5                            !! along a factor of all laws
+      integer :: load_homotopy = 6                                    !! along a factor of all loads
+      integer :: scaled_guesses = 7                                   !! directly, from several multiples of the start
+   end type technique_t
+   type(technique_t), parameter :: technique = technique_t()
+
+   !> Where an attempt starts.
+   type :: starting_point_t
+      integer :: first_guess = 1                                      !! the one that was given
+      integer :: linear_solution = 2                                  !! of the problem without its nonlinearity
+      integer :: zero = 3
+      integer :: other_guess = 4                                      !! zero if the linear solution was given, else that
+   end type starting_point_t
+   type(starting_point_t), parameter :: starting_point = starting_point_t()
+
+   !> A row of the table of attempts, see hb_attempts.
+   type :: attempt_rule_t
+      character(22) :: name = ""
+      character(45) :: text = ""                                      !! completes "the motion was found" and "tried"
+      integer :: kind = fallback%none                                 !! one of `fallback`, as the result file has it
+      integer :: technique = technique%direct
+      integer :: start = starting_point%first_guess
+      integer :: max_stagnant_iterations = 0                          !! without a clear gain; 0: no limit
+      real(wp) :: share = 0.0_wp                                      !! of the remaining budget of fallbacks; 0: not limited by it
+      logical :: needs_tangent = .false.                              !! a dense one
+   contains
+      procedure :: has_budget => attempt_rule_has_budget
+   end type attempt_rule_t
+
    !> Settings of a solver; the component initialisers are the defaults that the table of input keys has for `&solver`.
    type :: solver_config_t
       integer :: method = method%auto
@@ -75,7 +110,7 @@ module hb_solver_types
 
    !> An attempt and its outcome.
    type :: attempt_t
-      integer :: kind = fallback%none                                 !! one of `fallback`; none: the direct attempt
+      integer :: rule = 0                                             !! row of hb_attempts%attempt_rules
       integer :: status = outcome%pending                             !! one of hb_outcome%outcome
       integer :: iterations = 0
       real(wp) :: best = huge(1.0_wp)                                 !! least norm of the residual, relative
@@ -100,9 +135,10 @@ module hb_solver_types
       real(wp), private :: best_then = huge(1.0_wp)                   ! least norm there
       logical :: is_out_of_work = .false.                             !! the budget of work came first
       type(error_t), allocatable :: error                             !! why the problem could not be solved, see hb_problem
-      type(attempt_t), allocatable :: attempts(:)                     !! where the direct one was not enough, in their order
+      type(attempt_t), allocatable :: attempts(:)                     !! that were made, in their order
    contains
       procedure :: add => report_add
+      procedure :: adopt_outcome => report_adopt_outcome
       procedure :: take => report_take
       procedure :: note => report_note
       procedure :: gains_nothing => report_gains_nothing
@@ -110,6 +146,13 @@ module hb_solver_types
    end type report_t
 
 contains
+
+   !> Whether the attempt shares the budget of fallbacks.
+   pure logical function attempt_rule_has_budget(self)
+      class(attempt_rule_t), intent(in) :: self
+
+      attempt_rule_has_budget = self%share > 0.0_wp
+   end function attempt_rule_has_budget
 
    !> Adds the work of another report to this one; the first error stays.
    pure subroutine report_add(self, other)
@@ -136,6 +179,20 @@ contains
       self%is_out_of_work = attempt%is_out_of_work
    end subroutine report_take
 
+   !> Adopts the outcome of an attempt whose work has been added.
+   pure subroutine report_adopt_outcome(self, attempt)
+      class(report_t), intent(inout) :: self
+      type(report_t), intent(in) :: attempt
+
+      self%status = attempt%status
+      self%residual = attempt%residual
+      self%first = attempt%first
+      self%best = attempt%best
+      self%is_out_of_work = attempt%is_out_of_work
+      self%levels = attempt%levels
+      self%fallback = attempt%fallback
+   end subroutine report_adopt_outcome
+
    !> Notes the norm of the point reached.
    pure subroutine report_note(self)
       class(report_t), intent(inout) :: self
@@ -156,16 +213,15 @@ contains
       report_gains_nothing = patience > 0 .and. self%iterations - self%last_gain >= patience
    end function report_gains_nothing
 
-   !> What is stored of an attempt of a given kind.
-   pure type(attempt_t) function report_as_attempt(self, kind) result(attempt)
+   !> What is stored of an attempt.
+   pure type(attempt_t) function report_as_attempt(self, rule) result(attempt)
       class(report_t), intent(in) :: self
-      integer, intent(in) :: kind                                     !! one of `fallback`
-
+      integer, intent(in) :: rule                                     !! row of hb_attempts%attempt_rules
       real(wp) :: last
 
       last = huge(last)
       if (.not. ieee_is_nan(self%residual)) last = self%residual
-      attempt = attempt_t(kind, self%status, self%iterations, min(self%best, last), self%is_out_of_work, &
+      attempt = attempt_t(rule, self%status, self%iterations, min(self%best, last), self%is_out_of_work, &
                           last <= self%best .and. last < 0.1_wp*self%first)
    end function report_as_attempt
 end module hb_solver_types

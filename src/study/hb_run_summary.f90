@@ -1,6 +1,7 @@
 !> Summary of a run: number of points by status, and the largest estimates.
 module hb_run_summary
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
+   use hb_attempts, only: is_fallback
    use hb_interruption, only: interruption
    use hb_kinds, only: wp
    use hb_motion_result, only: motion_result_t
@@ -54,7 +55,7 @@ contains
       do status = lbound(summary%counts, 1), ubound(summary%counts, 1)
          summary%counts(status) = count(is_retained .and. record%status == status)
       end do
-      summary%n_by_fallback = count(is_retained .and. record%fallback > 0)
+      summary%n_by_fallback = count(is_retained .and. is_fallback(record%fallback))
       summary%n_stable = count(is_retained .and. record%is_stable > 0)
       summary%n_unstable = count(is_retained .and. record%is_stable < 0)
       summary%n_near_commensurate = count(is_retained .and. record%is_near_commensurate > 0)
@@ -81,7 +82,7 @@ contains
       type(motion_result_t), intent(in) :: result
 
       summary%counts(result%status) = summary%counts(result%status) + 1
-      if (result%fallback > 0) summary%n_by_fallback = summary%n_by_fallback + 1
+      if (is_fallback(result%fallback)) summary%n_by_fallback = summary%n_by_fallback + 1
       if (result%stability%verdict > 0) summary%n_stable = summary%n_stable + 1
       if (result%stability%verdict < 0) summary%n_unstable = summary%n_unstable + 1
       if (result%stability%is_too_costly .and. result%stability%verdict == 0 .and. is_solved(result%status)) &

@@ -231,3 +231,11 @@ def test_packages_have_one_version_and_one_license():
     spack = "packages/spack/spack_repo/nhbm/packages/nhbm/package.py"
     for name in ("pyproject.toml", "CITATION.cff", "packages/conda/recipe.yaml", spack):
         assert "GPL-3.0-or-later" in (ROOT / name).read_text(), name
+
+
+def test_attempts_of_the_solver_are_documented():
+    """docs/user/convergence.md has the attempts of src/solve/hb_attempts.f90, in their order."""
+    source = (SRC / "solve" / "hb_attempts.f90").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "user" / "convergence.md").read_text(encoding="utf-8").split("### What is tried")[1].split("\n`singular`")[0]
+    attempts = re.findall(r'attempt_rule_t\("(\w+)"', source)
+    assert len(attempts) > 5 and re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE) == attempts
