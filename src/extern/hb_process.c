@@ -14,6 +14,10 @@
 #include <time.h>
 #include <unistd.h>
 
+#ifdef __APPLE__ /* has no quick_exit() */
+#define at_quick_exit(function) 0
+#endif
+
 #define MAX_TEXT 1024
 
 static const struct {
