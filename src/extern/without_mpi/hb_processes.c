@@ -1,6 +1,8 @@
 #define _GNU_SOURCE /* for MAP_ANONYMOUS */
 #include "hb_processes.h"
 
+#include "../hb_process.h"
+
 #include <errno.h>
 #include <pthread.h>
 #include <signal.h>
@@ -19,6 +21,7 @@
 
 #define AREA_SIZE 16384
 #define SECONDS_TO_END 5.0 /* after SIGTERM, of a rank that computes */
+#define SECONDS_ALONE 2    /* of a rank that waits for others */
 
 typedef struct {
    atomic_int is_waiting;
@@ -37,6 +40,7 @@ typedef struct {
 
 static shared_t *shared = NULL; /* null: one process alone */
 static int n_ranks = 1, this_rank = 0;
+static pid_t launcher; /* the process that has started this rank */
 static atomic_int own_counters[HB_N_COUNTERS];
 static atomic_int *counters = own_counters;
 
@@ -160,15 +164,13 @@ static int wait_for_ranks(pid_t *processes, const sigset_t *signals)
 /* The ranks */
 
 /* What a rank does first; it ends with the process that has started it. */
-static int begin_rank(int rank, pid_t launcher, const struct sigaction *of_child, const sigset_t *mask)
+static int begin_rank(int rank, const struct sigaction *of_child, const sigset_t *mask)
 {
    this_rank = rank;
 #ifdef __linux__
    (void)prctl(PR_SET_PDEATHSIG, SIGTERM);
-   if (getppid() != launcher) raise(SIGTERM);
-#else
-   (void)launcher;
 #endif
+   if (getppid() != launcher) raise(SIGTERM);
    (void)sigaction(SIGCHLD, of_child, NULL);
    (void)sigprocmask(SIG_SETMASK, mask, NULL);
    return rank;
@@ -177,10 +179,10 @@ static int begin_rank(int rank, pid_t launcher, const struct sigaction *of_child
 /* Starts the ranks; returns the rank in each of them, -1 in the calling process, or -2 if the system cannot start them all. */
 static int start_ranks(pid_t *processes, const struct sigaction *of_child, const sigset_t *mask)
 {
-   const pid_t launcher = getpid();
+   launcher = getpid();
    for (int rank = 0; rank < n_ranks; rank++) {
       processes[rank] = fork();
-      if (processes[rank] == 0) return begin_rank(rank, launcher, of_child, mask);
+      if (processes[rank] == 0) return begin_rank(rank, of_child, mask);
       if (processes[rank] > 0) continue;
       const int error = errno;
       while (rank-- > 0) {
@@ -236,6 +238,22 @@ void hb_note_end(void)
    if (shared != NULL) atomic_store(&shared->ranks[this_rank].has_ended, 1);
 }
 
+/* Waits until the round is over. Without the process that has started the ranks nobody notes that one has ended: this one then
+   ends soon, too, rather than wait for it. */
+static void wait_for_end_of(unsigned round)
+{
+   for (int n_seconds_alone = 0; shared->round == round && n_seconds_alone < SECONDS_ALONE;) {
+      struct timespec limit;
+      (void)clock_gettime(CLOCK_REALTIME, &limit);
+      limit.tv_sec++;
+      (void)pthread_cond_timedwait(&shared->all_are_here, &shared->mutex, &limit);
+      if (getppid() != launcher) n_seconds_alone++;
+   }
+   if (shared->round != round) return;
+   (void)pthread_mutex_unlock(&shared->mutex);
+   hb_exit_at_once(128 + SIGTERM);
+}
+
 void hb_wait_for_all(void)
 {
    if (n_ranks == 1) return;
@@ -247,7 +265,7 @@ void hb_wait_for_all(void)
       (void)pthread_cond_broadcast(&shared->all_are_here);
    } else {
       atomic_store(&shared->ranks[this_rank].is_waiting, 1);
-      while (shared->round == round) (void)pthread_cond_wait(&shared->all_are_here, &shared->mutex);
+      wait_for_end_of(round);
       atomic_store(&shared->ranks[this_rank].is_waiting, 0);
    }
    (void)pthread_mutex_unlock(&shared->mutex);

@@ -11,8 +11,8 @@
 /* Starts `n` processes, ranks 0 to n - 1, by fork(). Returns the rank in each of them. In the calling process it returns -1 when all
    of them have ended, with the exit status in `status`: the largest of theirs or, if one has ended before `hb_note_end`, its own one
    or 128 and the number of its signal; the others are then ended. Until then the calling process passes SIGINT, SIGTERM, SIGUSR1 and
-   SIGUSR2 on to them; if it ends itself, they receive SIGTERM (Linux). Returns -2 if the system has too few resources, with its error
-   number in `status`. Not to be called by a rank. */
+   SIGUSR2 on to them; if it ends itself, they receive SIGTERM (Linux) and do not wait for each other for long. Returns -2 if the
+   system has too few resources, with its error number in `status`. Not to be called by a rank. */
 int hb_start_processes(int n, int *status);
 
 /* Notes that this rank ends as it should. */
