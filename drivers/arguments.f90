@@ -21,6 +21,7 @@ module arguments
       logical :: resumes = .false.                                    !! continue with an existing result file
       logical :: retries = .false.                                    !! also solve again the points that did not converge
       real(wp) :: time_limit = huge(1.0_wp)                           !! [s]
+      integer :: n_workers = 0                                        !! processes that solve points; 0: not given
       integer :: level = log_level%normal                             !! amount of output
       logical :: wants_check = .false.                                !! of info: check the rows for damage
       logical :: wants_help = .false.
@@ -169,6 +170,10 @@ contains
       case ("--periods")
          call read_numbers(option, value, 2, numbers, error)
          if (.not. allocated(error)) self%n_periods = numbers(1)
+      case ("--workers")
+         call read_numbers(option, value, 1, numbers, error)
+         if (.not. allocated(error) .and. size(numbers) /= 1) call fail(error, "--workers needs one number, not '"//value//"'")
+         if (.not. allocated(error)) self%n_workers = numbers(1)
       case ("--cost"); self%cost = value
       case ("--cost-from"); self%cost_from = value
       case ("--time-limit"); call read_time_limit(value, self%time_limit, error)

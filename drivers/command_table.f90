@@ -41,7 +41,7 @@ module command_table
 
    character(*), parameter :: all_verbs = "solve resume info why check plan integrate verify"
 
-   type(option_t), parameter :: options(20) = [ &
+   type(option_t), parameter :: options(21) = [ &
       option_t("--output", "-o", "FILE", "solve integrate", &
          "result file; default: name of the input with .h5, in the current folder"), &
       option_t("--overwrite", "", "", "solve integrate", "replace an existing result file"), &
@@ -50,6 +50,8 @@ module command_table
       option_t("--retry", "", "", "solve resume", "when resuming: also repeat the points that did not converge"), &
       option_t("--time-limit", "", "SECONDS", "solve resume", &
          "end the run after this time; nhbm resume solves the remaining points"), &
+      option_t("--workers", "", "N", "solve resume verify", &
+         "processes of this computer that share the points, where nhbm was built without MPI (pip); else mpirun -n N"), &
       option_t("--set", "", "PATH=VALUE", "solve check plan integrate", "change one input value, such as law(1)%gap=1.5e-3 "// &
          "or solver%method='broyden'; may be given several times"), &
       option_t("--unset", "", "PATH", "solve check plan integrate", "remove one key of the input, such as harmonics%order"), &

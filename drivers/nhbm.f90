@@ -13,8 +13,9 @@ program nhbm
    use hb_error, only: error_t, fail
    use hb_hdf5, only: can_end_library
    use hb_key_rows, only: key_row, n_key_rows
+   use hb_kinds, only: wp
    use hb_memory, only: keep_freed_memory
-   use hb_mpi, only: comm_t, rank_of, share_error, start_mpi, stop_mpi, world
+   use hb_mpi, only: comm_t, rank_of, share_error, start_mpi, start_workers, stop_mpi, world
    use hb_printable, only: printable
    use hb_signals, only: catch_signals, survive_failed_writes, wait_for_points
    use hb_text, only: join, lower
@@ -54,14 +55,18 @@ program nhbm
    type(error_t), allocatable :: error
    type(comm_t) :: comm
    integer :: status
+   real(wp), parameter :: pause = 0.5_wp                              !! [s] see expect_signals
 
    call keep_freed_memory()
    call use_one_blas_thread()
    call survive_failed_writes()
+   call read_arguments(options, argument_list(), error)
+   status = -1
+   if (.not. allocated(error)) call start_workers(options%n_workers, status, error)
+   if (status >= 0) call hb_exit(int(status, c_int))                  ! of the process that has started others, which have ended
    call protect_outside_code()
    call hb_refuse_exit("nhbm: a library has called exit(), maybe a law of the user's own; the work is not done"// &
       new_line("a")//c_null_char, int(bad_input, c_int))
-   call read_arguments(options, argument_list(), error)
    if (.not. allocated(error)) call expect_signals()
    call start_mpi()
    comm = world()
@@ -79,12 +84,14 @@ program nhbm
 
 contains
 
-   !> From now on, before any long operation, a signal requests the end of a run between two points.
+   !> From now on, before any long operation, a signal requests the end of a run between two points. A worker receives
+   !> one from a terminal, as its group does, and again from the process that has started it.
    subroutine expect_signals()
       if (.not. (allocated(options%verb) .and. allocated(options%input))) return
       if (options%verb /= "solve" .and. options%verb /= "resume") return
       call catch_signals("nhbm: ended by a second signal; nhbm resume "// &
-         printable(options%result_path())//" continues it", incomplete, error)
+         printable(options%result_path())//" continues it", incomplete, error, &
+         merge(pause, 0.0_wp, options%n_workers > 1))
    end subroutine expect_signals
 
    !> Writes an error, if there is one, and sets this status for the end of the program.

@@ -94,7 +94,7 @@ contains
       if (len(record%title) > 0) call write_fact("title", record%title)
       call write_fact("written by", "nhbm "//record%program_version//", commit "//record%git_commit//", "// &
          record%created_utc)
-      call write_fact("run on", number_of(record%n_ranks, "MPI rank"))
+      call write_fact("run on", number_of(record%n_ranks, "rank"))
       call write_fact("tones", to_text(size(record%tuples, 1)))
       if (record%has_own_tuples) then
          call write_fact("harmonics", "chosen by each point for its tolerance, at most "//to_text(size(record%tuples, 2)))

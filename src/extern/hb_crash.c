@@ -13,6 +13,10 @@
 #include <sys/time.h>
 #include <unistd.h>
 
+#ifdef __APPLE__ /* has no quick_exit() */
+#define at_quick_exit(function) 0
+#endif
+
 #define MAX_TEXT 512
 #define MAX_LAST_MESSAGE 1024
 #define MAX_ENTRY 128

@@ -1,6 +1,6 @@
 /* What a wheel needs of the GNU C library 2.35, made of what 2.34 has, so that the wheel runs with this one as well. The linker puts
-   these functions in the place of all calls (--wrap). hypot of 2.35 differs from the one before by errno alone; of two tanh, sinh or
-   atan2 at a time there is no earlier version. */
+   these functions in the place of all calls (--wrap). hypot of 2.35 differs from the one before by errno alone; of two tanh, sinh,
+   atan2 or hypot at a time there is no earlier version. */
 #include <math.h>
 
 typedef double pair_t __attribute__((vector_size(16)));
@@ -11,6 +11,7 @@ double __wrap_hypot(double x, double y);
 pair_t __wrap__ZGVbN2v_tanh(pair_t x);
 pair_t __wrap__ZGVbN2v_sinh(pair_t x);
 pair_t __wrap__ZGVbN2vv_atan2(pair_t y, pair_t x);
+pair_t __wrap__ZGVbN2vv_hypot(pair_t x, pair_t y);
 
 double __wrap_hypot(double x, double y)
 {
@@ -30,4 +31,9 @@ pair_t __wrap__ZGVbN2v_sinh(pair_t x)
 pair_t __wrap__ZGVbN2vv_atan2(pair_t y, pair_t x)
 {
    return (pair_t){atan2(y[0], x[0]), atan2(y[1], x[1])};
+}
+
+pair_t __wrap__ZGVbN2vv_hypot(pair_t x, pair_t y)
+{
+   return (pair_t){hb_first_hypot(x[0], y[0]), hb_first_hypot(x[1], y[1])};
 }

@@ -82,7 +82,7 @@ void hb_finish_file(int descriptor)
    of the numbers: Linux, statfs(2). */
 static int lock_for_writing(int descriptor)
 {
-#ifdef F_OFD_SETLK
+#if defined __linux__ && defined F_OFD_SETLK
    static const unsigned local[] = {0xEF53, 0x58465342, 0x9123683E, 0x01021994, 0x794C7630, 0x2FC12FC1, 0x858458F6};
    struct statfs system;
    struct flock lock;

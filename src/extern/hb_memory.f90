@@ -22,10 +22,10 @@ module hb_memory
          type(limits_t), intent(out) :: limits
       end function c_getrlimit
 
-      integer(c_int) function c_mallopt(parameter, value) bind(c, name="mallopt")
-         import :: c_int
-         integer(c_int), value :: parameter, value
-      end function c_mallopt
+      !> Lets this process retain up to 64 MiB of freed memory: each point allocates as much as the previous one, and new
+      !> pages from the system must first be cleared. Source of the interface: hb_heap.h.
+      subroutine keep_freed_memory() bind(c, name="hb_keep_freed_memory")
+      end subroutine keep_freed_memory
    end interface
 
 contains
@@ -70,17 +70,4 @@ contains
       end do
       close (unit, iostat=iostat)
    end function number_in
-
-   ! Memory of this process. Source: Linux, proc(5); glibc, malloc_trim(3), mallopt(3).
-
-   !> Lets this process retain up to 64 MiB of freed memory: each point allocates as much as the previous one, and new
-   !> pages from the system must first be cleared. Source of the numbers: glibc, malloc.h.
-   subroutine keep_freed_memory()
-      integer(c_int), parameter :: trim_threshold = -1, mmap_threshold = -3
-      integer(c_int), parameter :: mebibyte = 1048576
-      integer(c_int) :: ignored
-
-      ignored = c_mallopt(trim_threshold, 64*mebibyte)
-      ignored = c_mallopt(mmap_threshold, 32*mebibyte)
-   end subroutine keep_freed_memory
 end module hb_memory

@@ -1,4 +1,4 @@
-!> All calls of MPI.
+!> All calls of MPI. A build without MPI has another module of this name, in `without_mpi/`.
 !>
 !> In the order of use: `start_mpi`, `world`, `rank_of` and `size_of`, the collective calls, a `work_counter_t` that
 !> distributes points, `stop_mpi`. All take the communicator as an argument, so that a test can pass its own. Source:
@@ -8,6 +8,7 @@ module hb_mpi
    use, intrinsic :: iso_fortran_env, only: int64
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
+   use hb_text, only: to_text
    use mpi_f08, only: comm_t => MPI_Comm, MPI_ADDRESS_KIND, MPI_Allreduce, MPI_Barrier, MPI_Bcast, MPI_CHARACTER, MPI_Comm_dup, &
       MPI_Comm_free, MPI_COMM_NULL, MPI_Comm_rank, MPI_Comm_set_errhandler, MPI_Comm_size, MPI_Comm_split_type, &
       MPI_COMM_TYPE_SHARED, MPI_COMM_WORLD, MPI_DOUBLE_PRECISION, MPI_Error_string, MPI_ERRORS_ARE_FATAL, MPI_ERRORS_RETURN, &
@@ -18,8 +19,8 @@ module hb_mpi
    implicit none
    private
    public :: barrier, broadcast_integers, broadcast_text, comm_handle, comm_t, gather_rows, max_over, &
-      new_work_counter, no_info_handle, rank_of, ranks_on_node, share_error, size_of, start_mpi, stop_mpi, sum_over, &
-      work_counter_t, world
+      new_work_counter, no_info_handle, rank_of, ranks_on_node, share_error, size_of, start_mpi, start_workers, stop_mpi, &
+      sum_over, work_counter_t, world
 
    interface
       subroutine hb_set_default(name, value) bind(c, name="hb_set_default")
@@ -58,6 +59,18 @@ module hb_mpi
    end type work_counter_t
 
 contains
+
+   !> Fails if `n`, the number of processes that nhbm would start itself, is not 0: mpirun does it. In a build without MPI
+   !> the status is not -1 in the process that has started others, but the exit status with which it must end.
+   subroutine start_workers(n, status, error)
+      integer, intent(in) :: n
+      integer, intent(out) :: status
+      type(error_t), allocatable, intent(out) :: error
+
+      status = -1
+      if (n > 0) call fail(error, "this nhbm was built with MPI: instead of --workers "//to_text(n)//" give mpirun -n "// &
+                           to_text(n)//" nhbm ...")
+   end subroutine start_workers
 
    !> Starts MPI unless it runs; also works without mpirun, as one rank.
    subroutine start_mpi()

@@ -11,7 +11,12 @@
 #ifdef __linux__
 #include <sys/syscall.h>
 #endif
+#include <time.h>
 #include <unistd.h>
+
+#ifdef __APPLE__ /* has no quick_exit() */
+#define at_quick_exit(function) 0
+#endif
 
 #define MAX_TEXT 1024
 
@@ -27,6 +32,14 @@ static char unfinished[4096];
 static char last_message[MAX_TEXT];
 static size_t last_message_length = 0;
 static int last_status = 1;
+static double shortest_pause = 0.0; /* [s] between two signals that count as two */
+static volatile double last_signal = 0.0;
+
+static double seconds_now(void)
+{
+   struct timespec now;
+   return clock_gettime(CLOCK_MONOTONIC, &now) == 0 ? (double)now.tv_sec + 1.0e-9 * (double)now.tv_nsec : 0.0;
+}
 
 /* Calls only what POSIX permits in a handler. */
 static void on_signal(int number)
@@ -37,6 +50,10 @@ static void on_signal(int number)
       if (write(STDERR_FILENO, words, sizeof words - 1) < 0) hb_exit_at_once(last_status);
       hb_exit_at_once(last_status);
    }
+   const double now = seconds_now();
+   const int is_repeated = caught != 0 && now - last_signal < shortest_pause;
+   last_signal = now;
+   if (is_repeated) return;
    if (caught != 0) {
       if (write(STDERR_FILENO, last_message, last_message_length) < 0) hb_exit_at_once(last_status);
       hb_exit_at_once(last_status);
@@ -44,8 +61,9 @@ static void on_signal(int number)
    caught = number;
 }
 
-int hb_catch_signals(const char *text, int exit_status)
+int hb_catch_signals(const char *text, int exit_status, double pause)
 {
+   shortest_pause = pause;
    last_message_length = strnlen(text, MAX_TEXT);
    memcpy(last_message, text, last_message_length);
    last_status = exit_status;

@@ -3,9 +3,9 @@
 #define HB_PROCESS_H
 
 /* Catches SIGINT, SIGTERM, SIGUSR1 and SIGUSR2, each of which requests the end of the run. The first is only counted; at the
-   second the process writes `text` to standard error and ends at once with `exit_status`. Returns 0, or -1 if a handler cannot
-   be installed. */
-int hb_catch_signals(const char *text, int exit_status);
+   second the process writes `text` to standard error and ends at once with `exit_status`. A signal that follows another one within
+   `pause` [s] is not counted. Returns 0, or -1 if a handler cannot be installed. */
+int hb_catch_signals(const char *text, int exit_status, double pause);
 
 /* Until this is called, a signal ends the process at once with the same exit status, because no results can be lost. */
 void hb_wait_for_points(void);

@@ -4,18 +4,20 @@
 !> flag, which `signal_caught` reads between two points; a second one ends the process. Source of the interface:
 !> hb_process.h.
 module hb_signals
-   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_char, c_double, c_int, c_null_char, c_ptr
    use hb_c_text, only: c_text
    use hb_error, only: error_t, fail
+   use hb_kinds, only: wp
    implicit none
    private
    public :: catch_signals, note_unfinished, signal_caught, signal_name, survive_failed_writes, wait_for_points
 
    interface
-      integer(c_int) function hb_catch_signals(text, exit_status) bind(c, name="hb_catch_signals")
-         import :: c_char, c_int
+      integer(c_int) function hb_catch_signals(text, exit_status, pause) bind(c, name="hb_catch_signals")
+         import :: c_char, c_double, c_int
          character(c_char), intent(in) :: text(*)
          integer(c_int), value :: exit_status
+         real(c_double), value :: pause
       end function hb_catch_signals
 
       !> From now on the first signal only sets a flag; before, it ends the process at once.
@@ -44,13 +46,18 @@ module hb_signals
 contains
 
    !> Catches signals from now on; one that ends the process does so with `exit_status`, and a second one also writes
-   !> `text` as a line to standard error, cut to 1000 bytes.
-   subroutine catch_signals(text, exit_status, error)
+   !> `text` as a line to standard error, cut to 1000 bytes. With `pause`, signals that follow each other within this time
+   !> count as one: a process may receive the same signal from a terminal or batch system and from another process.
+   subroutine catch_signals(text, exit_status, error, pause)
       character(*), intent(in) :: text
       integer, intent(in) :: exit_status
       type(error_t), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: pause          !! [s], default 0
+      real(c_double) :: shortest
 
-      if (hb_catch_signals(text(:min(len(text), 1000))//new_line("a")//c_null_char, int(exit_status, c_int)) /= 0) &
+      shortest = 0.0_c_double
+      if (present(pause)) shortest = real(pause, c_double)
+      if (hb_catch_signals(text(:min(len(text), 1000))//new_line("a")//c_null_char, int(exit_status, c_int), shortest) /= 0) &
          call fail(error, "cannot catch signals")
    end subroutine catch_signals
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from program import Run, command, environment
+from program import Run, command, environment, is_without_mpi, program
 
 SOURCE = Path(__file__).resolve().parents[1] / "fuzz" / "faults.c"
 _FOLDER = tempfile.TemporaryDirectory(prefix="nhbm-faults-")
@@ -31,7 +31,7 @@ def faulty_command(*arguments, call, at=0, number=0, file=None, rank=None, ranks
     names = {"CALL": call, "AT": at, "NUMBER": int(number), "FILE": file, "RANK": rank, "COUNT": count}
     faults = {f"FAULT_{name}": str(value) for name, value in names.items() if value is not None}
     words, of_ranks = command(*arguments, ranks=ranks), {**faults, "LD_PRELOAD": str(library())}
-    if ranks is None:
+    if ranks is None or is_without_mpi(program()):
         return words, of_ranks
     words[3:3] = [word for name, value in of_ranks.items() for word in ("-x", f"{name}={value}")]  # mpirun itself stays as it is
     return words, {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import subprocess
 import tempfile
@@ -56,15 +57,23 @@ def program() -> str:
 
 
 def command(*arguments, ranks: int | None = None) -> list[str]:
-    """Command line of the program, under mpirun if `ranks` are given; with the word `bench` that of nhbm-bench in the same
-    folder."""
+    """Command line of the program, with `ranks` under mpirun or, if it was built without MPI, with as many workers; with the word
+    `bench` that of nhbm-bench in the same folder."""
     words = [program(), *map(str, arguments)]
     beside = Path(words[0]).with_name("nhbm-bench")
     if words[1:2] == ["bench"] and beside.exists():  # programs before it have a verb
         words[:2] = [str(beside)]
     if ranks is None:
         return words
+    if is_without_mpi(words[0]):
+        return [*words[:2], *(["--workers", str(ranks)] if words[1] in ("solve", "resume", "verify") else []), *words[2:]]
     return [os.environ.get("MPIEXEC") or "mpirun", "-n", str(ranks), *words]
+
+
+@functools.cache
+def is_without_mpi(path: str) -> bool:
+    """Whether this program was built without MPI."""
+    return b"without MPI" in subprocess.run([path, "version"], env=environment(), capture_output=True, check=True).stdout
 
 
 def environment() -> dict[str, str]:

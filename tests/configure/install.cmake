@@ -38,8 +38,9 @@ if(CONFIG STREQUAL "Release" AND is_within)        # the same sources give the s
    endif()
 endif()
 find_program(READELF readelf)
-foreach(program IN ITEMS ${BUILD}/bin/nhbm ${FOLDER}/${PROGRAM})   # an entry that is empty or relative is the current folder
-   if(NOT READELF)
+file(GLOB_RECURSE library ${FOLDER}/*/libnhbm.so)
+foreach(program IN ITEMS ${BUILD}/bin/nhbm ${FOLDER}/${PROGRAM} ${BUILD}/lib/libnhbm.so ${library}) # an entry that is empty or relative is
+   if(NOT READELF OR NOT EXISTS ${program})                             # the current folder
       break()
    endif()
    execute_process(COMMAND ${READELF} --dynamic ${program} OUTPUT_VARIABLE output COMMAND_ERROR_IS_FATAL ANY)

@@ -1,0 +1,16 @@
+#include "hb_heap.h"
+
+#include <stdlib.h>
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
+
+/* Source of the numbers: glibc, malloc.h. */
+void hb_keep_freed_memory(void)
+{
+#ifdef __GLIBC__
+   enum { mebibyte = 1048576 };
+   (void)mallopt(M_TRIM_THRESHOLD, 64 * mebibyte);
+   (void)mallopt(M_MMAP_THRESHOLD, 32 * mebibyte);
+#endif
+}

@@ -1,0 +1,8 @@
+/* Memory that the process has freed. Source: mallopt(3) of the GNU C library; other C libraries decide by themselves. */
+#ifndef HB_HEAP_H
+#define HB_HEAP_H
+
+/* Lets this process retain up to 64 MiB of freed memory. */
+void hb_keep_freed_memory(void);
+
+#endif

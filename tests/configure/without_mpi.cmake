@@ -1,0 +1,26 @@
+# The program without MPI: it needs none and an HDF5 without, gives the bits of the one with MPI, and passes the tests of runs that end
+# early. Skipped where there is no such HDF5 (Debian: libhdf5-dev). Takes some minutes.
+set(build ${FOLDER}/build)
+file(REMOVE_RECURSE ${FOLDER})
+execute_process(COMMAND ${CMAKE_COMMAND} -S ${ROOT} -B ${build} -DHB_MPI=OFF -DCMAKE_BUILD_TYPE=Release
+   -DCMAKE_DISABLE_FIND_PACKAGE_MPI=ON OUTPUT_QUIET ERROR_VARIABLE refusal RESULT_VARIABLE status)
+if(refusal MATCHES "libhdf5-dev")
+   message("skipped: no HDF5 without MPI")
+   return()
+elseif(NOT status EQUAL 0)
+   message(FATAL_ERROR "should configure:\n${refusal}")
+endif()
+execute_process(COMMAND ${CMAKE_COMMAND} --build ${build} --parallel 2 OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
+find_program(LDD ldd)
+if(LDD)
+   execute_process(COMMAND ${LDD} ${build}/bin/nhbm OUTPUT_VARIABLE libraries COMMAND_ERROR_IS_FATAL ANY)
+   if(libraries MATCHES "libmpi|openmpi|mpich")
+      message(FATAL_ERROR "the program without MPI needs\n${libraries}")
+   endif()
+endif()
+set(ENV{NHBM} ${build}/bin/nhbm)
+set(ENV{NHBM_WITH_MPI} ${BUILD}/bin/nhbm)
+set(cases ${ROOT}/tests/cases)
+execute_process(COMMAND ${PYTHON} -m pytest -q -p no:cacheprovider -m "not long" ${cases}/test_workers.py ${cases}/test_survive.py
+   ${cases}/test_crash.py ${cases}/test_lost_results.py COMMAND_ERROR_IS_FATAL ANY)
+file(REMOVE_RECURSE ${FOLDER})
