@@ -307,6 +307,7 @@ int range_step(void)
    long_text[length] = '\0';
    CHECK(nhbm_set_key(model, long_text, long_text) == NHBM_INVALID_INPUT && strlen(nhbm_get_last_error()) < 8192);
    CHECK(nhbm_set_key(model, "tones%frequency", long_text) != NHBM_SUCCESS || nhbm_solve(model, NHBM_COLD_START) == NHBM_INVALID_INPUT);
+   CHECK(set_key(model) == NHBM_SUCCESS && solve(model) == NHBM_SUCCESS);
    CHECK(nhbm_find_parameter(model, long_text, &handle) == NHBM_INVALID_INPUT);
    CHECK(nhbm_get_column(model, long_text, &column) == NHBM_INVALID_ARGUMENT && nhbm_get_column(model, "", &column) != NHBM_SUCCESS);
    CHECK(nhbm_get_column(model, "\xff\xfe", &column) == NHBM_INVALID_ARGUMENT);
