@@ -28,6 +28,7 @@ module hb_c_handles
    integer(c_int), parameter :: acquired = 0_c_int, unknown = 1_c_int, busy_here = 2_c_int
 
    interface
+      !> Registers an object. Returns 0, or 1 if memory is insufficient.
       integer(c_int) function register_handle(object, kind) bind(c, name="hb_register_handle")
          import :: c_int, c_ptr
          type(c_ptr), value :: object
@@ -40,16 +41,19 @@ module hb_c_handles
          integer(c_int), value :: kind
       end function acquire_handle
 
+      !> Ends the use of an object.
       subroutine release_handle(object) bind(c, name="hb_release_handle")
          import :: c_ptr
          type(c_ptr), value :: object
       end subroutine release_handle
 
+      !> Removes an object from the register, also one in use.
       subroutine unregister_handle(object) bind(c, name="hb_unregister_handle")
          import :: c_ptr
          type(c_ptr), value :: object
       end subroutine unregister_handle
 
+      !> Message of the last error of this thread, null-terminated.
       type(c_ptr) function last_error() bind(c, name="hb_last_error")
          import :: c_ptr
       end function last_error

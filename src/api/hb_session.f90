@@ -33,8 +33,8 @@ module hb_session
    use hb_parameter_path, only: identifier
    use hb_point, only: solve_point
    use hb_record_columns, only: record_columns, verdict_columns
-   use hb_time_integration, only: add_time_integration
    use hb_text, only: to_text
+   use hb_time_integration, only: add_time_integration
    use hb_tones, only: tones_t
    use hb_verification, only: claim_t, verdict_t, verify_motion
    implicit none

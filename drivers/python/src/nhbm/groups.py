@@ -232,7 +232,7 @@ class Matrices(Builder):
 
     def __init__(self, mass: Any = None, stiffness: Any = None, damping: Any = None, *values: Any, **keys: Any) -> None:
         if mass is None or stiffness is None or values:
-            raise ModelError("nhbm.Matrices takes mass and stiffness, square matrices, optionally damping, and further keys by name")
+            raise ModelError("nhbm.Matrices takes mass and stiffness (square matrices), optionally damping, further keys by name")
         mass = _square("mass", mass)
         if keys.pop("n_dofs", len(mass)) != len(mass):
             raise ModelError(f"n_dofs follows from the matrices; leave it out: mass is {len(mass)} x {len(mass)}")

@@ -382,7 +382,8 @@ class Model:
         else:
             found = [k for k, (_, keys) in enumerate(self._lists) if keys.get("label") == entry]
         if not found:
-            raise ModelError(f"'{entry}' names no load, law or other group in this model; use its label, or a number as in 'load[0]'")
+            hint = "use its label, or a number as in 'load[0]'"
+            raise ModelError(f"'{entry}' names no load, law or other group in this model; {hint}")
         k, group = found[0], self._lists[found[0]][0]
         number = 1 + sum(name == group for name, _ in self._lists[:k])
         if self._is_in_base(group) and any(re.match(rf"{group}\(\d", path) for path in self._values):
