@@ -13,26 +13,25 @@ static const char *const text =
    "&law type = 'cubic_spring', label = 'spring', dof = 'x1', stiffness = 0.5 /\n";
 
 int main(void) {
-   nhbm_error error;
-   nhbm_model *model = nhbm_new();
+   nhbm_model *model = NULL;
    nhbm_column coefficients;
    int frequency, k;
 
-   if (nhbm_api() != NHBM_API || nhbm_read(model, text, "duffing", &error)) goto failed;
-   if (nhbm_parameter(model, "tones%frequency", &frequency, &error)) goto failed;
+   if (nhbm_get_api_version() != NHBM_API_VERSION || nhbm_create(&model) || nhbm_read_input(model, text, "duffing")) goto failed;
+   if (nhbm_find_parameter(model, "tones%frequency", &frequency)) goto failed;
    for (k = 0; k < 5; ++k) {
       const double value = 0.5 + 0.25 * k;
-      if (nhbm_set(model, frequency, value, &error)) goto failed;
-      if (nhbm_solve(model, k > 0 ? NHBM_WARM : NHBM_COLD, &error)) goto failed;
-      if (nhbm_column_of(model, "coefficients", &coefficients, &error)) goto failed;
+      if (nhbm_set_parameter(model, frequency, value)) goto failed;
+      if (nhbm_solve(model, k > 0 ? NHBM_WARM_START : NHBM_COLD_START)) goto failed;
+      if (nhbm_get_column(model, "coefficients", &coefficients)) goto failed;
       /* (dof, harmonic, component): the second harmonic of the set is that of the tone, its first component the cosine */
       printf("%.2f %.17g\n", value, ((const double *)coefficients.data)[coefficients.shape[2]]);
    }
-   nhbm_delete(&model);
+   nhbm_destroy(&model);
    return 0;
 
 failed:
-   fprintf(stderr, "%s\n", error.text);
-   nhbm_delete(&model);
+   fprintf(stderr, "%s\n", nhbm_get_last_error());
+   nhbm_destroy(&model);
    return 1;
 }

@@ -18,10 +18,10 @@ program duffing
    integer :: frequency, k
 
    call model%read("duffing", text, error)
-   if (.not. allocated(error)) call model%resolve("tones%frequency", frequency, error)
+   if (.not. allocated(error)) call model%find_parameter("tones%frequency", frequency, error)
    do k = 0, 4
       value = 0.5_wp + 0.25_wp*k
-      if (.not. allocated(error)) call model%set_number(frequency, value, error)
+      if (.not. allocated(error)) call model%set_parameter(frequency, value, error)
       if (.not. allocated(error)) call model%solve(k > 0, error)
       if (allocated(error)) error stop error%message
       if (model%result%status == outcome%converged) print "(f4.2, 1x, es24.16)", value, model%result%coefficients(1, 2, 1)

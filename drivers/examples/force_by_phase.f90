@@ -29,9 +29,9 @@ contains
 end module force_by_phase_law
 
 program force_by_phase
-   use, intrinsic :: iso_c_binding, only: c_funloc, c_null_char
+   use, intrinsic :: iso_c_binding, only: c_funloc
    use force_by_phase_law, only: evaluate
-   use nhbm, only: error_t, give_law, law_api, law_info_t, model_t, outcome
+   use nhbm, only: error_t, law_api, law_info_t, model_t, outcome, register_law
    implicit none
    character, parameter :: line = new_line("a")
    character(*), parameter :: text = &
@@ -43,9 +43,8 @@ program force_by_phase
    type(model_t), target :: model
    type(error_t), allocatable :: error
 
-   if (give_law("push"//c_null_char, law_info_t(api_version=law_api, n_coordinates=1, needs_phases=1), c_funloc(evaluate)) /= 0) &
-      error stop "the law was not taken"
-   call model%read("push", text, error)
+   call register_law("push", law_info_t(api_version=law_api, n_coordinates=1, needs_phases=1), c_funloc(evaluate), error)
+   if (.not. allocated(error)) call model%read("push", text, error)
    if (.not. allocated(error)) call model%solve(.false., error)
    if (allocated(error)) error stop error%message
    if (model%result%status == outcome%converged) print "(es24.16)", model%result%coefficients(1, 2, 1)

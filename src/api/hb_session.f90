@@ -14,6 +14,7 @@ module hb_session
    use hb_curve_request, only: curve_request_t
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
+   use hb_fe_model, only: fe_model_source_t
    use hb_gradient, only: find_gradient
    use hb_impact_curve, only: new_curve_of
    use hb_integration, only: integrate_model, integration_t
@@ -32,6 +33,7 @@ module hb_session
    use hb_parameter_path, only: identifier
    use hb_point, only: solve_point
    use hb_record_columns, only: record_columns, verdict_columns
+   use hb_text, only: to_text
    use hb_time_integration, only: add_time_integration
    use hb_tones, only: tones_t
    use hb_verification, only: claim_t, verdict_t, verify_motion
@@ -47,9 +49,9 @@ module hb_session
 
    !> Ends the present work if requested, and reports its progress.
    type, extends(cancellation_t) :: session_cancellation_t
-      type(c_funptr) :: ask = c_null_funptr                           !! wants_end(context) of nhbm.h; null: never
-      type(c_ptr) :: context = c_null_ptr
-      type(c_funptr) :: report = c_null_funptr                        !! report(context, progress) of nhbm.h; null: no reports
+      type(c_funptr) :: interrupt = c_null_funptr                     !! nhbm_interrupt_callback; null: none
+      type(c_ptr) :: interrupt_context = c_null_ptr
+      type(c_funptr) :: report = c_null_funptr                        !! nhbm_progress_callback; null: none
       type(c_ptr) :: report_context = c_null_ptr
       type(progress_t), private :: progress
       real(wp), private :: began = 0.0_wp                             ! [s]
@@ -60,10 +62,10 @@ module hb_session
    end type session_cancellation_t
 
    abstract interface
-      integer(c_int) function call_back(context) bind(c)
+      integer(c_int) function interrupt_callback(context) bind(c)
          import :: c_int, c_ptr
          type(c_ptr), value :: context
-      end function call_back
+      end function interrupt_callback
 
       subroutine report_progress(context, progress) bind(c)
          import :: c_ptr, progress_t
@@ -77,7 +79,8 @@ module hb_session
       type(document_t) :: document
       type(model_t) :: model
       type(motion_result_t) :: result                                 !! of the last `solve`, or the last point of a curve
-      logical :: has_curve = .false.                                  !! `next` may return a further point
+      logical :: has_input = .false.                                  !! `read` was called without an error
+      logical :: has_curve = .false.                                  !! `curve_next` may return a further point
       type(integration_t), allocatable :: record                      !! of the last `integrate`, if `verify` was not called since
       type(verdict_t) :: verdict                                      !! of the last `verify`
       type(session_cancellation_t) :: cancellation
@@ -92,19 +95,25 @@ module hb_session
       type(curve_request_t), private :: request
       class(motion_curve_t), allocatable, private :: curve
       logical, private :: has_begun = .false.                         ! the curve
+      logical, private :: has_verdict = .false.
+      logical, private :: is_present = .false.                        ! the motion was computed with the present values
       integer, private :: n_sharing = -1                              ! `n_points` for which the callbacks were set
    contains
+      procedure :: set_structure_source => session_set_structure_source
       procedure :: read => session_read
-      procedure :: set => session_set
-      procedure :: resolve => session_resolve
-      procedure :: set_number => session_set_number
+      procedure :: set_key => session_set_key
+      procedure :: find_parameter => session_find_parameter
+      procedure :: set_parameter => session_set_parameter
       procedure :: update => session_update
       procedure :: complete_input => session_complete_input
       procedure :: solve => session_solve
-      procedure :: begin_curve => session_begin_curve
-      procedure :: next => session_next
+      procedure :: curve_begin => session_curve_begin
+      procedure :: curve_next => session_curve_next
       procedure :: integrate => session_integrate
       procedure :: verify => session_verify
+      procedure :: has_begun_curve => session_has_begun_curve
+      procedure :: has_time_columns => session_has_time_columns
+      procedure :: may_verify => session_may_verify
       procedure :: find_column => session_find_column
       procedure :: find_time_column => session_find_time_column
       procedure :: labels_along => session_labels_along
@@ -113,15 +122,30 @@ module hb_session
 
 contains
 
+   !> Sets the source of structures for this and later inputs.
+   subroutine session_set_structure_source(self, source)
+      class(session_t), intent(inout) :: self
+      class(fe_model_source_t), intent(in) :: source
+
+      if (allocated(self%callbacks%fe_models)) deallocate (self%callbacks%fe_models)
+      allocate (self%callbacks%fe_models, source=source)
+      self%model%callbacks%fe_models = self%callbacks%fe_models
+   end subroutine session_set_structure_source
+
    !> Reads a model from the text of an input, which replaces the previous one. Fails with all errors of the input.
    subroutine session_read(self, name, text, error)
       class(session_t), intent(inout), target :: self
       character(*), intent(in) :: name                                !! for messages
       character(*), intent(in) :: text
       type(error_t), allocatable, intent(out) :: error
+      logical :: is_new
 
       call self%destroy()
+      self%has_input = .false.
       self%model%is_read = .false.
+      self%result = motion_result_t()
+      call self%neighbour%forget()
+      call forget_integration(self)
       if (allocated(self%parameters)) deallocate (self%parameters)
       allocate (self%parameters(0))
       call read_namelist(self%document, name, text, error)
@@ -130,26 +154,30 @@ contains
       if (allocated(error)) return
       call share_time(self, self%n_points)
       self%callbacks%is_followed = self%document%count("curve") > 0
-      call self%update(error)
+      call update_model(self%model, self%document, is_new, error, callbacks=self%callbacks)
+      self%has_input = .not. allocated(error)
    end subroutine session_read
 
    !> Sets the values of a key, `law(stop)%gap = 1e-3`.
-   subroutine session_set(self, path, values, error)
+   subroutine session_set_key(self, path, values, error)
       class(session_t), intent(inout) :: self
       character(*), intent(in) :: path, values                        !! as for `--set`
       type(error_t), allocatable, intent(out) :: error
       type(parameter_t) :: parameter
 
+      call check_input(self, error)
+      if (allocated(error)) return
+      call note_change(self)
       call self%document%resolve(path, parameter, error)
       if (.not. allocated(error)) then
          call self%document%refuse_unknown(parameter, path, error)
          if (allocated(error)) return
       end if
       call set_text(self%document, path, values, error)               ! refuses other paths and values
-   end subroutine session_set
+   end subroutine session_set_key
 
    !> Looks up a number by its path, once; returns its index in `parameters`.
-   subroutine session_resolve(self, path, number, error)
+   subroutine session_find_parameter(self, path, number, error)
       class(session_t), intent(inout) :: self
       character(*), intent(in) :: path
       integer, intent(out) :: number
@@ -157,6 +185,8 @@ contains
       type(parameter_t) :: parameter
 
       number = 0
+      call check_input(self, error)
+      if (allocated(error)) return
       call self%document%resolve(path, parameter, error)
       if (allocated(error)) then
          error%message = "'"//path//"' "//error%message
@@ -166,24 +196,27 @@ contains
       if (allocated(error)) return
       self%parameters = [self%parameters, parameter]
       number = size(self%parameters)
-   end subroutine session_resolve
+   end subroutine session_find_parameter
 
    !> Sets a resolved number, in the unit of the input. The next solution reports errors of its value.
-   subroutine session_set_number(self, number, value, error)
+   subroutine session_set_parameter(self, number, value, error)
       class(session_t), intent(inout) :: self
-      integer, intent(in) :: number                                   !! returned by `resolve`
+      integer, intent(in) :: number                                   !! returned by `find_parameter`
       real(wp), intent(in) :: value
       type(error_t), allocatable, intent(out) :: error
 
+      call check_input(self, error)
+      if (allocated(error)) return
       if (number < 1 .or. number > size(self%parameters)) then
-         call fail(error, "no parameter has this handle; resolving a path returns one")
+         call fail(error, "no parameter has this handle; the search for a path returns one, valid until another input is read")
          return
       end if
+      call note_change(self)
       associate (parameter => self%parameters(number))
          call self%document%refuse_tied(parameter, trim(parameter%key), error)
          if (.not. allocated(error)) call self%document%set(parameter, value)
       end associate
-   end subroutine session_set_number
+   end subroutine session_set_parameter
 
    !> Updates the model to the present values. Fails with all errors of the input.
    subroutine session_update(self, error)
@@ -191,7 +224,8 @@ contains
       type(error_t), allocatable, intent(out) :: error
       logical :: is_new
 
-      call update_model(self%model, self%document, is_new, error, callbacks=self%callbacks)
+      call check_input(self, error)
+      if (.not. allocated(error)) call update_model(self%model, self%document, is_new, error, callbacks=self%callbacks)
    end subroutine session_update
 
    !> The input with all permitted keys and their present values; invalid values are replaced by the previous ones.
@@ -200,6 +234,8 @@ contains
       character(:), allocatable, intent(out) :: text
       type(error_t), allocatable :: ignored
 
+      text = ""
+      if (.not. self%has_input) return
       call self%update(ignored)
       call write_complete_text(self%document, text)
    end subroutine session_complete_input
@@ -217,6 +253,9 @@ contains
       real(wp), parameter :: here = 0.0_wp                            ! neighbours are not distinguished by a value
 
       started = wall_clock()
+      call end_curve(self)
+      call check_input(self, error)
+      if (allocated(error)) return
       call share_time(self, self%n_points)
       call self%update(error)
       if (allocated(error)) return
@@ -241,15 +280,18 @@ contains
       end if
       if (self%cancellation%verdict == verdict%interrupted) self%result%status = outcome%interrupted
       self%result%solve_seconds = wall_clock() - started
+      call complete_result(self)
    end subroutine session_solve
 
-   !> Begins the curve of the group `&curve`; `next` returns its points.
-   subroutine session_begin_curve(self, error)
+   !> Begins the curve of the group `&curve`; `curve_next` returns its points. Setting a value or another computation ends it.
+   subroutine session_curve_begin(self, error)
       class(session_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
       type(tones_t) :: tones
 
       call end_curve(self)
+      call check_input(self, error)
+      if (allocated(error)) return
       call read_curve_plan(self%plan, self%document, error)
       if (.not. allocated(error)) call read_tones(tones, self%document, error)
       if (.not. allocated(error)) call self%plan%tie_tones(self%document, tones%omega, error)
@@ -263,13 +305,14 @@ contains
       call self%update(error)
       if (.not. allocated(error)) call self%plan%make_request(self%model, self%document, self%request, error)
       if (allocated(error)) return
+      self%result = motion_result_t()
       call new_curve_of(self%curve, self%model, self%request)
       self%has_curve = .true.
       self%has_begun = .false.
-   end subroutine session_begin_curve
+   end subroutine session_curve_begin
 
    !> Makes the next point of the curve the result; `has_curve` is false if it was the last. An error ends the curve.
-   subroutine session_next(self, error)
+   subroutine session_curve_next(self, error)
       class(session_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: limit
@@ -289,11 +332,13 @@ contains
       call self%cancellation%leave()
       self%has_begun = .true.
       self%has_curve = .not. (allocated(error) .or. self%curve%is_done)
-      if (self%cancellation%verdict /= verdict%interrupted) return
-      self%result%status = outcome%interrupted
-      self%has_curve = .false.
-      if (allocated(error)) deallocate (error)
-   end subroutine session_next
+      if (self%cancellation%verdict == verdict%interrupted) then
+         self%result%status = outcome%interrupted
+         self%has_curve = .false.
+         if (allocated(error)) deallocate (error)
+      end if
+      call complete_result(self)
+   end subroutine session_curve_next
 
    !> Integrates the model in time with its present values, as defined by `&integration`. An interrupted integration
    !> leaves no record.
@@ -301,7 +346,8 @@ contains
       class(session_t), intent(inout), target :: self
       type(error_t), allocatable, intent(out) :: error
 
-      if (allocated(self%record)) deallocate (self%record)
+      call end_curve(self)
+      call forget_integration(self)
       call self%update(error)
       if (.not. allocated(error) .and. len(self%model%integration%record) > 0) &
          call fail(error, "&integration: continue: result files are not read here")
@@ -323,11 +369,20 @@ contains
       type(model_t) :: model
       type(claim_t) :: claim
 
-      if (allocated(self%record)) deallocate (self%record)
-      self%verdict = verdict_t()
+      call check_input(self, error)
+      if (allocated(error)) return
+      if (n_periods < 0) then
+         call fail(error, "the number of periods must be positive, or 0 for as many as the decay requires, not "// &
+                   to_text(n_periods))
+         return
+      end if
+      call forget_integration(self)
       associate (motion => self%result)
          if (allocated(motion%curve) .or. .not. is_solved(motion%status)) then
             call fail(error, "there is no motion of `solve` that can be verified")
+            return
+         else if (.not. self%is_present) then
+            call fail(error, "values have changed since the motion was computed; solve again before the verification")
             return
          end if
          document = self%document
@@ -356,7 +411,29 @@ contains
       call verify_motion(model, claim, n_periods, self%verdict, error)
       call self%cancellation%leave()
       if (self%cancellation%verdict == verdict%interrupted .and. allocated(error)) deallocate (error)
+      self%has_verdict = .not. allocated(error)
    end subroutine session_verify
+
+   !> Whether `verify` may be called: a motion of `solve` was found, and no value has changed since.
+   logical function session_may_verify(self) result(may_verify)
+      class(session_t), intent(in) :: self
+
+      may_verify = self%is_present .and. is_solved(self%result%status) .and. .not. allocated(self%result%curve)
+   end function session_may_verify
+
+   !> Whether there is a curve, which may have no further point.
+   logical function session_has_begun_curve(self) result(has_begun)
+      class(session_t), intent(in) :: self
+
+      has_begun = allocated(self%curve)
+   end function session_has_begun_curve
+
+   !> Whether there are results of `integrate` or `verify`.
+   logical function session_has_time_columns(self) result(has)
+      class(session_t), intent(in) :: self
+
+      has = allocated(self%record) .or. self%has_verdict
+   end function session_has_time_columns
 
    !> Finds a column of the record, or of the verdict if `verify` was called last, in `column`.
    subroutine session_find_time_column(self, name, error)
@@ -364,6 +441,10 @@ contains
       character(*), intent(in) :: name                                !! empty: `column%names` are listed
       type(error_t), allocatable, intent(out) :: error
 
+      if (.not. self%has_time_columns()) then
+         call fail(error, "there are no results of a time integration; integrate or verify before")
+         return
+      end if
       call self%column%begin(name)
       if (allocated(self%record)) then
          call record_columns(self%column, self%record, self%model%harmonics%tuples)
@@ -379,6 +460,8 @@ contains
       character(*), intent(in) :: name                                !! empty: `column%names` are listed
       type(error_t), allocatable, intent(out) :: error
 
+      call check_model(self, error)
+      if (allocated(error)) return
       self%column%has_accuracy = self%model%accuracy%is_on
       self%column%has_own_tuples = .true.
       self%column%has_improved = self%model%certificate%improvement_steps > 0
@@ -389,7 +472,6 @@ contains
          self%column%curve_column = identifier(self%plan%path)
          self%column%curve_units = self%plan%units
       end if
-      if (.not. allocated(self%result%harmonics%tuples)) self%result%harmonics = self%model%harmonics
       call self%column%find(name, self%result, size(self%model%accuracy%outputs), error)
    end subroutine session_find_column
 
@@ -401,6 +483,8 @@ contains
       character(64), allocatable :: labels(:)
       integer :: i
 
+      labels = [character(64) ::]
+      if (.not. self%model%is_read) return
       if (axis == "law_coordinate" .and. allocated(self%record)) then
          labels = self%record%system%laws%coordinate_labels()
          return
@@ -411,7 +495,6 @@ contains
       case ("gradient_value"); labels = self%model%gradient%names
       case ("law"); labels = [(adjustl([character(64) :: self%model%laws(i)%law%label]), i=1, size(self%model%laws))]
       case ("state_dof"); labels = [character(64) :: self%model%structure%labels]
-      case default; labels = [character(64) ::]
       end select
    end function session_labels_along
 
@@ -436,6 +519,48 @@ contains
       self%cancellation%began = wall_clock()
       call self%cancellation%enter(time_limit)
    end subroutine begin_work
+
+   !> Fails if there is no input.
+   subroutine check_input(self, error)
+      class(session_t), intent(in) :: self
+      type(error_t), allocatable, intent(out) :: error
+
+      if (.not. self%has_input) call fail(error, "the model has no input; read one before")
+   end subroutine check_input
+
+   !> Fails if there is no input, or if its present values are invalid.
+   subroutine check_model(self, error)
+      class(session_t), intent(in) :: self
+      type(error_t), allocatable, intent(out) :: error
+
+      call check_input(self, error)
+      if (.not. (allocated(error) .or. self%model%is_read)) &
+         call fail(error, "the present values of the input are invalid; set others and compute again")
+   end subroutine check_model
+
+   !> Notes that a value of the input changes: a curve ends, and the last motion is not one of the present values.
+   subroutine note_change(self)
+      class(session_t), intent(inout) :: self
+
+      call end_curve(self)
+      self%is_present = .false.
+   end subroutine note_change
+
+   !> Gives a result the harmonics of the model if it has none of its own, since the model may change.
+   subroutine complete_result(self)
+      class(session_t), intent(inout) :: self
+
+      if (.not. allocated(self%result%harmonics%tuples)) self%result%harmonics = self%model%harmonics
+      self%is_present = .true.
+   end subroutine complete_result
+
+   subroutine forget_integration(self)
+      class(session_t), intent(inout) :: self
+
+      if (allocated(self%record)) deallocate (self%record)
+      self%verdict = verdict_t()
+      self%has_verdict = .false.
+   end subroutine forget_integration
 
    subroutine end_curve(self)
       class(session_t), intent(inout) :: self
@@ -466,12 +591,12 @@ contains
    logical function session_cancellation_wants_end(self) result(wants)
       class(session_cancellation_t), intent(inout) :: self
       real(wp), parameter :: interval = 0.05_wp
-      procedure(call_back), pointer :: caller
+      procedure(interrupt_callback), pointer :: interrupt
       procedure(report_progress), pointer :: report
       real(wp) :: now
 
       wants = .false.
-      if (.not. (c_associated(self%ask) .or. c_associated(self%report))) return
+      if (.not. (c_associated(self%interrupt) .or. c_associated(self%report))) return
       now = wall_clock()
       if (now - self%requested < interval) return
       self%requested = now
@@ -480,8 +605,8 @@ contains
          call c_f_procpointer(self%report, report)
          call report(self%report_context, self%progress)
       end if
-      if (.not. c_associated(self%ask)) return
-      call c_f_procpointer(self%ask, caller)
-      wants = caller(self%context) /= 0
+      if (.not. c_associated(self%interrupt)) return
+      call c_f_procpointer(self%interrupt, interrupt)
+      wants = interrupt(self%interrupt_context) /= 0
    end function session_cancellation_wants_end
 end module hb_session

@@ -3,17 +3,17 @@
 !>     type(model_t), target :: model
 !>     type(error_t), allocatable :: error
 !>     call model%read("my model", text, error)                   ! the text of an input (docs/user/input.md)
-!>     call model%resolve("tones%frequency", frequency, error)
+!>     call model%find_parameter("tones%frequency", frequency, error)
 !>     do i = 1, n
-!>        call model%set_number(frequency, values(i), error)
+!>        call model%set_parameter(frequency, values(i), error)
 !>        call model%solve(is_warm=i > 1, error=error)
 !>        if (model%result%status == outcome%converged) print *, model%result%coefficients(:, 1, 1)
 !>     end do
 !>     call model%destroy()
 !>
 !> `model%result` contains all results of the last motion; `model%find_column` also returns them by the names of the
-!> result file. For structures given as matrices: extend `structure_source_t` and allocate `model%callbacks%fe_models`
-!> with it. For laws of the program: `give_law` registers a `law_info_t` and a function of `law_samples_t`, as
+!> result file. For structures given as matrices: extend `structure_source_t` and pass it to `model%set_structure_source`.
+!> For laws of the program: `register_law` registers a `law_info_t` and a function of `law_samples_t`, as
 !> nhbm_user_law.h describes them.
 module nhbm
    use hb_error, only: error_t
@@ -23,11 +23,10 @@ module nhbm
    use hb_outcome, only: outcome, outcome_names
    use hb_session, only: model_t => session_t
    use hb_sparse, only: new_sparse, sparse_t
-   use hb_user_library, only: forget_law, give_law, law_api => api_version, law_info_t, law_samples_t, law_step_t
+   use hb_user_library, only: law_api => api_version, law_info_t, law_samples_t, law_step_t, register_law, unregister_law
    use hb_version, only: program_version
    implicit none
    private
-   public :: error_t, forget_law, give_law, law_api, law_info_t, law_samples_t, law_step_t, model_t, motion_result_t, &
-      new_sparse, &
-      outcome, outcome_names, program_version, sparse_t, structure_data_t, structure_source_t, wp
+   public :: error_t, law_api, law_info_t, law_samples_t, law_step_t, model_t, motion_result_t, new_sparse, outcome, &
+      outcome_names, program_version, register_law, sparse_t, structure_data_t, structure_source_t, unregister_law, wp
 end module nhbm

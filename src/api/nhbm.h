@@ -1,184 +1,270 @@
-/* nhbm in other programs: vibrations of structures with contact, friction and other nonlinear laws under several tones at once.
+/* nhbm in other programs: steady vibrations of structures with contact, friction and other nonlinear laws under several tones.
  *
  * Order of use:
  *
- *    nhbm_error error;
  *    nhbm_model *model;
- *    int frequency;
- *    model = nhbm_new();
- *    if (nhbm_read(model, text, "my model", &error)) complain(error.text);
- *    nhbm_parameter(model, "tones%frequency", &frequency, &error);
+ *    nhbm_column column;
+ *    int frequency, i;
+ *    if (nhbm_create(&model) || nhbm_read_input(model, text, "my model") ||
+ *        nhbm_find_parameter(model, "tones%frequency", &frequency)) goto failed;
  *    for (i = 0; i < n; ++i) {
- *       nhbm_set(model, frequency, values[i], &error);
- *       if (nhbm_solve(model, NHBM_WARM, &error)) complain(error.text);
- *       nhbm_column_of(model, "coefficients", &column, &error);
+ *       if (nhbm_set_parameter(model, frequency, values[i]) || nhbm_solve(model, NHBM_WARM_START) ||
+ *           nhbm_get_column(model, "coefficients", &column)) goto failed;
  *    }
- *    nhbm_delete(&model);
+ *    nhbm_destroy(&model);
+ *    ...
+ * failed:
+ *    fprintf(stderr, "%s\n", nhbm_get_last_error());
  *
- * Functions return 0, or an error code with a description in `error`. No function prints, ends the process, catches signals, or
- * changes the locale or the floating-point modes. A model may be used by one thread at a time; docs/user/library.md describes
- * the use of several threads with one model each. Pointers to models and errors must not be null. Texts are UTF-8 and
- * null-terminated. MPI and HDF5 are not required. */
+ * Return values. A function that returns `int` returns NHBM_SUCCESS or another value of enum nhbm_status, unless its description
+ * states something else; nhbm_get_last_error then returns the cause. Results are returned through pointers. If a function fails,
+ * these results are 0, NULL or an empty text.
+ *
+ * Errors. Each function checks its arguments: NULL, an index out of range, or a model that was destroyed is an error, never
+ * undefined behaviour. No function prints, ends the process, catches signals, or changes the locale or the floating-point modes.
+ * Exceptions: if memory runs out during a computation, the Fortran run-time library ends the process; a nhbm_law_evaluate_2_function,
+ * a callback or an array that does not have the documented length can do any harm; callbacks must return (no longjmp, no C++
+ * exception).
+ *
+ * Threads. A model can be used by one call at a time: a call of any function with a model that is in use, by another thread or
+ * because the call comes from a callback of the same model, returns NHBM_BUSY and has no effect. Other models can be used in both
+ * cases; threads with one model each run in parallel.
+ *
+ * Texts are null-terminated UTF-8 of at most 2 GiB. Texts and arrays that a function returns belong to the library; unless stated
+ * otherwise, they are valid until the next call with the same model. `const nhbm_model *`: the function changes neither values nor
+ * results. MPI and HDF5 are not required. */
 #ifndef NHBM_H
 #define NHBM_H
 
+#include <stddef.h>
 #include <stdint.h>
 
 #include "nhbm_user_law.h"
+
+#ifndef NHBM_EXPORT
+#if defined(__GNUC__)
+#define NHBM_EXPORT __attribute__((visibility("default")))
+#else
+#define NHBM_EXPORT
+#endif
+#endif
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-#define NHBM_API 2 /* increases by one when programs must be recompiled */
+/* ---- Status and errors ---- */
 
-/* Return the version of the interface of the library, to be compared with NHBM_API, and that of the program, such as "0.1.0". */
-int nhbm_api(void);
-const char *nhbm_version(void);
-
-/* Returns the version of the program as a number, 10000 major + 100 minor + patch. */
-int nhbm_version_number(void);
-
-/* Returns 1 if this library has a feature, 0 otherwise: "cvode", the default method of nhbm_integrate, which is optional in a build;
- * a group of the input, such as "gradient"; or a type of a group, such as "law jenkins". */
-int nhbm_has(const char *feature);
-
-/* Writes row i, counted from 0, of the table of input keys: group | key | type | unit | default | range | meaning. Returns nonzero
- * if the row exists; 1200 bytes are enough for any row. */
-int nhbm_key(int i, char *row, int size);
-
-enum nhbm_code {
-   NHBM_OK = 0,
-   NHBM_INPUT = 1,   /* the model, a path or a value is wrong; the text names group, key and the right value */
-   NHBM_USE = 2      /* the function cannot be called at this point or with these arguments */
+enum nhbm_status {
+   NHBM_SUCCESS = 0,
+   NHBM_INVALID_INPUT = -1,    /* the input, a path, or a value is wrong; the message names group, key and a valid value */
+   NHBM_INVALID_ARGUMENT = -2, /* an argument is NULL, out of range, an unknown name, or not a model */
+   NHBM_INVALID_STATE = -3,    /* the function cannot be called now: the model has no input, no motion, no curve */
+   NHBM_BUSY = -4,             /* another call is using the model */
+   NHBM_OUT_OF_MEMORY = -5
 };
 
-typedef struct nhbm_error {
-   int code;         /* enum nhbm_code */
-   char text[2048];  /* cause and remedy, without a newline at the end; truncated if longer */
-} nhbm_error;
+/* Returns the meaning of a status in a few words. The text is valid until the process ends. */
+NHBM_EXPORT const char *nhbm_status_text(int status);
+
+/* Returns the message of the last function that failed in the calling thread: cause and remedy, without a newline at the end, at
+ * most 8191 bytes; empty if none has failed. Functions that succeed do not change it. It is valid until the next call of this
+ * thread that fails. */
+NHBM_EXPORT const char *nhbm_get_last_error(void);
+
+/* ---- Versions, features, input keys ---- */
+
+#define NHBM_API_VERSION 1 /* increases by one when programs must be recompiled */
+
+/* Returns the interface version of the library, to be compared with NHBM_API_VERSION. */
+NHBM_EXPORT int nhbm_get_api_version(void);
+
+/* Returns the version of the library as text, such as "0.1.0", valid until the process ends, and as a number, 10000 major + 100 minor
+ * + patch. */
+NHBM_EXPORT const char *nhbm_get_version(void);
+NHBM_EXPORT int nhbm_get_version_number(void);
+
+/* Returns 1 if the library has a feature, otherwise 0, also for NULL. Features: "cvode", the default method of nhbm_integrate,
+ * which is optional in a build; a group of the input, such as "gradient"; a type of a group, such as "law jenkins". */
+NHBM_EXPORT int nhbm_has_feature(const char *feature);
+
+/* Returns the number of rows in the table of input keys. */
+NHBM_EXPORT size_t nhbm_get_key_count(void);
+
+/* Writes row `index` of this table, counted from 0, into `row`, which has `size` bytes: group | key | type | unit | default | range |
+ * meaning. NHBM_KEY_ROW_SIZE bytes are enough for any row. NHBM_INVALID_ARGUMENT: no such row, or it does not fit. */
+#define NHBM_KEY_ROW_SIZE 1201
+NHBM_EXPORT int nhbm_get_key_row(size_t index, char *row, size_t size);
+
+/* ---- Models and their input ---- */
 
 typedef struct nhbm_model nhbm_model;
 
-/* Creates a model without an input, to be freed by nhbm_delete. */
-nhbm_model *nhbm_new(void);
+/* Creates a model without an input. NHBM_OUT_OF_MEMORY: *model is NULL. */
+NHBM_EXPORT int nhbm_create(nhbm_model **model);
 
-/* Reads the text of an input (docs/user/input.md). It replaces the previous input, whose parameter handles become invalid; messages
- * contain `name`. The group &sweep is ignored. */
-int nhbm_read(nhbm_model *model, const char *text, const char *name, nhbm_error *error);
+/* Frees a model and sets *model to NULL; no effect if *model is NULL. Copies of the pointer become invalid: functions called with one
+ * return NHBM_INVALID_ARGUMENT until a new model has the same address. NHBM_BUSY: the model remains. */
+NHBM_EXPORT int nhbm_destroy(nhbm_model **model);
 
-/* Registers the callback that supplies the structures to which inputs refer by &structure type = 'model', file = '...':
- * fill(context, file, structure) describes one by the functions below and returns 0. Call it before nhbm_read; null: no callback. */
+/* Reads the text of an input (docs/user/input.md); messages contain `name`. It replaces the previous input, its results, and its
+ * parameters. The group &sweep is ignored. NHBM_INVALID_INPUT: the message lists all errors; the model has no input. */
+NHBM_EXPORT int nhbm_read_input(nhbm_model *model, const char *text, const char *name);
+
+/* Returns the input with all permitted keys and their values; an invalid value is replaced by the last valid one. */
+NHBM_EXPORT int nhbm_get_input(const nhbm_model *model, const char **text);
+
+/* Sets the values of a key, as the option --set of the command does: path "law(stop)%gap", values "1e-3". The next computation
+ * reports an invalid value. Ends a curve. NHBM_INVALID_INPUT: there is no such key, or `values` is not written as in an input. */
+NHBM_EXPORT int nhbm_set_key(nhbm_model *model, const char *path, const char *values);
+
+/* Returns a handle for a real number such as "tones%frequency(1)" or "law(stop)%gap", which nhbm_set_parameter sets faster than
+ * nhbm_set_key. It is valid until the next nhbm_read_input. */
+NHBM_EXPORT int nhbm_find_parameter(nhbm_model *model, const char *path, int *parameter);
+
+/* Sets this number, in the unit of the input. The next computation reports an invalid value. Ends a curve. NHBM_INVALID_ARGUMENT: the
+ * handle is invalid. */
+NHBM_EXPORT int nhbm_set_parameter(nhbm_model *model, int parameter, double value);
+
+/* ---- Structures of the program ---- */
+
 typedef struct nhbm_structure nhbm_structure;
-void nhbm_structures(nhbm_model *model, int (*fill)(void *context, const char *file, nhbm_structure *structure), void *context);
 
-/* Sets the names of the degrees of freedom and their units, separated by blanks (no units: all m), and the highest frequency at
- * which the structure is valid [rad/s], 0: any. Call it first. These functions return 0, or nonzero if an argument is invalid;
- * nhbm_read then reports the cause. */
-int nhbm_structure_dofs(nhbm_structure *structure, const char *labels, const char *units, double up_to);
+/* Supplies the structure of an input with &structure type = 'model', file = FILE: describes it by the functions below and returns 0.
+ * Any other value, or an error in one of these functions, makes nhbm_read_input, or a computation after a value of &structure has
+ * changed, fail with NHBM_INVALID_INPUT. `structure` is valid until the callback returns. */
+typedef int (*nhbm_structure_callback)(void *context, const char *file, nhbm_structure *structure);
 
-/* Sets a matrix in compressed-row storage with indices from 0: row i has the entries starts[i] to starts[i + 1] - 1. Names: mass,
- * stiffness, damping, gyroscopic, structural (the imaginary part of the stiffness); gyroscopic_by_speed, stiffness_by_speed and
- * stiffness_by_speed_squared, the terms that depend on a speed, and the same with the suffix _2 for a second speed. */
-int nhbm_structure_matrix(nhbm_structure *structure, const char *name, const int32_t *starts, const int32_t *columns,
-                          const double *values);
+/* Sets this callback from the next reading of the structure on; NULL: none. Call it before nhbm_read_input. `context` and what the
+ * callback uses must exist until another callback is set or the model is destroyed. The same holds for the other callbacks. */
+NHBM_EXPORT int nhbm_set_structure_callback(nhbm_model *model, nhbm_structure_callback callback, void *context);
 
-/* Adds a named load vector with n entries; degrees of freedom are counted from 0. */
-int nhbm_structure_vector(nhbm_structure *structure, const char *name, int n, const int32_t *dofs, const double *values);
+/* Sets the labels of the degrees of freedom and their units, separated by blanks; no units: all m. `max_frequency` is the highest
+ * frequency at which the structure is valid [rad/s], 0: any. Must be the first call, once. */
+NHBM_EXPORT int nhbm_structure_set_dofs(nhbm_structure *structure, const char *labels, const char *units, double max_frequency);
 
-/* Sets the node of each degree of freedom, counted from 0, -1: none, and its direction, separated by blanks. nhbm_structure_set adds
- * a named set of nodes. */
-int nhbm_structure_nodes(nhbm_structure *structure, int n_nodes, const int32_t *nodes, const char *directions);
-int nhbm_structure_set(nhbm_structure *structure, const char *name, int n, const int32_t *nodes);
+/* Sets a matrix in compressed-row storage with indices from 0: the entries of row i are row_starts[i] to row_starts[i + 1] - 1.
+ * n_rows: number of degrees of freedom; row_starts: n_rows + 1 values; columns, values: n_entries = row_starts[n_rows] values.
+ * Names: mass, stiffness (both required), damping, gyroscopic, structural (the imaginary part of the stiffness); gyroscopic_by_speed,
+ * stiffness_by_speed and stiffness_by_speed_squared, the terms that depend on a speed, and the same with the suffix _2 for a second
+ * speed. A second call with the same name replaces the matrix. Units: kg, N/m, N s/m. */
+NHBM_EXPORT int nhbm_structure_set_matrix(nhbm_structure *structure, const char *name, size_t n_rows, size_t n_entries,
+                                          const int32_t *row_starts, const int32_t *columns, const double *values);
 
-/* Reports why there is no structure of that name. */
-void nhbm_structure_refuse(nhbm_structure *structure, const char *text);
+/* Adds a load vector [N]: `values` at the degrees of freedom `dofs`, counted from 0; n values each. */
+NHBM_EXPORT int nhbm_structure_add_load(nhbm_structure *structure, const char *name, size_t n, const int32_t *dofs,
+                                        const double *values);
 
-/* Registers a law for all models of this process, replacing one of the same name: &law type = 'user', library = '', name = NAME
- * evaluates it as described in nhbm_user_law.h. Returns 0, or nonzero if info->api_version is not NHBM_USER_LAW_API_2 or if memory is
- * insufficient. The law must exist as long as models use it. nhbm_forget_law removes it. */
-int nhbm_give_law(const char *name, const nhbm_law_info_t *info, nhbm_law_evaluate_2_function evaluate);
-void nhbm_forget_law(const char *name);
+/* Sets the node of each degree of freedom, 0 to n_nodes - 1, or -1 for none, and its direction; directions are separated by blanks.
+ * n_dofs: number of degrees of freedom, and of values in `nodes`. Call it at most once. */
+NHBM_EXPORT int nhbm_structure_set_nodes(nhbm_structure *structure, size_t n_nodes, size_t n_dofs, const int32_t *nodes,
+                                         const char *directions);
 
-/* Frees a model and sets the pointer to null; no effect for a null pointer. */
-void nhbm_delete(nhbm_model **model);
+/* Adds a set of n nodes, after nhbm_structure_set_nodes. */
+NHBM_EXPORT int nhbm_structure_add_node_set(nhbm_structure *structure, const char *name, size_t n, const int32_t *nodes);
 
-/* Returns the input with all permitted keys and their values. The text is valid until the next call with this model. */
-const char *nhbm_input(nhbm_model *model);
+/* Sets the error that the reading of the input reports, such as the reason why there is no structure of that name. */
+NHBM_EXPORT int nhbm_structure_set_error(nhbm_structure *structure, const char *message);
 
-/* Sets the values of a key, as the option --set of the command does: path "law(stop)%gap", values "1e-3". */
-int nhbm_set_text(nhbm_model *model, const char *path, const char *values, nhbm_error *error);
+/* ---- Laws of the program ---- */
 
-/* Returns in `handle` a handle for nhbm_set of a number such as "tones%frequency(1)" or "law(stop)%gap". */
-int nhbm_parameter(nhbm_model *model, const char *path, int *handle, nhbm_error *error);
+/* Registers a law for all models of this process: &law type = 'user', library = '', name = NAME evaluates it as described in
+ * nhbm_user_law.h. A law of the same name is replaced for inputs that are read later; models that have read it continue to use the
+ * function, which must remain callable. NHBM_INVALID_ARGUMENT: a member of `info` is invalid. */
+NHBM_EXPORT int nhbm_register_law(const char *name, const nhbm_law_info_t *info, nhbm_law_evaluate_2_function evaluate);
 
-/* Sets this number, in the unit of the input. An invalid value is reported by the next solution. */
-int nhbm_set(nhbm_model *model, int handle, double value, nhbm_error *error);
+/* Removes a law. NHBM_INVALID_ARGUMENT: no law has this name. */
+NHBM_EXPORT int nhbm_unregister_law(const char *name);
+
+/* ---- Callbacks during computations ---- */
+
+/* Returns nonzero to end the computation; is called twenty times a second. The computation then succeeds: the motion has the status
+ * `interrupted`, the curve has ended, a time integration has no record. */
+typedef int (*nhbm_interrupt_callback)(void *context);
+NHBM_EXPORT int nhbm_set_interrupt_callback(nhbm_model *model, nhbm_interrupt_callback callback, void *context); /* NULL: none */
+
+typedef struct nhbm_progress {
+   double seconds;  /* since the beginning of the call */
+   int64_t n_done;  /* steps of the time integration, and their total number; 0 during other computations */
+   int64_t n_steps;
+} nhbm_progress;
+
+/* Receives the progress; is called twenty times a second. */
+typedef void (*nhbm_progress_callback)(void *context, const nhbm_progress *progress);
+NHBM_EXPORT int nhbm_set_progress_callback(nhbm_model *model, nhbm_progress_callback callback, void *context); /* NULL: none */
+
+/* ---- Computations ---- */
 
 enum nhbm_start {
-   NHBM_COLD = 0,    /* from the start that the input specifies */
-   NHBM_WARM = 1     /* from the last motion found, if there is one */
+   NHBM_COLD_START = 0, /* from the start that the input specifies */
+   NHBM_WARM_START = 1  /* from the last motion found, if there is one */
 };
 
-/* Computes the motion of the model with its present values. Returns an error if the model cannot be solved. A solution that does not
- * converge is not an error: column "status" is 1 if it has converged (docs/user/schema.md); otherwise nhbm_message gives the cause. */
-int nhbm_solve(nhbm_model *model, int start, nhbm_error *error);
+/* Computes the motion of the model with its present values; `start` is one of enum nhbm_start. Ends a curve. A solution that does not
+ * converge is not an error: the column "status" is 1 if it has converged (docs/user/schema.md), otherwise nhbm_get_message returns the
+ * cause. NHBM_INVALID_INPUT: a value is invalid. */
+NHBM_EXPORT int nhbm_solve(nhbm_model *model, int start);
 
-/* Sets the number of solutions that belong together, 1 if it is not called: if &stability method = 'auto' finds stability too
- * expensive for a point, the points share a budget of two seconds, as in a run of the command. 0: no budget. A curve counts its own
- * points. */
-void nhbm_points(nhbm_model *model, int n);
+/* Sets the number of solutions that belong together, by default 1: if &stability method = 'auto' finds stability too expensive for a
+ * point, the points share a budget of two seconds, as in a run of the command. 0: no budget. A curve counts its own points. */
+NHBM_EXPORT int nhbm_set_point_count(nhbm_model *model, size_t n_points);
 
-/* nhbm_begin_curve begins the curve of the group &curve; each call of nhbm_next computes its next point as the result. *is_point is 0
- * after the last point. */
-int nhbm_begin_curve(nhbm_model *model, nhbm_error *error);
-int nhbm_next(nhbm_model *model, int *is_point, nhbm_error *error);
+/* Begins the curve of the group &curve. */
+NHBM_EXPORT int nhbm_curve_begin(nhbm_model *model);
 
-/* Returns a column of the last motion found, by its name in the result file (docs/user/schema.md). */
-enum { NHBM_MOST_AXES = 4 };
+/* Computes the next point of the curve as the last motion. *has_point: 1, or 0 after the last point and in each further call.
+ * NHBM_INVALID_STATE: no curve has begun, or another function has ended it. Other errors end the curve. */
+NHBM_EXPORT int nhbm_curve_next(nhbm_model *model, int *has_point);
+
+/* Integrates the model in time according to the group &integration, which must specify the duration; nhbm_get_time_column then
+ * returns the record by the names of the file that `nhbm integrate` writes (docs/user/schema.md). Ends a curve. */
+NHBM_EXPORT int nhbm_integrate(nhbm_model *model);
+
+/* Integrates in time from the last motion that nhbm_solve has found, and from a perturbation of it, until it is clear whether the
+ * motion is stable, over at most max_periods periods of the slowest tone; 0: as many as the decay requires.
+ * nhbm_get_time_column then returns the results of `nhbm verify`: integration_verdict, integration_difference, ...
+ * NHBM_INVALID_STATE: there is no such motion, or a value has changed since. NHBM_INVALID_ARGUMENT: max_periods is negative. */
+NHBM_EXPORT int nhbm_verify(nhbm_model *model, int max_periods);
+
+/* ---- Results ---- */
+
+enum nhbm_kind {
+   NHBM_REAL = 0,     /* double */
+   NHBM_INTEGER = 1,  /* int32_t */
+   NHBM_NO_VALUES = 2 /* the column exists, but its values are not known; data is NULL */
+};
+
+#define NHBM_MAX_AXES 4
+
 typedef struct nhbm_column {
-   const void *data;                /* double or int32_t by `kind`, the last axis fastest; valid until the next call with this model */
-   int kind;                        /* 0: double, 1: int32_t, 2: not available, data is null */
-   int n_axes;
-   int64_t shape[NHBM_MOST_AXES];
+   const void *data;            /* n_values values, the last axis fastest */
+   int kind;                    /* enum nhbm_kind */
+   int n_axes;                  /* 0: a single value */
+   size_t shape[NHBM_MAX_AXES]; /* length of each axis; 0 beyond n_axes */
+   size_t n_values;
    const char *unit;
-   const char *axes;                /* names of the axes, separated by blanks: "dof harmonic component" */
+   const char *axes;            /* names of the axes, separated by blanks: "dof harmonic component" */
 } nhbm_column;
-int nhbm_column_of(nhbm_model *model, const char *name, nhbm_column *column, nhbm_error *error);
+
+/* Returns a column of the last motion, by its name in the result file (docs/user/schema.md). Before the first computation no column
+ * of a motion has values. NHBM_INVALID_ARGUMENT: no column has this name; the message lists the known ones.
+ * NHBM_INVALID_STATE: the model has no input, or its present values are invalid. */
+NHBM_EXPORT int nhbm_get_column(const nhbm_model *model, const char *name, nhbm_column *column);
 
 /* Returns the names of all columns, separated by blanks. */
-const char *nhbm_column_names(nhbm_model *model);
+NHBM_EXPORT int nhbm_get_column_names(const nhbm_model *model, const char **names);
 
-/* Integrates the model in time according to the group &integration, which must specify the duration. nhbm_time_column_of then returns
- * the record by the names of the file that `nhbm integrate` writes (docs/user/schema.md). */
-int nhbm_integrate(nhbm_model *model, nhbm_error *error);
+/* As nhbm_get_column and nhbm_get_column_names, for the last call of nhbm_integrate or nhbm_verify. NHBM_INVALID_STATE: there was
+ * none, or it was interrupted. */
+NHBM_EXPORT int nhbm_get_time_column(const nhbm_model *model, const char *name, nhbm_column *column);
+NHBM_EXPORT int nhbm_get_time_column_names(const nhbm_model *model, const char **names);
 
-/* Integrates in time from the last motion that nhbm_solve found, and from a perturbation of it, until it is clear whether the motion
- * is stable, over at most n_periods of the slowest tone (0: as many as the decay requires). nhbm_time_column_of then returns the
- * results that `nhbm verify` writes: integration_verdict, integration_difference, ... */
-int nhbm_verify(nhbm_model *model, int n_periods, nhbm_error *error);
-
-/* As nhbm_column_of and nhbm_column_names, for the last call of nhbm_integrate or nhbm_verify. */
-int nhbm_time_column_of(nhbm_model *model, const char *name, nhbm_column *column, nhbm_error *error);
-const char *nhbm_time_column_names(nhbm_model *model);
-
-/* Returns the labels along the axes "dof", "law_dof", "law", "law_coordinate" and "state_dof", separated by blanks; empty for
- * other axes. */
-const char *nhbm_labels(nhbm_model *model, const char *axis);
+/* Returns the labels along the axes "dof", "law_dof", "law", "law_coordinate", "gradient_value" and "state_dof", separated by blanks;
+ * empty for other axes. */
+NHBM_EXPORT int nhbm_get_labels(const nhbm_model *model, const char *axis, const char **labels);
 
 /* Returns why the last motion was not found, or a remark about it; empty if there is none. */
-const char *nhbm_message(nhbm_model *model);
-
-/* Registers a callback that is called twenty times a second during a computation and returns nonzero to end it. The result then has
- * the status `interrupted`. Null: no callback. */
-int nhbm_ask(nhbm_model *model, int (*wants_end)(void *context), void *context, nhbm_error *error);
-
-/* Registers a callback that receives the progress twenty times a second during a computation. Null: no callback. */
-typedef struct nhbm_progress {
-   double seconds;          /* since the beginning of the call */
-   int64_t n_done, n_steps; /* steps of the time integration; 0 if there is none */
-} nhbm_progress;
-int nhbm_follow(nhbm_model *model, void (*report)(void *context, const nhbm_progress *progress), void *context, nhbm_error *error);
+NHBM_EXPORT int nhbm_get_message(const nhbm_model *model, const char **message);
 
 #ifdef __cplusplus
 }

@@ -14,7 +14,7 @@ module hb_c_text
 
 contains
 
-   !> Returns a copy of a null-terminated string; not allocated for a null pointer.
+   !> Returns a copy of a null-terminated string, of 2 GiB at most; empty for a null pointer.
    function c_text(address) result(text)
       type(c_ptr), intent(in) :: address
       character(c_length(address)) :: text
@@ -32,6 +32,6 @@ contains
       type(c_ptr), intent(in) :: address
 
       c_length = 0
-      if (c_associated(address)) c_length = int(c_strlen(address))
+      if (c_associated(address)) c_length = int(min(c_strlen(address), int(huge(1), c_size_t)))
    end function c_length
 end module hb_c_text

@@ -13,8 +13,8 @@ module hb_user_library
    use hb_text, only: to_text
    implicit none
    private
-   public :: any_number, api_version, dynamic_library_t, forget_law, give_law, law_info_t, law_input_t, law_samples_t, &
-      law_step_t, load_user_library, open_library, user_library_t
+   public :: any_number, api_version, check_law_info, dynamic_library_t, law_info_t, law_input_t, law_samples_t, law_step_t, &
+      load_user_library, open_library, register_law, register_law_of_c, unregister_law, unregister_law_of_c, user_library_t
 
    !> A shared library. It remains loaded until the process ends, so that addresses are valid in every copy of their
    !> holder. Source of the interfaces: POSIX.1-2017, dlopen, dlsym, dlerror.
@@ -46,6 +46,7 @@ module hb_user_library
 
    integer, parameter :: api_version = 2                              !! NHBM_USER_LAW_API_2
    integer, parameter :: any_number = -1                              !! NHBM_ANY_NUMBER
+   integer, parameter :: max_states = 1000, max_degree = 1000         ! as nhbm_user_law.h states
 
    !> nhbm_law_info_t
    type, bind(c) :: law_info_t
@@ -137,29 +138,90 @@ module hb_user_library
    end interface
 
    interface
-      integer(c_int) function find_given_law(name, info, evaluate) bind(c, name="hb_find_given_law")
+      integer(c_int) function find_registered_law(name, info, evaluate) bind(c, name="hb_find_registered_law")
          import :: c_char, c_funptr, c_int, law_info_t
          character(c_char), intent(in) :: name(*)
          type(law_info_t), intent(inout) :: info
          type(c_funptr), intent(inout) :: evaluate
-      end function find_given_law
+      end function find_registered_law
 
-      !> nhbm_give_law of nhbm.h: names end with `c_null_char`.
-      integer(c_int) function give_law(name, info, evaluate) bind(c, name="hb_give_law")
-         import :: c_char, c_funptr, c_int, law_info_t
-         character(c_char), intent(in) :: name(*)
+      !> Registers a law whose properties are valid. Returns 0, or 1 if memory is insufficient.
+      integer(c_int) function register_law_of_c(name, info, evaluate) bind(c, name="hb_register_law")
+         import :: c_funptr, c_int, c_ptr, law_info_t
+         type(c_ptr), value :: name
          type(law_info_t), intent(in) :: info
-         type(c_funptr), value :: evaluate                            ! integer(c_int) function(samples), bind(c)
-      end function give_law
+         type(c_funptr), value :: evaluate
+      end function register_law_of_c
 
-      !> nhbm_forget_law.
-      subroutine forget_law(name) bind(c, name="hb_forget_law")
-         import :: c_char
-         character(c_char), intent(in) :: name(*)
-      end subroutine forget_law
+      !> Removes a law. Returns 0, or 1 if no law has this name.
+      integer(c_int) function unregister_law_of_c(name) bind(c, name="hb_unregister_law")
+         import :: c_int, c_ptr
+         type(c_ptr), value :: name
+      end function unregister_law_of_c
    end interface
 
 contains
+
+   !> Registers a law of the program for `&law type = 'user', library = '', name = ...`; it replaces one of the same name for
+   !> inputs that are read later. Fails if a property is invalid or memory is insufficient.
+   subroutine register_law(name, info, evaluate, error)
+      character(*), intent(in) :: name
+      type(law_info_t), intent(in) :: info
+      type(c_funptr), intent(in) :: evaluate                          !! integer(c_int) function(samples), bind(c)
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable, target :: text
+
+      text = name//c_null_char
+      if (.not. c_associated(evaluate)) then
+         call fail(error, "'"//name//"' has no function `evaluate`")
+      else
+         call check_law_info(name, info, .true., error)
+      end if
+      if (allocated(error)) return
+      if (register_law_of_c(c_loc(text), info, evaluate) /= 0) call fail(error, "'"//name//"': memory is insufficient")
+   end subroutine register_law
+
+   !> Removes a law of the program. Fails if no law has this name.
+   subroutine unregister_law(name, error)
+      character(*), intent(in) :: name
+      type(error_t), allocatable, intent(out) :: error
+      character(:), allocatable, target :: text
+
+      text = name//c_null_char
+      if (unregister_law_of_c(c_loc(text)) /= 0) call fail(error, "no law '"//name//"' is registered")
+   end subroutine unregister_law
+
+   !> Fails if a property of a law is invalid; the message begins with its name.
+   subroutine check_law_info(name, info, is_registered, error)
+      character(*), intent(in) :: name
+      type(law_info_t), intent(in) :: info
+      logical, intent(in) :: is_registered                            !! by the program, not loaded from a library
+      type(error_t), allocatable, intent(out) :: error
+
+      if (is_registered .and. info%api_version /= api_version) then
+         call fail(error, "api_version must be NHBM_USER_LAW_API_2, which is "//to_text(api_version))
+      else if (info%n_coordinates < 1 .and. info%n_coordinates /= any_number) then
+         call fail(error, "n_coordinates must be positive or NHBM_ANY_NUMBER, not "//to_text(int(info%n_coordinates)))
+      else if (info%n_parameters < 0 .and. info%n_parameters /= any_number) then
+         call fail(error, "n_parameters must be 0, positive or NHBM_ANY_NUMBER, not "//to_text(int(info%n_parameters)))
+      else if (info%degree < 0 .or. info%degree > max_degree) then
+         call fail(error, "degree must be 0 to "//to_text(max_degree)//", not "//to_text(int(info%degree)))
+      else if (.not. ieee_is_finite(info%length_scale) .or. info%length_scale < 0.0_c_double) then
+         call fail(error, "length_scale must be a finite number, positive, or 0 if there is none")
+      end if
+      if (.not. (allocated(error) .or. info%api_version == 1)) then
+         if (info%n_states < 0 .or. info%n_states > max_states) then
+            call fail(error, "n_states must be 0 to "//to_text(max_states)//", not "//to_text(int(info%n_states)))
+         else if (info%n_states > 0 .and. .not. c_associated(info%advance)) then
+            call fail(error, "it has states but no function `advance`")
+         else if (info%n_states > 0 .and. any([info%needs_velocity, info%needs_phases, info%needs_frequencies] /= 0)) then
+            call fail(error, "the force of a law with states depends on displacements and states alone, not on "// &
+                      "velocities, phases or frequencies")
+         end if
+      end if
+      if (.not. allocated(error) .and. len_trim(name) == 0) call fail(error, "a law must have a name")
+      call annotate(error, "law '"//name//"'")
+   end subroutine check_law_info
 
    !> Loads the law `name` from a library, or the one registered by the program; fails if the library does not load,
    !> lacks a function, refuses, or was built for another version of the interface.
@@ -172,31 +234,26 @@ contains
 
       self%is_given = len(path) == 0
       if (self%is_given) then
-         if (find_given_law(name//c_null_char, info, self%evaluate_function) == 0) &
+         if (find_registered_law(name//c_null_char, info, self%evaluate_function) == 0) &
             call fail(error, "the program has registered no law '"//name//"'; without a program around nhbm, "// &
                     "'library' names a file")
       else
          call open_law(self, path, name, info, error)
       end if
+      if (.not. allocated(error)) call check_law_info(name, info, self%is_given, error)
       if (allocated(error)) return
       self%is_of_version_1 = info%api_version == 1
       self%n_coordinates = int(info%n_coordinates)
       self%n_parameters = int(info%n_parameters)
       self%needs_velocity = info%needs_velocity /= 0
-      self%degree = max(0, int(info%degree))
-      self%length_scale = max(0.0_wp, info%length_scale)
+      self%degree = int(info%degree)
+      self%length_scale = info%length_scale
       self%context = info%context
       if (self%is_of_version_1) return
       self%needs_phases = info%needs_phases /= 0
       self%needs_frequencies = info%needs_frequencies /= 0
-      self%n_states = max(0, int(info%n_states))
+      self%n_states = int(info%n_states)
       self%advance_function = info%advance
-      if (self%n_states > 0 .and. .not. c_associated(info%advance)) then
-         call fail(error, "'"//name//"' has states but no function `advance`")
-      else if (self%n_states > 0 .and. (self%needs_velocity .or. self%needs_phases .or. self%needs_frequencies)) then
-         call fail(error, "'"//name//"': the force of a law with states depends on displacements and states alone, not on "// &
-                   "velocities, phases or frequencies")
-      end if
    end subroutine load_user_library
 
    subroutine open_law(self, path, name, info, error)

@@ -20,7 +20,7 @@
  * The force may also depend on the phases of the tones, omega t, on the base frequencies, and on states that evolve with the motion
  * along time, such as the position of a friction slider; `info` then provides a third function, `advance`.
  *
- * A program that solves models in process (nhbm.h) registers such a function with nhbm_give_law; the input uses library = ''.
+ * A program that solves models in process (nhbm.h) registers such a function with nhbm_register_law; the input uses library = ''.
  *
  * `nhbm check input.nml` loads the library and compares the derivatives with differences of the forces.
  * Worked examples in C and in Fortran: inputs/user_law/.
@@ -49,13 +49,13 @@ typedef struct nhbm_law_info {
    int n_coordinates;   /* coordinates that the law needs, or NHBM_ANY_NUMBER */
    int n_parameters;    /* required length of `parameters` in the input, or NHBM_ANY_NUMBER */
    int needs_velocity;  /* 0: the force depends on displacements only, v and df_dv are NULL */
-   int degree;          /* of a force that is a polynomial in z and v: determines the default number of samples; otherwise 0 */
+   int degree;          /* of a force that is a polynomial in z and v, at most 1000: determines the default number of samples; otherwise 0 */
    double length_scale; /* a length typical of the law, such as a gap [m]; 0 if there is none */
    /* the following members belong to NHBM_USER_LAW_API_2 */
    void *context;         /* passed to each call unchanged */
    int needs_phases;      /* 1: the force depends on the phases of the tones; otherwise phases is NULL */
    int needs_frequencies; /* 1: the force depends on the base frequencies; otherwise frequencies is NULL. df/domega is computed by differences */
-   int n_states;          /* states of one sample; with states needs_velocity, needs_phases and needs_frequencies must be 0 */
+   int n_states;          /* states of one sample, at most 1000; with states needs_velocity, needs_phases and needs_frequencies must be 0 */
    int (*advance)(const struct nhbm_law_step *step); /* of a law with states, otherwise NULL */
    void *reserved[4];     /* NULL */
 } nhbm_law_info_t;

@@ -7,7 +7,7 @@ module hb_node_sets
    use hb_text, only: join, to_text
    implicit none
    private
-   public :: named_vectors_t, node_sets_t
+   public :: name_length, named_vectors_t, node_sets_t
 
    integer, parameter :: name_length = 64                             !! longest name of a set or a vector
    integer, parameter :: direction_length = 8

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #define CHECK(what) do { if (!(what)) return __LINE__; } while (0)
+#define SAYS(words) (strstr(nhbm_get_last_error(), words) != NULL) /* the last error */
 #define NEAR(a, b, tolerance) (fabs((a) - (b)) <= (tolerance))
 
 int table_step(void);
@@ -32,6 +33,13 @@ static const char *const oscillator =
    "&load dof = 'x1', tuple = 1, cos = 0.3 /\n"
    "&law type = 'polynomial', label = 'spring', dof = 'x1', stiffness = 3.0 /\n";
 
+static nhbm_model *created(void)
+{
+   nhbm_model *model;
+
+   return nhbm_create(&model) ? NULL : model;
+}
+
 static double complex answer(double stiffness, double frequency)
 {
    return 0.3/(1.0 + stiffness - 2.0*frequency*frequency + I*2.0*0.2*frequency);
@@ -40,42 +48,57 @@ static double complex answer(double stiffness, double frequency)
 /* The first harmonic of x1 is c cos + s sin; its amplitude c - i s. */
 static double complex first_harmonic(nhbm_model *model)
 {
-   nhbm_error error;
    nhbm_column found;
    const double *values;
 
-   if (nhbm_column_of(model, "coefficients", &found, &error) || found.data == NULL) return NAN;
+   if (nhbm_get_column(model, "coefficients", &found) || found.data == NULL) return NAN;
    values = (const double *)found.data + found.shape[2];
    return values[0] - I*values[1];
 }
 
+/* Texts of a model; NULL if the function fails. */
+static const char *labels_of(nhbm_model *model, const char *axis)
+{
+   const char *labels;
+
+   return nhbm_get_labels(model, axis, &labels) ? NULL : labels;
+}
+
+static const char *text_of(nhbm_model *model, int (*get)(const nhbm_model *model, const char **text))
+{
+   const char *text;
+
+   return get(model, &text) ? NULL : text;
+}
+
 static int status_of(nhbm_model *model)
 {
-   nhbm_error error;
    nhbm_column found;
 
-   if (nhbm_column_of(model, "status", &found, &error) || found.kind != 1 || found.n_axes != 0) return -99;
+   if (nhbm_get_column(model, "status", &found) || found.kind != NHBM_INTEGER || found.n_axes != 0) return -99;
    return *(const int32_t *)found.data;
 }
 
 int table_step(void)
 {
-   char row[1200], start[4];
-   int n = 0;
+   char row[NHBM_KEY_ROW_SIZE];
+   const size_t n = nhbm_get_key_count();
 
-   CHECK(nhbm_api() == NHBM_API);
-   CHECK(strlen(nhbm_version()) >= 5);
-   CHECK(!nhbm_key(-1, row, sizeof row));
-   CHECK(!nhbm_key(0, row, 0));
-   while (nhbm_key(n, row, sizeof row)) {
+   CHECK(nhbm_get_api_version() == NHBM_API_VERSION);
+   CHECK(strlen(nhbm_get_version()) >= 5);
+   for (size_t k = 0; k < n; ++k) {
       int bars = 0;
+      CHECK(nhbm_get_key_row(k, row, sizeof row) == NHBM_SUCCESS);
       for (const char *at = row; *at; ++at) bars += *at == '|';
       CHECK(bars >= 6);
-      ++n;
    }
    CHECK(n > 100);
-   CHECK(nhbm_key(n - 1, row, sizeof row) && nhbm_key(n - 1, start, sizeof start));
-   CHECK(strlen(start) == 3 && strncmp(start, row, 3) == 0);
+   CHECK(nhbm_get_key_row(0, row, sizeof row) == NHBM_SUCCESS);
+   {
+      const size_t length = strlen(row);
+      CHECK(nhbm_get_key_row(0, row, length + 1) == NHBM_SUCCESS && strlen(row) == length);
+      CHECK(nhbm_get_key_row(0, row, length) == NHBM_INVALID_ARGUMENT && row[0] == '\0');
+   }
    return 0;
 }
 
@@ -83,111 +106,111 @@ int feature_step(void)
 {
    int major, minor, patch;
 
-   CHECK(sscanf(nhbm_version(), "%d.%d.%d", &major, &minor, &patch) == 3);
-   CHECK(nhbm_version_number() == 10000*major + 100*minor + patch);
-   CHECK(nhbm_has("cvode") == 1); /* this build */
-   CHECK(nhbm_has("curve") == 1 && nhbm_has("law jenkins") == 1);
-   CHECK(nhbm_has("law") == 1 && nhbm_has("law jenkin") == 0 && nhbm_has("") == 0 && nhbm_has("curve ") == 0 && nhbm_has("cvode ") == 0);
+   CHECK(sscanf(nhbm_get_version(), "%d.%d.%d", &major, &minor, &patch) == 3);
+   CHECK(nhbm_get_version_number() == 10000*major + 100*minor + patch);
+   CHECK(nhbm_has_feature("cvode") == 1); /* this build */
+   CHECK(nhbm_has_feature("curve") == 1 && nhbm_has_feature("law jenkins") == 1);
+   CHECK(nhbm_has_feature("law") == 1 && nhbm_has_feature("law jenkin") == 0);
+   CHECK(nhbm_has_feature("") == 0 && nhbm_has_feature(NULL) == 0 && nhbm_has_feature("curve ") == 0 && nhbm_has_feature("cvode ") == 0);
    return 0;
 }
 
 int refusal_step(void)
 {
-   nhbm_error error;
    nhbm_column found;
-   nhbm_model *model = nhbm_new();
+   nhbm_model *model = created();
    int handle;
 
-   CHECK(nhbm_read(model, "&structure type = 'chian' /\n", "wrong", &error) == NHBM_INPUT && error.code == NHBM_INPUT);
-   CHECK(strstr(error.text, "chian") && strstr(error.text, "wrong"));
-   CHECK(nhbm_read(model, oscillator, "oscillator", &error) == NHBM_OK && error.code == NHBM_OK && error.text[0] == '\0');
-   CHECK(nhbm_parameter(model, "law(sprung)%stiffness", &handle, &error) == NHBM_INPUT && handle == 0);
-   CHECK(strstr(error.text, "'law(sprung)%stiffness'"));
-   CHECK(nhbm_set(model, 1, 1.0, &error) == NHBM_USE);
-   CHECK(nhbm_parameter(model, "tones%frequensy", &handle, &error) == NHBM_INPUT && strstr(error.text, "did you mean 'frequency'?"));
-   CHECK(nhbm_set_text(model, "tones%frequensy", "1.0", &error) == NHBM_INPUT && strstr(error.text, "did you mean 'frequency'?"));
-   CHECK(nhbm_set_text(model, "law(1)%stifness", "1.0", &error) == NHBM_INPUT && strstr(error.text, "unknown key 'stifness'"));
-   CHECK(nhbm_set_text(model, "solver%tolerence", "1.0", &error) == NHBM_INPUT && strstr(error.text, "'tolerance'"));
-   CHECK(nhbm_solve(model, NHBM_COLD, &error) == NHBM_OK);
-   CHECK(nhbm_parameter(model, "tones%frequency", &handle, &error) == NHBM_OK && handle == 1);
-   CHECK(nhbm_set(model, 0, 1.0, &error) == NHBM_USE);
-   CHECK(nhbm_set(model, 2, 1.0, &error) == NHBM_USE);
-   CHECK(nhbm_set(model, 1, -1.0, &error) == NHBM_OK);
-   CHECK(nhbm_solve(model, NHBM_COLD, &error) == NHBM_INPUT && strstr(error.text, "frequenc"));
-   CHECK(nhbm_set_text(model, "tones%frequency(1", "1.0", &error) == NHBM_INPUT);
-   CHECK(nhbm_set_text(model, "tones%frequency", "1.0", &error) == NHBM_OK);
-   CHECK(nhbm_solve(model, NHBM_COLD, &error) == NHBM_OK);
-   CHECK(nhbm_column_of(model, "coefficient", &found, &error) == NHBM_USE && found.kind == 2 && found.data == NULL);
-   CHECK(strstr(error.text, "'coefficient'; known: ") && strstr(error.text, " coefficients "));
-   CHECK(nhbm_verify(model, 5, &error) == NHBM_OK);
-   CHECK(nhbm_time_column_of(model, "displacement", &found, &error) == NHBM_USE);
-   CHECK(nhbm_integrate(model, &error) == NHBM_INPUT && strstr(error.text, "missing key 'duration'"));
-   CHECK(nhbm_begin_curve(model, &error) == NHBM_INPUT && strstr(error.text, "curve"));
-   nhbm_delete(&model);
+   CHECK(nhbm_read_input(model, "&structure type = 'chian' /\n", "wrong") == NHBM_INVALID_INPUT);
+   CHECK(SAYS("chian") && SAYS("wrong"));
+   CHECK(nhbm_read_input(model, oscillator, "oscillator") == NHBM_SUCCESS);
+   CHECK(nhbm_find_parameter(model, "law(sprung)%stiffness", &handle) == NHBM_INVALID_INPUT && handle == 0);
+   CHECK(SAYS("'law(sprung)%stiffness'"));
+   CHECK(nhbm_set_parameter(model, 1, 1.0) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_find_parameter(model, "tones%frequensy", &handle) == NHBM_INVALID_INPUT && SAYS("did you mean 'frequency'?"));
+   CHECK(nhbm_set_key(model, "tones%frequensy", "1.0") == NHBM_INVALID_INPUT && SAYS("did you mean 'frequency'?"));
+   CHECK(nhbm_set_key(model, "law(1)%stifness", "1.0") == NHBM_INVALID_INPUT && SAYS("unknown key 'stifness'"));
+   CHECK(nhbm_set_key(model, "solver%tolerence", "1.0") == NHBM_INVALID_INPUT && SAYS("'tolerance'"));
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
+   CHECK(nhbm_find_parameter(model, "tones%frequency", &handle) == NHBM_SUCCESS && handle == 1);
+   CHECK(nhbm_set_parameter(model, 0, 1.0) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_set_parameter(model, 2, 1.0) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_set_parameter(model, 1, -1.0) == NHBM_SUCCESS);
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_INVALID_INPUT && SAYS("frequenc"));
+   CHECK(nhbm_set_key(model, "tones%frequency(1", "1.0") == NHBM_INVALID_INPUT);
+   CHECK(nhbm_set_key(model, "tones%frequency", "1.0") == NHBM_SUCCESS);
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
+   CHECK(nhbm_get_column(model, "coefficient", &found) == NHBM_INVALID_ARGUMENT && found.kind == NHBM_NO_VALUES &&
+         found.data == NULL);
+   CHECK(SAYS("'coefficient'; known: ") && SAYS(" coefficients "));
+   CHECK(nhbm_verify(model, 5) == NHBM_SUCCESS);
+   CHECK(nhbm_get_time_column(model, "displacement", &found) == NHBM_INVALID_ARGUMENT);
+   CHECK(nhbm_integrate(model) == NHBM_INVALID_INPUT && SAYS("missing key 'duration'"));
+   CHECK(nhbm_curve_begin(model) == NHBM_INVALID_INPUT && SAYS("curve"));
+   nhbm_destroy(&model);
    CHECK(model == NULL);
-   nhbm_delete(&model);
+   nhbm_destroy(&model);
    return 0;
 }
 
 int motion_step(void)
 {
-   nhbm_error error;
    nhbm_column found;
-   nhbm_model *model = nhbm_new();
+   nhbm_model *model = created();
    int frequency, stiffness;
 
-   CHECK(nhbm_read(model, oscillator, "oscillator", &error) == NHBM_OK);
-   CHECK(nhbm_solve(model, NHBM_WARM, &error) == NHBM_OK);
-   CHECK(status_of(model) == 1 && strcmp(nhbm_message(model), "") == 0);
+   CHECK(nhbm_read_input(model, oscillator, "oscillator") == NHBM_SUCCESS);
+   CHECK(nhbm_solve(model, NHBM_WARM_START) == NHBM_SUCCESS);
+   CHECK(status_of(model) == 1 && strcmp(text_of(model, nhbm_get_message), "") == 0);
    CHECK(cabs(first_harmonic(model) - answer(3.0, 0.9)) < 1e-12);
-   CHECK(nhbm_column_of(model, "coefficients", &found, &error) == NHBM_OK);
-   CHECK(found.kind == 0 && found.n_axes == 3 && found.shape[0] == 1 && found.shape[1] == 3 && found.shape[2] == 2);
+   CHECK(nhbm_get_column(model, "coefficients", &found) == NHBM_SUCCESS);
+   CHECK(found.kind == NHBM_REAL && found.n_axes == 3 && found.shape[0] == 1 && found.shape[1] == 3 && found.shape[2] == 2);
    CHECK(strcmp(found.axes, "dof harmonic component") == 0 && strcmp(found.unit, "m") == 0);
-   CHECK(nhbm_column_of(model, "frequency", &found, &error) == NHBM_OK && strcmp(found.unit, "rad/s") == 0);
+   CHECK(nhbm_get_column(model, "frequency", &found) == NHBM_SUCCESS && strcmp(found.unit, "rad/s") == 0);
    CHECK(NEAR(*(const double *)found.data, 0.9, 0.0));
-   CHECK(strstr(nhbm_column_names(model), "status") && strstr(nhbm_column_names(model), " coefficients "));
-   CHECK(strcmp(nhbm_labels(model, "dof"), "x1") == 0 && strcmp(nhbm_labels(model, "law"), "spring") == 0);
-   CHECK(strcmp(nhbm_labels(model, "law_dof"), "x1") == 0 && strcmp(nhbm_labels(model, "state_dof"), "x1") == 0);
-   CHECK(strcmp(nhbm_labels(model, "tone"), "") == 0);
-   CHECK(nhbm_parameter(model, "tones%frequency", &frequency, &error) == NHBM_OK);
-   CHECK(nhbm_parameter(model, "law(spring)%stiffness(1)", &stiffness, &error) == NHBM_OK);
-   CHECK(nhbm_set(model, frequency, 1.7, &error) == NHBM_OK && nhbm_set(model, stiffness, 5.0, &error) == NHBM_OK);
-   CHECK(nhbm_solve(model, NHBM_WARM, &error) == NHBM_OK && status_of(model) == 1);
+   CHECK(strstr(text_of(model, nhbm_get_column_names), "status") && strstr(text_of(model, nhbm_get_column_names), " coefficients "));
+   CHECK(strcmp(labels_of(model, "dof"), "x1") == 0 && strcmp(labels_of(model, "law"), "spring") == 0);
+   CHECK(strcmp(labels_of(model, "law_dof"), "x1") == 0 && strcmp(labels_of(model, "state_dof"), "x1") == 0);
+   CHECK(strcmp(labels_of(model, "tone"), "") == 0);
+   CHECK(nhbm_find_parameter(model, "tones%frequency", &frequency) == NHBM_SUCCESS);
+   CHECK(nhbm_find_parameter(model, "law(spring)%stiffness(1)", &stiffness) == NHBM_SUCCESS);
+   CHECK(nhbm_set_parameter(model, frequency, 1.7) == NHBM_SUCCESS && nhbm_set_parameter(model, stiffness, 5.0) == NHBM_SUCCESS);
+   CHECK(nhbm_solve(model, NHBM_WARM_START) == NHBM_SUCCESS && status_of(model) == 1);
    CHECK(cabs(first_harmonic(model) - answer(5.0, 1.7)) < 1e-12);
-   CHECK(strstr(nhbm_input(model), "frequency = 1.7") && strstr(nhbm_input(model), "&solver"));
-   CHECK(nhbm_set_text(model, "load(1)%cos", "0.6", &error) == NHBM_OK && nhbm_solve(model, NHBM_COLD, &error) == NHBM_OK);
+   CHECK(strstr(text_of(model, nhbm_get_input), "frequency = 1.7") && strstr(text_of(model, nhbm_get_input), "&solver"));
+   CHECK(nhbm_set_key(model, "load(1)%cos", "0.6") == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
    CHECK(cabs(first_harmonic(model) - 2.0*answer(5.0, 1.7)) < 1e-12);
-   nhbm_delete(&model);
+   nhbm_destroy(&model);
    return 0;
 }
 
 int curve_step(void)
 {
-   nhbm_error error;
    nhbm_column found;
-   nhbm_model *model = nhbm_new();
+   nhbm_model *model = created();
    char text[1000];
    int is_point, n = 0;
    double last = 0.0;
 
    snprintf(text, sizeof text, "%s%s", oscillator,
             "&curve parameter = 'law(spring)%stiffness(1)', from = 1.0, to = 4.0, values = 2.5 /\n");
-   CHECK(nhbm_read(model, text, "oscillator", &error) == NHBM_OK);
-   CHECK(nhbm_next(model, &is_point, &error) == NHBM_OK && is_point == 0);
-   CHECK(nhbm_begin_curve(model, &error) == NHBM_OK);
+   CHECK(nhbm_read_input(model, text, "oscillator") == NHBM_SUCCESS);
+   CHECK(nhbm_curve_next(model, &is_point) == NHBM_INVALID_STATE && is_point == 0);
+   CHECK(nhbm_curve_begin(model) == NHBM_SUCCESS);
    for (;;) {
-      CHECK(nhbm_next(model, &is_point, &error) == NHBM_OK);
+      CHECK(nhbm_curve_next(model, &is_point) == NHBM_SUCCESS);
       if (!is_point) break;
       CHECK(status_of(model) == 1);
-      CHECK(nhbm_column_of(model, "law_spring_stiffness_1", &found, &error) == NHBM_OK);
+      CHECK(nhbm_get_column(model, "law_spring_stiffness_1", &found) == NHBM_SUCCESS);
       CHECK(*(const double *)found.data >= last);
       last = *(const double *)found.data;
       CHECK(cabs(first_harmonic(model) - answer(last, 0.9)) < 1e-9);
       ++n;
    }
    CHECK(n > 5 && NEAR(last, 4.0, 0.0));
-   CHECK(nhbm_verify(model, 5, &error) == NHBM_USE); /* the motion is one of a curve */
-   nhbm_delete(&model);
+   CHECK(nhbm_curve_next(model, &is_point) == NHBM_SUCCESS && is_point == 0);
+   CHECK(nhbm_verify(model, 5) == NHBM_INVALID_STATE); /* the motion is one of a curve */
+   nhbm_destroy(&model);
    return 0;
 }
 
@@ -204,62 +227,61 @@ static double from_rest(double t)
 
 int record_step(void)
 {
-   nhbm_error error;
    nhbm_column times, found;
-   nhbm_model *model = nhbm_new();
+   nhbm_model *model = created();
    char text[1000];
    double at[3], value[3];
    int64_t n;
 
    snprintf(text, sizeof text, "%s%s", oscillator, "&integration duration = 12.0, step = 0.25, tolerance = 1e-11, n_peaks = 1 /\n");
-   CHECK(nhbm_read(model, text, "oscillator", &error) == NHBM_OK);
-   CHECK(nhbm_integrate(model, &error) == NHBM_OK);
-   CHECK(nhbm_time_column_of(model, "time", &times, &error) == NHBM_OK && times.n_axes == 1);
+   CHECK(nhbm_read_input(model, text, "oscillator") == NHBM_SUCCESS);
+   CHECK(nhbm_integrate(model) == NHBM_SUCCESS);
+   CHECK(nhbm_get_time_column(model, "time", &times) == NHBM_SUCCESS && times.n_axes == 1);
    n = times.shape[0];
    CHECK(n >= 48);
    for (int i = 0; i < 3; ++i) at[i] = ((const double *)times.data)[i*(n - 1)/2];
-   CHECK(nhbm_time_column_of(model, "displacement", &found, &error) == NHBM_OK && strcmp(found.axes, "dof time") == 0);
+   CHECK(nhbm_get_time_column(model, "displacement", &found) == NHBM_SUCCESS && strcmp(found.axes, "dof time") == 0);
    CHECK(found.n_axes == 2 && found.shape[0] == 1 && found.shape[1] == n && strcmp(found.unit, "m") == 0);
    for (int i = 0; i < 3; ++i) value[i] = ((const double *)found.data)[i*(n - 1)/2];
    for (int i = 0; i < 3; ++i) CHECK(NEAR(value[i], from_rest(at[i]), 1e-8));
-   CHECK(nhbm_time_column_of(model, "force", &found, &error) == NHBM_OK && strcmp(found.axes, "law_coordinate time") == 0);
+   CHECK(nhbm_get_time_column(model, "force", &found) == NHBM_SUCCESS && strcmp(found.axes, "law_coordinate time") == 0);
    for (int i = 0; i < 3; ++i) CHECK(NEAR(((const double *)found.data)[i*(n - 1)/2], 3.0*value[i], 1e-12));
-   CHECK(nhbm_time_column_of(model, "state_displacement", &found, &error) == NHBM_OK);
+   CHECK(nhbm_get_time_column(model, "state_displacement", &found) == NHBM_SUCCESS);
    CHECK(NEAR(*(const double *)found.data, from_rest(12.0), 1e-8));
-   CHECK(nhbm_time_column_of(model, "state_time", &found, &error) == NHBM_OK && NEAR(*(const double *)found.data, 12.0, 1e-9));
-   CHECK(nhbm_time_column_of(model, "tuple", &found, &error) == NHBM_OK && found.kind == 1 && found.shape[0] == 3);
+   CHECK(nhbm_get_time_column(model, "state_time", &found) == NHBM_SUCCESS && NEAR(*(const double *)found.data, 12.0, 1e-9));
+   CHECK(nhbm_get_time_column(model, "tuple", &found) == NHBM_SUCCESS && found.kind == NHBM_INTEGER && found.shape[0] == 3);
    CHECK(((const int32_t *)found.data)[0] == 0 && ((const int32_t *)found.data)[2] == 2);
-   CHECK(nhbm_time_column_of(model, "coefficients", &found, &error) == NHBM_OK && found.n_axes == 3 && found.shape[2] == 2);
-   CHECK(nhbm_time_column_of(model, "peak_frequency", &found, &error) == NHBM_OK && found.shape[1] == 1);
-   CHECK(nhbm_time_column_of(model, "period", &found, &error) == NHBM_USE && strstr(error.text, "known: time displacement"));
-   CHECK(strncmp(nhbm_time_column_names(model), "time displacement velocity force", 32) == 0);
-   CHECK(strcmp(nhbm_labels(model, "law_coordinate"), "") != 0);
-   nhbm_delete(&model);
+   CHECK(nhbm_get_time_column(model, "coefficients", &found) == NHBM_SUCCESS && found.n_axes == 3 && found.shape[2] == 2);
+   CHECK(nhbm_get_time_column(model, "peak_frequency", &found) == NHBM_SUCCESS && found.shape[1] == 1);
+   CHECK(nhbm_get_time_column(model, "period", &found) == NHBM_INVALID_ARGUMENT && SAYS("known: time displacement"));
+   CHECK(strncmp(text_of(model, nhbm_get_time_column_names), "time displacement velocity force", 32) == 0);
+   CHECK(strcmp(labels_of(model, "law_coordinate"), "") != 0);
+   nhbm_destroy(&model);
    return 0;
 }
 
 /* Averages over whole periods of what has come to rest are the answer to the load. */
 int verdict_step(void)
 {
-   nhbm_error error;
    nhbm_column found;
-   nhbm_model *model = nhbm_new();
+   nhbm_model *model = created();
    char text[1000];
 
    snprintf(text, sizeof text, "%s%s", oscillator, "&integration transient = 250.0, duration = 70.0, tolerance = 1e-11 /\n");
-   CHECK(nhbm_read(model, text, "oscillator", &error) == NHBM_OK);
-   CHECK(nhbm_verify(model, 0, &error) == NHBM_USE && strstr(error.text, "no motion"));
-   CHECK(nhbm_integrate(model, &error) == NHBM_OK);
-   CHECK(nhbm_time_column_of(model, "coefficients", &found, &error) == NHBM_OK);
+   CHECK(nhbm_read_input(model, text, "oscillator") == NHBM_SUCCESS);
+   CHECK(nhbm_verify(model, 0) == NHBM_INVALID_STATE && SAYS("no motion"));
+   CHECK(nhbm_integrate(model) == NHBM_SUCCESS);
+   CHECK(nhbm_get_time_column(model, "coefficients", &found) == NHBM_SUCCESS);
    CHECK(NEAR(((const double *)found.data)[2], creal(answer(3.0, 0.9)), 1e-7));
    CHECK(NEAR(((const double *)found.data)[3], -cimag(answer(3.0, 0.9)), 1e-7));
-   CHECK(nhbm_solve(model, NHBM_COLD, &error) == NHBM_OK && nhbm_verify(model, 0, &error) == NHBM_OK);
-   CHECK(nhbm_time_column_of(model, "integration_verdict", &found, &error) == NHBM_OK && found.kind == 1 && found.n_axes == 0);
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && nhbm_verify(model, 0) == NHBM_SUCCESS);
+   CHECK(nhbm_get_time_column(model, "integration_verdict", &found) == NHBM_SUCCESS && found.kind == NHBM_INTEGER &&
+         found.n_axes == 0);
    CHECK(*(const int32_t *)found.data == 1);
-   CHECK(nhbm_time_column_of(model, "integration_difference", &found, &error) == NHBM_OK);
+   CHECK(nhbm_get_time_column(model, "integration_difference", &found) == NHBM_SUCCESS);
    CHECK(*(const double *)found.data < 1e-6);
-   CHECK(nhbm_time_column_of(model, "integration_growth", &found, &error) == NHBM_OK && strcmp(found.unit, "1/s") == 0);
-   nhbm_delete(&model);
+   CHECK(nhbm_get_time_column(model, "integration_growth", &found) == NHBM_SUCCESS && strcmp(found.unit, "1/s") == 0);
+   nhbm_destroy(&model);
    return 0;
 }
 
@@ -273,14 +295,15 @@ static int two_masses(void *context, const char *file, nhbm_structure *s)
 
    *(int *)context += 1;
    if (strcmp(file, "two_masses") != 0) {
-      nhbm_structure_refuse(s, "only two_masses is known");
+      nhbm_structure_set_error(s, "only two_masses is known");
       return 1;
    }
-   return nhbm_structure_dofs(s, "tip root", "mm rad", 50.0) || nhbm_structure_matrix(s, "mass", diagonal, at, mass) ||
-          nhbm_structure_matrix(s, "stiffness", full, both, stiffness) ||
-          nhbm_structure_matrix(s, "damping", full, both, damping) ||
-          nhbm_structure_matrix(s, "structural", diagonal, at, loss) || nhbm_structure_vector(s, "push", 2, at, push) ||
-          nhbm_structure_nodes(s, 2, node, "x y") || nhbm_structure_set(s, "ground", 1, last);
+   return nhbm_structure_set_dofs(s, "tip root", "mm rad", 50.0) ||
+          nhbm_structure_set_matrix(s, "mass", 2, 2, diagonal, at, mass) ||
+          nhbm_structure_set_matrix(s, "stiffness", 2, 4, full, both, stiffness) ||
+          nhbm_structure_set_matrix(s, "damping", 2, 4, full, both, damping) ||
+          nhbm_structure_set_matrix(s, "structural", 2, 2, diagonal, at, loss) || nhbm_structure_add_load(s, "push", 2, at, push) ||
+          nhbm_structure_set_nodes(s, 2, 2, node, "x y") || nhbm_structure_add_node_set(s, "ground", 1, last);
 }
 
 static const char *const of_structure =
@@ -296,21 +319,20 @@ int structure_step(void)
    const double w = 1.3;
    const double complex a = 4.0 + 3.0 - w*w + I*0.1*w, b = -4.0 - I*0.1*w, d = 7.0 - 2.0*w*w + I*(0.1*w + 0.3);
    const double complex tip = (0.3*d + 0.6*b)/(a*d - b*b), root = (-0.6*a - 0.3*b)/(a*d - b*b);
-   nhbm_error error;
    nhbm_column found;
-   nhbm_model *model = nhbm_new();
+   nhbm_model *model = created();
    const double *values;
    int n_calls = 0;
 
-   nhbm_structures(model, two_masses, &n_calls);
-   CHECK(nhbm_read(model, of_structure, "masses", &error) == NHBM_OK && n_calls == 1);
-   CHECK(nhbm_solve(model, NHBM_COLD, &error) == NHBM_OK && status_of(model) == 1);
+   nhbm_set_structure_callback(model, two_masses, &n_calls);
+   CHECK(nhbm_read_input(model, of_structure, "masses") == NHBM_SUCCESS && n_calls == 1);
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && status_of(model) == 1);
    CHECK(cabs(first_harmonic(model) - tip) < 1e-12);
-   CHECK(nhbm_column_of(model, "coefficients", &found, &error) == NHBM_OK && found.shape[0] == 2);
+   CHECK(nhbm_get_column(model, "coefficients", &found) == NHBM_SUCCESS && found.shape[0] == 2);
    values = (const double *)found.data + 6;
    CHECK(cabs(values[0] - I*values[1] - root) < 1e-12);
-   CHECK(strcmp(nhbm_labels(model, "dof"), "tip root") == 0 && strcmp(nhbm_labels(model, "law_dof"), "tip") == 0);
-   nhbm_delete(&model);
+   CHECK(strcmp(labels_of(model, "dof"), "tip root") == 0 && strcmp(labels_of(model, "law_dof"), "tip") == 0);
+   nhbm_destroy(&model);
    return 0;
 }
 
@@ -320,40 +342,39 @@ static int mistaken(void *context, const char *file, nhbm_structure *s)
    static const int32_t starts[] = {0, 1, 2}, at[] = {0, 1}, beyond[] = {0, 2}, node[] = {0, 1}, far_off[] = {0, 2};
    static const double mass[] = {1.0, 2.0};
    const int mistake = *(const int *)context;
-   int code = nhbm_structure_dofs(s, "tip root", mistake == 0 ? "mm" : "", 0.0);
+   int code = nhbm_structure_set_dofs(s, "tip root", mistake == 0 ? "mm" : "", 0.0);
 
    (void)file;
-   if (mistake == 1) code = nhbm_structure_matrix(s, "weight", starts, at, mass);
-   if (mistake == 2) code = nhbm_structure_matrix(s, "mass", starts, beyond, mass);
-   if (mistake == 3) code = nhbm_structure_nodes(s, 2, node, "x");
-   if (mistake == 4) code = nhbm_structure_nodes(s, 2, far_off, "x y");
-   if (mistake == 5) code = nhbm_structure_set(s, "ground", 1, at);
-   if (mistake < 6) return code == NHBM_INPUT ? 1 : 99;
-   if (mistake == 6) return nhbm_structure_matrix(s, "mass", starts, at, mass);
+   if (mistake == 1) code = nhbm_structure_set_matrix(s, "weight", 2, 2, starts, at, mass);
+   if (mistake == 2) code = nhbm_structure_set_matrix(s, "mass", 2, 2, starts, beyond, mass);
+   if (mistake == 3) code = nhbm_structure_set_nodes(s, 2, 2, node, "x");
+   if (mistake == 4) code = nhbm_structure_set_nodes(s, 2, 2, far_off, "x y");
+   if (mistake == 5) code = nhbm_structure_add_node_set(s, "ground", 1, at);
+   if (mistake < 6) return code == NHBM_INVALID_ARGUMENT ? 1 : 99;
+   if (mistake == 6) return nhbm_structure_set_matrix(s, "mass", 2, 2, starts, at, mass);
    return 7;
 }
 
 int wrong_structure_step(void)
 {
    static const char *const words[] = {"1 units for 2 labels", "no matrix 'weight'", "matrix 'mass'", "1 directions for 2 degrees",
-                                       "must be 0 to 1, or -1", "nhbm_structure_nodes comes before",
-                                       "mass and stiffness must be given", "refused with 7"};
-   nhbm_error error;
+                                       "must be 0 to 1, or -1", "nhbm_structure_set_nodes comes before",
+                                       "mass and stiffness must be given", "callback returned 7"};
 
    for (int mistake = 0; mistake < 8; ++mistake) {
-      nhbm_model *model = nhbm_new();
-      nhbm_structures(model, mistaken, &mistake);
-      CHECK(nhbm_read(model, of_structure, "masses", &error) == NHBM_INPUT);
-      if (!strstr(error.text, words[mistake])) return 1000 + mistake;
-      nhbm_delete(&model);
+      nhbm_model *model = created();
+      nhbm_set_structure_callback(model, mistaken, &mistake);
+      CHECK(nhbm_read_input(model, of_structure, "masses") == NHBM_INVALID_INPUT);
+      if (!SAYS(words[mistake])) return 1000 + mistake;
+      nhbm_destroy(&model);
    }
    {
-      nhbm_model *model = nhbm_new();
+      nhbm_model *model = created();
       int n_calls = 0;
-      nhbm_structures(model, two_masses, &n_calls);
-      CHECK(nhbm_read(model, "&structure type = 'model', file = 'three' /\n&tones frequency = 1.0 /\n", "m", &error) == NHBM_INPUT);
-      CHECK(strstr(error.text, "only two_masses is known"));
-      nhbm_delete(&model);
+      nhbm_set_structure_callback(model, two_masses, &n_calls);
+      CHECK(nhbm_read_input(model, "&structure type = 'model', file = 'three' /\n&tones frequency = 1.0 /\n", "m") == NHBM_INVALID_INPUT);
+      CHECK(SAYS("only two_masses is known"));
+      nhbm_destroy(&model);
    }
    return 0;
 }
@@ -366,20 +387,19 @@ static int at_once(void *context)
 
 int ending_step(void)
 {
-   nhbm_error error;
    nhbm_column found;
-   nhbm_model *model = nhbm_new();
+   nhbm_model *model = created();
    char text[1000];
    int n_asked = 0;
 
    snprintf(text, sizeof text, "%s%s", oscillator, "&integration duration = 1e6 /\n");
-   CHECK(nhbm_read(model, text, "oscillator", &error) == NHBM_OK);
-   CHECK(nhbm_ask(model, at_once, &n_asked, &error) == NHBM_OK);
-   CHECK(nhbm_integrate(model, &error) == NHBM_OK && n_asked == 1);
-   CHECK(nhbm_time_column_of(model, "time", &found, &error) == NHBM_USE); /* it left no record */
-   CHECK(nhbm_ask(model, NULL, NULL, &error) == NHBM_OK);
-   CHECK(nhbm_solve(model, NHBM_COLD, &error) == NHBM_OK && status_of(model) == 1 && n_asked == 1);
-   nhbm_delete(&model);
+   CHECK(nhbm_read_input(model, text, "oscillator") == NHBM_SUCCESS);
+   CHECK(nhbm_set_interrupt_callback(model, at_once, &n_asked) == NHBM_SUCCESS);
+   CHECK(nhbm_integrate(model) == NHBM_SUCCESS && n_asked == 1);
+   CHECK(nhbm_get_time_column(model, "time", &found) == NHBM_INVALID_STATE); /* it left no record */
+   CHECK(nhbm_set_interrupt_callback(model, NULL, NULL) == NHBM_SUCCESS);
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && status_of(model) == 1 && n_asked == 1);
+   nhbm_destroy(&model);
    return 0;
 }
 
@@ -393,22 +413,22 @@ static void note(void *context, const nhbm_progress *progress)
 /* Nothing is lost by it, and it ends with its call. */
 int progress_step(void)
 {
-   nhbm_error error;
    nhbm_column found;
-   nhbm_model *model = nhbm_new();
+   nhbm_model *model = created();
    nhbm_progress last = {-1.0, -1, 0}, solved = {-1.0, -1, 0};
    char text[1000];
 
    snprintf(text, sizeof text, "%s%s", oscillator, "&integration duration = 2e4, step = 0.5, tolerance = 1e-11 /\n");
-   CHECK(nhbm_read(model, text, "oscillator", &error) == NHBM_OK);
-   CHECK(nhbm_follow(model, note, &last, &error) == NHBM_OK && last.n_done == -1);
-   CHECK(nhbm_integrate(model, &error) == NHBM_OK);
+   CHECK(nhbm_read_input(model, text, "oscillator") == NHBM_SUCCESS);
+   CHECK(nhbm_set_progress_callback(model, note, &last) == NHBM_SUCCESS && last.n_done == -1);
+   CHECK(nhbm_integrate(model) == NHBM_SUCCESS);
    CHECK(last.seconds > 0.0 && last.n_done > 0 && last.n_done <= last.n_steps);
-   CHECK(nhbm_time_column_of(model, "time", &found, &error) == NHBM_OK && found.shape[0] > last.n_done);
-   CHECK(nhbm_follow(model, note, &solved, &error) == NHBM_OK && nhbm_solve(model, NHBM_COLD, &error) == NHBM_OK);
+   CHECK(nhbm_get_time_column(model, "time", &found) == NHBM_SUCCESS && found.shape[0] > last.n_done);
+   CHECK(nhbm_set_progress_callback(model, note, &solved) == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
    CHECK(solved.n_done == -1 && status_of(model) == 1);
-   CHECK(nhbm_follow(model, NULL, NULL, &error) == NHBM_OK && nhbm_integrate(model, &error) == NHBM_OK && solved.n_done == -1);
-   nhbm_delete(&model);
+   CHECK(nhbm_set_progress_callback(model, NULL, NULL) == NHBM_SUCCESS && nhbm_integrate(model) == NHBM_SUCCESS &&
+         solved.n_done == -1);
+   nhbm_destroy(&model);
    return 0;
 }
 
@@ -426,32 +446,31 @@ static int spring_evaluate(const nhbm_law_samples_t *s)
 /* A law of the program takes the place of one of its name, and lives on in models that have it. */
 int law_step(void)
 {
-   nhbm_error error;
-   nhbm_model *model = nhbm_new(), *other = nhbm_new();
+   nhbm_model *model = created(), *other = created();
    nhbm_law_info_t info = {0};
    double stiffness[2] = {3.0, 5.0};
    char text[1000];
 
    snprintf(text, sizeof text, "%.*s&law type = 'user', library = '', name = 'mine', dof = 'x1' /\n",
             (int)(strstr(oscillator, "&law") - oscillator), oscillator);
-   CHECK(nhbm_read(model, text, "oscillator", &error) == NHBM_INPUT && strstr(error.text, "no law 'mine'"));
+   CHECK(nhbm_read_input(model, text, "oscillator") == NHBM_INVALID_INPUT && SAYS("no law 'mine'"));
    info.api_version = NHBM_USER_LAW_API;
    info.n_coordinates = 1;
    info.context = &stiffness[0];
-   CHECK(nhbm_give_law("mine", &info, spring_evaluate) != 0);
+   CHECK(nhbm_register_law("mine", &info, spring_evaluate) != 0);
    info.api_version = NHBM_USER_LAW_API_2;
-   CHECK(nhbm_give_law("mine", &info, spring_evaluate) == 0);
-   CHECK(nhbm_read(model, text, "oscillator", &error) == NHBM_OK && nhbm_solve(model, NHBM_COLD, &error) == NHBM_OK);
+   CHECK(nhbm_register_law("mine", &info, spring_evaluate) == 0);
+   CHECK(nhbm_read_input(model, text, "oscillator") == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
    CHECK(cabs(first_harmonic(model) - answer(3.0, 0.9)) < 1e-12);
    info.context = &stiffness[1];
-   CHECK(nhbm_give_law("mine", &info, spring_evaluate) == 0);
-   CHECK(nhbm_read(other, text, "oscillator", &error) == NHBM_OK && nhbm_solve(other, NHBM_COLD, &error) == NHBM_OK);
+   CHECK(nhbm_register_law("mine", &info, spring_evaluate) == 0);
+   CHECK(nhbm_read_input(other, text, "oscillator") == NHBM_SUCCESS && nhbm_solve(other, NHBM_COLD_START) == NHBM_SUCCESS);
    CHECK(cabs(first_harmonic(other) - answer(5.0, 0.9)) < 1e-12);
-   nhbm_forget_law("mine");
-   nhbm_forget_law("mine");
-   CHECK(nhbm_read(other, text, "oscillator", &error) == NHBM_INPUT);
-   CHECK(nhbm_solve(model, NHBM_COLD, &error) == NHBM_OK && cabs(first_harmonic(model) - answer(3.0, 0.9)) < 1e-12);
-   nhbm_delete(&model);
-   nhbm_delete(&other);
+   nhbm_unregister_law("mine");
+   nhbm_unregister_law("mine");
+   CHECK(nhbm_read_input(other, text, "oscillator") == NHBM_INVALID_INPUT);
+   CHECK(nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS && cabs(first_harmonic(model) - answer(3.0, 0.9)) < 1e-12);
+   nhbm_destroy(&model);
+   nhbm_destroy(&other);
    return 0;
 }

@@ -20,7 +20,7 @@ def test_programs_of_an_earlier_header_run(tmp_path):
     """The headers in abi/ are those of the first program built with this version of the interface: it runs, and so does its law."""
     headers = ROOT / "tests" / "cases" / "abi"
     version = [
-        re.search(r"#define NHBM_API (\d+)", (folder / "nhbm.h").read_text())[1] for folder in (headers, ROOT / "src" / "api")
+        re.search(r"#define NHBM_API_VERSION (\d+)", (folder / "nhbm.h").read_text())[1] for folder in (headers, ROOT / "src" / "api")
     ]
     assert version[0] == version[1], "programs must be compiled anew: copy nhbm.h and nhbm_user_law.h to tests/cases/abi"
     compiler = [shutil.which("cc"), f"-I{headers}"]
@@ -60,6 +60,24 @@ def test_programs_in_c_and_fortran_have_the_same_numbers(tmp_path):
     np.testing.assert_allclose(
         float(by_phase.stdout), duffing().solve()["coefficients"].values[0, 1, 0], rtol=1e-6
     )  # sets by tolerance
+
+
+def test_the_header_declares_what_the_library_exports():
+    """And tests/api/misuse_steps.c misuses each function, except those that have no wrong arguments and return no status."""
+    header = (ROOT / "src" / "api" / "nhbm.h").read_text()
+    declared = set(re.findall(r"^NHBM_EXPORT [^;(]*?(\w+)\(", header, re.MULTILINE))
+    symbols = subprocess.run(["nm", "-D", "--defined-only", LIBRARY], capture_output=True, text=True, check=True).stdout
+    assert declared == {line.split()[-1] for line in symbols.splitlines() if " T " in line}
+    misused = set(re.findall(r"\b(nhbm_\w+)\(", (ROOT / "tests" / "api" / "misuse_steps.c").read_text()))
+    assert declared - misused == {"nhbm_get_api_version", "nhbm_get_version", "nhbm_get_version_number"}
+
+
+def test_memory_that_is_exhausted_is_reported(tmp_path):
+    source = ROOT / "tests" / "support" / "no_memory.c"
+    subprocess.run([shutil.which("cc"), *INCLUDES, source, LIBRARY, f"-Wl,-rpath,{LIBRARY.parent}", "-o", "no_memory"],
+                   cwd=tmp_path, check=True)  # fmt: skip
+    done = subprocess.run(["./no_memory"], cwd=tmp_path, capture_output=True, text=True, env={**os.environ, **_ENVIRONMENT})
+    assert (done.returncode, done.stdout) == (0, "out of memory: nhbm_create: memory is insufficient\n"), done.stderr
 
 
 @pytest.mark.long

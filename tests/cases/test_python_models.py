@@ -443,7 +443,7 @@ def test_what_was_added_can_be_removed():
     del model["stop"]
     assert model.response("x1 (1)", order=3) == pytest.approx(before, rel=1e-12) and model["law[1].stiffness"] == 0.0
     for wrong in ("stop", "load[1]", "tones[0]"):
-        with pytest.raises(ModelError, match="is nothing that was added to the model"):
+        with pytest.raises(ModelError, match="names no load, law or other group in this model"):
             del model[wrong]
 
 

@@ -23,24 +23,25 @@ static int spring(const nhbm_law_samples_t *s)
 
 int main(void)
 {
-   nhbm_error error = {0};
    nhbm_law_info_t info = {0};
    nhbm_column verdict;
-   nhbm_model *model = nhbm_new();
+   nhbm_model *model = NULL;
 
    info.api_version = NHBM_USER_LAW_API_2;
    info.n_coordinates = 1;
-   if (nhbm_has("cvode") || nhbm_give_law("mine", &info, spring) || nhbm_read(model, text, "oscillator", &error)) goto failed;
-   if (!nhbm_integrate(model, &error) || !strstr(error.text, "without SUNDIALS and has no 'cvode'")) goto failed;
-   if (nhbm_solve(model, NHBM_COLD, &error) || nhbm_verify(model, 0, &error)) goto failed;
-   if (nhbm_time_column_of(model, "integration_verdict", &verdict, &error) || *(const int32_t *)verdict.data != 1) goto failed;
-   if (nhbm_set_text(model, "integration%method", "'runge_kutta_4'", &error) || nhbm_integrate(model, &error)) goto failed;
-   nhbm_forget_law("mine");
-   nhbm_delete(&model);
+   if (nhbm_has_feature("cvode") || nhbm_register_law("mine", &info, spring) || nhbm_create(&model) ||
+       nhbm_read_input(model, text, "oscillator"))
+      goto failed;
+   if (!nhbm_integrate(model) || !strstr(nhbm_get_last_error(), "without SUNDIALS and has no 'cvode'")) goto failed;
+   if (nhbm_solve(model, NHBM_COLD_START) || nhbm_verify(model, 0)) goto failed;
+   if (nhbm_get_time_column(model, "integration_verdict", &verdict) || *(const int32_t *)verdict.data != 1) goto failed;
+   if (nhbm_set_key(model, "integration%method", "'runge_kutta_4'") || nhbm_integrate(model)) goto failed;
+   nhbm_unregister_law("mine");
+   nhbm_destroy(&model);
    return 0;
 
 failed:
-   fprintf(stderr, "%s\n", error.text);
-   nhbm_delete(&model);
+   fprintf(stderr, "%s\n", nhbm_get_last_error());
+   nhbm_destroy(&model);
    return 1;
 }

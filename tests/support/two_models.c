@@ -37,17 +37,16 @@ static void *run(void *data) {
    found_t *found = data;
 
    for (int i = 0; i < n_texts; ++i) {
-      nhbm_error error;
       nhbm_column amplitude;
-      nhbm_model *model = nhbm_new();
+      nhbm_model *model = NULL;
 
-      if (nhbm_read(model, texts[i], "two_models", &error) || nhbm_solve(model, NHBM_COLD, &error) ||
-          nhbm_column_of(model, "coefficients", &amplitude, &error)) {
-         snprintf(found->lines[i], sizeof found->lines[i], "%s", error.text);
+      if (nhbm_create(&model) || nhbm_read_input(model, texts[i], "two_models") || nhbm_solve(model, NHBM_COLD_START) ||
+          nhbm_get_column(model, "coefficients", &amplitude)) {
+         snprintf(found->lines[i], sizeof found->lines[i], "%s", nhbm_get_last_error());
       } else {
          snprintf(found->lines[i], sizeof found->lines[i], "%.17g", ((const double *)amplitude.data)[amplitude.shape[2]]);
       }
-      nhbm_delete(&model);
+      nhbm_destroy(&model);
    }
    return NULL;
 }
@@ -58,7 +57,7 @@ int main(void) {
    static double stiffness = 0.5;
    nhbm_law_info_t info = {.api_version = NHBM_USER_LAW_API_2, .n_coordinates = 1, .context = &stiffness};
 
-   if (nhbm_give_law("given", &info, given)) return 2;
+   if (nhbm_register_law("given", &info, given)) return 2;
    run(&alone);
    for (int i = 0; i < 2; ++i) pthread_create(&threads[i], NULL, run, &found[i]);
    for (int i = 0; i < 2; ++i) pthread_join(threads[i], NULL);

@@ -52,6 +52,16 @@ def open_dataset(path: str | Path) -> xr.Dataset:
     return data
 
 
+def check_found(data: xr.Dataset, name: str) -> None:
+    """Raises ModelError, with the status and the reason, if a dataset lacks a column because no motion was found."""
+    if name in data or "status" not in data:
+        return
+    statuses = np.unique(data["status"].values)
+    if not set(statuses.tolist()) & set(SOLVED):
+        words = ", ".join(STATUSES[status] for status in statuses)
+        raise ModelError(f"no motion was found (status {words}), so there are no '{name}'. {data.nhbm.message}".rstrip())
+
+
 def motion_of(session: Session) -> xr.Dataset:
     """The motion found last."""
     columns = {name: session.column(name) for name in session.columns()}
@@ -253,6 +263,7 @@ class Accessor:
             In the unit of the column, one value per point.
         """
         data = self._dataset
+        check_found(data, of)
         wanted = np.atleast_1d(tuple_)
         tuples = data["tuples"] if "tuples" in data else data["tuple"]
         if len(wanted) != data.sizes["tone"]:
@@ -285,6 +296,7 @@ class Accessor:
             In the unit of the column, (..., time); a single time adds no dimension.
         """
         data = self._dataset
+        check_found(data, of)
         tuples = data["tuples"] if "tuples" in data else data["tuple"]
         times = xr.DataArray(np.asarray(times, dtype=float), dims="time" if np.ndim(times) else (), attrs={"units": "s"})
         phases = (tuples * data["frequency"]).sum("tone") * times
@@ -303,6 +315,7 @@ class Accessor:
         n : int
             Samples per period; for several tones eight times as many over 64 periods of the slowest one.
         """
+        check_found(self._dataset, "coefficients")
         times = self._times(n)
         if "point" not in self._dataset.dims:
             return abs(self.time(dof, times)).max("time")
@@ -325,6 +338,7 @@ class Accessor:
             "x1", the largest |x1|, or "x1 (1)", the amplitude of a harmonic.
         """
         dof, tuple_ = parts_of(of)
+        check_found(self._dataset, "coefficients")
         unit = self._dataset["coefficients"].attrs.get("units", "m")
         if tuple_ is None:
             return self.largest(dof), f"Largest displacement |{dof}| [{unit}]"
@@ -346,6 +360,7 @@ class Accessor:
             (..., gradient_value); NaN if the motion was not found or is not differentiable.
         """
         dof, tuple_ = parts_of(of)
+        check_found(self._dataset, "coefficients")
         if "gradient" not in self._dataset:
             raise KeyError("there is no column 'gradient'; the group &gradient requests it: model.set('gradient', by=[...])")
         if tuple_ is not None:
@@ -393,10 +408,12 @@ class Accessor:
         """
         from nhbm.pictures import plot
 
+        check_found(self._dataset, "coefficients")
         return plot(self._dataset, of, ax)
 
     def _row(self, of: str, name: str) -> xr.DataArray:
         """What a column has of a degree of freedom, by its label or by its set, or of a law."""
+        check_found(self._dataset, of)
         column = self._dataset[of]
         axis = column.dims[-3]
         known = [str(label) for label in column[axis].values]

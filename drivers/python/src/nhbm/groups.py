@@ -34,6 +34,18 @@ def as_input(value: Any) -> str:
     raise ModelError(f"{value!r} is no number, text, truth or list of them")
 
 
+def numbers_of(name: str, values: Any, kind: type = float) -> list[Any]:
+    """Values as a flat list of float or int, one for a single value; ModelError, which names the argument, for others."""
+    try:
+        numbers = [kind(value) for value in np.ravel(values)]
+        if not numbers or (kind is int and numbers != [float(value) for value in np.ravel(values)]):
+            raise ValueError
+    except (TypeError, ValueError, OverflowError):
+        what = "whole numbers" if kind is int else "numbers"
+        raise ModelError(f"{name} must be {what}, not {values!r}") from None
+    return numbers
+
+
 def group_text(name: str, keys: Mapping[str, Any]) -> str:
     """A group of an input: keys whose value is None are left out."""
     given = ", ".join(f"{key} = {as_input(value)}" for key, value in keys.items() if value is not None)
@@ -45,6 +57,8 @@ def path_of(path: str) -> str:
 
     What names a group (`structure.length`) is a key of it; paths of the input itself stay as they are.
     """
+    if not isinstance(path, str):
+        raise ModelError(f"a path is a text such as 'wall.gap' or 'tones[0]', not {path!r}")
     if "%" in path:
         return path
     match = re.fullmatch(r"([\w ]+?)(?:\[(\d+)\])?(?:\.(\w+)(?:\[(\d+)\])?)?", path)
@@ -147,7 +161,12 @@ class Builder:
 
     type = ""
 
-    def __init__(self, **keys: Any) -> None:
+    def __init__(self, *values: Any, **keys: Any) -> None:
+        name = type(self).__name__
+        if values:
+            raise ModelError(f"nhbm.{name} takes its keys by name, {name}(key=value, ...); docs/user/input.md lists them")
+        if "type" in keys:
+            raise ModelError(f"nhbm.{name} is &structure type = '{self.type}'; leave 'type' out")
         self.keys: dict[str, Any] = {"type": self.type, **keys}
 
     def __repr__(self) -> str:
@@ -186,7 +205,10 @@ class RotorStator(Builder):
 
 def _square(name: str, matrix: Any, n: int = 0) -> Any:
     """A full matrix of n rows, by default of as many as it has; ModelError for another shape."""
-    full = np.atleast_2d(np.asarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix, dtype=float))
+    try:
+        full = np.atleast_2d(np.asarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix, dtype=float))
+    except (TypeError, ValueError):
+        raise ModelError(f"{name} must be a square matrix of numbers, not {matrix!r}") from None
     n = n or len(full)
     if full.shape != (n, n):
         raise ModelError(
@@ -203,13 +225,17 @@ class Matrices(Builder):
     mass, stiffness, damping : array_like or sparse matrix
         [kg], [N/m], [N s/m], (n_dofs, n_dofs); np.diag makes one of a list, which alone would be ambiguous.
     **keys
-        Further keys of &structure type = 'matrices', such as `labels`.
+        Further keys of &structure type = 'matrices', such as `labels`; `n_dofs` follows from the matrices.
     """
 
     type = "matrices"
 
-    def __init__(self, mass: Any, stiffness: Any, damping: Any = None, **keys: Any) -> None:
+    def __init__(self, mass: Any = None, stiffness: Any = None, damping: Any = None, *values: Any, **keys: Any) -> None:
+        if mass is None or stiffness is None or values:
+            raise ModelError("nhbm.Matrices takes mass and stiffness (square matrices), optionally damping, further keys by name")
         mass = _square("mass", mass)
+        if keys.pop("n_dofs", len(mass)) != len(mass):
+            raise ModelError(f"n_dofs follows from the matrices; leave it out: mass is {len(mass)} x {len(mass)}")
         more = {
             name: _square(name, m, len(mass)).ravel()
             for name, m in (("stiffness", stiffness), ("damping", damping))

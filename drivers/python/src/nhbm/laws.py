@@ -14,11 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from nhbm._library import ADVANCE, EVALUATE, LAW_API, LawInfo, LawSamples, LawStep, library, raise_error
 from nhbm.errors import ModelError
+
+__all__ = ["ADVANCE", "EVALUATE", "Law", "LawInfo", "LawSamples", "LawStep", "Step", "law"]
 
 Array = NDArray[Any]
 
-API = 2  # NHBM_USER_LAW_API_2
 _ANY_NUMBER = -1
 _FATAL = -1
 _STEP = 1e-30  # of the complex step
@@ -28,79 +30,8 @@ _NAMED = "phases", "frequencies", "states"  # arguments that a function has by n
 _COMPILED: Any = ctypes.CFUNCTYPE(None).__mro__[1]  # the base of all functions of ctypes
 
 _numbers = itertools.count(1)
-_state = threading.local()  # of this thread: the fault of a law that was called, and how many run
-
-
-class LawInfo(ctypes.Structure):
-    """nhbm_law_info_t"""
-
-    _fields_ = [
-        ("api_version", ctypes.c_int),
-        ("n_coordinates", ctypes.c_int),
-        ("n_parameters", ctypes.c_int),
-        ("needs_velocity", ctypes.c_int),
-        ("degree", ctypes.c_int),
-        ("length_scale", ctypes.c_double),
-        ("context", ctypes.c_void_p),
-        ("needs_phases", ctypes.c_int),
-        ("needs_frequencies", ctypes.c_int),
-        ("n_states", ctypes.c_int),
-        ("advance", ctypes.c_void_p),
-        ("reserved", ctypes.c_void_p * 4),
-    ]
-
-
-class LawSamples(ctypes.Structure):
-    """nhbm_law_samples_t, what a compiled law gets a pointer to."""
-
-    _fields_ = [
-        ("n_samples", ctypes.c_int),
-        ("n_coordinates", ctypes.c_int),
-        ("stride", ctypes.c_int),
-        ("n_parameters", ctypes.c_int),
-        ("z", ctypes.c_void_p),
-        ("v", ctypes.c_void_p),
-        ("parameters", ctypes.c_void_p),
-        ("f", ctypes.c_void_p),
-        ("df_dz", ctypes.c_void_p),
-        ("df_dv", ctypes.c_void_p),
-        ("context", ctypes.c_void_p),
-        ("n_tones", ctypes.c_int),
-        ("n_states", ctypes.c_int),
-        ("phases", ctypes.c_void_p),
-        ("frequencies", ctypes.c_void_p),
-        ("states", ctypes.c_void_p),
-        ("df_ds", ctypes.c_void_p),
-    ]
-
-
-class LawStep(ctypes.Structure):
-    """nhbm_law_step_t, what a compiled `advance` gets a pointer to."""
-
-    _fields_ = [
-        ("n_samples", ctypes.c_int),
-        ("n_coordinates", ctypes.c_int),
-        ("n_states", ctypes.c_int),
-        ("stride", ctypes.c_int),
-        ("n_parameters", ctypes.c_int),
-        ("z", ctypes.c_void_p),
-        ("z_before", ctypes.c_void_p),
-        ("rise", ctypes.c_void_p),
-        ("rise_before", ctypes.c_void_p),
-        ("states_before", ctypes.c_void_p),
-        ("parameters", ctypes.c_void_p),
-        ("states", ctypes.c_void_p),
-        ("ds_dbefore", ctypes.c_void_p),
-        ("ds_dz", ctypes.c_void_p),
-        ("ds_dz_before", ctypes.c_void_p),
-        ("ds_drise", ctypes.c_void_p),
-        ("ds_drise_before", ctypes.c_void_p),
-        ("context", ctypes.c_void_p),
-    ]
-
-
-EVALUATE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(LawSamples))
-ADVANCE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(LawStep))
+_state = threading.local()  # of this thread: the fault of a callback, and whether a law runs
+_registered: weakref.WeakValueDictionary[str, Law] = weakref.WeakValueDictionary()
 
 
 class Step(NamedTuple):
@@ -178,12 +109,15 @@ class Law:
             needs_velocity = bool(velocity)
             self._pointer = EVALUATE(address)
         self.name = f"{self.__name__}_{next(_numbers)}".replace("<lambda>", "law")
-        info = LawInfo(API, _ANY_NUMBER, _ANY_NUMBER, needs_velocity, degree, length_scale, None, phases, frequencies, states)
+        info = LawInfo(LAW_API, _ANY_NUMBER, _ANY_NUMBER, needs_velocity, degree, length_scale, None, phases, frequencies, states)
         if advance is not None:
             self._advance = ADVANCE(_address(advance) or _Advance(advance, self.__name__))
             info.advance = ctypes.cast(self._advance, ctypes.c_void_p).value
-        _give(self.name, info, self._pointer)
-        weakref.finalize(self, _forget, self.name)
+        status = library().nhbm_register_law(self.name.encode(), ctypes.byref(info), self._pointer)
+        if status:
+            raise_error(status)
+        _registered[self.name] = self
+        weakref.finalize(self, _unregister, self.name)
 
     def __call__(self, *arguments: Any) -> Any:
         return self.function(*arguments)
@@ -209,8 +143,18 @@ def law(function: Any = None, **options: Any) -> Any:
     return (lambda f: Law(f, **options)) if function is None else Law(function, **options)
 
 
+def laws_in(text: str) -> list[Law]:
+    """Laws of Python that an input may name; who reads the input holds them as long as the library may call them."""
+    return [law for name, law in list(_registered.items()) if name in text]
+
+
+def store_fault(fault: BaseException) -> None:
+    """Stores an exception of a callback until the library has returned to this thread."""
+    _state.fault = fault
+
+
 def pop_fault() -> BaseException | None:
-    """Exception that a law has raised since the last call of this function, in this thread."""
+    """Exception that a callback has raised since the last call of this function, in this thread."""
     fault, _state.fault = getattr(_state, "fault", None), None
     return fault
 
@@ -224,17 +168,8 @@ def _again(function: Any, options: dict[str, Any]) -> Law:
     return Law(function, **options)
 
 
-def _give(name: str, info: LawInfo, pointer: Any) -> None:
-    from nhbm.session import library
-
-    if library().nhbm_give_law(name.encode(), ctypes.byref(info), pointer):
-        raise ModelError(f"law '{name}' could not be given to the library")
-
-
-def _forget(name: str) -> None:
-    from nhbm.session import library
-
-    library().nhbm_forget_law(name.encode())
+def _unregister(name: str) -> None:
+    library().nhbm_unregister_law(name.encode())
 
 
 def _address(function: Any) -> int | None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import re
+import threading
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 import xarray as xr
@@ -14,7 +16,7 @@ import xarray as xr
 from nhbm import dataset, sweeps
 from nhbm.docstrings import documented
 from nhbm.errors import ModelError, NotConverged
-from nhbm.groups import GROUPS, Builder, described, group_text, identifier, path_of, value_of, without_group
+from nhbm.groups import GROUPS, Builder, described, group_text, identifier, numbers_of, path_of, value_of, without_group
 from nhbm.laws import Law
 from nhbm.session import Session, input_keys
 from nhbm.structure import Structure
@@ -22,7 +24,19 @@ from nhbm.sweeps import Progress
 
 _IN_MEMORY = "structure in memory"
 _REPLACED = "curve", "gradient"  # groups that an operation gives complete
+_Method = TypeVar("_Method", bound=Callable[..., Any])
 _CHECKED, _CHECKED_DOFS = ("load", "start"), 300  # groups that are checked when they are added; largest structure for it
+
+
+def _exclusive(method: _Method) -> _Method:
+    """A method that one thread at a time executes; others wait."""
+
+    @functools.wraps(method)
+    def call(self: Model, *arguments: Any, **options: Any) -> Any:
+        with self._lock:
+            return method(self, *arguments, **options)
+
+    return cast(_Method, call)
 
 
 class Peak(NamedTuple):
@@ -52,8 +66,8 @@ class Gradient(NamedTuple):
 class Model:
     """A structure with tones, loads and laws.
 
-    Keys, units and defaults are those of the input (docs/user/input.md). A model may be used by one thread at a time. It
-    can be pickled with its values, for use in other processes.
+    Keys, units and defaults are those of the input (docs/user/input.md). A model executes one operation at a time: further
+    threads wait. It can be pickled with its values, for use in other processes.
 
     Parameters
     ----------
@@ -95,7 +109,7 @@ class Model:
             self._groups["structure"] = {"type": "model", "file": str(structure)}
         else:
             raise ModelError(
-                f"{structure!r} is no structure; nhbm.Beam(...), nhbm.Structure(...) or the path of a model file is one"
+                f"{structure!r} is not a structure; use nhbm.Beam(...), nhbm.Structure(...) or the path of a model file"
             )
         if isinstance(tones, Mapping):
             self._groups["tones"] = dict(tones)
@@ -120,6 +134,7 @@ class Model:
         return f"<nhbm.Model: {'; '.join(parts)}>"
 
     def _clear(self) -> None:
+        self._lock = threading.RLock()
         self._base, self._folder, self._name = "", Path(), "model"
         self._groups: dict[str, dict[str, Any]] = {}
         self._lists: list[tuple[str, dict[str, Any]]] = []
@@ -156,6 +171,7 @@ class Model:
         """Creates a model from an input file."""
         return cls.from_namelist(Path(path).read_text(), Path(path).parent, Path(path).name)
 
+    @_exclusive
     def to_namelist(self) -> str:
         """The complete input with all keys and their values; Python laws and structures in memory appear by name only.
 
@@ -168,6 +184,7 @@ class Model:
 
     # What it is made of
 
+    @_exclusive
     def set(self, group: str, **keys: Any) -> None:
         """Sets keys of a group.
 
@@ -185,6 +202,7 @@ class Model:
         self._groups.setdefault(group, {}).update(keys)
         self._sessions = {}
 
+    @_exclusive
     def load(self, dof: str | None = None, tuple_: Any = 1, cos: float = 0.0, sin: float = 0.0, **keys: Any) -> None:
         """Adds the force ``cos cos(j.omega t) + sin sin(j.omega t)``.
 
@@ -200,9 +218,9 @@ class Model:
             Further keys of &load, such as ``frequency_power=2`` for an unbalance [kg m] or
             ``kind="base_acceleration"`` for a base motion [m/s2].
         """
-        entries = [int(k) for k in np.atleast_1d(tuple_)]
-        self._add("load", {"dof": dof, "tuple": entries, "cos": cos, "sin": sin, **keys})
+        self._add("load", {"dof": dof, "tuple": numbers_of("tuple_", tuple_, int), "cos": cos, "sin": sin, **keys})
 
+    @_exclusive
     def law(self, kind: str | Law | Callable[..., Any], dof: str | Iterable[str] | None = None, **keys: Any) -> None:
         """Adds a nonlinear element.
 
@@ -215,7 +233,7 @@ class Model:
         **keys
             Its keys, with the units of docs/user/input.md, such as ``gap=1e-3`` [m]; ``label="wall"`` names it in paths.
         """
-        where = {} if dof is None else {"dof": dof} if isinstance(dof, str) else {"dofs": list(dof)}
+        where = {} if dof is None else _dofs(dof)
         if isinstance(kind, str):
             self._add("law", {"type": kind, **where, **keys})
             return
@@ -223,6 +241,7 @@ class Model:
         self._laws.append(law)
         self._add("law", {"type": "user", "library": "", "name": law.name, "odd": law.odd, **where, **keys})
 
+    @_exclusive
     def start(self, dof: str, tuple_: Any = 1, cos: float = 0.0, sin: float = 0.0, **keys: Any) -> None:
         """Adds a harmonic to the initial guess.
 
@@ -237,8 +256,9 @@ class Model:
         **keys
             Further keys of &start.
         """
-        self._add("start", {"dof": dof, "tuple": [int(k) for k in np.atleast_1d(tuple_)], "cos": cos, "sin": sin, **keys})
+        self._add("start", {"dof": dof, "tuple": numbers_of("tuple_", tuple_, int), "cos": cos, "sin": sin, **keys})
 
+    @_exclusive
     def bearing(self, dofs: Iterable[str], speeds: Any, stiffness: Any, damping: Any = None, **keys: Any) -> None:
         """Adds a bearing with tabulated coefficients to the structure.
 
@@ -254,9 +274,10 @@ class Model:
             `speed` [rad/s], the current speed, for ``model.tie("bearing(1)%speed", "tones[0]")``, and `label`.
         """
         tables = {"stiffness": stiffness} if damping is None else {"stiffness": stiffness, "damping": damping}
-        values = {name: [float(x) for x in np.ravel(table)] for name, table in {"speeds": speeds, **tables}.items()}
+        values = {name: numbers_of(name, table) for name, table in {"speeds": speeds, **tables}.items()}
         self._add("bearing", {"dofs": list(dofs), **values, **keys})
 
+    @_exclusive
     def dynamic_stiffness(self, kind: str, dof: str | Iterable[str], **keys: Any) -> None:
         """Adds a part of the structure with frequency-dependent stiffness, such as a viscoelastic mount.
 
@@ -269,9 +290,9 @@ class Model:
         **keys
             Its keys with their units, such as ``moduli=[2e5], times=[1e-3]`` [N/m], [s].
         """
-        where = {"dof": dof} if isinstance(dof, str) else {"dofs": list(dof)}
-        self._add("dynamic_stiffness", {"type": kind, **where, **keys})
+        self._add("dynamic_stiffness", {"type": kind, **_dofs(dof), **keys})
 
+    @_exclusive
     def tie(self, path: str, to: str, factor: float = 1.0, offset: float = 0.0) -> None:
         """Makes a value follow another one, ``offset + factor * value``.
 
@@ -285,6 +306,7 @@ class Model:
         paths = path_of(path), path_of(to)
         self._add("tie", {"parameter": paths[0], "to": paths[1], "factor": factor, "offset": offset})
 
+    @_exclusive
     def __setitem__(self, path: str, value: Any) -> None:
         """Sets a value by its path.
 
@@ -312,6 +334,7 @@ class Model:
         self._values[path] = (self._n_assignments, value)
         live.n_assignments = self._n_assignments
 
+    @_exclusive
     def __getitem__(self, path: str) -> Any:
         """Returns a value by its path.
 
@@ -334,6 +357,7 @@ class Model:
         """
         return value_of(path_of(path), self.to_namelist())
 
+    @_exclusive
     def __delitem__(self, entry: str) -> None:
         """Removes a load, law or another group that was added to the model.
 
@@ -358,7 +382,8 @@ class Model:
         else:
             found = [k for k, (_, keys) in enumerate(self._lists) if keys.get("label") == entry]
         if not found:
-            raise ModelError(f"'{entry}' is nothing that was added to the model; 'load[0]' or the label of a law may be")
+            hint = "use its label, or a number as in 'load[0]'"
+            raise ModelError(f"'{entry}' names no load, law or other group in this model; {hint}")
         k, group = found[0], self._lists[found[0]][0]
         number = 1 + sum(name == group for name, _ in self._lists[:k])
         if self._is_in_base(group) and any(re.match(rf"{group}\(\d", path) for path in self._values):
@@ -376,6 +401,7 @@ class Model:
 
     # What it does
 
+    @_exclusive
     @documented
     def solve(self, *, tolerance: float | None = None, order: int | None = None, warm: bool = False) -> xr.Dataset:
         """Computes the motion.
@@ -402,9 +428,10 @@ class Model:
         session.solve(warm, points=self._sharing(1))
         motion = dataset.motion_of(session)
         if int(motion["status"]) != dataset.CONVERGED:
-            warnings.warn(session.message or f"the motion is {motion.nhbm.status.item()}", NotConverged, stacklevel=2)
+            warnings.warn(session.message or f"the motion is {motion.nhbm.status.item()}", NotConverged, stacklevel=3)
         return motion
 
+    @_exclusive
     @documented
     def response(self, of: str, *, tolerance: float | None = None, order: int | None = None, warm: bool = True) -> float:
         """Computes the motion and returns one response, without a dataset: for optimisation and other loops.
@@ -426,9 +453,10 @@ class Model:
         session.solve(warm, points=0)
         if dataset.number(session, "status") in dataset.SOLVED:
             return dataset.response_of(session, of)
-        warnings.warn(session.message, NotConverged, stacklevel=2)
+        warnings.warn(session.message, NotConverged, stacklevel=3)
         return float("nan")
 
+    @_exclusive
     @documented
     def gradient(self, of: str, by: Iterable[str], *, tolerance: float | None = None, order: int | None = None,
                  warm: bool = True) -> Gradient:  # fmt: skip
@@ -475,11 +503,12 @@ class Model:
             slopes = dataset.gradient_of(session, of)
             if np.isnan(slopes).any():
                 reason = session.message or "it is not differentiable"
-                warnings.warn(f"no derivatives of this motion: {reason}", NotConverged, stacklevel=2)
+                warnings.warn(f"no derivatives of this motion: {reason}", NotConverged, stacklevel=3)
             return Gradient(value, slopes)
-        warnings.warn(session.message, NotConverged, stacklevel=2)
+        warnings.warn(session.message, NotConverged, stacklevel=3)
         return Gradient(float("nan"), np.full(len(paths), np.nan))
 
+    @_exclusive
     @documented
     def peak(self, of: str, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
              **keys: Any) -> Peak:  # fmt: skip
@@ -505,9 +534,10 @@ class Model:
             The response and the value of the parameter there; NaN, with the warning NotConverged, if the curve ends before
             its range does.
         """
-        keys = {"from": float(start), "to": float(stop), **keys}
+        keys = {**_range(start, stop), **keys}
         return self._highest(of, path, keys, tolerance, order, {}, lambda _, value, at: Peak(value, at)) or Peak(np.nan, np.nan)
 
+    @_exclusive
     @documented
     def peak_gradient(self, of: str, by: Iterable[str], path: str, start: float, stop: float, *, tolerance: float | None = None,
                       order: int | None = None, **keys: Any) -> PeakGradient:  # fmt: skip
@@ -553,7 +583,7 @@ class Model:
             moves = session.column("position_gradient").values
             return PeakGradient(value, at, dataset.gradient_of(session, of), none if moves is None else moves.copy())
 
-        groups, keys = {"gradient": {"by": paths}}, {"from": float(start), "to": float(stop), **keys}
+        groups, keys = {"gradient": {"by": paths}}, {**_range(start, stop), **keys}
         return self._highest(of, path, keys, tolerance, order, groups, here) or PeakGradient(np.nan, np.nan, none, none)
 
     def _highest(self, of: str, path: str, keys: dict[str, Any], tolerance: float | None, order: int | None,
@@ -574,8 +604,9 @@ class Model:
             if value > best:
                 best = value
                 found = evaluate(session, value, float(session.column(identifier(path)).values))
-        return None if _warns_of_end(session, 4) else found
+        return None if _warns_of_end(session, 5) else found
 
+    @_exclusive
     @documented
     def curve(self, path: str, start: float, stop: float, *, tolerance: float | None = None, order: int | None = None,
               on_point: Callable[[xr.Dataset], bool] | None = None, progress: Any = False, **keys: Any) -> xr.Dataset:  # fmt: skip
@@ -616,7 +647,7 @@ class Model:
         if "over" in keys:
             keys["over"] = path_of(keys["over"])
         session = self._live(
-            tolerance, order, {"curve": {"parameter": path, "from": float(start), "to": float(stop), **keys}}
+            tolerance, order, {"curve": {"parameter": path, **_range(start, stop), **keys}}
         ).session
         points = []
         session.begin_curve()
@@ -631,9 +662,13 @@ class Model:
         if not points:
             raise ModelError(session.message or "the curve has no points")
         found = dataset.joined(points, {})
+        if identifier(path) not in found:
+            dataset.check_found(found, identifier(path))
+            raise ModelError(found.nhbm.message or "the curve has no points")
         found[identifier(path)].attrs.update(self._described(path))
         return found.set_coords(identifier(path)).assign_attrs(varies=[identifier(path)])
 
+    @_exclusive
     def integrate(self, duration: float | None = None, *, order: int | None = None, **keys: Any) -> xr.Dataset:
         """Integrates the model in time, by default from rest.
 
@@ -651,12 +686,13 @@ class Model:
         xarray.Dataset
             The record, as written by `nhbm integrate`.
         """
-        given = {"duration": None if duration is None else float(duration), **keys}
+        given = {"duration": None if duration is None else numbers_of("duration", duration)[0], **keys}
         given = {key: value for key, value in given.items() if value is not None}
         session = self._live(None, order, {"integration": given}).session
         session.integrate()
         return dataset.record_of(session)
 
+    @_exclusive
     def verify(self, motion: xr.Dataset | None = None, *, periods: int = 0) -> xr.Dataset:
         """Integrates in time from the last motion, and from a perturbed state, to verify the motion and its stability.
 
@@ -674,13 +710,17 @@ class Model:
             differences in the first and in the last periods, the limit of the latter from the estimated error, the growth
             rate of disturbances [1/s].
         """
+        if isinstance(periods, bool) or not isinstance(periods, (int, np.integer)) or not 0 <= periods < 2**31:
+            raise ModelError(f"periods must be a whole number, 0 for as many as the decay requires, not {periods!r}")
         live = self._sessions.get(self._solved)
         if live is None:
             raise ModelError("there is no motion of `solve` that can be verified")
         session = live.session
+        if motion is not None:
+            dataset.check_found(motion, "coefficients")
         if motion is not None and not np.array_equal(motion["coefficients"].values, session.column("coefficients").values):
             raise ModelError("only the motion that this model has found last can be verified")
-        session.verify(periods)
+        session.verify(int(periods))
         found = dataset.record_of(session)
         return found.assign(integration_verdict=dataset.VERDICTS[int(found["integration_verdict"])])
 
@@ -767,9 +807,11 @@ class Model:
         path = self._folder / name
         return Structure.read(path if path.is_file() else name)
 
+    @_exclusive
     def __getstate__(self) -> dict[str, Any]:
+        state = {name: value for name, value in self.__dict__.items() if name != "_lock"}
         return {
-            **self.__dict__,
+            **state,
             "_sessions": {},
             "_values": {**self._values},
             "_lists": [*self._lists],
@@ -779,13 +821,28 @@ class Model:
     def __setstate__(self, state: dict[str, Any]) -> None:
         names = state.pop("_law_names")
         self.__dict__.update(state)
+        self._lock = threading.RLock()
         new = {old: law.name for old, law in zip(names, self._laws)}  # laws have names of their own in each process
         self._lists = [
             (g, {**keys, "name": new.get(keys["name"], keys["name"])} if "name" in keys else keys) for g, keys in self._lists
         ]
 
 
-def _warns_of_end(session: Session, stacklevel: int = 3) -> bool:
+def _dofs(dof: str | Iterable[str]) -> dict[str, Any]:
+    """Keys of an input for one or several degrees of freedom."""
+    if isinstance(dof, str):
+        return {"dof": dof}
+    if not isinstance(dof, Iterable):
+        raise ModelError(f"dof must be a label such as 'x1', or a list of labels, not {dof!r}")
+    return {"dofs": list(dof)}
+
+
+def _range(start: Any, stop: Any) -> dict[str, Any]:
+    """Keys of &curve for the range of its parameter."""
+    return {"from": numbers_of("start", start)[0], "to": numbers_of("stop", stop)[0]}
+
+
+def _warns_of_end(session: Session, stacklevel: int = 4) -> bool:
     """Whether a curve has ended before its range does, with a warning if so."""
     reason = int(dataset.number(session, "reason"))
     if reason == dataset.CUT_SHORT:

@@ -4,20 +4,27 @@ again."""
 from __future__ import annotations
 
 import ctypes
-import ctypes.util
 import math
-import os
 import signal
 import threading
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from nhbm import laws
+from nhbm._library import (
+    INTERRUPT_CALLBACK,
+    INVALID_ARGUMENT,
+    KEY_ROW_SIZE,
+    STRUCTURE_CALLBACK,
+    last_error,
+    library,
+    raise_error,
+)
+from nhbm._library import Column as _Column
 from nhbm.errors import ModelError
 from nhbm.groups import as_input
 from nhbm.structure import Structure
@@ -29,111 +36,8 @@ except ImportError:
     from signal import getsignal as _getsignal
     from signal import signal as _signal
 
-API = 2
 _MAIN_THREAD, _SIGINT = threading.main_thread().ident, int(signal.SIGINT)
 _KINDS: dict[int, Any] = {0: np.dtype(np.float64), 1: np.dtype(np.int32)}
-_CANCEL = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
-_FILL = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
-
-
-class _Error(ctypes.Structure):
-    _fields_ = [("code", ctypes.c_int), ("text", ctypes.c_char * 2048)]
-
-
-class _Column(ctypes.Structure):
-    _fields_ = [
-        ("data", ctypes.c_void_p),
-        ("kind", ctypes.c_int),
-        ("n_axes", ctypes.c_int),
-        ("shape", ctypes.c_int64 * 4),
-        ("unit", ctypes.c_char_p),
-        ("axes", ctypes.c_char_p),
-    ]
-
-
-def _library_paths() -> Iterator[str]:
-    """Where the shared library may be: NHBM_LIBRARY, beside this package, in the build of this checkout, in the folder `lib` of
-    this installation, of the system."""
-    if "NHBM_LIBRARY" in os.environ:
-        yield os.environ["NHBM_LIBRARY"]
-        return
-    here = Path(__file__).resolve()
-    for path in (here.parent / "libnhbm.so", *(parent / "build/release/lib/libnhbm.so" for parent in here.parents)):
-        if path.is_file():
-            yield str(path)
-    for pattern in ("libnhbm.so", "*/libnhbm.so"):
-        yield from map(str, here.parents[3].glob(pattern))
-    found = ctypes.util.find_library("nhbm")
-    if found:
-        yield found
-
-
-def _load() -> ctypes.CDLL:
-    paths = list(_library_paths())
-    if not paths:
-        raise ModelError("libnhbm.so was not found; NHBM_LIBRARY may hold its path")
-    library = ctypes.CDLL(paths[0])
-    if library.nhbm_api() != API:
-        raise ModelError(f"{paths[0]} has version {library.nhbm_api()} of the interface, this package needs {API}")
-    text, number, pointer = ctypes.c_char_p, ctypes.c_int, ctypes.c_void_p
-    error, handle = ctypes.POINTER(_Error), ctypes.POINTER(ctypes.c_void_p)
-    for name, arguments in {
-        "read": (pointer, text, text, error),
-        "set_text": (pointer, text, text, error),
-        "parameter": (pointer, text, ctypes.POINTER(number), error),
-        "set": (pointer, number, ctypes.c_double, error),
-        "solve": (pointer, number, error),
-        "begin_curve": (pointer, error),
-        "next": (pointer, ctypes.POINTER(number), error),
-        "column_of": (pointer, text, ctypes.POINTER(_Column), error),
-        "time_column_of": (pointer, text, ctypes.POINTER(_Column), error),
-        "integrate": (pointer, error),
-        "verify": (pointer, number, error),
-        "ask": (pointer, _CANCEL, pointer, error),
-    }.items():
-        getattr(library, f"nhbm_{name}").argtypes = arguments
-    for name, arguments in {
-        "input": (pointer,),
-        "column_names": (pointer,),
-        "time_column_names": (pointer,),
-        "labels": (pointer, text),
-        "message": (pointer,),
-    }.items():
-        getattr(library, f"nhbm_{name}").argtypes = arguments
-        getattr(library, f"nhbm_{name}").restype = text
-    library.nhbm_version.restype = text
-    library.nhbm_give_law.argtypes = (text, ctypes.POINTER(laws.LawInfo), laws.EVALUATE)
-    library.nhbm_forget_law.argtypes = (text,)
-    library.nhbm_forget_law.restype = None
-    library.nhbm_new.restype = pointer
-    library.nhbm_structures.argtypes = (pointer, _FILL, pointer)
-    library.nhbm_structures.restype = None
-    integers, reals = np.ctypeslib.ndpointer(np.int32, flags="C"), np.ctypeslib.ndpointer(np.float64, flags="C")
-    for name, arguments in {
-        "dofs": (text, text, ctypes.c_double),
-        "matrix": (text, integers, integers, reals),
-        "vector": (text, number, integers, reals),
-        "nodes": (number, integers, text),
-        "set": (text, number, integers),
-        "refuse": (text,),
-    }.items():
-        getattr(library, f"nhbm_structure_{name}").argtypes = (pointer, *arguments)
-    library.nhbm_points.argtypes = (pointer, number)
-    library.nhbm_points.restype = None
-    library.nhbm_delete.argtypes = (handle,)
-    library.nhbm_delete.restype = None
-    return library
-
-
-_library: ctypes.CDLL | None = None
-
-
-def library() -> ctypes.CDLL:
-    """The shared library, loaded at the first call."""
-    global _library
-    if _library is None:
-        _library = _load()
-    return _library
 
 
 class Key(NamedTuple):
@@ -163,8 +67,11 @@ def input_keys() -> list[Key]:
     'm'
     """
     keys: list[Key] = []
-    row = ctypes.create_string_buffer(1200)
-    while library().nhbm_key(len(keys), row, len(row)):
+    row = ctypes.create_string_buffer(KEY_ROW_SIZE)
+    for k in range(library().nhbm_get_key_count()):
+        status = library().nhbm_get_key_row(k, row, len(row))
+        if status:
+            raise_error(status)
         keys.append(Key(*row.value.decode().split(" | ")))
     return keys
 
@@ -174,11 +81,14 @@ class _Interrupts:
 
     def __init__(self) -> None:
         self.is_noted = False
-        self._handler: Any = None
+        self._handlers: list[Any] = []  # before each call in progress; calls of the main thread alone have one
 
     def __enter__(self) -> None:
-        if threading.get_ident() == _MAIN_THREAD and callable(_getsignal(_SIGINT)):
-            self._handler = _signal(_SIGINT, self._note)
+        if threading.get_ident() == _MAIN_THREAD:
+            handler = _getsignal(_SIGINT)
+            self._handlers.append(handler)
+            if callable(handler):
+                _signal(_SIGINT, self._note)
 
     def _note(self, number: int, frame: Any) -> None:
         self.is_noted = True
@@ -186,11 +96,13 @@ class _Interrupts:
             raise KeyboardInterrupt
 
     def __exit__(self, *error: Any) -> None:
-        handler, self._handler = self._handler, None
-        if handler is None:
+        if threading.get_ident() != _MAIN_THREAD:
+            return
+        handler = self._handlers.pop()
+        if not callable(handler):
             return
         _signal(_SIGINT, handler)
-        if self.is_noted:
+        if self.is_noted and not self._handlers:
             self.is_noted = False
             if error[0] is None:
                 handler(_SIGINT, None)
@@ -208,46 +120,50 @@ class Column:
 class Session:
     """An input that is solved in this process. Raises ModelError with group, key and a suggestion for an invalid input.
 
-    `structures(name)` returns the Structure for `&structure type = 'model', file = name`. A session may be used by one
-    thread at a time; the global interpreter lock is released during a solution."""
+    `structures(name)` returns the Structure for `&structure type = 'model', file = name`. A session can be used by one thread
+    at a time: a call while another thread uses it, or from one of its laws, raises RuntimeError. The global interpreter lock is
+    released during a solution."""
 
     def __init__(self, structures: Callable[[str], Structure] | None = None) -> None:
-        self._library, self._error = library(), _Error()
-        self._handle, self._error_address = ctypes.c_void_p(self._library.nhbm_new()), ctypes.byref(self._error)
+        self._library, self._handle = library(), ctypes.c_void_p()
+        self._check(self._library.nhbm_create(ctypes.byref(self._handle)))
         self._interrupts = interrupts = _Interrupts()
         self._n_points = 1
-        self._fault: BaseException | None = None
+        self._laws: list[laws.Law] = []  # that the library may call
         self.dofs_of_sets: dict[str, str] = {}  # "disk1.x" of a set of one node, and the label of its degree of freedom
         self.empty: Any = None  # layout of a motion and a dataset without its values, for nhbm.dataset
         this: Any = weakref.ref(self)  # the library holds callbacks, which must not hold the session
-        self._cancel = _CANCEL(lambda context: int(interrupts.is_noted))
-        self._call("ask", self._cancel, None)
+        self._interrupt = INTERRUPT_CALLBACK(lambda context: int(interrupts.is_noted))
+        self._call("set_interrupt_callback", self._interrupt, None)
         self._structures = structures or Structure.read
-        self._fill = _FILL(lambda context, name, structure: this()._describe(name.decode(), structure))
-        library().nhbm_structures(self._handle, self._fill, None)
+        self._fill = STRUCTURE_CALLBACK(lambda context, name, structure: this()._describe(name.decode(), structure))
+        self._call("set_structure_callback", self._fill, None)
 
     def __del__(self) -> None:
         if getattr(self, "_handle", None):
-            library().nhbm_delete(ctypes.byref(self._handle))
+            self._library.nhbm_destroy(ctypes.byref(self._handle))
 
     def read(self, text: str, name: str = "model") -> None:
         """Reads the text of an input, replacing the previous one; `name` is used in messages."""
-        self._call("read", text.encode(), name.encode())
+        named = laws.laws_in(text)
+        self._call("read_input", text.encode(), name.encode())
+        self._laws = named
 
     def set(self, path: str, value: Any) -> None:
         """Sets a key like --set of the command: numbers, texts, lists."""
-        self._call("set_text", path.encode(), as_input(value).encode())
+        self._call("set_key", path.encode(), as_input(value).encode())
 
     def parameter(self, path: str) -> int:
         """Returns a handle for a number that is set repeatedly."""
         handle = ctypes.c_int()
-        self._call("parameter", path.encode(), ctypes.byref(handle))
+        self._call("find_parameter", path.encode(), ctypes.byref(handle))
         return handle.value
 
     def set_parameter(self, handle: int, value: float) -> None:
         """Sets that number, in the unit of the input."""
-        if self._library.nhbm_set(self._handle, handle, value, self._error_address):
-            self._raise_errors(1)
+        status = self._library.nhbm_set_parameter(self._handle, handle, value)
+        if status:
+            self._check(status)
 
     def solve(self, warm: bool = False, points: int = 1) -> None:
         """Computes the motion with the current values, from the last one if `warm`.
@@ -255,22 +171,21 @@ class Session:
         `points` share the time budget of a run for stability, two seconds in all; 0: no stability.
         """
         if points != self._n_points:
-            self._library.nhbm_points(self._handle, points)
+            self._call("set_point_count", points)
             self._n_points = points
         with self._interrupts:
-            code = self._library.nhbm_solve(self._handle, int(warm), self._error_address)
-            self._raise_errors(code)
+            self._check(self._library.nhbm_solve(self._handle, int(bool(warm))))
 
     def begin_curve(self) -> None:
         """Starts the curve of the group &curve."""
-        self._call("begin_curve")
+        self._call("curve_begin")
 
     def next(self) -> bool:
         """Computes the next point of the curve as the last motion; false after its end."""
-        is_point = ctypes.c_int(1)
+        has_point = ctypes.c_int()
         with self._interrupts:
-            self._call("next", ctypes.byref(is_point))
-        return bool(is_point.value)
+            self._call("curve_next", ctypes.byref(has_point))
+        return bool(has_point.value)
 
     def integrate(self) -> None:
         """Integrates the model in time with the settings of the group &integration; `time_column` returns the record."""
@@ -284,39 +199,47 @@ class Session:
 
     def time_columns(self) -> list[str]:
         """Names of the results of the last `integrate` or `verify`."""
-        return _text(library().nhbm_time_column_names(self._handle)).split()
+        return self._text("get_time_column_names").split()
 
     def time_column(self, name: str) -> Column:
         """A column of these results. Raises KeyError for an unknown name."""
-        return self._column(library().nhbm_time_column_of, name)
+        return self._column("get_time_column", name)
 
     def columns(self) -> list[str]:
         """Names of all columns of its motions (docs/user/schema.md)."""
-        return _text(library().nhbm_column_names(self._handle)).split()
+        return self._text("get_column_names").split()
 
     def labels(self, axis: str) -> list[str]:
         """Labels along the axes `dof`, `law_dof` and `law`."""
-        return _text(library().nhbm_labels(self._handle, axis.encode())).split()
+        return self._text("get_labels", axis.encode()).split()
 
     @property
     def message(self) -> str:
         """Reason for a failure of the last motion, or a note."""
-        return _text(library().nhbm_message(self._handle))
+        return self._text("get_message")
 
     def input(self) -> str:
         """The complete input with all keys and their values."""
-        return _text(library().nhbm_input(self._handle))
+        return self._text("get_input")
 
     def column(self, name: str) -> Column:
         """A column of the last motion, by a name of the result file. Raises KeyError for an unknown name."""
         if name == "message":
             return Column(np.array(self.message), "", ())
-        return self._column(library().nhbm_column_of, name)
+        return self._column("get_column", name)
 
-    def _column(self, column_of: Any, name: str) -> Column:
+    def _text(self, function: str, *arguments: Any) -> str:
+        text = ctypes.c_char_p()
+        self._call(function, *arguments, ctypes.byref(text))
+        return (text.value or b"").decode(errors="replace")
+
+    def _column(self, function: str, name: str) -> Column:
         column = _Column()
-        if column_of(self._handle, name.encode(), ctypes.byref(column), ctypes.byref(self._error)):
-            raise KeyError(self._error.text.decode())
+        status = getattr(self._library, f"nhbm_{function}")(self._handle, name.encode(), ctypes.byref(column))
+        if status == INVALID_ARGUMENT:
+            raise KeyError(last_error())
+        if status:
+            raise_error(status)
         unit, axes = column.unit.decode(), tuple(column.axes.decode().split())
         if column.kind not in _KINDS:
             return Column(None, unit, axes)
@@ -329,46 +252,45 @@ class Session:
         """Hands a structure over to the library; what goes wrong in Python is raised again when the library has returned."""
         try:
             structure: Any = self._structures(name)
-            give = {word: getattr(library(), f"nhbm_structure_{word}") for word in ("dofs", "matrix", "vector", "nodes", "set")}
-            code = give["dofs"](builder, _words(structure.labels), _words(structure.units), structure.up_to or 0.0)
+            functions = {name: getattr(self._library, f"nhbm_structure_{name}")
+                         for name in ("set_dofs", "set_matrix", "add_load", "set_nodes", "add_node_set")}  # fmt: skip
+            n = len(structure.labels)
+            code = functions["set_dofs"](builder, _words(structure.labels), _words(structure.units), structure.up_to or 0.0)
             for kind, matrix in structure.matrices().items():
                 matrix.sort_indices()
                 parts = matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32), np.ascontiguousarray(matrix.data, float)
-                code = code or give["matrix"](builder, kind.encode(), *parts)
+                code = code or functions["set_matrix"](builder, kind.encode(), n, len(parts[2]), *parts)
             for load, (dofs, values) in structure.loads.items():
                 dofs, values = np.ascontiguousarray(dofs, np.int32), np.ascontiguousarray(values, float)
-                code = code or give["vector"](builder, load.encode(), len(dofs), dofs, values)
+                code = code or functions["add_load"](builder, load.encode(), len(dofs), dofs, values)
             if structure.sets:
                 nodes, n_nodes = np.ascontiguousarray(structure.dof_node, np.int32), len(structure.node_numbers)
-                code = code or give["nodes"](builder, n_nodes, nodes, _words([word or "-" for word in structure.dof_direction]))
+                directions = _words([word or "-" for word in structure.dof_direction])
+                code = code or functions["set_nodes"](builder, n_nodes, n, nodes, directions)
             for set_name, members in structure.sets.items():
                 members = np.ascontiguousarray(members, np.int32)
-                code = code or give["set"](builder, set_name.encode(), len(members), members)
+                code = code or functions["add_node_set"](builder, set_name.encode(), len(members), members)
                 if len(members) == 1:
                     for dof in np.flatnonzero(structure.dof_node == members[0]):
                         self.dofs_of_sets[f"{set_name}.{structure.dof_direction[dof]}"] = structure.labels[dof]
             return int(code)
         except BaseException as fault:
             if isinstance(fault, ModelError):
-                library().nhbm_structure_refuse(builder, str(fault).encode())
+                self._library.nhbm_structure_set_error(builder, str(fault).encode())
             else:
-                self._fault = fault
+                laws.store_fault(fault)
             return 1
 
     def _call(self, name: str, *arguments: Any) -> None:
-        self._raise_errors(getattr(self._library, f"nhbm_{name}")(self._handle, *arguments, self._error_address))
+        self._check(getattr(self._library, f"nhbm_{name}")(self._handle, *arguments))
 
-    def _raise_errors(self, code: int) -> None:
+    def _check(self, status: int) -> None:
         """Raises what a law or a structure has raised while the library was at work, or the error that it describes."""
-        fault, self._fault = self._fault or laws.pop_fault(), None
+        fault = laws.pop_fault()
         if fault is not None:
             raise fault
-        if code:
-            raise ModelError(self._error.text.decode(errors="replace"))
-
-
-def _text(words: bytes) -> str:
-    return words.decode(errors="replace")
+        if status:
+            raise_error(status)
 
 
 def _words(words: list[str]) -> bytes:

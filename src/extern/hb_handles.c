@@ -1,0 +1,79 @@
+#include "hb_handles.h"
+
+#include <pthread.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+
+typedef struct entry {
+   const void *object;
+   int kind;
+   bool is_busy;
+   pthread_t user; /* of a busy object */
+   struct entry *next;
+} entry_t;
+
+enum { n_lists = 1024 };
+
+static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
+static entry_t *lists[n_lists]; /* by address */
+
+/* Address of the pointer to the entry of an object, or of the null pointer at the end of its list. */
+static entry_t **find(const void *object)
+{
+   entry_t **entry = &lists[(uintptr_t)object/64 % n_lists];
+   while (*entry && (*entry)->object != object) entry = &(*entry)->next;
+   return entry;
+}
+
+int hb_register_handle(const void *object, int kind)
+{
+   entry_t *entry = calloc(1, sizeof *entry), **last;
+   if (!entry) return 1;
+   entry->object = object;
+   entry->kind = kind;
+   (void)pthread_mutex_lock(&mutex);
+   last = find(object);
+   *last = entry;
+   (void)pthread_mutex_unlock(&mutex);
+   return 0;
+}
+
+int hb_acquire_handle(const void *object, int kind)
+{
+   int result = HB_HANDLE_ACQUIRED;
+   entry_t *entry;
+   (void)pthread_mutex_lock(&mutex);
+   entry = *find(object);
+   if (!entry || entry->kind != kind) {
+      result = HB_HANDLE_UNKNOWN;
+   } else if (entry->is_busy) {
+      result = pthread_equal(entry->user, pthread_self()) ? HB_HANDLE_BUSY_HERE : HB_HANDLE_BUSY_ELSEWHERE;
+   } else {
+      entry->is_busy = true;
+      entry->user = pthread_self();
+   }
+   (void)pthread_mutex_unlock(&mutex);
+   return result;
+}
+
+void hb_release_handle(const void *object)
+{
+   entry_t *entry;
+   (void)pthread_mutex_lock(&mutex);
+   entry = *find(object);
+   if (entry) entry->is_busy = false;
+   (void)pthread_mutex_unlock(&mutex);
+}
+
+void hb_unregister_handle(const void *object)
+{
+   entry_t **place, *entry;
+   (void)pthread_mutex_lock(&mutex);
+   place = find(object);
+   entry = *place;
+   if (entry) *place = entry->next;
+   (void)pthread_mutex_unlock(&mutex);
+   free(entry);
+}

@@ -1,0 +1,173 @@
+"""Misuse from Python ends with a message, never the process: one model in several threads, laws that call their model, wrong
+arguments, datasets without a motion."""
+
+from __future__ import annotations
+
+import gc
+import threading
+import warnings
+
+import numpy as np
+import pytest
+
+from in_process import cubic, duffing
+
+import nhbm
+from nhbm import Model, ModelError, NotConverged, laws
+
+
+def in_threads(work, n=4):
+    """Runs a function in threads at once; returns what it returned or raised in each."""
+    found = [None] * n
+    start = threading.Barrier(n)
+
+    def run(k):
+        start.wait()
+        try:
+            found[k] = work()
+        except Exception as error:
+            found[k] = error
+
+    threads = [threading.Thread(target=run, args=(k,)) for k in range(n)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return found
+
+
+def test_threads_with_one_model_wait_for_each_other():
+    model, alone = duffing(), duffing().curve("tones[0]", 0.5, 1.5, order=5)
+    for curve in in_threads(lambda: model.curve("tones[0]", 0.5, 1.5, order=5)):
+        np.testing.assert_array_equal(curve["coefficients"], alone["coefficients"])
+    expected = duffing().solve(order=5)["coefficients"]
+    for motion in in_threads(lambda: [model.solve(order=5), model.response("x1", order=5), model.to_namelist()][0]):
+        np.testing.assert_array_equal(motion["coefficients"], expected)
+
+
+def test_threads_with_one_session_are_refused():
+    begun, refused = threading.Event(), threading.Event()
+
+    def waiting(q):
+        begun.set()
+        refused.wait(60)
+        return cubic(q)
+
+    model = duffing(spring=cubic)
+    model.law(waiting, "x1")
+    session = nhbm.Session()
+    session.read(model.to_namelist())
+    thread = threading.Thread(target=session.solve)
+    thread.start()
+    assert begun.wait(60)
+    for call in (session.solve, session.columns, session.integrate, lambda: session.column("status"),
+                 lambda: session.set("tones%frequency", 1.0), session.begin_curve, session.next, session.verify):  # fmt: skip
+        with pytest.raises(RuntimeError, match="in use by another thread"):
+            call()
+    refused.set()
+    thread.join()
+    assert session.column("status").values == 1
+
+
+def test_a_law_cannot_call_its_own_model():
+    found = []
+
+    def calling(q):
+        try:
+            session.solve()
+        except RuntimeError as error:
+            found.append(str(error))
+        return cubic(q)
+
+    model = duffing(spring=cubic)
+    model.law(calling, "x1")
+    session = nhbm.Session()
+    session.read(model.to_namelist())
+    session.solve()
+    assert "callback" in found[0] and session.column("status").values == 1
+    expected = duffing().solve(order=5).nhbm.amplitude("x1")
+
+    def solving(q):  # another model may be solved
+        assert float(duffing().solve(order=5).nhbm.amplitude("x1")) == float(expected)
+        return cubic(q)
+
+    model = duffing(spring=cubic)
+    model.law(solving, "x1")
+    np.testing.assert_allclose(model.solve(order=5).nhbm.amplitude("x1"), expected, rtol=1e-8)
+
+
+def test_a_session_holds_its_laws():
+    model = duffing(spring=cubic)
+    model.law(lambda q: 0.5 * q**3, "x1")
+    session = nhbm.Session()
+    session.read(model.to_namelist())
+    del model
+    gc.collect()
+    session.solve()
+    assert session.column("status").values == 1
+
+
+def test_wrong_numbers_of_periods_are_refused():
+    model = duffing()
+    model.solve(order=5)
+    for periods in (-5, -(2**31), 2**32 + 5, 1.5, "3", None, True):
+        with pytest.raises(ModelError, match="periods must be a whole number"):
+            model.verify(periods=periods)
+    assert model.verify(periods=np.int64(3))["integration_verdict"].item() in ("agrees", "undecided")
+    model["tones[0]"] = 1.0
+    with pytest.raises(ModelError, match="values have changed"):
+        model.verify()
+
+
+@pytest.mark.parametrize("made, message", [
+    (lambda: nhbm.Matrices(n_dofs=2, mass=np.eye(3), stiffness=np.eye(3)), "n_dofs follows from the matrices; .* 3 x 3"),
+    (lambda: nhbm.Matrices(n_dofs=2), "takes mass and stiffness"),
+    (lambda: nhbm.Matrices(np.eye(2), np.eye(2), None, ["a", "b"]), "further keys by name"),
+    (lambda: nhbm.Matrices("heavy", np.eye(2)), "mass must be a square matrix of numbers, not 'heavy'"),
+    (lambda: nhbm.Matrices([[1, 2], [3]], np.eye(2)), "mass must be a square matrix"),
+    (lambda: nhbm.Chain(2, 1.0), r"Chain takes its keys by name, Chain\(key=value"),
+    (lambda: nhbm.Beam(type="chain"), "leave 'type' out"),
+    (lambda: Model(3.0), "3.0 is not a structure"),
+    (lambda: duffing().load("x1", "one"), "tuple_ must be whole numbers, not 'one'"),
+    (lambda: duffing().load("x1", 1.5), "tuple_ must be whole numbers"),
+    (lambda: duffing().start("x1", None), "tuple_ must be whole numbers"),
+    (lambda: duffing().law("cubic_spring", 5), "dof must be a label such as 'x1'"),
+    (lambda: duffing().curve("tones[0]", "low", 2.0), "start must be numbers, not 'low'"),
+    (lambda: duffing().peak("x1", "tones[0]", 0.5, None), "stop must be numbers, not None"),
+    (lambda: duffing().curve(3, 0.5, 2.0), "a path is a text such as 'wall.gap'"),
+    (lambda: duffing().integrate("long"), "duration must be numbers, not 'long'"),
+    (lambda: duffing().bearing(["x1", "x2"], ["slow"], [[1, 0, 0, 1]]), "speeds must be numbers"),
+])  # fmt: skip
+def test_wrong_arguments_are_named(made, message):
+    with pytest.raises(ModelError, match=message):
+        made()
+
+
+def test_a_number_of_degrees_of_freedom_that_agrees_is_accepted():
+    assert nhbm.Matrices(n_dofs=2, mass=np.eye(2), stiffness=np.eye(2)).keys["n_dofs"] == 2
+
+
+def refusing(code):
+    """A model whose compiled law returns this code."""
+    model = duffing(spring=True)
+    model.law(nhbm.Law(laws.EVALUATE(lambda samples: code)), "x1")
+    return model
+
+
+def test_a_dataset_without_a_motion_says_why():
+    model = refusing(-1)  # fatal
+    with pytest.warns(NotConverged):
+        motion = model.solve(order=3)
+    with pytest.warns(NotConverged):
+        points = model.sweep({"tones[0]": [0.9, 1.0]}, order=3)
+    for evaluate in (lambda: motion.nhbm.amplitude("x1"), lambda: motion.nhbm.harmonic("x1", 3), lambda: motion.nhbm.largest("x1"),
+                     lambda: motion.nhbm.time("x1", [0.0]), lambda: motion.nhbm.response("x1"), lambda: motion.nhbm.plot("x1"),
+                     lambda: motion.nhbm.gradient("x1"), lambda: model.verify(motion), lambda: points.nhbm.amplitude("x1"),
+                     ):  # fmt: skip
+        with pytest.raises(ModelError, match=r"no motion was found .status failed., so there are no 'coefficients'.*returned -1"):
+            evaluate()
+    for code, status in ((-1, "returned -1"), (1, "no motion was found .status not_finite.*returned 1")):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotConverged)
+            with pytest.raises(ModelError, match=status):
+                refusing(code).curve("tones[0]", 0.9, 1.0, order=3)
