@@ -8,13 +8,14 @@ module explanation
    use hb_document, only: document_t
    use hb_kinds, only: wp
    use next_step, only: command_to_try, failure_kind_t, is_by_tolerance, run_names_t, shell_word
-   use hb_outcome, only: is_solved, outcome, outcome_names, outcome_remedy, outcome_text
+   use hb_outcome, only: is_solved, outcome, outcome_names, outcome_text
    use hb_properties, only: properties_t
    use hb_results_record, only: messages_of, numbers_of, record_t
    use hb_solver_types, only: fallback_texts
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, split, string_t, to_text
    use hb_thresholds, only: well_solved
+   use remedies, only: remedy_of
    implicit none
    private
    public :: explain_failures, explain_point, find_kinds, status_lines
@@ -195,7 +196,7 @@ contains
 
       text = "Point "//name_of(kind%first, plan)//others_of(kind)//": "//outcome_text(kind%status)//"."
       if (kind%status == outcome%pending .or. kind%status == outcome%unused) then
-         if (kind%status == outcome%pending) text = text//" "//outcome_remedy(kind%status)
+         if (kind%status == outcome%pending) text = text//" "//remedy_of(kind%status)
          return
       end if
       text = text//attempts_text(kind, record)//nearness_text(kind%first, record, document)
@@ -204,7 +205,7 @@ contains
       if (n > 0) advice = kind%message(:n - 1)
       if (len_trim(advice) > 0) text = text//new_line("a")//"Message: "//trim(advice)
       if (.not. is_solved(kind%status)) text = text//neighbour_text(kind%first, record, plan)
-      text = text//new_line("a")//"What to do: "//outcome_remedy(kind%status)
+      text = text//new_line("a")//"What to do: "//remedy_of(kind%status)
       command = command_to_try(kind, names, plan, document)
       if (len(command) > 0) text = text//command_mark//command
    end function paragraph

@@ -9,10 +9,11 @@ module verb_why
    use explanation, only: explain_failures, explain_point
    use hb_mpi, only: comm_t, rank_of, share_error
    use next_step, only: run_names_t
-   use hb_outcome, only: outcome, outcome_names, outcome_remedy, outcome_text
+   use hb_outcome, only: outcome, outcome_names, outcome_text
    use hb_results_record, only: record_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: number_of, split, string_t, to_text
+   use remedies, only: remedy_of
    use verb_info, only: read_result
    implicit none
    private
@@ -84,7 +85,7 @@ contains
       do i = lbound(outcome_names, 1), ubound(outcome_names, 1)
          text = outcome_text(i)
          if (index(text, ": ") > 0) text = text(index(text, ": ") + 2:)   ! the preceding text repeats the name
-         call say_entry(trim(outcome_names(i)), text//". "//outcome_remedy(i), 16)
+         call say_entry(trim(outcome_names(i)), text//". "//remedy_of(i), 16)
       end do
    end subroutine print_statuses
 end module verb_why

@@ -214,7 +214,6 @@ def test_unconverged_points_are_drawn_only_on_request(sweep, capsys):
         (["spectrum", "FILE", "--point", "5"], "status pending"),
         (["spectrum", "FILE", "--point", "-1"], "-1 is less than 0"),
         (["spectrum", "FILE", "--point", "x"], "invalid whole number value: 'x'"),
-        (["time", "FILE", "--march", "record.h5"], "--march is called --integration now"),
         (["spectrum", "FILE", "--form", "bars", "--over", "frequency"], "needs 2 tones and tuples as axes"),
         (["spectrum", "FILE", "--output", "a.gif"], "must end in .png"),
         (["spectrum", "FILE", "--output", "none/a.png"], "cannot write 'none/a.png'"),

@@ -132,7 +132,7 @@ contains
       end if
       if (size(search%modes) == 0) then
          search%report%status = outcome%no_motion
-         search%message = "no such linear mode to start from; give a &start"
+         search%message = "no such linear mode to start from; give a first guess of the motion"
          return
       end if
       call continue_from_mode(search, goal, u)

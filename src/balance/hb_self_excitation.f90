@@ -54,7 +54,7 @@ contains
          self%report%status = outcome%stalled
          self%message = "no starting motion with small amplitudes of the unknown tones was found"
       else if (self%is_neutral) then
-         self%message = "the unknown tone is neither excited nor damped: prescribe its amplitude in &normal_mode"
+         self%message = "the unknown tone is neither excited nor damped: prescribe its amplitude, as of a normal mode"
       else
          self%message = "damped at the amplitudes tried, "//to_text(self%length*first_amplitude)//" to "//to_text(self%reached)
       end if

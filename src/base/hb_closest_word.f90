@@ -1,29 +1,10 @@
-!> The known word that is closest to a misspelt or former one. Source of the distance: Damerau-Levenshtein, restricted
-!> to one swap of neighbours per position.
+!> The known word that is closest to a misspelt one. Source of the distance: Damerau-Levenshtein, restricted to one swap of
+!> neighbours per position.
 module hb_closest_word
    use hb_text, only: lower, string_t
    implicit none
    private
    public :: closest_word
-
-   ! Names of keys, groups, values, statuses, verbs and columns before 0.1.0; messages suggest the present name.
-   character(*), parameter :: names(2, 16) = reshape([character(28) :: &
-      "march", "integrate", &                               ! the verb
-      "march", "integration", &                             ! the group and the value
-      "marched", "time_domain", &
-      "rescue", "fallback", &
-      "rescue_by_march", "fallback_by_integration", &
-      "rescue_work", "fallback_work", &
-      "first_way", "primary_method", &
-      "n_rungs", "n_levels", &                              ! columns from here on
-      "rung_difference", "level_difference", &
-      "is_marched_first", "is_integrated_first", &
-      "march_verdict", "integration_verdict", &
-      "march_first_difference", "integration_first_difference", &
-      "march_difference", "integration_difference", &
-      "march_limit", "integration_limit", &
-      "march_growth", "integration_growth", &
-      "march_duration", "integration_duration"], [2, 16])
 
    integer, parameter :: max_word = 63                      !! longest word that is examined
 
@@ -71,11 +52,6 @@ contains
       type(string_t), intent(in) :: known(:)
       integer :: best, distance, i
 
-      do i = 1, size(known)
-         closest_index = i
-         if (.not. allocated(known(i)%value)) cycle
-         if (any(names(1, :) == lower(trim(word)) .and. names(2, :) == lower(trim(known(i)%value)))) return
-      end do
       closest_index = 0
       best = huge(best)
       do i = 1, size(known)

@@ -135,7 +135,7 @@ contains
       type(c_ptr) :: y
 
       if (.not. has_cvode()) then
-         call fail(error, "this library was built without SUNDIALS and has no 'cvode'; the other methods of &integration need none")
+         call fail(error, "this library was built without SUNDIALS and has no 'cvode'; other integration methods need none")
          return
       end if
       allocate (self%handle)

@@ -26,13 +26,14 @@ module hb_followed_motion
    use hb_normal_mode, only: amplitude_functionals
    use hb_outcome, only: outcome
    use hb_phase, only: energy_row_t, shift_functional
+   use hb_response_slope, only: find_series_slope
    use hb_solver_types, only: report_t, solver_config_t
    use hb_stability, only: stability_t
    use hb_thresholds, only: agreement, faint
    implicit none
    private
-   public :: curve_state_t, followed_motion_function_at, followed_motion_t, known_t, largest_load, most_tolerance_factor
-   public :: n_further, origin_t, reported_extreme_t, waiting_t
+   public :: curve_state_t, followed_motion_t, known_t, largest_load, most_tolerance_factor, n_further, origin_t, &
+      reported_extreme_t, waiting_t
 
    integer, parameter :: most_corrections = 10
    real(wp), parameter :: most_tolerance_factor = 1.0e4_wp            !! by which a tolerance increases for a rough residual
@@ -100,7 +101,6 @@ module hb_followed_motion
       real(wp) :: roughness = 0.0_wp !! of the residual as a function of frequencies, at the start of this branch
       logical :: is_rough = .false.                                   !! above the tolerance
       real(wp) :: tolerance_factor = 1.0_wp                           !! by which the tolerance may have increased along the branch
-      real(wp) :: apart = 1.0e-3_wp                                   !! of differences for slopes of responses [lengths]
       logical :: has_collapsed = .false.                              !! the motion of an unknown tone has vanished
       logical :: is_closed = .false.                                  !! this branch has returned to its start
       integer :: first_waiting = 1
@@ -120,6 +120,7 @@ module hb_followed_motion
       procedure :: evaluate_here => followed_motion_evaluate_here
       procedure :: function_at => followed_motion_function_at
       procedure :: square_at => followed_motion_square_at
+      procedure :: slope_at => followed_motion_slope_at
       procedure :: find_series => followed_motion_find_series
       procedure :: find_stability => followed_motion_find_stability
       procedure :: find_contact => followed_motion_find_contact
@@ -474,17 +475,9 @@ contains
          value = ieee_value(value, ieee_quiet_nan)
          if (abs(load) > 0.0_wp) value = 0.0_wp
          if (abs(load) > 0.0_wp .and. size(c) > 0) value = real(c(set%index_of(response%tuple))*conjg(load))/abs(load)
-      case default                                                    ! the slope, by a fourth-order difference
-         value = (8.0_wp*change(self%apart) - change(2.0_wp*self%apart))/(12.0_wp*self%apart)
+      case default
+         value = self%slope_at(response, x, direction)
       end select
-
-   contains
-
-      real(wp) function change(distance)
-         real(wp), intent(in) :: distance
-
-         change = self%square_at(response, x + distance*direction) - self%square_at(response, x - distance*direction)
-      end function change
    end function followed_motion_function_at
 
    !> Square of a response.
@@ -500,6 +493,34 @@ contains
       square = 0.0_wp
       if (size(c) > 0) square = response%of(set, c)
    end function followed_motion_square_at
+
+   !> Derivative of the square of a response along a direction; NaN if the parameters are rejected.
+   real(wp) function followed_motion_slope_at(self, response, x, direction) result(slope)
+      class(followed_motion_t), intent(inout), target :: self
+      type(located_response_t), intent(in) :: response
+      real(wp), intent(in) :: x(:), direction(:)
+      complex(wp), allocatable :: c(:), of_numbers(:), slopes(:)
+      complex(wp) :: load
+      real(wp) :: u(self%problem%model%harmonics%n_coefficients, self%problem%n_dofs)
+      integer :: h
+      type(harmonics_t), pointer :: set
+
+      slope = ieee_value(slope, ieee_quiet_nan)
+      call self%find_series(response, x, set, c, load)
+      if (size(c) == 0) return
+      associate (numbers => response%numbers_in(set))
+         if (response%column > 0) then
+            u = reshape(direction(:size(u)), shape(u))
+            of_numbers = [(set%amplitude(u(:, response%column), numbers(h)), h=1, size(numbers))]
+         else
+            call find_series_slope(self%problem, response%dof, x, direction, numbers, of_numbers)
+            if (.not. allocated(of_numbers)) return
+         end if
+         allocate (slopes(size(c)), source=(0.0_wp, 0.0_wp))
+         slopes(numbers) = of_numbers
+      end associate
+      slope = response%slope_of(set, c, slopes)
+   end function followed_motion_slope_at
 
    !> Amplitudes of the degree of freedom of a response; none if the parameters are rejected.
    subroutine followed_motion_find_series(self, response, x, set, c, load)

@@ -111,7 +111,8 @@ contains
       end if
       if (allocated(error)) return
       call amplitudes%add_tuple(self%harmonics, tuple, dofs, weights*cosine, weights*sine, error)
-      if (allocated(error)) call group%problem("tuple", error%message)
+      if (allocated(error)) call group%problem("tuple", error%message//"; give one entry per tone, and raise the order in "// &
+                                               "&harmonics if it is too low")
    end subroutine read_amplitude
 
    !> Tuples of all loads and first guesses, (n_tones, any); tuples of a wrong size are reported when they are read.

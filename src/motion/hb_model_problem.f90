@@ -68,7 +68,8 @@ module hb_model_problem
       type(moving_value_t), private :: moving
       character(:), allocatable, private :: group                     ! of the value, or `several`
       real(wp), private :: value = 0.0_wp                             ! the present one
-      real(wp), allocatable, private :: omega_at_zero(:), omega_slopes(:)  ! base frequencies as functions of the value
+      real(wp), allocatable, private :: omega_at_zero(:)              ! base frequencies as functions of the value
+      real(wp), allocatable :: omega_slopes(:)                        !! likewise: their derivatives, (n_tones)
       real(wp), allocatable, private :: ratios(:)                     ! of tones to the value, if it moves more than tones
       integer, allocatable, private :: tied(:)                        ! unknown tones whose frequencies other values follow
       real(wp), allocatable, private :: followed(:)                   ! frequencies that they follow at present [rad/s], (n_tones)

@@ -17,6 +17,8 @@ module hb_response
       integer, allocatable :: tuple(:)                                !! of a harmonic; none: root mean square of all but the mean
    contains
       procedure :: of => response_of
+      procedure :: slope_of => response_slope_of
+      procedure :: numbers_in => response_numbers_in
       procedure :: distance => response_distance
       procedure :: is_in => response_is_in
    end type response_t
@@ -71,16 +73,39 @@ contains
       class(response_t), intent(in) :: self
       type(harmonics_t), intent(in) :: harmonics
       complex(wp), intent(in) :: amplitudes(:)                        !! (n_harmonics)
+
+      associate (numbers => self%numbers_in(harmonics))
+         square = sum(abs(amplitudes(numbers))**2)
+      end associate
+      if (.not. allocated(self%tuple)) square = 0.5_wp*square
+   end function response_of
+
+   !> Derivative of its square, from the amplitudes of its degree of freedom and their derivatives.
+   pure real(wp) function response_slope_of(self, harmonics, amplitudes, slopes) result(slope)
+      class(response_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: harmonics
+      complex(wp), intent(in) :: amplitudes(:), slopes(:)             !! (n_harmonics)
+
+      associate (numbers => self%numbers_in(harmonics))
+         slope = sum(real(conjg(amplitudes(numbers))*slopes(numbers)))
+      end associate
+      if (allocated(self%tuple)) slope = 2.0_wp*slope
+   end function response_slope_of
+
+   !> Numbers of the harmonics of a set of which it consists.
+   pure function response_numbers_in(self, harmonics) result(numbers)
+      class(response_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: harmonics
+      integer, allocatable :: numbers(:)
       integer :: h
 
       if (allocated(self%tuple)) then
-         h = harmonics%index_of(self%tuple)
-         square = 0.0_wp
-         if (h > 0) square = abs(amplitudes(h))**2
+         numbers = [harmonics%index_of(self%tuple)]
+         numbers = pack(numbers, numbers > 0)
       else
-         square = 0.5_wp*sum([(abs(amplitudes(h))**2, h=merge(2, 1, harmonics%has_zero), harmonics%n_harmonics)])
+         numbers = [(h, h=merge(2, 1, harmonics%has_zero), harmonics%n_harmonics)]
       end if
-   end function response_of
+   end function response_numbers_in
 
    !> Distance of two motions of its degree of freedom in its harmonics, relative to the second, including phases: 1
    !> if the first has none of them, 0 if neither has. Amplitudes at the level of rounding are not used as a unit.

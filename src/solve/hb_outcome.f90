@@ -1,11 +1,11 @@
-!> How the solution of a point ended: the statuses of all solvers, each written once with its name, its text and what to do.
+!> How the solution of a point ended: the statuses of all solvers, each written once with its name and its meaning.
 !>
 !> An outcome is part of a result and never an error: `if (result%status == outcome%converged)`. The numbers are
 !> stored in the result file (docs/user/schema.md): they may be added to, never changed.
 module hb_outcome
    implicit none
    private
-   public :: is_solved, is_status, outcome, outcome_name, outcome_names, outcome_remedy, outcome_text, reason, reason_names
+   public :: is_solved, is_status, outcome, outcome_name, outcome_names, outcome_text, reason, reason_names
 
    type :: outcome_t
       integer :: pending = 0                           !! not solved yet
@@ -82,45 +82,6 @@ module hb_outcome
       "broadband: time integration finds no motion with these tones", &
       "several: time integration finds several motions"]
 
-   character(*), parameter :: remedies(0:21) = [character(232) :: &
-      "nhbm resume solves it.", &
-      "nhbm verify checks it by time integration. If an order was given, a tolerance (&accuracy) would choose it.", &
-      "Check units and loads first (nhbm check). Then continue from a solved point: a sweep with "// &
-         "first_guess = 'neighbour' in &solver; or start from time integration.", &
-      "Raise the work limit, or continue from a solved point: a sweep with first_guess = "// &
-         "'neighbour' in &solver.", &
-      "Constrain rigid body motions, and add damping where a resonance is excited. At a fold, shift the "// &
-         "parameter slightly.", &
-      "Look for loads or stiffnesses of a wrong magnitude, the end of a table, or a law that divides by "// &
-         "zero; nhbm check tests the derivatives of the laws.", &
-      "Remove the cause, then solve the point again with nhbm resume --retry.", &
-      "With a given order: double it, or leave it out for a tolerance. With a tolerance, as by default: raise its limits "// &
-         "max_work and max_harmonics. If the error is acceptable, raise the tolerance, or &certificate truncation.", &
-      "With a given order: double the samples, or leave both out for a tolerance; contact and friction need many "// &
-         "more samples than harmonics. With a tolerance, as by default: leave out &sampling, or raise max_work and "// &
-         "max_samples.", &
-      "Raise order and samples; hard impacts on a wall need very high orders.", &
-      "Solve the model with fewer tones.", &
-      "Integrate from a small disturbance: does it grow? If a large motion coexists with a stable "// &
-         "equilibrium, start near it with &start.", &
-      "Look for a user law that ends the process. When it is repaired, solve the point again with nhbm "// &
-         "resume --retry.", &
-      "Check units and loads first (nhbm check). Then continue from smaller loads: a sweep with "// &
-         "first_guess = 'neighbour' in &solver.", &
-      "Solve the model with the single tone that the message gives.", &
-      "Allow more time (&solver time_limit), or continue from a solved point: a sweep with first_guess = "// &
-         "'neighbour'.", &
-      "A higher order does not help. Give the wall its restitution (of rigid_wall, or of "// &
-         "&integration for all walls), or its stiffness (elastic_stop).", &
-      "Ignore the row.", &
-      "The motion is a valid solution; its error is the spread of the averages over time. nhbm verify "// &
-         "checks that it persists.", &
-      "Divide the frequency by the number in the message, and multiply tuples and orders by "// &
-         "it, as in the command below.", &
-      "The motion is chaotic, or has a further tone: nhbm integrate with &integration n_peaks finds its "// &
-         "frequencies.", &
-      "The stored motion is the first one that repeats with the tones. Start near another one with &start."]
-
 contains
 
    !> Gives the name of a status as it stands in the result file, `unknown` for a number that is no status.
@@ -140,14 +101,6 @@ contains
       text = "unknown status"
       if (is_status(status)) text = texts(status)
    end function outcome_text
-
-   !> Gives what to do about a point that ended so, in sentences.
-   pure function outcome_remedy(status) result(text)
-      integer, intent(in) :: status
-      character(len_trim(remedies(known(status)))) :: text
-
-      text = remedies(known(status))
-   end function outcome_remedy
 
    !> Whether there is a motion: from the balance, well enough for the thresholds of the certificate or not, or from time
    !> integration.

@@ -113,8 +113,7 @@ contains
 
       h = harmonics%index_of(tuple)
       if (h == 0) then
-         call fail(error, "tuple "//tuple_text(tuple)//" is not in the set of harmonics; give one entry per tone, "// &
-            "and raise the order in &harmonics if it is too low")
+         call fail(error, "tuple "//tuple_text(tuple)//" is not in the set of harmonics")
          return
       end if
       turned = real(canonical_sign(tuple), wp)

@@ -35,7 +35,9 @@ module hb_condensation
       type(amplitudes_t) :: loads                            !! [N]
       type(amplitudes_t) :: load_slopes                      !! dP/dw [N s]
       type(blocks_t), allocatable :: change !! derivative of the structure with respect to a value, if slopes are with respect to it
-      real(wp), allocatable :: rates(:)                      !! derivatives of the frequencies with respect to that value
+      real(wp), allocatable :: rates(:)                      !! derivatives of the frequencies with respect to that value; not
+                                                             !! allocated: 1, slopes are with respect to the frequency
+      real(wp), allocatable :: drive_rates(:)                !! likewise of the drives; not allocated: 0
       type(block_solver_t) :: solver                         !! of rr
       complex(wp), allocatable :: held_motion(:)             !! y of the last harmonic
       complex(wp), allocatable :: transfer(:, :)             !! T of the last harmonic
@@ -180,6 +182,7 @@ contains
       real(wp), intent(in) :: frequency                               !! [rad/s]
       logical, intent(in) :: by_drive
       complex(wp), intent(out) :: condensed(:, :), load(:)
+      real(wp) :: rate
       integer :: e, k, n
 
       n = size(self%positions)
@@ -197,11 +200,13 @@ contains
          load = self%load_slope(self%positions)
          if (by_drive) then
             call add_slopes(self, self, slope_by%drive, frequency, 1.0_wp, condensed, load)
-         else if (allocated(self%change)) then
-            call add_slopes(self, self, slope_by%frequency, frequency, self%rates(h), condensed, load)
-            call add_slopes(self, self%change, slope_by%value, frequency, 1.0_wp, condensed, load)
          else
-            call add_slopes(self, self, slope_by%frequency, frequency, 1.0_wp, condensed, load)
+            rate = 1.0_wp
+            if (allocated(self%rates)) rate = self%rates(h)
+            call add_slopes(self, self, slope_by%frequency, frequency, rate, condensed, load)
+            if (allocated(self%drive_rates)) call add_slopes(self, self, slope_by%drive, frequency, self%drive_rates(h), &
+                                                             condensed, load)
+            if (allocated(self%change)) call add_slopes(self, self%change, slope_by%value, frequency, 1.0_wp, condensed, load)
          end if
          call solver%solve_again()
          do e = 1, lr%n_entries
@@ -218,7 +223,7 @@ contains
       class(blocks_t), intent(in) :: blocks
       integer, intent(in) :: by                                       !! one of `slope_by`
       real(wp), intent(in) :: frequency                               !! [rad/s]
-      real(wp), intent(in) :: rate                                    !! derivative of the frequency
+      real(wp), intent(in) :: rate                                    !! derivative of the frequency, or of the drive
       complex(wp), intent(inout) :: condensed(:, :), load(:)
       complex(wp), allocatable :: slope(:)
       integer :: e, k, n
@@ -259,8 +264,8 @@ contains
             call block%drive_slope(slope)
          else
             call block%slope(frequency, slope)
-            slope = rate*slope
          end if
+         if (by /= slope_by%value) slope = rate*slope
       end function slopes_of
    end subroutine add_slopes
 

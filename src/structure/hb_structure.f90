@@ -306,7 +306,7 @@ contains
 
       if (self%n_dofs > most) call fail(error, what//" supports at most "//to_text(most)// &
                                         " degrees of freedom; the structure has "//to_text(self%n_dofs))
-      if (allocated(self%parts)) call fail(error, what//" needs equations in time; a &dynamic_stiffness has none")
+      if (allocated(self%parts)) call fail(error, what//" needs equations in time; a dynamic stiffness has none")
    end subroutine structure_check_matrices
 
    !> Converts the matrices to dense ones.

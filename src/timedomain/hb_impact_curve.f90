@@ -14,7 +14,7 @@ module hb_impact_curve
    use hb_curve_step, only: step
    use hb_document, only: document_t
    use hb_error, only: error_t
-   use hb_followed_motion, only: followed_motion_function_at, known_t, largest_load, waiting_t
+   use hb_followed_motion, only: known_t, largest_load, waiting_t
    use hb_harmonics, only: harmonics_t
    use hb_impact_orbit, only: accurate, impact_orbit_t, new_impact_orbit
    use hb_integrate_to_tolerance, only: keep_lines, loaded_tuples, status_within
@@ -39,6 +39,7 @@ module hb_impact_curve
    public :: impact_curve_t, new_curve_of
 
    integer, parameter :: most_corrections = 10
+   real(wp), parameter :: usual_distance = 1.0e-3_wp                  ! of differences for slopes of responses [lengths]
    real(wp), parameter :: nearest = 1.0e-6_wp                         ! to a graze, in units of lengths: differences need 1e-8
    integer, parameter :: most_candidates = 512                        ! order of the harmonics of a point with a tolerance
 
@@ -58,7 +59,7 @@ module hb_impact_curve
       procedure :: prepare_step => impact_curve_prepare_step
       procedure :: transfer_start => impact_curve_transfer_start
       procedure :: renew => impact_curve_renew
-      procedure :: function_at => impact_curve_function_at
+      procedure :: slope_at => impact_curve_slope_at
       procedure :: find_series => impact_curve_find_series
       procedure :: find_stability => impact_curve_find_stability
       procedure :: find_contact => impact_curve_find_contact
@@ -347,24 +348,32 @@ contains
       end associate
    end subroutine impact_curve_renew
 
-   !> Slopes are those of motions with the same impacts: near a graze their differences are shorter.
-   real(wp) function impact_curve_function_at(self, response, x, direction) result(value)
+   !> Fourth-order difference, since a motion is integrated from event to event; of motions with the same impacts: near
+   !> a graze it is shorter.
+   real(wp) function impact_curve_slope_at(self, response, x, direction) result(slope)
       class(impact_curve_t), intent(inout), target :: self
       type(located_response_t), intent(in) :: response
       real(wp), intent(in) :: x(:), direction(:)
-      real(wp) :: usual
       integer, allocatable :: impacts(:)
+      real(wp) :: apart
 
-      usual = self%apart
+      apart = usual_distance
       impacts = self%impacts_at(x)
-      do while (self%apart > 0.01_wp*nearest)                         ! corners are that near to a graze
-         if (all(impacts == self%impacts_at(x + 2.0_wp*self%apart*direction)) .and. &
-             all(impacts == self%impacts_at(x - 2.0_wp*self%apart*direction))) exit
-         self%apart = 0.5_wp*self%apart
+      do while (apart > 0.01_wp*nearest)                              ! corners are that near to a graze
+         if (all(impacts == self%impacts_at(x + 2.0_wp*apart*direction)) .and. &
+             all(impacts == self%impacts_at(x - 2.0_wp*apart*direction))) exit
+         apart = 0.5_wp*apart
       end do
-      value = followed_motion_function_at(self, response, x, direction)
-      self%apart = usual
-   end function impact_curve_function_at
+      slope = (8.0_wp*change(apart) - change(2.0_wp*apart))/(12.0_wp*apart)
+
+   contains
+
+      real(wp) function change(distance)
+         real(wp), intent(in) :: distance
+
+         change = self%square_at(response, x + distance*direction) - self%square_at(response, x - distance*direction)
+      end function change
+   end function impact_curve_slope_at
 
    !> Amplitudes of the degree of freedom of a response; none if the value is rejected.
    subroutine impact_curve_find_series(self, response, x, set, c, load)

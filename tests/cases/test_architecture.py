@@ -179,6 +179,20 @@ def test_nothing_in_the_library_stops_the_program(path):
         )
 
 
+LAYERS_WITHOUT_INPUT = {"solve", "hypertime", "structure", "balance", "stability"}
+INPUT_WORDS = re.compile(r'"[^"]*?(?:\bnhbm [a-z]+|&[a-z_]{3,}\b)[^"]*"')
+
+
+@SOURCES
+def test_lower_layers_name_no_commands_and_groups(path):
+    """Their messages are those of a library; advice that names commands and groups is given by the layers above."""
+    if layer_of(path) not in LAYERS_WITHOUT_INPUT:
+        return
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        code = line.partition("!>")[0]
+        assert not INPUT_WORDS.search(code), f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+
+
 @SOURCES
 def test_use_statements_name_what_they_use(path):
     """`use ..., only:` everywhere; outside extern/ without exception."""

@@ -17,7 +17,6 @@ PENDING, CONVERGED, CRASHED = 0, 1, 12
 # A spring of stiffness 1 whose parameter selects how it ends the process, if it is at least 1.
 LAW = """
 #include "nhbm_user_law.h"
-#include <signal.h>
 #include <stddef.h>
 #include <stdlib.h>
 #include <unistd.h>
@@ -39,18 +38,14 @@ static int deeper(volatile int *caller)
 
 static void die(int way)
 {
-   volatile int zero = 0;
+   volatile int deep = 0;
    volatile int *nowhere = NULL;
    switch (way) {
    case 1: *nowhere = 1; break;
    case 2: abort();
-   case 3: zero = deeper(&zero); break;
-   case 4: zero = 10 / zero; raise(SIGFPE); break; /* not every processor traps */
-   case 5: raise(SIGILL); break;
-   case 6: raise(SIGBUS); break;
-   case 7: exit(0);
-   case 8: if (fork() == 0) abort(); break;
-   case 9: _exit(0);
+   case 3: deep = deeper(&deep); break;
+   case 4: exit(0);
+   case 5: if (fork() == 0) abort(); break;
    default: break;
    }
 }
@@ -81,9 +76,6 @@ ENDINGS = {
     "SIGSEGV": (1, signal.SIGSEGV),
     "abort": (2, signal.SIGABRT),
     "stack overflow": (3, signal.SIGSEGV),
-    "SIGFPE": (4, signal.SIGFPE),
-    "SIGILL": (5, signal.SIGILL),
-    "SIGBUS": (6, signal.SIGBUS),
 }
 
 
@@ -129,7 +121,7 @@ def assert_rows_equal(a, b, rows):
 
 
 @pytest.mark.usefixtures("own_handlers")
-@pytest.mark.parametrize(("ending", "ranks"), [*((ending, None) for ending in ENDINGS), ("SIGSEGV", 2), ("abort", 2)])
+@pytest.mark.parametrize(("ending", "ranks"), [*((ending, None) for ending in ENDINGS), ("SIGSEGV", 2)])
 def test_point_that_crashes_is_noted_and_passed_by(ending, ranks, folder):
     way, number = ENDINGS[ending]
     values = [0.1, 0.3, 0.2, way, 0.4, 0.5, 0.6, 0.7]  # up and down: each starts alone
@@ -152,10 +144,10 @@ def test_point_that_crashes_is_noted_and_passed_by(ending, ranks, folder):
     assert_rows_equal(folder / "case.h5", folder / "whole.h5", [0, 1, 2, 4, 5, 6, 7])
 
 
-@pytest.mark.parametrize("ending, name, ranks", [(7, "exit()", None), (7, "exit()", 2), (9, "_exit()", None)])
-def test_point_that_calls_exit_is_noted(ending, name, ranks, folder):
-    done = run("solve", write(folder, [0.1, ending, 0.2]), "--quiet", cwd=folder, ranks=ranks)
-    assert done.status == INCOMPLETE and f"point 1 has ended the process by {name}" in done.stderr
+@pytest.mark.parametrize("ranks", [None, 2])
+def test_point_that_calls_exit_is_noted(ranks, folder):
+    done = run("solve", write(folder, [0.1, 4, 0.2]), "--quiet", cwd=folder, ranks=ranks)
+    assert done.status == INCOMPLETE and "point 1 has ended the process by exit()" in done.stderr
     assert read(folder / "case.h5", "status")[1] == CRASHED
     complete(folder, ranks)
     assert read(folder / "case.h5", "status").tolist() == [CONVERGED, CRASHED, CONVERGED]
@@ -205,6 +197,6 @@ def test_info_counts_crashed_points(folder):
 
 @pytest.mark.usefixtures("own_handlers")
 def test_crash_of_a_child_process_is_not_that_of_a_point(folder):
-    done = run("solve", write(folder, [0.1, 8]), "--quiet", cwd=folder)
+    done = run("solve", write(folder, [0.1, 5]), "--quiet", cwd=folder)
     assert done.status == 0, done.stderr
     assert "has ended the process" not in done.stderr

@@ -305,7 +305,7 @@ def finish(process):
     return process.returncode, text
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2], ids=lambda n: n.name)
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGUSR1], ids=lambda n: n.name)
 def test_signal_ends_a_run_within_the_point_in_flight(number, tmp_path):
     result = tmp_path / "case.h5"
     process = begin(tmp_path, "solve", write(tmp_path, SWEPT), "--quiet")

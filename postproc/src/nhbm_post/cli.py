@@ -165,7 +165,6 @@ def _parser() -> argparse.ArgumentParser:
         metavar="[LABEL:]PATH",
         help="draw below: a record of nhbm integrate, with the difference to it in a second panel",
     )
-    sub.add_argument("--march", action=options.Renamed, const="--integration", help=argparse.SUPPRESS)
     sub.add_argument(
         "--difference", action="store_true", help="add a panel with the difference to the first overlay"
     )

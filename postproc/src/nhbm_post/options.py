@@ -11,16 +11,6 @@ from .measure import MEASURES
 from .reader import QUANTITIES
 
 
-class Renamed(argparse.Action):
-    """An option that has been renamed: rejected with the new name."""
-
-    def __init__(self, option_strings, dest, const, **others):
-        super().__init__(option_strings, dest, nargs="?", const=const, **others)
-
-    def __call__(self, parser, namespace, values, option_string=None):
-        parser.error(f"{option_string} is called {self.const} now")
-
-
 def add_dof(sub, text="degree of freedom, for example v3 (default: the first on which a law acts)"):
     sub.add_argument("--dof", metavar="LABEL", help=text)
 
