@@ -29,6 +29,7 @@ set(HB_TEST_ENVIRONMENT
   OMPI_ALLOW_RUN_AS_ROOT=1
   OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
   OMPI_MCA_rmaps_base_oversubscribe=1
+  PRTE_MCA_rmaps_default_mapping_policy=:oversubscribe # from version 5 on
   OPENBLAS_NUM_THREADS=1)
 if(HB_SANITIZE) # what the undefined-behaviour sanitizer only reports would pass for a success
   list(APPEND HB_TEST_ENVIRONMENT UBSAN_OPTIONS=halt_on_error=1)

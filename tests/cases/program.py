@@ -18,16 +18,17 @@ ALL_CONVERGED, NOT_ALL_CONVERGED, BAD_INPUT, INCOMPLETE = 0, 1, 2, 3
 # Nothing here takes this long; a run that hangs must end the test.
 _TIME_LIMIT = 120.0
 
-# The session folder of Open MPI is one for all its runs of a user, and the last of them removes it while another starts.
+# The session folder of Open MPI 4 is one for all its runs of a user, and the last of them removes it while another starts.
 _session_folder = tempfile.TemporaryDirectory(prefix="mpi")
 
-# Open MPI under root, on few cores and on this machine alone, where it then starts in a third of the time; one thread a
-# rank, so that sums have one order.
+# Open MPI under root, on few cores (version 4 and, by PRRTE, 5) and on this machine alone, where it then starts in a third of the
+# time; one thread a rank, so that sums have one order.
 _ENVIRONMENT = {
     "OMPI_MCA_orte_tmpdir_base": _session_folder.name,
     "OMPI_ALLOW_RUN_AS_ROOT": "1",
     "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
     "OMPI_MCA_rmaps_base_oversubscribe": "1",
+    "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
     "OMPI_MCA_pml": "ob1",
     "OMPI_MCA_btl": "self,vader",
     "OPENBLAS_NUM_THREADS": "1",

@@ -90,6 +90,7 @@ def own_handlers():
 def folder(tmp_path, monkeypatch):
     """A folder with the law; mpirun ends the other ranks at once instead of waiting for them twice."""
     monkeypatch.setenv("OMPI_MCA_odls_base_sigkill_timeout", "0")
+    monkeypatch.setenv("PRTE_MCA_odls_base_sigkill_timeout", "0")
     (tmp_path / "deadly.c").write_text(LAW)
     command = ["cc", "-O0", "-w", "-shared", "-fPIC", f"-I{HEADER_FOLDER}", "-o", "deadly.so", "deadly.c"]
     subprocess.run(command, cwd=tmp_path, check=True)
