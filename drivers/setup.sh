@@ -15,10 +15,13 @@ hb_picture_packages=(python3-numpy python3-h5py python3-matplotlib)
 hb_test_packages=(python3-venv python3-scipy python3-xarray python3-h5netcdf python3-netcdf4 python3-pytest)
 # shellcheck disable=SC2034
 hb_optional_packages=(python3-cvxopt python3-meshio calculix-ccx)
-# Beside these for long tests: a browser, for pages of results.
+# Beside these for long tests: a browser, for pages of results, and an HDF5 without MPI.
 # shellcheck disable=SC2034
-hb_long_packages=(chromium)
-# The same from PyPI, with versions: finite element models for examples, and AUTO.
+hb_long_packages=(chromium libhdf5-dev)
+# What a wheel is built from beside the packages of the build.
+# shellcheck disable=SC2034
+hb_wheel_packages=(libhdf5-dev python3-venv ca-certificates git g++ ninja-build pkg-config binutils)
+# Optional modules from PyPI, with versions: finite element models for examples, and AUTO.
 hb_optional_modules=(skfem=scikit-fem==12.0.2 xpplab=xpplab==0.1.2)
 
 hb_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
