@@ -21,6 +21,12 @@ hb_long_packages=(chromium libhdf5-dev)
 # What a wheel is built from beside the packages of the build.
 # shellcheck disable=SC2034
 hb_wheel_packages=(libhdf5-dev python3-venv ca-certificates git g++ ninja-build pkg-config binutils)
+# What one for 64-bit Arm is built from on another processor.
+# shellcheck disable=SC2034
+hb_cross_packages=(
+   gcc-aarch64-linux-gnu g++-aarch64-linux-gnu gfortran-aarch64-linux-gnu cmake python3-venv ca-certificates git ninja-build
+   pkg-config binutils libhdf5-dev:arm64 libfftw3-dev:arm64 libopenblas-dev:arm64 libsuitesparse-dev:arm64
+)
 # Optional modules from PyPI, with versions: finite element models for examples, and AUTO.
 hb_optional_modules=(skfem=scikit-fem==12.0.2 xpplab=xpplab==0.1.2)
 

@@ -101,7 +101,7 @@ contains
       call t%real("setup_seconds", "s", "", "part of it: dynamic stiffness, plans, initial guess", m%setup_seconds)
       call t%real("iteration_seconds", "s", "", "part of it: the solver", m%solver_seconds)
       call t%real("certificate_seconds", "s", "", "part of it: the certificate", m%certificate_seconds)
-      call t%integer("rank", "1", "", "MPI rank that solved the point", m%rank)
+      call t%integer("rank", "1", "", "rank or process that solved the point", m%rank)
       call t%integer("n_harmonics", "1", "", "number of harmonics in the set of the point", m%n_harmonics)
       call t%integer("n_unknowns", "1", "", "number of unknowns of the equations that were solved", m%n_unknowns)
       call t%integer("is_odd", "1", "", &

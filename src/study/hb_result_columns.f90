@@ -110,7 +110,7 @@ contains
       call self%add_axis("component", 2, "part of a coefficient", ["cos", "sin"])
       call self%add_axis("message_byte", message_length, "byte of a message")
       call self%add_axis("law", size(layout%law_labels), "law, by its label", layout%law_labels)
-      call self%add_axis("worker", layout%n_ranks, "MPI rank of the run, from 0")
+      call self%add_axis("worker", layout%n_ranks, "rank or process of the run, from 0")
       call self%add_axis("multiplier", layout%n_multipliers, "number of the multiplier, from 0")
       call self%add_axis("output", size(layout%output_names), "output that the tolerance is for, as the input has it", &
          layout%output_names)

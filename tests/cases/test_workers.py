@@ -60,6 +60,11 @@ def test_workers_give_the_bits_of_one_process(tmp_path, undisturbed, n):
 
 
 @without_mpi
+def test_a_file_of_processes_names_no_mpi(undisturbed):
+    assert b"MPI" not in undisturbed.read_bytes()
+
+
+@without_mpi
 @pytest.mark.skipif("NHBM_WITH_MPI" not in os.environ, reason="NHBM_WITH_MPI does not name a program")
 def test_a_program_with_mpi_gives_the_same_bits(tmp_path, undisturbed):
     words = [os.environ["NHBM_WITH_MPI"], "solve", str(write(tmp_path, LINE)), "--quiet"]

@@ -316,7 +316,7 @@ def _provenance(results: Results) -> list[list[str]]:
         ["File", results.path.name],
         ["Written by", f"nhbm {results.program_version}, commit {results.git_commit}"],
         ["Created", results.created_utc],
-        ["MPI ranks", str(results.n_ranks)],
+        ["Ranks", str(results.n_ranks)],
         ["Changed by --set", results.overrides],
         ["Swept", "; ".join(parameter.range_text() for parameter in results.parameters.values())],
         ["Amplitudes", results.amplitude_convention],

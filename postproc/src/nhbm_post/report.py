@@ -23,7 +23,7 @@ def info(results: Results, dof: str | None = None, max_points: int = 20) -> str:
         ("file", str(results.path)),
         ("title", " ".join(results.title.split("\n")) or "-"),
         ("written by", f"nhbm {results.program_version}, commit {results.git_commit}, {results.created_utc}"),
-        ("run on", f"{results.n_ranks} MPI rank{'s' if results.n_ranks != 1 else ''}"),
+        ("run on", f"{results.n_ranks} rank{'s' if results.n_ranks != 1 else ''}"),
         ("tones", str(results.n_tones)),
         ("harmonics", f"{results.n_harmonics} in the union of all points"),
         ("dofs", list_text(results.dofs)),
