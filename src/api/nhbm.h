@@ -16,23 +16,23 @@
  * failed:
  *    fprintf(stderr, "%s\n", nhbm_get_last_error());
  *
- * Return values. A function that returns `int` returns NHBM_SUCCESS or another value of enum nhbm_status, unless its description
- * states something else; nhbm_get_last_error then returns the cause. Results are returned through pointers. If a function fails,
- * these results are 0, NULL or an empty text.
+ * Return values. A function that returns `int` returns NHBM_SUCCESS or another value of enum nhbm_status, unless its
+ * description states something else; nhbm_get_last_error then returns the cause. Results are returned through pointers. If a
+ * function fails, these results are 0, NULL or an empty text.
  *
  * Errors. Each function checks its arguments: NULL, an index out of range, or a model that was destroyed is an error, never
- * undefined behaviour. No function prints, ends the process, catches signals, or changes the locale or the floating-point modes.
- * Exceptions: if memory runs out during a computation, the Fortran run-time library ends the process; a nhbm_law_evaluate_2_function,
- * a callback or an array that does not have the documented length can do any harm; callbacks must return (no longjmp, no C++
- * exception).
+ * undefined behaviour. No function prints, ends the process, catches signals, or changes the locale or the floating-point
+ * modes. Exceptions: if memory runs out during a computation, the Fortran run-time library ends the process; a
+ * nhbm_law_evaluate_2_function, a callback or an array that does not have the documented length can do any harm; callbacks must
+ * return (no longjmp, no C++ exception).
  *
  * Threads. A model can be used by one call at a time: a call of any function with a model that is in use, by another thread or
- * because the call comes from a callback of the same model, returns NHBM_BUSY and has no effect. Other models can be used in both
- * cases; threads with one model each run in parallel.
+ * because the call comes from a callback of the same model, returns NHBM_BUSY and has no effect. Other models can be used in
+ * both cases; threads with one model each run in parallel.
  *
- * Texts are null-terminated UTF-8 of at most 2 GiB. Texts and arrays that a function returns belong to the library; unless stated
- * otherwise, they are valid until the next call with the same model. `const nhbm_model *`: the function changes neither values nor
- * results. MPI and HDF5 are not required. */
+ * Texts are null-terminated UTF-8 of at most 2 GiB. Texts and arrays that a function returns belong to the library; unless
+ * stated otherwise, they are valid until the next call with the same model. `const nhbm_model *`: the function changes neither
+ * values nor results. MPI and HDF5 are not required. */
 #ifndef NHBM_H
 #define NHBM_H
 
@@ -79,8 +79,8 @@ NHBM_EXPORT const char *nhbm_get_last_error(void);
 /* Returns the interface version of the library, to be compared with NHBM_API_VERSION. */
 NHBM_EXPORT int nhbm_get_api_version(void);
 
-/* Returns the version of the library as text, such as "0.1.0", valid until the process ends, and as a number, 10000 major + 100 minor
- * + patch. */
+/* Returns the version of the library as text, such as "0.1.0", valid until the process ends, and as a number, 10000 major + 100
+ * minor + patch. */
 NHBM_EXPORT const char *nhbm_get_version(void);
 NHBM_EXPORT int nhbm_get_version_number(void);
 
@@ -91,8 +91,8 @@ NHBM_EXPORT int nhbm_has_feature(const char *feature);
 /* Returns the number of rows in the table of input keys. */
 NHBM_EXPORT size_t nhbm_get_key_count(void);
 
-/* Writes row `index` of this table, counted from 0, into `row`, which has `size` bytes: group | key | type | unit | default | range |
- * meaning. NHBM_KEY_ROW_SIZE bytes are enough for any row. NHBM_INVALID_ARGUMENT: no such row, or it does not fit. */
+/* Writes row `index` of this table, counted from 0, into `row`, which has `size` bytes: group | key | type | unit | default |
+ * range | meaning. NHBM_KEY_ROW_SIZE bytes are enough for any row. NHBM_INVALID_ARGUMENT: no such row, or it does not fit. */
 #define NHBM_KEY_ROW_SIZE 1201
 NHBM_EXPORT int nhbm_get_key_row(size_t index, char *row, size_t size);
 
@@ -103,8 +103,8 @@ typedef struct nhbm_model nhbm_model;
 /* Creates a model without an input. NHBM_OUT_OF_MEMORY: *model is NULL. */
 NHBM_EXPORT int nhbm_create(nhbm_model **model);
 
-/* Frees a model and sets *model to NULL; no effect if *model is NULL. Copies of the pointer become invalid: functions called with one
- * return NHBM_INVALID_ARGUMENT until a new model has the same address. NHBM_BUSY: the model remains. */
+/* Frees a model and sets *model to NULL; no effect if *model is NULL. Copies of the pointer become invalid: functions called
+ * with one return NHBM_INVALID_ARGUMENT until a new model has the same address. NHBM_BUSY: the model remains. */
 NHBM_EXPORT int nhbm_destroy(nhbm_model **model);
 
 /* Reads the text of an input (docs/user/input.md); messages contain `name`. It replaces the previous input, its results, and its
@@ -122,17 +122,17 @@ NHBM_EXPORT int nhbm_set_key(nhbm_model *model, const char *path, const char *va
  * nhbm_set_key. It is valid until the next nhbm_read_input. */
 NHBM_EXPORT int nhbm_find_parameter(nhbm_model *model, const char *path, int *parameter);
 
-/* Sets this number, in the unit of the input. The next computation reports an invalid value. Ends a curve. NHBM_INVALID_ARGUMENT: the
- * handle is invalid. */
+/* Sets this number, in the unit of the input. The next computation reports an invalid value. Ends a curve.
+ * NHBM_INVALID_ARGUMENT: the handle is invalid. */
 NHBM_EXPORT int nhbm_set_parameter(nhbm_model *model, int parameter, double value);
 
 /* ---- Structures of the program ---- */
 
 typedef struct nhbm_structure nhbm_structure;
 
-/* Supplies the structure of an input with &structure type = 'model', file = FILE: describes it by the functions below and returns 0.
- * Any other value, or an error in one of these functions, makes nhbm_read_input, or a computation after a value of &structure has
- * changed, fail with NHBM_INVALID_INPUT. `structure` is valid until the callback returns. */
+/* Supplies the structure of an input with &structure type = 'model', file = FILE: describes it by the functions below and
+ * returns 0. Any other value, or an error in one of these functions, makes nhbm_read_input, or a computation after a value of
+ * &structure has changed, fail with NHBM_INVALID_INPUT. `structure` is valid until the callback returns. */
 typedef int (*nhbm_structure_callback)(void *context, const char *file, nhbm_structure *structure);
 
 /* Sets this callback from the next reading of the structure on; NULL: none. Call it before nhbm_read_input. `context` and what the
@@ -145,9 +145,9 @@ NHBM_EXPORT int nhbm_structure_set_dofs(nhbm_structure *structure, const char *l
 
 /* Sets a matrix in compressed-row storage with indices from 0: the entries of row i are row_starts[i] to row_starts[i + 1] - 1.
  * n_rows: number of degrees of freedom; row_starts: n_rows + 1 values; columns, values: n_entries = row_starts[n_rows] values.
- * Names: mass, stiffness (both required), damping, gyroscopic, structural (the imaginary part of the stiffness); gyroscopic_by_speed,
- * stiffness_by_speed and stiffness_by_speed_squared, the terms that depend on a speed, and the same with the suffix _2 for a second
- * speed. A second call with the same name replaces the matrix. Units: kg, N/m, N s/m. */
+ * Names: mass, stiffness (both required), damping, gyroscopic, structural (the imaginary part of the stiffness);
+ * gyroscopic_by_speed, stiffness_by_speed and stiffness_by_speed_squared, the terms that depend on a speed, and the same with
+ * the suffix _2 for a second speed. A second call with the same name replaces the matrix. Units: kg, N/m, N s/m. */
 NHBM_EXPORT int nhbm_structure_set_matrix(nhbm_structure *structure, const char *name, size_t n_rows, size_t n_entries,
                                           const int32_t *row_starts, const int32_t *columns, const double *values);
 
@@ -200,13 +200,14 @@ enum nhbm_start {
    NHBM_WARM_START = 1  /* from the last motion found, if there is one */
 };
 
-/* Computes the motion of the model with its present values; `start` is one of enum nhbm_start. Ends a curve. A solution that does not
- * converge is not an error: the column "status" is 1 if it has converged (docs/user/schema.md), otherwise nhbm_get_message returns the
- * cause. NHBM_INVALID_INPUT: a value is invalid. */
+/* Computes the motion of the model with its present values; `start` is one of enum nhbm_start. Ends a curve. A solution that
+ * does not converge is not an error: the column "status" is 1 if it has converged (docs/user/schema.md), otherwise
+ * nhbm_get_message returns the cause. NHBM_INVALID_INPUT: a value is invalid. */
 NHBM_EXPORT int nhbm_solve(nhbm_model *model, int start);
 
-/* Sets the number of solutions that belong together, by default 1: if &stability method = 'auto' finds stability too expensive for a
- * point, the points share a budget of two seconds, as in a run of the command. 0: no budget. A curve counts its own points. */
+/* Sets the number of solutions that belong together, by default 1: if &stability method = 'auto' finds stability too expensive
+ * for a point, the points share a budget of two seconds, as in a run of the command. 0: no budget. A curve counts its own
+ * points. */
 NHBM_EXPORT int nhbm_set_point_count(nhbm_model *model, size_t n_points);
 
 /* Begins the curve of the group &curve. */
@@ -259,8 +260,8 @@ NHBM_EXPORT int nhbm_get_column_names(const nhbm_model *model, const char **name
 NHBM_EXPORT int nhbm_get_time_column(const nhbm_model *model, const char *name, nhbm_column *column);
 NHBM_EXPORT int nhbm_get_time_column_names(const nhbm_model *model, const char **names);
 
-/* Returns the labels along the axes "dof", "law_dof", "law", "law_coordinate", "gradient_value" and "state_dof", separated by blanks;
- * empty for other axes. */
+/* Returns the labels along the axes "dof", "law_dof", "law", "law_coordinate", "gradient_value" and "state_dof", separated by
+ * blanks; empty for other axes. */
 NHBM_EXPORT int nhbm_get_labels(const nhbm_model *model, const char *axis, const char **labels);
 
 /* Returns why the last motion was not found, or a remark about it; empty if there is none. */

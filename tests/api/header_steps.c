@@ -111,7 +111,8 @@ int feature_step(void)
    CHECK(nhbm_has_feature("cvode") == 1); /* this build */
    CHECK(nhbm_has_feature("curve") == 1 && nhbm_has_feature("law jenkins") == 1);
    CHECK(nhbm_has_feature("law") == 1 && nhbm_has_feature("law jenkin") == 0);
-   CHECK(nhbm_has_feature("") == 0 && nhbm_has_feature(NULL) == 0 && nhbm_has_feature("curve ") == 0 && nhbm_has_feature("cvode ") == 0);
+   CHECK(nhbm_has_feature("") == 0 && nhbm_has_feature(NULL) == 0 && nhbm_has_feature("curve ") == 0 &&
+         nhbm_has_feature("cvode ") == 0);
    return 0;
 }
 
@@ -168,7 +169,8 @@ int motion_step(void)
    CHECK(strcmp(found.axes, "dof harmonic component") == 0 && strcmp(found.unit, "m") == 0);
    CHECK(nhbm_get_column(model, "frequency", &found) == NHBM_SUCCESS && strcmp(found.unit, "rad/s") == 0);
    CHECK(NEAR(*(const double *)found.data, 0.9, 0.0));
-   CHECK(strstr(text_of(model, nhbm_get_column_names), "status") && strstr(text_of(model, nhbm_get_column_names), " coefficients "));
+   CHECK(strstr(text_of(model, nhbm_get_column_names), "status") &&
+         strstr(text_of(model, nhbm_get_column_names), " coefficients "));
    CHECK(strcmp(labels_of(model, "dof"), "x1") == 0 && strcmp(labels_of(model, "law"), "spring") == 0);
    CHECK(strcmp(labels_of(model, "law_dof"), "x1") == 0 && strcmp(labels_of(model, "state_dof"), "x1") == 0);
    CHECK(strcmp(labels_of(model, "tone"), "") == 0);
@@ -237,11 +239,11 @@ int record_step(void)
    CHECK(nhbm_read_input(model, text, "oscillator") == NHBM_SUCCESS);
    CHECK(nhbm_integrate(model) == NHBM_SUCCESS);
    CHECK(nhbm_get_time_column(model, "time", &times) == NHBM_SUCCESS && times.n_axes == 1);
-   n = times.shape[0];
+   n = (int64_t)times.shape[0];
    CHECK(n >= 48);
    for (int i = 0; i < 3; ++i) at[i] = ((const double *)times.data)[i*(n - 1)/2];
    CHECK(nhbm_get_time_column(model, "displacement", &found) == NHBM_SUCCESS && strcmp(found.axes, "dof time") == 0);
-   CHECK(found.n_axes == 2 && found.shape[0] == 1 && found.shape[1] == n && strcmp(found.unit, "m") == 0);
+   CHECK(found.n_axes == 2 && found.shape[0] == 1 && found.shape[1] == (size_t)n && strcmp(found.unit, "m") == 0);
    for (int i = 0; i < 3; ++i) value[i] = ((const double *)found.data)[i*(n - 1)/2];
    for (int i = 0; i < 3; ++i) CHECK(NEAR(value[i], from_rest(at[i]), 1e-8));
    CHECK(nhbm_get_time_column(model, "force", &found) == NHBM_SUCCESS && strcmp(found.axes, "law_coordinate time") == 0);
@@ -372,7 +374,8 @@ int wrong_structure_step(void)
       nhbm_model *model = created();
       int n_calls = 0;
       nhbm_set_structure_callback(model, two_masses, &n_calls);
-      CHECK(nhbm_read_input(model, "&structure type = 'model', file = 'three' /\n&tones frequency = 1.0 /\n", "m") == NHBM_INVALID_INPUT);
+      CHECK(nhbm_read_input(model, "&structure type = 'model', file = 'three' /\n&tones frequency = 1.0 /\n",
+            "m") == NHBM_INVALID_INPUT);
       CHECK(SAYS("only two_masses is known"));
       nhbm_destroy(&model);
    }
@@ -423,7 +426,7 @@ int progress_step(void)
    CHECK(nhbm_set_progress_callback(model, note, &last) == NHBM_SUCCESS && last.n_done == -1);
    CHECK(nhbm_integrate(model) == NHBM_SUCCESS);
    CHECK(last.seconds > 0.0 && last.n_done > 0 && last.n_done <= last.n_steps);
-   CHECK(nhbm_get_time_column(model, "time", &found) == NHBM_SUCCESS && found.shape[0] > last.n_done);
+   CHECK(nhbm_get_time_column(model, "time", &found) == NHBM_SUCCESS && found.shape[0] > (size_t)last.n_done);
    CHECK(nhbm_set_progress_callback(model, note, &solved) == NHBM_SUCCESS && nhbm_solve(model, NHBM_COLD_START) == NHBM_SUCCESS);
    CHECK(solved.n_done == -1 && status_of(model) == 1);
    CHECK(nhbm_set_progress_callback(model, NULL, NULL) == NHBM_SUCCESS && nhbm_integrate(model) == NHBM_SUCCESS &&

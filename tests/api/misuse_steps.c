@@ -1,7 +1,7 @@
-/* Misuse of nhbm.h: every function with NULL, with a model that does not exist or has no input, from inside each callback, from several
- * threads, out of range and out of order. Each returns the documented status with a message, and the model remains usable. Each step
- * gives the line of the first check that does not hold, 0 if all do. tests/cases/test_programs.py checks that no function of the
- * header is missing here. */
+/* Misuse of nhbm.h: every function with NULL, with a model that does not exist or has no input, from inside each callback, from
+ * several threads, out of range and out of order. Each returns the documented status with a message, and the model remains usable.
+ * Each step gives the line of the first check that does not hold, 0 if all do. tests/cases/test_programs.py checks that no function
+ * of the header is missing here. */
 #include "nhbm.h"
 
 #include <limits.h>
@@ -176,7 +176,8 @@ int null_arguments_step(void)
    CHECK(nhbm_set_structure_callback(model, NULL, NULL) == NHBM_SUCCESS);
    CHECK(nhbm_set_interrupt_callback(model, NULL, NULL) == NHBM_SUCCESS);
    CHECK(nhbm_set_progress_callback(model, NULL, NULL) == NHBM_SUCCESS);
-   CHECK(nhbm_curve_begin(model) == NHBM_SUCCESS && nhbm_curve_next(model, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_curve_next"));
+   CHECK(nhbm_curve_begin(model) == NHBM_SUCCESS && nhbm_curve_next(model, NULL) == NHBM_INVALID_ARGUMENT &&
+         SAYS("nhbm_curve_next"));
    CHECK(nhbm_curve_next(model, &has_point) == NHBM_SUCCESS && has_point == 1);
    CHECK(nhbm_get_column(model, NULL, &column) == NHBM_INVALID_ARGUMENT && column.data == NULL && column.unit != NULL);
    CHECK(nhbm_get_column(model, "coefficients", NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_get_column"));
@@ -195,7 +196,8 @@ int null_arguments_step(void)
    CHECK(nhbm_get_key_row(0, NULL, sizeof row) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_get_key_row"));
    CHECK(nhbm_has_feature(NULL) == 0);
    CHECK(nhbm_structure_set_dofs(NULL, "a", "", 0.0) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_structure_set_dofs"));
-   CHECK(nhbm_structure_set_matrix(NULL, "mass", 0, 0, NULL, NULL, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_structure_set_matrix"));
+   CHECK(nhbm_structure_set_matrix(NULL, "mass", 0, 0, NULL, NULL, NULL) == NHBM_INVALID_ARGUMENT &&
+         SAYS("nhbm_structure_set_matrix"));
    CHECK(nhbm_structure_add_load(NULL, "load", 0, NULL, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_structure_add_load"));
    CHECK(nhbm_structure_set_nodes(NULL, 0, 0, NULL, "") == NHBM_INVALID_ARGUMENT && SAYS("nhbm_structure_set_nodes"));
    CHECK(nhbm_structure_add_node_set(NULL, "set", 0, NULL) == NHBM_INVALID_ARGUMENT && SAYS("nhbm_structure_add_node_set"));
@@ -306,10 +308,12 @@ int range_step(void)
    memset(long_text, 'a', length);
    long_text[length] = '\0';
    CHECK(nhbm_set_key(model, long_text, long_text) == NHBM_INVALID_INPUT && strlen(nhbm_get_last_error()) < 8192);
-   CHECK(nhbm_set_key(model, "tones%frequency", long_text) != NHBM_SUCCESS || nhbm_solve(model, NHBM_COLD_START) == NHBM_INVALID_INPUT);
+   CHECK(nhbm_set_key(model, "tones%frequency", long_text) != NHBM_SUCCESS ||
+         nhbm_solve(model, NHBM_COLD_START) == NHBM_INVALID_INPUT);
    CHECK(set_key(model) == NHBM_SUCCESS && solve(model) == NHBM_SUCCESS);
    CHECK(nhbm_find_parameter(model, long_text, &handle) == NHBM_INVALID_INPUT);
-   CHECK(nhbm_get_column(model, long_text, &column) == NHBM_INVALID_ARGUMENT && nhbm_get_column(model, "", &column) != NHBM_SUCCESS);
+   CHECK(nhbm_get_column(model, long_text, &column) == NHBM_INVALID_ARGUMENT &&
+         nhbm_get_column(model, "", &column) != NHBM_SUCCESS);
    CHECK(nhbm_get_column(model, "\xff\xfe", &column) == NHBM_INVALID_ARGUMENT);
    CHECK(nhbm_get_labels(model, long_text, &text) == NHBM_SUCCESS && strcmp(text, "") == 0);
    CHECK(nhbm_has_feature(long_text) == 0);
@@ -440,6 +444,11 @@ static const char *const of_structure =
    "&structure type = 'model', file = 'own', damping_mass = 0.1 /\n&tones frequency = 0.9 /\n&harmonics order = 3 /\n"
    "&load dof = 'x1', tuple = 1, cos = 0.3 /\n&law type = 'cubic_spring', dof = 'x1', stiffness = 0.5 /\n";
 
+static const char *const of_law =
+   "&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, damping_mass = 0.1,\n"
+   " coupling_stiffness = 0.0, ground_stiffness = 1.0 /\n&tones frequency = 0.9 /\n&harmonics order = 3 /\n"
+   "&load dof = 'x1', tuple = 1, cos = 0.3 /\n&law type = 'user', library = '', name = 'reentrant', dof = 'x1' /\n";
+
 int callbacks_step(void)
 {
    inside_t inside = {0};
@@ -449,7 +458,8 @@ int callbacks_step(void)
       memset(&inside, 0, sizeof inside);
       CHECK(nhbm_create(&inside.model) == NHBM_SUCCESS);
       if (kind < 2) {
-         CHECK(read_input(inside.model) == NHBM_SUCCESS && nhbm_set_key(inside.model, "integration%duration", "1e3") == NHBM_SUCCESS);
+         CHECK(read_input(inside.model) == NHBM_SUCCESS &&
+               nhbm_set_key(inside.model, "integration%duration", "1e3") == NHBM_SUCCESS);
          if (kind == 0) CHECK(nhbm_set_interrupt_callback(inside.model, call_all_in_interrupt, &inside) == NHBM_SUCCESS);
          if (kind == 1) CHECK(nhbm_set_progress_callback(inside.model, call_all_in_progress, &inside) == NHBM_SUCCESS);
          CHECK(nhbm_integrate(inside.model) == NHBM_SUCCESS);
@@ -458,10 +468,7 @@ int callbacks_step(void)
       } else if (kind == 2) {
          info.context = &inside;
          CHECK(nhbm_register_law("reentrant", &info, call_all_in_law) == NHBM_SUCCESS);
-         CHECK(nhbm_read_input(inside.model, "&structure type = 'chain', n_masses = 1, ends = 'free', mass = 1.0, damping_mass = 0.1,\n"
-                               " coupling_stiffness = 0.0, ground_stiffness = 1.0 /\n&tones frequency = 0.9 /\n&harmonics order = 3 /\n"
-                               "&load dof = 'x1', tuple = 1, cos = 0.3 /\n"
-                               "&law type = 'user', library = '', name = 'reentrant', dof = 'x1' /\n", "law") == NHBM_SUCCESS);
+         CHECK(nhbm_read_input(inside.model, of_law, "law") == NHBM_SUCCESS);
          CHECK(nhbm_unregister_law("reentrant") == NHBM_SUCCESS); /* the model keeps the function */
          CHECK(nhbm_unregister_law("reentrant") == NHBM_INVALID_ARGUMENT && SAYS("reentrant"));
          CHECK(nhbm_solve(inside.model, NHBM_COLD_START) == NHBM_SUCCESS);
@@ -484,7 +491,8 @@ static nhbm_structure *stale;
 /* Makes one mistake; returns 0, so that the error of the function alone can refuse the structure. */
 static int mistaken(void *context, const char *file, nhbm_structure *s)
 {
-   static const int32_t starts[] = {0, 1, 2}, at[] = {0, 1}, low[] = {0, -5, 2}, high[] = {0, 9, 2}, late[] = {1, 1, 2}, beyond[] = {0, 7};
+   static const int32_t starts[] = {0, 1, 2}, at[] = {0, 1}, low[] = {0, -5, 2}, high[] = {0, 9, 2}, late[] = {1, 1, 2},
+         beyond[] = {0, 7};
    static const double unit[] = {1.0, 1.0};
    const double wrong[] = {1.0, NAN};
    int *status = context;
@@ -682,7 +690,8 @@ int threads_step(void)
    while (!meeting.is_computing) (void)pthread_cond_wait(&meeting.changed, &meeting.mutex);
    (void)pthread_mutex_unlock(&meeting.mutex);
    first = first_other(model, NHBM_BUSY);
-   is_right = SAYS("another thread") && nhbm_create(&other) == NHBM_SUCCESS && is_usable(other) && nhbm_destroy(&other) == NHBM_SUCCESS;
+   is_right = SAYS("another thread") && nhbm_create(&other) == NHBM_SUCCESS && is_usable(other) &&
+         nhbm_destroy(&other) == NHBM_SUCCESS;
    (void)pthread_mutex_lock(&meeting.mutex);
    meeting.may_end = true;
    (void)pthread_cond_broadcast(&meeting.changed);

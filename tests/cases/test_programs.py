@@ -19,9 +19,8 @@ from nhbm import Model
 def test_programs_of_an_earlier_header_run(tmp_path):
     """The headers in abi/ are those of the first program built with this version of the interface: it runs, and so does its law."""
     headers = ROOT / "tests" / "cases" / "abi"
-    version = [
-        re.search(r"#define NHBM_API_VERSION (\d+)", (folder / "nhbm.h").read_text())[1] for folder in (headers, ROOT / "src" / "api")
-    ]
+    texts = [(folder / "nhbm.h").read_text() for folder in (headers, ROOT / "src" / "api")]
+    version = [re.search(r"#define NHBM_API_VERSION (\d+)", text)[1] for text in texts]
     assert version[0] == version[1], "programs must be compiled anew: copy nhbm.h and nhbm_user_law.h to tests/cases/abi"
     compiler = [shutil.which("cc"), f"-I{headers}"]
     example = ROOT / "drivers" / "examples" / "duffing.c"
