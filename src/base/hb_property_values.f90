@@ -4,6 +4,7 @@
 !> Values read from a text are stored as spans of it, and repeat counts as counts, so that memory is linear in the
 !> size of the file. Values set from numbers have no spelling and no line.
 module hb_property_values
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_input_keys, only: kind_of, max_unit, rule_t
    use hb_kinds, only: int64, wp
    use hb_name_table, only: name_table_t
@@ -75,6 +76,7 @@ contains
 
       value%number = number
       value%kind = kind_of%number
+      if (.not. ieee_is_finite(number)) return
       if (abs(number) > real(huge(1), wp)) return
       if (abs(number - anint(number)) <= 0.0_wp) value%kind = kind_of%whole
    end function number_value
