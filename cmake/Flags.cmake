@@ -2,17 +2,26 @@
 # compiler that knows it. Compilers without an entry get what CMake gives them, -O3 or -g.
 
 add_library(hb_warnings INTERFACE)
-# Bindings of abstract types have arguments that not every law or structure uses. A text that is cut is an error, and so is a
-# function of C that no header declares: its pointers would lose their upper half. Not asked for:
-# implicit interfaces, for which gfortran takes functions of the same module that give lengths; calls of functions left out, and
-# descriptors of arrays that are set where they are allocated, which it takes for unset ones.
+# A text that is cut is an error, and so is a function of C that no header declares: its pointers would lose their upper half.
+# Off, because what they report is meant:
+# -Wunused-dummy-argument: bindings of abstract types have arguments that not every law or structure uses
+# -Wcompare-reals: exact zeros and unchanged values are compared on purpose
+# -Wfunction-elimination: a function that is called twice with the same arguments may be called once
+# -Wimplicit-interface, of no group: gfortran reports functions of the same module that give lengths
+# -Wuninitialized, -Wmaybe-uninitialized, but for Release: at -O0 and -Og gfortran does not follow values, and reports bounds of arrays
+#    that are set. In Release an assignment to an array that is not allocated yet may be reported, since gfortran reads its bounds
+#    before it looks whether there are any (GCC bug 108889): write allocate (array, source=...).
 target_compile_options(hb_warnings INTERFACE
    $<$<COMPILE_LANG_AND_ID:Fortran,GNU>:-std=f2018 -Wall -Wextra -Werror=character-truncation
-      -Wno-unused-dummy-argument -Wno-compare-reals -Wno-maybe-uninitialized -Wno-uninitialized
-      -Wno-function-elimination>
+      -Wno-unused-dummy-argument -Wno-compare-reals -Wno-function-elimination>
+   $<$<AND:$<NOT:$<CONFIG:Release>>,$<COMPILE_LANG_AND_ID:Fortran,GNU>>:-Wno-uninitialized -Wno-maybe-uninitialized>
    $<$<COMPILE_LANG_AND_ID:Fortran,LLVMFlang>:-std=f2018>
    $<$<COMPILE_LANG_AND_ID:C,GNU,Clang>:-std=c11 -Wall -Wextra -Wpedantic -Wconversion
       -Werror=implicit-function-declaration -Werror=int-conversion>)
+if(CMAKE_Fortran_COMPILER_VERSION MATCHES "^(12\\.2|13\\.3|14\\.2)\\." AND NOT HB_NATIVE) # those of Debian 12 and 13: others may see more
+   target_compile_options(hb_warnings INTERFACE
+      $<$<AND:$<CONFIG:Release>,$<COMPILE_LANG_AND_ID:Fortran,GNU>>:-Werror=uninitialized -Werror=maybe-uninitialized>)
+endif()
 if(HB_WARNINGS_AS_ERRORS)
    target_compile_options(hb_warnings INTERFACE -Werror)
 endif()

@@ -55,6 +55,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: name, value
       integer :: i
+      logical :: has_value
       logical :: options_ended                                        !! by `--`: only words follow
 
       allocate (self%overrides(0), self%given(0))
@@ -64,14 +65,13 @@ contains
          if (.not. options_ended .and. words(i)%value == "--") then
             options_ended = .true.
          else if (.not. options_ended .and. index(words(i)%value, "-") == 1) then
-            call cut_option(words(i)%value, name, value, error)
+            call cut_option(words(i)%value, name, value, has_value, error)
             if (allocated(error)) return
-            if (takes_value(name) .and. .not. allocated(value)) then
+            if (takes_value(name) .and. .not. has_value) then
                i = i + 1
-               value = ""
                if (i <= size(words)) value = words(i)%value
             end if
-            call take_option(self, name, value, error)
+            call take_option(self, name, value, has_value, error)
          else
             call take_word(self, words(i)%value, error)
          end if
@@ -96,10 +96,11 @@ contains
       end if
    end subroutine take_word
 
-   !> Splits `--name=value`, `--name` or `-n` into the long name and the value, if there is one.
-   subroutine cut_option(word, name, value, error)
+   !> Splits `--name=value`, `--name` or `-n` into the long name and the value, which is empty if there is none.
+   subroutine cut_option(word, name, value, has_value, error)
       character(*), intent(in) :: word
       character(:), allocatable, intent(out) :: name, value
+      logical, intent(out) :: has_value
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: closest, given
       integer :: equals
@@ -107,7 +108,9 @@ contains
       equals = 0
       if (index(word, "--") == 1) equals = index(word, "=")
       given = word
-      if (equals > 0) then
+      value = ""
+      has_value = equals > 0
+      if (has_value) then
          given = word(:equals - 1)
          value = word(equals + 1:)
       end if
@@ -120,10 +123,11 @@ contains
    end subroutine cut_option
 
    !> Stores an option.
-   subroutine take_option(self, name, value, error)
+   subroutine take_option(self, name, value, has_value, error)
       type(arguments_t), intent(inout) :: self
       character(*), intent(in) :: name                                !! the long one
-      character(:), allocatable, intent(in) :: value
+      character(*), intent(in) :: value
+      logical, intent(in) :: has_value                                !! it is a part of the same word
       type(error_t), allocatable, intent(out) :: error
 
       self%given = [self%given, string_t(name)]
@@ -134,7 +138,7 @@ contains
             call take_value(self, name, value, error)
          end if
          return
-      else if (allocated(value)) then
+      else if (has_value) then
          call fail(error, name//" takes no value, there is '"//value//"'")
          return
       end if

@@ -303,9 +303,9 @@ contains
       n = size(f, 2)
       n_v = merge(n, 0, law%needs_velocity)
       n_p = merge(n, 0, law%is_multiplier)
-      z = motion(:, :, 1)
-      v = motion(:, :n_v, 2)
-      p = motion(:, :n_p, 3)
+      allocate (z, source=motion(:, :, 1))
+      allocate (v, source=motion(:, :n_v, 2))
+      allocate (p, source=motion(:, :n_p, 3))
       if (.not. present(slopes)) then
          call law%evaluate(z, v, p, f)
          return

@@ -186,7 +186,7 @@ contains
       integer, allocatable :: orders(:)
 
       text = by_tolerance(run)
-      orders = numbers_of(run, "harmonics", "order")
+      allocate (orders, source=numbers_of(run, "harmonics", "order"))
       if (len(text) > 0) then
          return
       else if (size(orders) > 0) then
@@ -255,7 +255,7 @@ contains
       integer, allocatable :: numbers(:)
       real(wp) :: oversampling
 
-      numbers = numbers_of(run, "sampling", "samples")
+      allocate (numbers, source=numbers_of(run, "sampling", "samples"))
       oversampling = real_of(run, "sampling", "oversampling")
       if (is_by_tolerance(run%here) .and. any(numbers > 0)) then
          text = solve_with(run, "sampling%samples=0")
@@ -417,7 +417,7 @@ contains
       integer :: i, k
 
       words = ""
-      sets = [run%names%overrides, later]
+      allocate (sets, source=[run%names%overrides, later])
       do i = 1, size(run%names%overrides)
          if (any([(path_of(sets(k)%value) == path_of(sets(i)%value), k=i + 1, size(sets))])) cycle
          words = words//option_of(sets(i)%value)

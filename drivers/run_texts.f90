@@ -14,8 +14,9 @@ module run_texts
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: answers_text, curve_lines, find_gaps, found_frequency, stability_text, timing_lines
+   public :: answers_text, curve_lines, find_gaps, found_frequency, max_line, stability_text, timing_lines
 
+   integer, parameter :: max_line = 160                               !! length of the lines that are returned
    integer, parameter :: most_points = 60                             ! of curves
 
 contains
@@ -64,21 +65,21 @@ contains
    !> time.
    function timing_lines(table) result(lines)
       real(wp), intent(in) :: table(:, :)                             !! (n_times, n_ranks), of hb_mpi%gather_rows
-      character(112), allocatable :: lines(:)
+      character(max_line), allocatable :: lines(:)
       integer, parameter :: most_lines = 32
       integer, allocatable :: shown(:)
       integer :: i, n_ranks
 
       n_ranks = size(table, 2)
-      shown = [(i, i=1, n_ranks)]
+      allocate (shown, source=[(i, i=1, n_ranks)])
       if (n_ranks > most_lines) shown = [minloc(table(7, :)), maxloc(table(7, :))]
-      lines = [character(112) :: &
+      lines = [character(max_line) :: &
          "    rank    points     draws   reading   solving   writing   drawing      idle     total [s]  overhead/point [s]"]
       do i = 1, size(shown)
-         lines = [character(112) :: lines, times_line(to_text(shown(i) - 1), times_of_row(table(:, shown(i))))]
+         lines = [character(max_line) :: lines, times_line(to_text(shown(i) - 1), times_of_row(table(:, shown(i))))]
       end do
-      if (n_ranks > 1) lines = [character(112) :: lines, times_line("all", times_of_row(sum(table, dim=2)))]
-      lines = [character(112) :: lines, "idle share "//share_text(sum(table(7, :)), sum(table(8, :)))// &
+      if (n_ranks > 1) lines = [character(max_line) :: lines, times_line("all", times_of_row(sum(table, dim=2)))]
+      lines = [character(max_line) :: lines, "idle share "//share_text(sum(table(7, :)), sum(table(8, :)))// &
                ", solving share "//share_text(sum(table(4, :)), sum(table(8, :)))]
    end function timing_lines
 
@@ -104,7 +105,7 @@ contains
    subroutine curve_lines(path, plan, lines, error)
       character(*), intent(in) :: path
       type(sweep_plan_t), intent(in) :: plan
-      character(:), allocatable, intent(out) :: lines(:)
+      character(max_line), allocatable, intent(out) :: lines(:)
       type(error_t), allocatable, intent(out) :: error
       type(h5_file_t) :: file
       type(sweep_plan_t) :: rounded                                   ! to ten digits
@@ -112,7 +113,7 @@ contains
       integer, allocatable :: branch(:), is_stable(:), kind(:), n_unstable(:), reasons(:), status(:)
       integer :: first_gap, i, n
 
-      allocate (character(160) :: lines(0))
+      allocate (lines(0))
       call open_file(file, path, error)
       if (allocated(error)) return
       call file%get("curve_kind", kind, error, [plan%n_points])
@@ -130,22 +131,22 @@ contains
          read (digits, *) rounded%curve_values(i)
          if (any(kind(i) == [curve_kind%none, curve_kind%regular])) cycle
          n = n + 1
-         if (n <= most_points) lines = [character(160) :: lines, line_of(i)]
+         if (n <= most_points) lines = [character(max_line) :: lines, line_of(i)]
       end do
-      if (n > most_points) lines = [character(160) :: lines, "and "//to_text(n - most_points)//" more (see 'curve_kind')"]
+      if (n > most_points) lines = [character(max_line) :: lines, "and "//to_text(n - most_points)//" more (see 'curve_kind')"]
       call find_gaps(merge(kind, curve_kind%none, is_solved(status)), branch, merge(n_unstable, -1, is_stable /= 0), &
                      plan%n_fastest(), n, first_gap)
       if (allocated(plan%curve%over)) n = 0                           ! the points are themselves located, along other curves
-      if (n > 0) lines = [character(160) :: lines, number_of(n, "step")//", first at "//rounded%describe(first_gap)// &
+      if (n > 0) lines = [character(max_line) :: lines, number_of(n, "step")//", first at "//rounded%describe(first_gap)// &
          ", point "//to_text(first_gap - 1)//": 'n_unstable' changes without a located bifurcation"]
       n = count(reasons == reason%points)
-      if (n > 0) lines = [character(160) :: lines, number_of(n, "curve")//" reached the limit of "//to_text(plan%n_fastest())// &
-         " points: increase 'points' of &curve"]
+      if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" reached the limit of "// &
+         to_text(plan%n_fastest())//" points: increase 'points' of &curve"]
       n = count(reasons == reason%graze)
-      if (n > 0) lines = [character(160) :: lines, number_of(n, "curve")//" ended where a wall is grazed: no motion was found "// &
-         "beyond; try a sweep from there, or another start"]
+      if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" ended where a wall is grazed: "// &
+         "no motion was found beyond; try a sweep from there, or another start"]
       n = number_turned_back(plan%curve_values, kind, plan%n_fastest(), plan%curve%curve_request_t)
-      if (n > 0) lines = [character(160) :: lines, number_of(n, "curve")//" returned to "//to_text(plan%curve%start)// &
+      if (n > 0) lines = [character(max_line) :: lines, number_of(n, "curve")//" returned to "//to_text(plan%curve%start)// &
          " without reaching the other end of the range: try start = "// &
          to_text(plan%curve%from + plan%curve%to - plan%curve%start)//" in &curve"]
 

@@ -21,7 +21,7 @@ module verb_info
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
    use hb_text, only: number_of, string_t, to_text
    use hb_tones, only: tones_t
-   use run_texts, only: curve_lines, found_frequency, stability_text
+   use run_texts, only: curve_lines, found_frequency, max_line, stability_text
    implicit none
    private
    public :: read_result, run_info
@@ -170,7 +170,7 @@ contains
       integer, parameter :: most = 10
       integer :: i
 
-      points = jumps_between(record%branch, plan%n_fastest())
+      allocate (points, source=jumps_between(record%branch, plan%n_fastest()))
       do i = 1, min(size(points), most)
          call write_fact(merge("jumps", "     ", i == 1), "to another branch at point "//to_text(points(i) - 1)//" ("// &
             plan%describe(points(i))//")")
@@ -194,7 +194,7 @@ contains
       character(*), intent(in) :: path
       type(sweep_plan_t), intent(in) :: plan
       type(error_t), allocatable, intent(out) :: error
-      character(:), allocatable :: lines(:)
+      character(max_line), allocatable :: lines(:)
       integer :: i
 
       call curve_lines(path, plan, lines, error)

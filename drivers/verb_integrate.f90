@@ -7,7 +7,7 @@ module verb_integrate
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t, fail
    use hb_file_location, only: check_target
-   use hb_input_keys, only: choices_of
+   use hb_input_keys, only: choices_of, max_choice
    use hb_integration, only: check_integration, integrate_model, integration_t
    use hb_integration_file, only: integration_origin_t, read_integration_state, write_integration_file
    use hb_integration_system, only: integration_state_t, new_integration_state
@@ -89,7 +89,7 @@ contains
       type(integration_state_t), allocatable :: earlier
       type(shown_progress_t), target :: progress
       real(wp) :: seconds
-      character(:), allocatable :: methods(:)
+      character(max_choice), allocatable :: methods(:)
       character(:), allocatable :: motions
       character(300) :: line
       integer :: i
@@ -113,7 +113,7 @@ contains
          seconds = wall_clock() - seconds
          if (progress%is_begun) call progress%line%finish(progress%n_steps, 0)
          origin%title = model%output%title
-         methods = choices_of("integration", "method")
+         allocate (methods, source=choices_of("integration", "method"))
          origin%method = trim(methods(model%integration%method))
          origin%input_text = study%input_text
          origin%input_complete = study%input_complete

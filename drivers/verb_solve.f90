@@ -29,7 +29,7 @@ module verb_solve
    use hb_text_file, only: read_text_file
    use hb_version, only: git_commit, program_version
    use result_location, only: place_result
-   use run_texts, only: answers_text, curve_lines, found_frequency, stability_text, timing_lines
+   use run_texts, only: answers_text, curve_lines, found_frequency, max_line, stability_text, timing_lines
    use switched_inputs, only: switched_input
    implicit none
    private
@@ -244,7 +244,7 @@ contains
       character(*), intent(in) :: path
       type(sweep_plan_t) :: plan
       type(error_t), allocatable :: error
-      character(:), allocatable :: lines(:)
+      character(max_line), allocatable :: lines(:)
       integer :: i
 
       plan = study%plan
@@ -274,10 +274,10 @@ contains
 
    subroutine write_times(summary)
       type(run_summary_t), intent(in) :: summary
-      character(:), allocatable :: lines(:)
+      character(max_line), allocatable :: lines(:)
       integer :: i
 
-      lines = timing_lines(summary%times)
+      allocate (lines, source=timing_lines(summary%times))
       call say("time spent by each rank:")
       do i = 1, size(lines)
          call say(trim(lines(i)))

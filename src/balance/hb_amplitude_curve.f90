@@ -191,11 +191,11 @@ contains
 
       n = size(x) - 2
       associate (set => self%balance%harmonics)
-         point%u = reshape(x(:n), [set%n_coefficients, self%balance%n_dofs])
-         point%omega = [x(n + 1)]
-         point%xi = [x(n + 2)]
+         allocate (point%u, source=reshape(x(:n), [set%n_coefficients, self%balance%n_dofs]))
+         allocate (point%omega, source=[x(n + 1)])
+         allocate (point%xi, source=[x(n + 2)])
          h = fundamental(set, self%tones(1))
-         point%amplitude = [maxval(hypot(point%u(set%cos_at(h), :), point%u(set%sin_at(h), :)))]
+         allocate (point%amplitude, source=[maxval(hypot(point%u(set%cos_at(h), :), point%u(set%sin_at(h), :)))])
       end associate
    end function point_of
 

@@ -107,6 +107,7 @@ contains
       subroutine find_derivatives()
          complex(wp) :: at_laws(balance%n_dofs, size(c, 2)), change(size(c, 1), size(c, 2))
          real(wp), dimension(size(c, 2)) :: by_drive, by_frequency
+         real(wp) :: tuples(size(balance%xi), size(c, 2))
 
          by_u = u
          associate (set => balance%harmonics)
@@ -122,8 +123,9 @@ contains
                            0.5_wp*balance%frequencies*real(sum(conjg(c)*inertia, dim=1))   ! none for the mean, where w = 0
             call balance%stiffness%recover_slope(at_laws, .true., change)
             by_drive = real(sum(conjg(gradient)*change, dim=1))
-            by_omega = matmul(set%tuples, by_frequency) + balance%xi*matmul(set%tuples, by_drive)
-            by_xi = balance%omega*matmul(set%tuples, by_drive)
+            tuples = real(set%tuples, wp)
+            by_omega = matmul(tuples, by_frequency) + balance%xi*matmul(tuples, by_drive)
+            by_xi = balance%omega*matmul(tuples, by_drive)
          end associate
       end subroutine find_derivatives
    end subroutine find

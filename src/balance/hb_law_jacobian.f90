@@ -88,9 +88,9 @@ contains
       class(law_jacobian_t), intent(in) :: self
 
       pattern%n_pairs = self%n_pairs
-      pattern%row = self%row
-      pattern%column = self%column
-      pattern%pair_at = self%pair_at
+      allocate (pattern%row, source=self%row)
+      allocate (pattern%column, source=self%column)
+      allocate (pattern%pair_at, source=self%pair_at)
       pattern%needs_velocity = self%needs_velocity
       pattern%needs_reaction = self%needs_reaction
    end function law_jacobian_pattern
@@ -169,7 +169,8 @@ contains
       type(sampled_law_t), intent(in) :: law
       integer :: a, b, i, k, own, pair
       real(wp), dimension(size(law%law%shape, 2)) :: square, w_k
-      real(wp), allocatable :: explicit_q(:, :), explicit_v(:, :), slope_q(:), slope_v(:), slope_s(:)
+      real(wp), dimension(size(law%f, 1), size(law%law%shape, 2)) :: explicit_q, explicit_v
+      real(wp), dimension(size(law%f, 1)) :: slope_q, slope_v, slope_s
 
       associate (shape => law%law%shape, columns => law%columns, needs_velocity => self%needs_velocity)
          square = sum(shape**2, dim=1)
@@ -181,9 +182,9 @@ contains
             explicit_q = explicit_slopes(self%df_dq%values, k)
             if (needs_velocity) explicit_v = explicit_slopes(self%df_dv%values, k)
             do a = 1, size(shape, 2)
-               slope_q = spread(0.0_wp, 1, size(law%f, 1))
-               slope_s = slope_q
-               if (needs_velocity) slope_v = slope_q
+               slope_q = 0.0_wp
+               slope_s = 0.0_wp
+               slope_v = 0.0_wp
                do b = 1, size(shape, 2)
                   slope_q = slope_q - law%df_dp(:, a, b)*explicit_q(:, b)
                   if (needs_velocity) slope_v = slope_v - law%df_dp(:, a, b)*explicit_v(:, b)

@@ -94,9 +94,9 @@ contains
       logical, intent(out) :: is_found
       type(path_point_t) :: point
 
-      point%u = u
-      point%omega = self%balance%omega(self%tones)
-      point%xi = 0.0_wp*point%omega
+      allocate (point%u, source=u)
+      allocate (point%omega, source=self%balance%omega(self%tones))
+      allocate (point%xi(size(self%tones)), source=0.0_wp)
       call self%set_scales(maxval(norm2(u, dim=1)))
       call self%try_motion(point, is_found)
       if (is_found) u = point%u

@@ -396,7 +396,7 @@ contains
       end do
       if (.not. any(is_other)) return
       is_other(maxloc(abs(frequencies), dim=1)) = .true.
-      positions = pack([(h, h=1, size(frequencies))], is_other)
+      allocate (positions, source=pack([(h, h=1, size(frequencies))], is_other))
       call new_dynamic_stiffness(part, structure, self%linear%coordinates, frequencies(positions), loads%at(positions), error, &
                                  wanted_slopes_t(of_interior=.false.))
       self%n_condensed = self%n_condensed + size(positions)

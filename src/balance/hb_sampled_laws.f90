@@ -159,9 +159,10 @@ contains
       class(sampled_laws_t), intent(in) :: self
       integer, intent(in) :: i
       real(wp), intent(in) :: values(:, :)                            !! (any, n_dofs)
-      real(wp) :: z(size(values, 1), size(self%laws(i)%law%shape, 2))
+      real(wp) :: of_law(size(values, 1), size(self%laws(i)%law%shape, 1)), z(size(values, 1), size(self%laws(i)%law%shape, 2))
 
-      z = matmul(values(:, self%laws(i)%law%dofs), self%laws(i)%law%shape)
+      of_law = values(:, self%laws(i)%law%dofs)
+      z = matmul(of_law, self%laws(i)%law%shape)
    end function sampled_laws_coordinates_of
 
    !> Computes forces f from the samples q, v and s. If they are not finite, `find_failure` explains why.

@@ -8,7 +8,7 @@ module hb_input_keys
    use hb_text, only: join, parse_real, split, string_t
    implicit none
    private
-   public :: choices_of, find_groups, find_rule, kind_of, limits_t, max_unit, rule_t
+   public :: choices_of, find_groups, find_rule, kind_of, limits_t, max_choice, max_unit, rule_t
 
    integer, parameter :: max_unit = 16
    integer, parameter :: max_choice = 24
@@ -81,8 +81,8 @@ contains
 
       if (present(type)) call find_rule(group, type, key, rule)
       if (.not. present(type)) call find_rule(group, "", key, rule)
-      allocate (choices(0))
-      if (allocated(rule%choices)) choices = rule%choices
+      call move_alloc(rule%choices, choices)
+      if (.not. allocated(choices)) allocate (choices(0))
    end function choices_of
 
    !> Where else a key exists, such as "&harmonics" or "&law type = 'jenkins'"; empty if nowhere, in many groups, or

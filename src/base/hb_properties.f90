@@ -68,7 +68,7 @@ contains
       real(wp), allocatable :: numbers(:)
       integer :: i_key
 
-      numbers = [value]
+      allocate (numbers, source=[value])
       call take_numbers(self, key, kind_of%number, single_value, numbers, required, i_key)
       value = numbers(1)
       if (present(unit)) self%content%keys(i_key)%unit = unit
@@ -82,7 +82,7 @@ contains
       logical, intent(in), optional :: required
       real(wp), allocatable :: numbers(:)
 
-      numbers = [real(value, wp)]
+      allocate (numbers, source=[real(value, wp)])
       call take_numbers(self, key, kind_of%whole, single_value, numbers, required)
       value = nint(numbers(1))
    end subroutine properties_get_integer
@@ -94,7 +94,7 @@ contains
       logical, intent(inout) :: value
       real(wp), allocatable :: numbers(:)
 
-      numbers = [number_of_truth(value)]
+      allocate (numbers, source=[number_of_truth(value)])
       call take_numbers(self, key, kind_of%truth, single_value, numbers)
       value = numbers(1) > 0.0_wp
    end subroutine properties_get_logical

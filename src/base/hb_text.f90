@@ -9,7 +9,7 @@ module hb_text
    implicit none
    private
    public :: is_name, join, length_of, letters, lower, max_name, number_of, parse_integer, parse_real, quote, shortened, shown, &
-      split, string_t, text_builder_t, to_text
+      split, string_t, text_builder_t, texts_t, to_text
 
    character(*), parameter :: digits = "0123456789"
    character(*), parameter :: letters = "abcdefghijklmnopqrstuvwxyz"
@@ -20,6 +20,11 @@ module hb_text
    type :: string_t
       character(:), allocatable :: value
    end type string_t
+
+   !> Texts of one length. As a component they are what gfortran expects: of a local array it reads the length before that is set.
+   type :: texts_t
+      character(:), allocatable :: values(:)
+   end type texts_t
 
    !> Text that is built piece by piece at a cost linear in its final length.
    type :: text_builder_t

@@ -202,7 +202,7 @@ contains
          return
       end if
       block = self%extents
-      if (present(n_used)) block(min(2, n - 1)) = min(block(min(2, n - 1)), int(n_used, hsize_t))
+      if (present(n_used) .and. n > 1) block(min(2, n - 1)) = min(block(min(2, n - 1)), int(n_used, hsize_t))
       row_size = product(block(:n - 1))
       block(n) = n_values/max(row_size, 1_hsize_t)
       last = first + block(n) - 1

@@ -7,7 +7,7 @@ module hb_fe_model_file
    use hb_kinds, only: wp
    use hb_sparse, only: new_sparse, sparse_t
    use hb_system, only: file_kind, kind_of_file
-   use hb_text, only: to_text
+   use hb_text, only: texts_t, to_text
    implicit none
    private
    public :: fe_model_file_t, is_model_file, read_model_file
@@ -160,18 +160,18 @@ contains
       type(h5_file_t), intent(in) :: file
       type(fe_model_t), intent(inout) :: fe_model
       type(error_t), allocatable, intent(out) :: error
-      character(:), allocatable :: words(:)
+      type(texts_t) :: words
       integer, allocatable :: node_of(:), nodes(:), numbers(:), starts(:)
       integer :: i, n_nodes
 
       if (.not. file%has("sets")) return
       call file%get("nodes/number", numbers, error)
       call file%get("dofs/node", node_of, error)
-      call file%get("dofs/direction", words, error)
+      call file%get("dofs/direction", words%values, error)
       if (allocated(error)) return
       n_nodes = size(numbers)
       call check_size("dofs/node", size(node_of), fe_model%n_dofs, error)
-      if (.not. allocated(error)) call check_size("dofs/direction", size(words), fe_model%n_dofs, error)
+      if (.not. allocated(error)) call check_size("dofs/direction", size(words%values), fe_model%n_dofs, error)
       if (allocated(error)) return
       if (any(node_of < -1 .or. node_of >= n_nodes)) then
          i = findloc(node_of < -1 .or. node_of >= n_nodes, .true., dim=1)
@@ -180,15 +180,15 @@ contains
          return
       end if
       fe_model%sets%node_of = node_of + 1
-      allocate (fe_model%sets%direction(size(words)))
-      fe_model%sets%direction = words
-      call file%get("sets/names", words, error)
+      allocate (fe_model%sets%direction(size(words%values)))
+      fe_model%sets%direction = words%values
+      call file%get("sets/names", words%values, error)
       call file%get("sets/indptr", starts, error)
       call file%get("sets/nodes", nodes, error)
-      if (.not. allocated(error)) call check_ranges("sets", size(words), starts, size(nodes), error)
+      if (.not. allocated(error)) call check_ranges("sets", size(words%values), starts, size(nodes), error)
       if (allocated(error)) return
-      do i = 1, size(words)
-         call fe_model%sets%add(trim(words(i)), nodes(starts(i) + 1:starts(i + 1)), n_nodes, error)
+      do i = 1, size(words%values)
+         call fe_model%sets%add(trim(words%values(i)), nodes(starts(i) + 1:starts(i + 1)), n_nodes, error)
          if (allocated(error)) return
       end do
    end subroutine read_sets
@@ -197,22 +197,22 @@ contains
       type(h5_file_t), intent(in) :: file
       type(fe_model_t), intent(inout) :: fe_model
       type(error_t), allocatable, intent(out) :: error
-      character(:), allocatable :: words(:)
+      type(texts_t) :: words
       integer, allocatable :: dofs(:), starts(:)
       real(wp), allocatable :: values(:)
       integer :: i
 
       if (.not. file%has("loads")) return
-      call file%get("loads/names", words, error)
+      call file%get("loads/names", words%values, error)
       call file%get("loads/indptr", starts, error)
       call file%get("loads/dofs", dofs, error)
       call file%get("loads/values", values, error)
-      if (.not. allocated(error)) call check_ranges("loads", size(words), starts, size(dofs), error)
+      if (.not. allocated(error)) call check_ranges("loads", size(words%values), starts, size(dofs), error)
       if (.not. allocated(error)) call check_size("loads/values", size(values), size(dofs), error)
       if (allocated(error)) return
-      do i = 1, size(words)
+      do i = 1, size(words%values)
          associate (first => starts(i) + 1, last => starts(i + 1))
-            call fe_model%vectors%add(trim(words(i)), dofs(first:last), values(first:last), fe_model%n_dofs, error)
+            call fe_model%vectors%add(trim(words%values(i)), dofs(first:last), values(first:last), fe_model%n_dofs, error)
          end associate
          if (allocated(error)) return
       end do

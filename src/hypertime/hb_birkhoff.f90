@@ -70,8 +70,7 @@ contains
       real(wp), allocatable :: weighted(:)
       integer :: h
 
-      weighted = bump_weights(size(x))
-      weighted = weighted*x
+      allocate (weighted, source=bump_weights(size(x))*x)
       coefficients = (0.0_wp, 0.0_wp)
       do h = 1, size(frequencies)
          if (work_is_over()) return

@@ -347,9 +347,10 @@ contains
    pure function harmonics_frequencies(self, omega) result(frequencies)
       class(harmonics_t), intent(in) :: self
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
-      real(wp) :: frequencies(self%n_harmonics)
+      real(wp) :: frequencies(self%n_harmonics), tuples(size(omega), self%n_harmonics)
 
-      frequencies = matmul(omega, real(self%tuples, wp))
+      tuples = real(self%tuples, wp)
+      frequencies = matmul(omega, tuples)
    end function harmonics_frequencies
 
    !> Sign that makes the first non-zero entry positive: 1 or -1; 1 for the zero tuple.

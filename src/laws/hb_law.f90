@@ -305,13 +305,13 @@ contains
       end if
       n_positions = 1
       if (allocated(self%positions)) n_positions = size(self%positions, 2)
+      allocate (positions(size(names), n_positions), source=0)
       do i = 1, size(names)
          call structure%find_dofs(names(i)%value, dofs, error)
          if (allocated(error)) then
             call group%problem(key, error%message)
             return
          end if
-         if (.not. allocated(positions)) allocate (positions(size(names), max(n_positions, size(dofs))))
          if (size(positions, 2) == 1 .and. size(dofs) > 1) positions = spread(positions(:, 1), 2, size(dofs))
          if (size(dofs) == 1) dofs = spread(dofs(1), 1, size(positions, 2))
          if (size(dofs) /= size(positions, 2)) then

@@ -364,8 +364,10 @@ contains
       class(contact_table_t), intent(in) :: self
       real(wp), intent(in) :: z(:), v(:)
       real(wp), intent(out) :: values(:)
+      real(wp) :: seen_z(size(z))
 
-      values = -self%gaps - matmul(self%shapes, seen_by_contacts(self, z))
+      seen_z = seen_by_contacts(self, z)
+      values = -self%gaps - matmul(self%shapes, seen_z)
    end subroutine contact_table_switches
 
    subroutine contact_table_evaluate_held(self, z, v, is_positive, f)

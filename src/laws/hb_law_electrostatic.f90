@@ -55,9 +55,10 @@ contains
    pure subroutine electrostatic_set_phases(self, phases)
       class(electrostatic_t), intent(inout) :: self
       real(wp), intent(in) :: phases(:, :)
-      real(wp) :: phase(size(phases, 2))
+      real(wp) :: modulation(self%n_phases), phase(size(phases, 2))
 
-      phase = matmul(real(self%modulation, wp), phases(:self%n_phases, :))
+      modulation = real(self%modulation, wp)
+      phase = matmul(modulation, phases(:self%n_phases, :))
       self%changing = self%wave(1)*cos(phase) + self%wave(2)*sin(phase)
    end subroutine electrostatic_set_phases
 

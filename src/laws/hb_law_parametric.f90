@@ -56,9 +56,10 @@ contains
    pure subroutine parametric_set_phases(self, phases)
       class(parametric_t), intent(inout) :: self
       real(wp), intent(in) :: phases(:, :)
-      real(wp) :: phase(size(phases, 2), 1)
+      real(wp) :: modulation(self%n_phases), phase(size(phases, 2), 1)
 
-      phase(:, 1) = matmul(real(self%modulation, wp), phases(:self%n_phases, :))
+      modulation = real(self%modulation, wp)
+      phase(:, 1) = matmul(modulation, phases(:self%n_phases, :))
       self%k = self%stiffness(1)*cos(phase) + self%stiffness(2)*sin(phase)
       self%d = self%damping(1)*cos(phase) + self%damping(2)*sin(phase)
    end subroutine parametric_set_phases

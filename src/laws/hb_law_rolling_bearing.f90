@@ -52,8 +52,10 @@ contains
    pure subroutine rolling_bearing_set_phases(self, phases)
       class(rolling_bearing_t), intent(inout) :: self
       real(wp), intent(in) :: phases(:, :)
+      real(wp) :: modulation(self%n_phases)
 
-      self%angle = matmul(real(self%modulation, wp), phases(:self%n_phases, :))/self%n_balls
+      modulation = real(self%modulation, wp)
+      self%angle = matmul(modulation, phases(:self%n_phases, :))/self%n_balls
    end subroutine rolling_bearing_set_phases
 
    subroutine rolling_bearing_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)

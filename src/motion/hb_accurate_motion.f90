@@ -228,7 +228,7 @@ contains
          self%difference = distance(top, next, any(model%tones%is_unknown))
          self%is_checked = self%own_estimate < reliable
          raw = estimate_of_motion(trial)
-         outputs_raw = estimates_of_outputs(trial)
+         allocate (outputs_raw, source=estimates_of_outputs(trial))
          if (self%is_checked) &
             trial%level_estimate = max(trial%level_estimate, estimate_by_levels(raw, self%own_estimate, self%difference))
          if (is_rigid(model)) trial%level_estimate = max(trial%level_estimate, min(1.0_wp, &
@@ -419,7 +419,7 @@ contains
 
       order = lowest_order(model%tones%n_tones)
       order = merge(order + (order + 1)/2, max(1, order - 2), i == 2)
-      loaded = loaded_tuples(model)
+      allocate (loaded, source=loaded_tuples(model))
       call new_lowest_set(level%set, model%tones%n_tones, loaded, error, order)
       if (.not. allocated(error)) level%n_samples = samples_for(level%set%highest, degree_of(model))
    end subroutine other_first

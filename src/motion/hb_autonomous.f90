@@ -223,15 +223,20 @@ contains
       real(wp) :: merit(start%base%modes%n_modes), reached
       real(wp), allocatable :: unstable_u(:, :), unstable_omega(:)
       integer :: best, k
-      logical :: is_neutral, runs_away
+      logical :: has_failed, is_driven, is_neutral, runs_away
       character(7) :: amplitude
       character(:), allocatable :: driven, unstable_message, failure
       type(error_t), allocatable :: error
 
       merit = merit_of_modes(start, guess)
       reached = huge(1.0_wp)
+      has_failed = .false.
+      is_driven = .false.
       is_neutral = .true.
       runs_away = .false.
+      driven = ""
+      failure = ""
+      unstable_message = ""
       best = 1
       do k = 1, min(most_modes, count(start%base%is_at_laws))
          best = maxloc(merit, dim=1)
@@ -241,13 +246,15 @@ contains
          call search_from_modes(search, u, is_found)
          if (is_found .and. .not. search%is_left) return
          if (is_found .and. .not. allocated(unstable_u)) then
-            unstable_u = u
-            unstable_omega = balance%omega
+            allocate (unstable_u, source=u)
+            allocate (unstable_omega, source=balance%omega)
             unstable_message = search%message
          end if
          if (search%report%status == outcome%stalled) then
+            has_failed = .true.
             failure = search%message
          else if (search%is_driven) then
+            is_driven = .true.
             driven = search%message
             runs_away = search%runs_away
          end if
@@ -262,12 +269,12 @@ contains
          search%message = unstable_message
          if (is_found) return
       end if
-      if (allocated(failure)) then
+      if (has_failed) then
          search%report%status = outcome%stalled
          search%message = failure
          return
       end if
-      if (allocated(driven)) then
+      if (is_driven) then
          if (runs_away) search%report%status = outcome%no_motion
          search%message = driven
          return

@@ -378,7 +378,7 @@ contains
             positions(2) = search%fold(1)
             values(2) = search%fold(2)
          end if
-         wanted = [request%from, request%to, request%values]
+         allocate (wanted, source=[request%from, request%to, request%values])
          event%unit = abs(request%to - request%from)
          do i = 1, size(wanted)
             if (i > 2 .and. any(abs(wanted(i) - wanted(:2)) <= 0.0_wp)) cycle

@@ -370,7 +370,7 @@ contains
       end do
       is_needed = [(sum(abs(model%harmonics%tuples(:, h))) <= 1 .or. .not. model%loads%is_zero_at(h), h=1, size(carried))]
       tail = share_of_tail*model%accuracy%tolerance
-      positions = largest_indices(merge(huge(1.0_wp), carried, is_needed), tail, capacity)
+      allocate (positions, source=largest_indices(merge(huge(1.0_wp), carried, is_needed), tail, capacity))
       is_retained = .false.
       is_retained(positions) = .true.
       tail = norm2(pack(carried, .not. is_retained))

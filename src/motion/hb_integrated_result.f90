@@ -109,9 +109,14 @@ contains
       complex(wp), intent(in) :: c(:)                                 !! [m], (n_dofs)
       real(wp), intent(in) :: w                                       !! [rad/s]
       complex(wp) :: forces(size(c))
+      real(wp) :: imaginary_part(size(c)), real_part(size(c)), stiffness(size(c), size(c))
 
       associate (s => model%structure)
-         forces = matmul(s%stiffness - w**2*s%mass, c) + cmplx(0.0_wp, w, wp)*s%damping_times(c)
+         stiffness = s%stiffness - w**2*s%mass
+         real_part = real(c)
+         imaginary_part = aimag(c)
+         forces = cmplx(matmul(stiffness, real_part), matmul(stiffness, imaginary_part), wp) + &
+                  cmplx(0.0_wp, w, wp)*s%damping_times(c)
       end associate
    end function forces_of
 end module hb_integrated_result

@@ -179,12 +179,12 @@ contains
       integer, allocatable :: retained(:)
       integer :: h
 
-      amplitudes = level%set%norms(coefficients_of(level))
+      allocate (amplitudes, source=level%set%norms(coefficients_of(level)))
       amplitudes = amplitudes/max(norm2(amplitudes), tiny(1.0_wp))
       do h = 1, level%set%n_harmonics
          if (is_needed_at(model, level%set%tuples(:, h))) amplitudes(h) = huge(1.0_wp)
       end do
-      retained = largest_indices(amplitudes, minor*model%accuracy%tolerance, size(amplitudes))
+      allocate (retained, source=largest_indices(amplitudes, minor*model%accuracy%tolerance, size(amplitudes)))
       if (size(retained) == size(amplitudes)) return
       call new_harmonics(trimmed%set, level%set%tuples(:, retained), error)
       if (allocated(error)) return
@@ -203,7 +203,7 @@ contains
       integer :: n_harmonics
 
       n_harmonics = level%set%n_harmonics
-      n_samples = level%n_samples
+      allocate (n_samples, source=level%n_samples)
       if (model%accuracy%grows_set) call trim_set(model, level)
       if (model%accuracy%refines_grid) then
          least = needed_samples(level%set%highest, degree_of(model))
@@ -338,7 +338,7 @@ contains
 
       moved%set = upper%set
       moved%unknowns = on_other_set(lower, upper%set)
-      u = coefficients_of(upper)
+      allocate (u, source=coefficients_of(upper))
       if (has_free_phases) then
          distance = norm2(moved%set%norms(coefficients_of(moved)) - upper%set%norms(coefficients_of(upper)))
       else

@@ -246,7 +246,7 @@ contains
       easy = 8.0_wp**3*unit_work                                      ! multiplications, level 3
       if (.not. is_strongest) factors = min(factors, (1.5_wp*easy)**(2.0_wp/3.0_wp))
       if (.not. is_strongest .and. 6*band <= n) factors = min(factors, 3*band*n*(easy/(4*n*band**2))**(2.0_wp/3.0_wp))
-      samples = s%samples
+      allocate (samples, source=s%samples)
       if (s%states <= 0.0_wp .and. all(s%samples >= 4*real(s%highest, wp) + 1)) &
          samples = min(s%samples, cheap_size(4*s%highest + 1, size(samples)))
       products_bytes = real_bytes*(n*(s%solver%krylov_vectors + 15) + min(most_memory, factors) + &

@@ -150,7 +150,7 @@ contains
       logical :: has_slopes, keeps_stiffness
 
       self%is_sound = .false.
-      xi = self%xi
+      allocate (xi, source=self%xi)
       n_before = self%n_unknowns
       has_slopes = self%group == "tones" .or. any(self%model%tones%is_unknown)
       associate (model => self%model)

@@ -104,7 +104,7 @@ contains
       integer :: i
 
       associate (outputs => self%accuracy%outputs, n_tones => self%tones%n_tones)
-         entries = [loaded_tuples(document, n_tones)]
+         allocate (entries, source=[loaded_tuples(document, n_tones)])
          do i = 1, size(outputs)
             if (allocated(outputs(i)%tuple)) entries = [entries, outputs(i)%tuple]
          end do

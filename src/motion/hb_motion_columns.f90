@@ -210,10 +210,17 @@ contains
 
       n = t%n_multipliers
       associate (found => m%stability)
-         if (allocated(found%exponents)) exponents = padded(found%exponents, n)
+         allocate (exponents(n), im(n), re(n))                        ! what is not known is deallocated
+         if (allocated(found%exponents)) then
+            exponents = padded(found%exponents, n)
+         else
+            deallocate (exponents)
+         end if
          if (allocated(found%exponents) .and. allocated(found%multipliers)) then
             re = padded(real(found%multipliers), n)
             im = padded(aimag(found%multipliers), n)
+         else
+            deallocate (im, re)
          end if
          call t%integer("is_stable", "1", "", &
             "1 stable (small disturbances decay), -1 unstable, 0 unknown", found%verdict)

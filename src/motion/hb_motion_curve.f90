@@ -159,7 +159,7 @@ contains
       integer :: i
 
       associate (origin => self%request%origin, n => self%problem%n_unknowns, n_which => size(self%problem%which))
-         from = [origin%u, origin%further]
+         allocate (from, source=[origin%u, origin%further])
          call self%problem%move_to_point(from, is_found)
          if (.not. is_found) return
          call find_direction(self%problem, origin, joined, across, is_found)

@@ -41,16 +41,18 @@ contains
       type(effort_t) :: effort
       type(level_t) :: before
       integer, allocatable :: tones(:)
-      real(wp), allocatable :: change(:), defect(:), omega(:), slope(:, :), step(:)
+      real(wp), allocatable, dimension(:) :: change, defect, omega, step
+      real(wp), allocatable :: slope(:, :)
       integer :: i
       logical :: is_new
 
       call solve_once(model, result, error, level, below, guess, cached)
-      tones = tied_tones(document, model%tones)
+      allocate (tones, source=tied_tones(document, model%tones))
       if (size(tones) == 0) return
       there = document
       model%is_read = .false.                                         ! its values are no longer those of the document
-      omega = model%tones%omega
+      allocate (omega, source=model%tones%omega)
+      allocate (change(size(tones)), defect(size(tones)), step(size(tones)), source=0.0_wp)
       allocate (slope(size(tones), size(tones)), source=0.0_wp)
       do i = 1, size(tones)
          slope(i, i) = 1.0_wp

@@ -32,7 +32,7 @@ contains
       integer, intent(in) :: order(:)                                 !! (n_tones)
       type(truncation_t) :: self
 
-      self%order = order
+      allocate (self%order, source=order)
       self%location = "the wider set of the certificate"
    end function box_truncation
 

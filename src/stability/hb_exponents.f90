@@ -148,8 +148,17 @@ contains
       integer :: half
 
       half = size(growth, 2)/2
-      rate = matmul(growth, bump_weights(size(growth, 2)))/length
-      spread = matmul(growth(:, :half), bump_weights(half))/length
-      spread = abs(spread - matmul(growth(:, half + 1:), bump_weights(size(growth, 2) - half))/length)
+      allocate (rate, source=mean_over_periods(growth))
+      allocate (spread, source=abs(mean_over_periods(growth(:, :half)) - mean_over_periods(growth(:, half + 1:))))
+
+   contains
+
+      pure function mean_over_periods(part) result(mean)
+         real(wp), intent(in) :: part(:, :)
+         real(wp) :: mean(size(part, 1)), weights(size(part, 2))
+
+         weights = bump_weights(size(part, 2))
+         mean = matmul(part, weights)/length
+      end function mean_over_periods
    end subroutine average
 end module hb_exponents

@@ -221,7 +221,8 @@ contains
       integer, allocatable :: retained(:)
       integer :: i
 
-      retained = [[(i, i=1, 2*variation%n_dofs)], pack([(2*variation%n_dofs + i, i=1, variation%n_states)], variation%has_slipped)]
+      allocate (retained, source=[[(i, i=1, 2*variation%n_dofs)], &
+                                  pack([(2*variation%n_dofs + i, i=1, variation%n_states)], variation%has_slipped)])
       self%matrix = self%matrix(retained, retained)
    end subroutine drop_stuck
 

@@ -87,17 +87,22 @@ contains
       type(flow_t) :: flow
       real(wp), dimension(2*variation%n_dofs) :: after, begun, left, left_before, step, units, x
       complex(wp) :: turned(size(amplitudes, 1), size(amplitudes, 2))
-      real(wp) :: sense, sense_before, start
+      real(wp), dimension(size(amplitudes, 1), size(amplitudes, 2)) :: lengths, sines
+      real(wp) :: frequencies(size(amplitudes, 2)), sense, sense_before, start
       integer :: n, shot
       logical :: is_done
 
       n = variation%n_dofs
       start = quiet_time(variation)
-      turned = amplitudes*spread(exp(cmplx(0.0_wp, variation%motion%frequencies*start, wp)), 1, n)
+      frequencies = variation%motion%frequencies
+      turned = amplitudes*spread(exp(cmplx(0.0_wp, frequencies*start, wp)), 1, n)
+      sines = aimag(turned)
       begun(:n) = sum(real(turned), dim=2)
-      begun(n + 1:) = -matmul(aimag(turned), variation%motion%frequencies)/variation%scale
-      units(:n) = sum(abs(amplitudes), dim=2)
-      units(n + 1:) = matmul(abs(amplitudes), abs(variation%motion%frequencies))/variation%scale
+      begun(n + 1:) = -matmul(sines, frequencies)/variation%scale
+      lengths = abs(amplitudes)
+      frequencies = abs(frequencies)
+      units(:n) = sum(lengths, dim=2)
+      units(n + 1:) = matmul(lengths, frequencies)/variation%scale
       units(:n) = max(units(:n), minor*maxval(units(:n)), tiny(1.0_wp))
       if (maxval(units(n + 1:)) <= epsilon(1.0_wp)*maxval(units(:n))) units(n + 1:) = maxval(units(:n))   ! an equilibrium
       units(n + 1:) = max(units(n + 1:), minor*maxval(units(n + 1:)), tiny(1.0_wp))

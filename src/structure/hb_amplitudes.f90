@@ -46,8 +46,9 @@ contains
 
       self%n_dofs = size(values, 1)
       self%n_harmonics = size(values, 2)
-      self%harmonics = pack([(h, h=1, size(values, 2))], [(any(values(:, h) /= (0.0_wp, 0.0_wp)), h=1, size(values, 2))])
-      self%values = values(:, self%harmonics)
+      allocate (self%harmonics, source=pack([(h, h=1, size(values, 2))], &
+                                            [(any(values(:, h) /= (0.0_wp, 0.0_wp)), h=1, size(values, 2))]))
+      allocate (self%values, source=values(:, self%harmonics))
    end function as_amplitudes
 
    !> Adds to the amplitudes of harmonic `h`.

@@ -231,7 +231,7 @@ contains
       n = size(self%positions)
       associate (rhs => self%solver%rhs, transfer => self%transfer, held_motion => self%held_motion, &
                  rl => blocks%rl, rr => blocks%rr, ll => blocks%ll, lr => blocks%lr, shift => self%pattern%shift)
-         slope = slopes_of(rl)
+         allocate (slope, source=slopes_of(rl))
          do e = 1, rl%n_entries
             rhs(rl%row(e), rl%column(e)) = rhs(rl%row(e), rl%column(e)) + slope(e)
          end do
@@ -289,7 +289,7 @@ contains
       type(blocks_t) :: blocks
       integer, allocatable :: interior(:)
 
-      interior = all_but(coordinates%positions, structure%n_dofs)
+      allocate (interior, source=all_but(coordinates%positions, structure%n_dofs))
       call find_blocks(blocks, structure, coordinates, interior)
       half_bandwidth = half_bandwidth_of(blocks, size(interior))
    end function condensed_half_bandwidth

@@ -47,8 +47,8 @@ contains
       type(coordinates_t) :: self
 
       self%n = size(dofs)
-      self%dofs = dofs
-      self%positions = dofs
+      allocate (self%dofs, source=dofs)
+      allocate (self%positions, source=dofs)
    end function dofs_as_coordinates
 
    !> Compliance of degrees of freedom [m/N], from the diagonal stiffness; those without stiffness count as very soft.
@@ -254,7 +254,7 @@ contains
          real(wp), allocatable :: at_pivots(:, :)
 
          associate (p => self%positions, r => self%dofs(self%others))
-            at_pivots = matrix(:, p)
+            allocate (at_pivots, source=matrix(:, p))
             matrix(:, r) = matrix(:, r) + matmul(at_pivots, self%of_others)
             matrix(:, p) = matmul(at_pivots, self%of_z)
             at_pivots = matrix(p, :)
@@ -265,10 +265,12 @@ contains
 
       pure subroutine turn_vector(vector)
          real(wp), intent(inout) :: vector(:)
+         real(wp) :: at_pivots(size(self%positions))
 
          associate (p => self%positions, r => self%dofs(self%others))
-            vector(r) = vector(r) + matmul(vector(p), self%of_others)
-            vector(p) = matmul(vector(p), self%of_z)
+            at_pivots = vector(p)
+            vector(r) = vector(r) + matmul(at_pivots, self%of_others)
+            vector(p) = matmul(at_pivots, self%of_z)
          end associate
       end subroutine turn_vector
 
@@ -293,9 +295,9 @@ contains
 
       is_replaced = .false.
       is_replaced(self%positions) = .true.
-      row = pack([(i, i=1, n_dofs)], .not. is_replaced)
-      column = row
-      value = spread(1.0_wp, 1, size(row))
+      allocate (row, source=pack([(i, i=1, n_dofs)], .not. is_replaced))
+      allocate (column, source=row)
+      allocate (value(size(row)), source=1.0_wp)
       associate (p => self%positions, r => self%dofs(self%others))
          do k = 1, size(p)
             row = [row, p]

@@ -84,9 +84,12 @@ contains
       complex(wp), intent(in) :: shape(:), lambda
       real(wp), intent(in) :: mass(:, :), damping(:, :)
       complex(wp) :: d, m
+      real(wp), dimension(size(shape)) :: imaginary_part, real_part
 
-      m = dot_product(shape, matmul(mass, shape))
-      d = dot_product(shape, matmul(damping, shape))
+      real_part = real(shape)
+      imaginary_part = aimag(shape)
+      m = dot_product(shape, cmplx(matmul(mass, real_part), matmul(mass, imaginary_part), wp))
+      d = dot_product(shape, cmplx(matmul(damping, real_part), matmul(damping, imaginary_part), wp))
       response_of = real(lambda*m/(2.0_wp*lambda*m + d))
    end function response_of
 

@@ -175,7 +175,7 @@ contains
       real(wp), allocatable :: diagonal(:)
       integer :: e, i
 
-      diagonal = mass%diagonal()
+      allocate (diagonal, source=mass%diagonal())
       do i = 1, mass%n_rows
          if (diagonal(i) < 0.0_wp) then
             call fail(error, "the mass of "//trim(labels(i))//" is negative: "//to_text(diagonal(i)))
@@ -262,8 +262,11 @@ contains
       real(wp), intent(in) :: a(:, :)
       complex(wp), intent(in) :: c(:)
       complex(wp) :: product(size(c))
+      real(wp), dimension(size(c)) :: imaginary_part, real_part
 
-      product = cmplx(matmul(a, real(c)), matmul(a, aimag(c)), wp)
+      real_part = real(c)
+      imaginary_part = aimag(c)
+      product = cmplx(matmul(a, real_part), matmul(a, imaginary_part), wp)
    end function dense_times
 
    pure function sparse_times(a, c) result(product)

@@ -42,9 +42,10 @@ contains
          call number_line(results, plan, chain, line*n, branch, error)
          if (.not. allocated(error)) call results%write_branches(line*n + 1, branch, error)
          if (allocated(error)) exit
-         points = jumps_between(branch, n)
+         allocate (points, source=jumps_between(branch, n))
          n_jumps = n_jumps + size(points)
          if (first_jump == 0 .and. size(points) > 0) first_jump = line*n + points(1)
+         deallocate (points)
       end do
       call share_error(comm, error)
       n_jumps = sum_over(comm, n_jumps)

@@ -11,7 +11,7 @@ module hb_results_record
    use hb_results_file, only: schema_version
    use hb_stored_rows, only: stored_file_t
    use hb_sweep_plan, only: sweep_plan_t
-   use hb_text, only: join, number_of, split, string_t, to_text
+   use hb_text, only: join, number_of, split, string_t, texts_t, to_text
    implicit none
    private
    public :: count_pending, fail_where_damaged, message_of, messages_of, numbers_of, open_points, read_record, read_units
@@ -228,10 +228,10 @@ contains
       character(*), intent(in) :: name
       character(:), allocatable, intent(out) :: text
       type(error_t), allocatable, intent(inout) :: error
-      character(:), allocatable :: texts(:)
+      type(texts_t) :: texts
 
-      call file%get(name, texts, error, [1])
-      if (.not. allocated(error)) text = texts(1)
+      call file%get(name, texts%values, error, [1])
+      if (.not. allocated(error)) text = texts%values(1)
    end subroutine read_one
 
    !> Lines of a text that are not empty.

@@ -218,7 +218,8 @@ contains
       integer :: n_before
 
       n_before = bytes_of_kind(self%kind)*product(self%extents(:self%part - 1))
-      blocks = reshape(self%bytes(:, k), [n_before*self%extents(self%part), product(self%extents(self%part + 1:))])
+      allocate (blocks, source=reshape(self%bytes(:, k), &
+                                       [n_before*self%extents(self%part), product(self%extents(self%part + 1:))]))
       bytes = reshape(blocks(:n_before*self%n_used(k), :), [n_before*self%n_used(k)*size(blocks, 2)])
    end function used_bytes
 end module hb_row_buffer

@@ -57,7 +57,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: available_memory              !! bytes for this process, the same on all ranks
       type(document_t), target :: first
-      type(curve_request_t) :: request
+      type(curve_request_t), allocatable :: request
       type(tones_t) :: tones
 
       if (present(available_memory)) self%available_memory = available_memory
@@ -83,6 +83,7 @@ contains
       if (allocated(error)) return
       call self%plan%note_units(first)
       if (allocated(self%plan%curve)) then
+         allocate (request)
          call request_curve(self%plan%curve, self%model, first, request, error)
          if (allocated(error)) return
       end if
@@ -263,7 +264,7 @@ contains
       integer :: i
 
       associate (model => self%model, structure => self%model%structure, plan => self%plan)
-         law_dofs = law_dofs_of(model%laws)
+         allocate (law_dofs, source=law_dofs_of(model%laws))
          layout%n_points = plan%n_points
          layout%tuples = self%tuples
          if (present(n_harmonics)) layout%tuples = self%tuples(:, :n_harmonics)

@@ -49,7 +49,7 @@ contains
       logical, allocatable :: axes(:)
       integer :: i, point
 
-      axes = plan%axes_of(group)
+      allocate (axes, source=plan%axes_of(group))
       if (.not. any(axes)) return
       allocate (largest(0), widest(0))
       document = input

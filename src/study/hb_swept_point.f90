@@ -90,7 +90,7 @@ contains
       integer, allocatable :: law_dofs(:)
       logical :: is_same
 
-      law_dofs = law_dofs_of(model%laws)
+      allocate (law_dofs, source=law_dofs_of(model%laws))
       is_same = size(model%output%dofs) == size(layout%dof_labels) .and. size(law_dofs) == size(layout%law_dof_labels) &
                 .and. size(model%laws) == size(layout%law_labels) &
                 .and. size(model%output%samples) == size(layout%n_samples)

@@ -110,8 +110,8 @@ contains
       integer :: i
 
       middle = 0.5_wp*(size(x) - 1)*step
-      weighted = weights*x
-      moments = [(((i - 1)*step - middle)*weighted(i), i=1, size(x))]
+      allocate (weighted, source=weights*x)
+      allocate (moments, source=[(((i - 1)*step - middle)*weighted(i), i=1, size(x))])
       low = frequency - half_width
       high = frequency + half_width
       if (slope(low) > 0.0_wp .and. slope(high) < 0.0_wp) then

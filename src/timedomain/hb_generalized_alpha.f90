@@ -123,7 +123,7 @@ contains
       real(wp), intent(in) :: time, time_after
       type(integration_state_t), intent(inout) :: state
       type(error_t), allocatable, intent(out) :: error
-      real(wp), dimension(self%system%n_dofs) :: law_before, load, q_guess, v_guess, right
+      real(wp), dimension(self%system%n_dofs) :: a_before, law_before, load, q_guess, v_before, v_guess, right
       integer :: info, n
 
       n = self%system%n_dofs
@@ -135,9 +135,10 @@ contains
          q_guess = q + h*v + (0.5_wp - beta)*h**2*a
          v_guess = v + (1.0_wp - gamma)*h*a
          call self%system%loads%at(time_after, load)
+         a_before = (1.0_wp - am)/(beta*h**2)*q_guess - am*a
+         v_before = gamma/(beta*h)*q_guess - v_guess
          right = (1.0_wp - af)*load + af*(self%load - law_before - matmul(self%stiffness, q) - matmul(self%damping, v)) &
-                 + matmul(self%mass, (1.0_wp - am)/(beta*h**2)*q_guess - am*a) &
-                 + (1.0_wp - af)*matmul(self%damping, gamma/(beta*h)*q_guess - v_guess)
+                 + matmul(self%mass, a_before) + (1.0_wp - af)*matmul(self%damping, v_before)
          call dgetrs("N", n, 1, self%factor, n, self%pivots, right, n, info)
          call solve_laws(self, right, q_guess, v_guess, error)         ! adds what the laws do to the motion
          if (allocated(error)) then

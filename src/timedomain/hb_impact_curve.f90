@@ -258,7 +258,7 @@ contains
       integer, allocatable :: before(:)
       logical :: is_passed
 
-      before = self%known%impacts
+      allocate (before, source=self%known%impacts)
       call self%orbit%refusal%forget()
       call pass_graze(self, .false., is_passed)
       if (.not. is_passed) call step(self)
@@ -358,7 +358,7 @@ contains
       real(wp) :: apart
 
       apart = usual_distance
-      impacts = self%impacts_at(x)
+      allocate (impacts, source=self%impacts_at(x))
       do while (apart > 0.01_wp*nearest)                              ! corners are that near to a graze
          if (all(impacts == self%impacts_at(x + 2.0_wp*apart*direction)) .and. &
              all(impacts == self%impacts_at(x - 2.0_wp*apart*direction))) exit

@@ -138,20 +138,20 @@ contains
       logical, intent(out) :: is_done                                 !! and the walls are struck as often on both sides
       real(wp) :: after(size(x), 2), value
       integer, allocatable :: impacts(:)
-      integer :: side
       logical :: is_possible
 
+      slope = 0.0_wp
       value = self%value
-      do side = 1, 2
-         associate (step => (3 - 2*side)*distance)
-            call carry(self, x + step*change, value + step*of_value, part, after(:, side), is_done)
-         end associate
-         if (.not. is_done) exit
-         if (side == 1) impacts = self%map%impacts
-      end do
+      call carry(self, x + distance*change, value + distance*of_value, part, after(:, 1), is_done)
+      if (is_done) then
+         allocate (impacts, source=self%map%impacts)
+         call carry(self, x - distance*change, value - distance*of_value, part, after(:, 2), is_done)
+         if (is_done) then
+            is_done = all(impacts == self%map%impacts)
+            slope = (after(:, 1) - after(:, 2))/(2.0_wp*distance)
+         end if
+      end if
       call self%set_parameters([1], [value], is_possible)
-      if (is_done) is_done = all(impacts == self%map%impacts)
-      slope = (after(:, 1) - after(:, 2))/(2.0_wp*distance)
    end subroutine differ
 
    !> The state at the section that follows from one at another time.

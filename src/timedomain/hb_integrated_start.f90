@@ -237,7 +237,7 @@ contains
       type(integration_record_t), intent(in) :: record
       real(wp), intent(in) :: base, highest                           !! [rad/s]
       complex(wp), allocatable :: c(:)
-      real(wp), allocatable :: deviation(:), weights(:)
+      real(wp), dimension(size(record%every_displacement, 1)) :: deviation, weights
       real(wp) :: all_of_it, explained
       integer :: i, k, n
 

@@ -281,7 +281,7 @@ contains
    subroutine stop_active(self, rates)
       class(integration_cvode_t), intent(inout) :: self
       real(wp), intent(in) :: rates(:)                                !! [m/s], of the active ones
-      real(wp) :: jump(size(rates))
+      real(wp) :: accelerance(self%system%n_dofs, size(rates)), jump(size(rates))
       integer :: info, k
 
       associate (equations => self%equations, v => self%cvode%values(self%system%n_dofs + 1:))
@@ -289,7 +289,8 @@ contains
             jump(k) = dot_product(self%system%laws%shape(:, equations%rigid(equations%active(k))%coordinate), v) - rates(k)
          end do
          call dgetrs("N", size(jump), 1, equations%factor, size(jump), equations%pivots, jump, size(jump), info)
-         v = v - matmul(equations%accelerance(:, equations%active), jump)
+         accelerance = equations%accelerance(:, equations%active)
+         v = v - matmul(accelerance, jump)
       end associate
    end subroutine stop_active
 

@@ -99,7 +99,8 @@ contains
       type(integration_record_t), intent(in) :: record, other         !! of all degrees of freedom, in their order
       integer, intent(in) :: n_new                                    !! periods in the records
       complex(wp), allocatable :: waves(:, :)
-      real(wp), allocatable :: apart(:), largest(:, :), phase(:), phases(:, :), remainder(:, :), t(:), x(:, :)
+      real(wp), allocatable, dimension(:, :) :: beside, largest, phases, remainder, x
+      real(wp), allocatable, dimension(:) :: apart, phase, t
       integer, allocatable :: rows(:)
       integer :: first, h, i, k, last, n, n_samples, stride
 
@@ -117,9 +118,9 @@ contains
       do k = n + 1, n + n_new
          first = (k - n - 1)*n_samples + 1
          last = first + n_samples
-         rows = [(i, i=first, last, stride)]
-         t = record%time(rows)
-         x = with_coordinates(self, record%displacement(rows, :))
+         allocate (rows, source=[(i, i=first, last, stride)])
+         allocate (t, source=record%time(rows))
+         allocate (x, source=with_coordinates(self, record%displacement(rows, :)))
          allocate (waves(size(t), size(self%frequencies)))
          do h = 1, size(self%frequencies)
             waves(:, h) = cmplx(cos(self%frequencies(h)*t), sin(self%frequencies(h)*t), wp)
@@ -129,11 +130,12 @@ contains
          if (k > 2) phase = 2.0_wp*phases(:, k - 1) - phases(:, k - 2)
          call fit(self, waves, x, phase)
          phases(:, k) = phase
-         remainder = x - moved(waves, turned(self, phase))
+         allocate (remainder, source=x - moved(waves, turned(self, phase)))
          largest(:, k) = maxval(abs(remainder), dim=1)/self%scale
-         apart(k) = distance(self, waves, phase, with_coordinates(self, other%displacement(rows, :)) - x)
+         allocate (beside, source=with_coordinates(self, other%displacement(rows, :)))
+         apart(k) = distance(self, waves, phase, beside - x)
          call keep(self, k, t(:size(t) - 1), remainder(:size(t) - 1, self%n_dofs + 1:))
-         deallocate (waves, phase)
+         deallocate (beside, phase, remainder, rows, t, waves, x)
       end do
       call move_alloc(largest, self%largest)
       call move_alloc(apart, self%apart)
@@ -232,7 +234,7 @@ contains
       logical, intent(out) :: is_found
       real(wp), intent(inout), optional :: left(:, :)                 !! [m], (n_samples, n_items): minus the part along the motion
       real(wp), allocatable :: directions(:, :, :)
-      complex(wp), allocatable :: there(:, :)
+      complex(wp) :: there(size(self%frequencies), self%n_items)
       real(wp) :: normal(size(phase), size(phase)), weights(self%n_dofs)
       integer :: a, b, info
 
@@ -290,8 +292,14 @@ contains
    pure function moved(waves, amplitudes) result(x)
       complex(wp), intent(in) :: waves(:, :), amplitudes(:, :)
       real(wp) :: x(size(waves, 1), size(amplitudes, 2))
+      real(wp), dimension(size(waves, 1), size(waves, 2)) :: cosines, sines
+      real(wp), dimension(size(amplitudes, 1), size(amplitudes, 2)) :: cosine_parts, sine_parts
 
-      x = matmul(real(waves, wp), real(amplitudes, wp)) - matmul(aimag(waves), aimag(amplitudes))
+      cosines = real(waves, wp)
+      cosine_parts = real(amplitudes, wp)
+      sines = aimag(waves)
+      sine_parts = aimag(amplitudes)
+      x = matmul(cosines, cosine_parts) - matmul(sines, sine_parts)
    end function moved
 
    !> Degrees of freedom followed by the coordinates of the laws.
@@ -309,8 +317,10 @@ contains
       complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin [m], (n_harmonics, n_dofs)
       real(wp), intent(in) :: frequencies(:), t                       !! [rad/s], (n_harmonics); [s]
       real(wp) :: x(size(amplitudes, 2))
+      complex(wp) :: waves(size(frequencies))
 
-      x = real(matmul(cmplx(cos(frequencies*t), sin(frequencies*t), wp), amplitudes), wp)
+      waves = cmplx(cos(frequencies*t), sin(frequencies*t), wp)
+      x = real(matmul(waves, amplitudes), wp)
    end function motion
 
    !> Scales: for a degree of freedom the largest motion in its unit, or the length of the system if that is at rest;

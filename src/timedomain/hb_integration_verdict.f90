@@ -144,10 +144,10 @@ contains
       integer :: k, n
 
       rise_of = 0.0_wp
-      half = values(max(1, size(values)/2):)
+      allocate (half, source=values(max(1, size(values)/2):))
       n = size(half)
       if (n < 2) return
-      abscissa = [(k - 0.5_wp*(n + 1), k=1, n)]
+      allocate (abscissa, source=[(k - 0.5_wp*(n + 1), k=1, n)])
       rise_of = sum(abscissa*half)/sum(abscissa**2)*(n - 1)
    end function rise_of
 end module hb_integration_verdict

@@ -86,7 +86,7 @@ contains
       real(wp) :: after, before, enough, length
       integer :: i
 
-      left = self%importance*averages(self, self%window*x)
+      allocate (left, source=self%importance*averages(self, self%window*x))
       allocate (y(size(left)), source=(0.0_wp, 0.0_wp))
       direction = left
       before = square(left)

@@ -495,10 +495,12 @@ contains
       real(wp), intent(in) :: time                                    !! [s]
       real(wp) :: rate(size(self%scale))
       real(wp) :: a(self%motion%n_coordinates), v(1, self%motion%n_coordinates), z(1, self%motion%n_coordinates)
+      complex(wp) :: waves(size(self%motion%frequencies))
 
       call self%motion%at(self%motion%phases([time]), z, v)
       associate (n => self%system%n_dofs, w => self%motion%frequencies)
-         a = -real(matmul(self%motion%amplitudes, w**2*exp(cmplx(0.0_wp, w*time, wp))), wp)
+         waves = w**2*exp(cmplx(0.0_wp, w*time, wp))
+         a = -real(matmul(self%motion%amplitudes, waves), wp)
          rate = 0.0_wp
          rate(:n) = v(1, :)/self%scale(:n)
          rate(n + 1:2*n) = a/self%scale(n + 1:2*n)

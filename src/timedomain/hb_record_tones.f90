@@ -53,8 +53,8 @@ contains
       search%start = start
       search%step = step
       search%resolution = two_pi/(size(x, 1)*step)
-      search%tones = pack([(m, m=1, size(omega))], is_unknown)
-      search%omega = omega
+      allocate (search%tones, source=pack([(m, m=1, size(omega))], is_unknown))
+      allocate (search%omega, source=omega)
       call choose_dofs(search, x)
       if (size(search%power) == 0) return
       call choose_tuples(search, tuples)

@@ -132,12 +132,12 @@ contains
       type(model_t), intent(in) :: model
       type(claim_t), intent(in) :: claim
       integer, intent(in) :: n_periods
-      real(wp), allocatable :: frequencies(:)
-      real(wp) :: step
+      real(wp) :: frequencies(size(claim%tuples, 2)), step, tuples(size(claim%tuples, 1), size(claim%tuples, 2))
       integer :: i
 
       associate (omega => claim%omega, amplitudes => claim%amplitudes, system => self%system)
-         frequencies = matmul(omega, real(claim%tuples, wp))
+         tuples = real(claim%tuples, wp)
+         frequencies = matmul(omega, tuples)
          call new_integration_system(system, model%structure, model%laws, model%loads%whole(), &
             model%harmonics%frequencies(omega), omega)
          call choose_length(self%length, model, omega, n_periods)
@@ -388,7 +388,7 @@ contains
       i = maxloc(steady/limit_of(estimate, difference%share), dim=1, mask=difference%counts)
       result%difference = steady(i)
       result%limit = limit_of(estimate, difference%share(i))
-      labels = [character(64) :: system%structure%labels, system%laws%coordinate_labels()]
+      allocate (labels, source=[character(64) :: system%structure%labels, system%laws%coordinate_labels()])
       result%coordinate = trim(labels(i))
       if (n < length%fewest) return                                   ! tones cannot be separated in so short a time
       call difference%parts(differences, shares)
