@@ -24,12 +24,8 @@ module hb_solver
    real(wp), parameter :: loose_tolerance = 1.0e-4_wp                 ! of the residual along the curve: kinks prevent smaller ones
    integer, parameter :: most_corrections = 8
 
-   real(wp), parameter :: shares(8) = [0.5_wp, 0.2_wp, 0.1_wp, 0.05_wp, 0.02_wp, -0.5_wp, 1.5_wp, -0.1_wp] ! of the linear solution
-
-   integer, parameter :: kinds(9) = [fallback%other_guess, fallback%fewer_harmonics, fallback%damping, & ! in this order
-                                    fallback%nonlinearity, fallback%none, fallback%other_method, fallback%both_other, &
-                                       fallback%load, &
-                                    fallback%several_guesses]
+   integer, parameter :: kinds(7) = [fallback%other_guess, fallback%fewer_harmonics, fallback%damping, & ! in this order
+                                     fallback%nonlinearity, fallback%none, fallback%other_method, fallback%load]
    integer, parameter :: n_fallbacks_without_matrix = 2
    integer, parameter :: patience = 10                                ! with an attempt, if fallbacks remain
    integer, parameter :: easy_iterations = 2                          ! of a problem that is almost linear
@@ -40,9 +36,9 @@ contains
    !> Solves r(x) = 0 from the given x: by continuation in order from a smaller problem if that is the primary method,
    !> otherwise by a direct attempt. If that fails and fallbacks are enabled: another first guess, continuation in
    !> order, artificial damping that is reduced to zero, homotopy in the nonlinearity from the linear solution, the
-   !> direct attempt with unlimited patience, the other method, the other guess with it, homotopy in the load from
-   !> zero, several guesses. The report contains the sum over all attempts and the one that succeeded; if none did, x
-   !> and the status are those of the direct attempt, unless the time was used up.
+   !> direct attempt with unlimited patience, the other method, homotopy in the load from zero. The report contains the
+   !> sum over all attempts and the one that succeeded; if none did, x and the status are those of the direct attempt,
+   !> unless the time was used up.
    !>
    !> The fallbacks together may use the work permitted by the settings, or a multiple of that of the direct attempt;
    !> each at most half of the remainder, so that none exhausts the budget of those that follow.
@@ -149,10 +145,9 @@ contains
 
       limited = config
       limited%patience = 0
-      if (any(kind == [fallback%other_guess, fallback%several_guesses, fallback%damping])) limited%patience = patience
+      if (any(kind == [fallback%other_guess, fallback%damping])) limited%patience = patience
       other_method = merge(method%broyden, method%newton, chosen == method%newton)
-      if (any(kind == [fallback%other_guess, fallback%both_other])) &
-         x = merge(0.0_wp*linear_solution, linear_solution, all(x == linear_solution))
+      if (kind == fallback%other_guess) x = merge(0.0_wp*linear_solution, linear_solution, all(x == linear_solution))
       select case (kind)
       case (fallback%fewer_harmonics)
          call refine(problem, limited, chosen, x, report)
@@ -161,16 +156,14 @@ contains
          call solve_by_damping(problem, limited, chosen, x, report)
       case (fallback%none, fallback%other_guess)
          call solve_directly(problem, limited, chosen, x, report)
-      case (fallback%other_method, fallback%both_other)
+      case (fallback%other_method)
          call solve_directly(problem, limited, other_method, x, report)
       case (fallback%nonlinearity)
          x = linear_solution
          call solve_by_homotopy(problem, limited, deformation%nonlinearity, x, report)
-      case (fallback%load)
+      case default
          x = 0.0_wp*linear_solution
          call solve_by_homotopy(problem, limited, deformation%load, x, report)
-      case default
-         call solve_from_shares(problem, limited, chosen, linear_solution, x, report)
       end select
    end subroutine attempt_fallback
 
@@ -318,29 +311,6 @@ contains
       end do
       call problem%deform(deformation%damping, 1.0_wp)
    end subroutine solve_by_damping
-
-   !> Attempts from several multiples of the linear solution, until one succeeds: laws that limit a motion often
-   !> preserve its shape.
-   subroutine solve_from_shares(problem, config, chosen, linear_solution, x, report)
-      class(problem_t), intent(inout) :: problem
-      type(solver_config_t), intent(in) :: config
-      integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
-      real(wp), intent(in) :: linear_solution(:)
-      real(wp), intent(inout), contiguous :: x(:)
-      type(report_t), intent(out) :: report
-      type(report_t) :: attempt
-      type(solver_config_t) :: limited
-      integer :: i
-
-      limited = config
-      do i = 1, size(shares)
-         limited%work_limit = config%work_limit - report%work
-         x = shares(i)*linear_solution
-         call solve_directly(problem, limited, chosen, x, attempt)
-         call report%take(attempt)
-         if (has_ended(report) .or. report%work >= config%work_limit) return
-      end do
-   end subroutine solve_from_shares
 
    subroutine solve_directly(problem, config, chosen, x, report)
       class(problem_t), intent(inout) :: problem
