@@ -14,7 +14,7 @@ module hb_attempts
    real(wp), parameter :: half = 0.5_wp               ! of what remains of the budget, so that no attempt exhausts it
 
    !> All attempts in their order. Direct attempts without a share of the fallbacks' budget are the normal way to a solution.
-   type(attempt_rule_t), parameter :: attempt_rules(11) = [ &
+   type(attempt_rule_t), parameter :: attempt_rules(9) = [ &
       attempt_rule_t("smaller_problems_first", "from a solution with fewer harmonics", fallback%none, &
                      technique%smaller_problems, starting_point%first_guess, max_stagnant_iterations, 0.0_wp, .false.), &
       attempt_rule_t("direct", "from the first guess", fallback%none, &
@@ -31,12 +31,8 @@ module hb_attempts
                      technique%direct, starting_point%first_guess, 0, half, .true.), &
       attempt_rule_t("other_method", "by another method", fallback%other_method, &
                      technique%other_method, starting_point%first_guess, 0, half, .true.), &
-      attempt_rule_t("other_guess_and_method", "by another method and first guess", fallback%both_other, &
-                     technique%other_method, starting_point%other_guess, 0, half, .true.), &
       attempt_rule_t("load_homotopy", "by homotopy in the loads", fallback%load, &
-                     technique%load_homotopy, starting_point%zero, 0, half, .true.), &
-      attempt_rule_t("several_guesses", "from scaled linear motions", fallback%several_guesses, &
-                     technique%scaled_guesses, starting_point%linear_solution, max_stagnant_iterations, half, .true.)]
+                     technique%load_homotopy, starting_point%zero, 0, half, .true.)]
 
    !> What decides which attempts apply.
    type :: attempt_conditions_t

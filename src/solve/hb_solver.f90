@@ -25,9 +25,6 @@ module hb_solver
    real(wp), parameter :: loose_tolerance = 1.0e-4_wp                 ! of the residual along the curve: kinks prevent smaller ones
    integer, parameter :: most_corrections = 8
 
-   !> Multiples of the linear solution, tried in this order.
-   real(wp), parameter :: multiples(8) = [0.5_wp, 0.2_wp, 0.1_wp, 0.05_wp, 0.02_wp, -0.5_wp, 1.5_wp, -0.1_wp]
-
    integer, parameter :: easy_iterations = 2                          ! of a problem that is almost linear
    real(wp), parameter :: largest_level = 2.4_wp                      ! ratio of one problem to the next larger one
 
@@ -162,8 +159,6 @@ contains
          call solve_by_homotopy(problem, config, deformation%nonlinearity, x, report)
       case (technique%load_homotopy)
          call solve_by_homotopy(problem, config, deformation%load, x, report)
-      case (technique%scaled_guesses)
-         call solve_from_multiples(problem, config, chosen, x, report)
       case default
          call solve_directly(problem, config, chosen, x, report)
       end select
@@ -313,30 +308,6 @@ contains
       end do
       call problem%deform(deformation%damping, 1.0_wp)
    end subroutine solve_by_damping
-
-   !> Attempts from several multiples of the linear solution, until one succeeds: laws that limit a motion often
-   !> preserve its shape.
-   subroutine solve_from_multiples(problem, config, chosen, x, report)
-      class(problem_t), intent(inout) :: problem
-      type(solver_config_t), intent(in) :: config
-      integer, intent(in) :: chosen                                   !! one of hb_solver_types%method
-      real(wp), intent(inout), contiguous :: x(:)                     !! the linear solution, on return the last iterate
-      type(report_t), intent(out) :: report
-      type(report_t) :: attempt
-      type(solver_config_t) :: limited
-      real(wp) :: linear_solution(size(x))
-      integer :: i
-
-      limited = config
-      linear_solution = x
-      do i = 1, size(multiples)
-         limited%work_limit = config%work_limit - report%work
-         x = multiples(i)*linear_solution
-         call solve_directly(problem, limited, chosen, x, attempt)
-         call report%take(attempt)
-         if (has_ended(report) .or. report%work >= config%work_limit) return
-      end do
-   end subroutine solve_from_multiples
 
    subroutine solve_directly(problem, config, chosen, x, report)
       class(problem_t), intent(inout) :: problem

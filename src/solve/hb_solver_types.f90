@@ -29,22 +29,18 @@ module hb_solver_types
       integer :: none = 0
       integer :: other_guess = 1                                      !! from zero, or from the linear motion
       integer :: other_method = 2                                     !! Broyden after Newton, or the other way round
-      integer :: both_other = 3
-      integer :: nonlinearity = 4                                     !! homotopy in the strength of the laws
-      integer :: load = 5                                             !! homotopy in the loads
-      integer :: several_guesses = 6                                  !! from scaled linear motions
-      integer :: fewer_harmonics = 7                                  !! from the solution of a smaller problem
-      integer :: integration = 8                                      !! from a time-integrated motion
-      integer :: damping = 9                                          !! artificial damping, less and less of it
+      integer :: nonlinearity = 3                                     !! homotopy in the strength of the laws
+      integer :: load = 4                                             !! homotopy in the loads
+      integer :: fewer_harmonics = 5                                  !! from the solution of a smaller problem
+      integer :: integration = 6                                      !! from a time-integrated motion
+      integer :: damping = 7                                          !! artificial damping, less and less of it
    end type fallback_t
    type(fallback_t), parameter :: fallback = fallback_t()
-   character(*), parameter :: fallback_names(0:9) = [character(22) :: &
-      "none", "other_guess", "other_method", "other_guess_and_method", "nonlinearity_homotopy", "load_homotopy", &
-      "several_guesses", "fewer_harmonics", "integration", "damping"]
-   character(*), parameter :: fallback_texts(0:9) = [character(45) :: &
-      "from the first guess", "from another first guess", "by another method", "by another method and first guess", &
-      "by homotopy in the laws", "by homotopy in the loads", &
-      "from scaled linear motions", "from a solution with fewer harmonics", "from a time-integrated motion", &
+   character(*), parameter :: fallback_names(0:7) = [character(22) :: &
+      "none", "other_guess", "other_method", "nonlinearity_homotopy", "load_homotopy", "fewer_harmonics", "integration", "damping"]
+   character(*), parameter :: fallback_texts(0:7) = [character(45) :: &
+      "from the first guess", "from another first guess", "by another method", "by homotopy in the laws", &
+      "by homotopy in the loads", "from a solution with fewer harmonics", "from a time-integrated motion", &
       "by homotopy in artificial damping"]
 
    !> How an attempt proceeds.
@@ -55,7 +51,6 @@ module hb_solver_types
       integer :: damping_homotopy = 4                                 !! artificial damping that is reduced to zero
       integer :: nonlinearity_homotopy = 5                            !! along a factor of all laws
       integer :: load_homotopy = 6                                    !! along a factor of all loads
-      integer :: scaled_guesses = 7                                   !! directly, from several multiples of the start
    end type technique_t
    type(technique_t), parameter :: technique = technique_t()
 
