@@ -66,7 +66,7 @@ def command(*arguments, ranks: int | None = None) -> list[str]:
         words[:2] = [str(beside)]
     if ranks is None:
         return words
-    if is_without_mpi(words[0]):
+    if is_without_mpi(program()):
         return [*words[:2], *(["--workers", str(ranks)] if words[1] in ("solve", "resume", "verify") else []), *words[2:]]
     return [os.environ.get("MPIEXEC") or "mpirun", "-n", str(ranks), *words]
 
