@@ -21,6 +21,7 @@ module hb_balance
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_linear_part, only: cached_linear_part_t, linear_part_t, new_linear_part
+   use hb_numbers, only: number_t
    use hb_preconditioner, only: preconditioner_t, unit_work
    use hb_problem, only: default_largest_dense, deformation, problem_t
    use hb_projected_laws, only: new_projected_laws, projected_laws_t
@@ -84,6 +85,8 @@ module hb_balance
       procedure :: set_parameters => balance_set_parameters
       procedure :: parameter_derivative => balance_parameter_derivative
       procedure :: update_regular_preconditioner => balance_update_regular_preconditioner
+      procedure :: replace_laws => balance_replace_laws
+      procedure :: number_derivative => balance_number_derivative
       procedure :: lowest_level => balance_lowest_level
       procedure :: coarse_guess => balance_coarse_guess
       procedure :: linear_solution => balance_linear_solution
@@ -314,6 +317,25 @@ contains
       call count_work(self, torus)
    end subroutine balance_of_linear_part
 
+   !> Replaces the laws by others that differ from them in numbers alone: the balance is the one that `new_balance` creates
+   !> with them at the present frequencies. Products need a new `linearise`.
+   subroutine balance_replace_laws(self, laws)
+      class(balance_t), intent(inout) :: self
+      type(law_box_t), intent(in) :: laws(:)                          !! as `new_balance` has them
+      integer :: i
+
+      self%load_factor = 1.0_wp
+      self%has_samples = .false.
+      self%has_moved = any(abs(self%xi) > 0.0_wp)
+      self%law_set%factor = 1.0_wp
+      call self%law_set%replace(laws, self%law_set%transform%torus, self%omega)
+      do i = 1, size(laws)
+         call prepare_law(self, i)
+      end do
+      call choose_scales(self)
+      call count_work(self, self%law_set%transform%torus)
+   end subroutine balance_replace_laws
+
    !> Work of a residual and a tangent (see `unit_of_work`): transforms and laws by samples, laws with memory by steps
    !> for each unknown, factors by multiplications. `work_of_pass` is charged for each residual and product.
    subroutine count_work(self, torus)
@@ -463,6 +485,29 @@ contains
       jacobian = 0.0_wp                                               ! singular: no solver continues
       call move_alloc(error, self%failure)
    end subroutine balance_tangent_of
+
+   !> Derivative of the residual by a number of laws at fixed coefficients, see `differentiate_by_number` of
+   !> hb_sampled_laws; `is_known` is false where differences of the residual must take its place.
+   subroutine balance_number_derivative(self, u, is_moved, number, step, derivative, is_known)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)    !! [m]
+      logical, intent(in) :: is_moved(:)                              !! the laws that have the number, (laws)
+      type(number_t), intent(in) :: number
+      real(wp), intent(in) :: step                                    !! of differences, > 0
+      real(wp), intent(out) :: derivative(self%harmonics%n_coefficients, self%n_dofs)
+      logical, intent(out) :: is_known
+      type(error_t), allocatable :: error
+
+      derivative = 0.0_wp
+      is_known = .false.
+      call self%differentiate(u, error)
+      if (.not. allocated(error)) call self%law_set%make_direction_samples(error)
+      if (allocated(error)) return
+      call self%law_set%differentiate_by_number(is_moved, number, step, is_known)
+      if (.not. is_known) return
+      call self%law_set%transform%to_coefficients(self%law_set%along%f%values, derivative)
+      derivative = self%law_set%factor*derivative
+   end subroutine balance_number_derivative
 
    !> The motion without laws; for a structure that can move freely that on its weak supports.
    subroutine balance_linear_solution(self, u)

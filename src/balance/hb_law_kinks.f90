@@ -6,7 +6,7 @@ module hb_law_kinks
    use hb_fftw, only: real_block_t
    use hb_kinds, only: wp
    use hb_kinks, only: kink_grid_t, kink_slopes_t, new_kink_grid
-   use hb_law, only: kink_t
+   use hb_law, only: kink_t, law_t
    use hb_law_samples, only: law_samples_t
    use hb_sampled_law, only: sampled_law_t
    use hb_torus, only: torus_t
@@ -17,6 +17,7 @@ module hb_law_kinks
    !> One coordinate with kinks: z = sum of motion weights times degrees of freedom; the force acts on these with the
    !> force weights.
    type :: kinked_line_t
+      integer :: law = 0, i = 0                                       !! number of its law, and of the kink there
       integer, allocatable :: columns(:)                              !! degrees of freedom among those of all laws
       real(wp), allocatable :: motion(:), force(:)                    !! (columns)
       type(kink_t) :: kink
@@ -33,6 +34,7 @@ module hb_law_kinks
       procedure :: fill_part => law_kinks_fill_part
       procedure :: add_own_slopes => law_kinks_add_own_slopes
       procedure :: add_along => law_kinks_add_along
+      procedure :: add_of => law_kinks_add_of
    end type law_kinks_t
 
 contains
@@ -56,6 +58,8 @@ contains
             n = n + 1
             associate (line => self%lines(n), law => laws(i)%law)
                line%columns = laws(i)%columns
+               line%law = i
+               line%i = k
                line%kink = law%kinks(k)
                line%motion = matmul(law%shape, line%kink%functional)
                line%force = matmul(law%shape, line%kink%direction)
@@ -106,6 +110,32 @@ contains
          end associate
       end do
    end subroutine law_kinks_correct
+
+   !> Adds the corrections that the force of law i would have with the kinks of another law in its place, times a factor.
+   subroutine law_kinks_add_of(self, i, law, factor, samples, f)
+      class(law_kinks_t), intent(inout) :: self
+      integer, intent(in) :: i
+      class(law_t), intent(in) :: law                                 !! differs from law i in numbers alone
+      real(wp), intent(in) :: factor
+      type(law_samples_t), intent(in) :: samples
+      type(real_block_t), intent(inout) :: f                          !! (n_samples, n_dofs)
+      type(kinked_line_t) :: line
+      integer :: k, n
+
+      do n = 1, size(self%lines)
+         if (self%lines(n)%law /= i) cycle
+         line%columns = self%lines(n)%columns
+         line%kink = law%kinks(self%lines(n)%i)
+         line%motion = matmul(law%shape, line%kink%functional)
+         line%force = matmul(law%shape, line%kink%direction)
+         call combine(line, samples%q, self%z)
+         self%f = 0.0_wp
+         call self%grid%correct(self%z, line%kink%positions, line%kink%jumps, self%f)
+         do k = 1, size(line%columns)
+            f%values(:, line%columns(k)) = f%values(:, line%columns(k)) + factor*line%force(k)*self%f
+         end do
+      end do
+   end subroutine law_kinks_add_of
 
    !> Samples of the coordinate of a line.
    subroutine combine(line, q, z)

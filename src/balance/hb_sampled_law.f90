@@ -11,8 +11,9 @@ module hb_sampled_law
    use hb_hysteresis, only: hysteresis_t, new_hysteresis
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
-   use hb_law, only: law_t
+   use hb_law, only: law_box_t, law_t
    use hb_law_samples, only: law_samples_t
+   use hb_numbers, only: number_t
    implicit none
    private
    public :: new_sampled_law, sampled_law_t
@@ -31,10 +32,13 @@ module hb_sampled_law
       type(hysteresis_t), allocatable :: hysteresis                   !! of a law with memory
       type(real_block_t), private :: own_z, own_v, own_p, own_f       ! if these are not in place
    contains
+      procedure :: replace => sampled_law_replace
       procedure :: make_derivatives => sampled_law_make_derivatives
       procedure :: gather => sampled_law_gather
       procedure :: evaluate => sampled_law_evaluate
       procedure :: differentiate => sampled_law_differentiate
+      procedure :: find_number_slope => sampled_law_find_number_slope
+      procedure :: find_sides => sampled_law_find_sides
       procedure :: find_failure => sampled_law_find_failure
       procedure :: scatter => sampled_law_scatter
       procedure :: destroy => sampled_law_destroy
@@ -89,6 +93,19 @@ contains
          end if
       end subroutine place
    end subroutine new_sampled_law
+
+   !> Takes another law of the same coordinates; a memory is that of rest.
+   subroutine sampled_law_replace(self, law, characteristic)
+      class(sampled_law_t), intent(inout) :: self
+      class(law_t), pointer, intent(in) :: law                        !! differs from the present one in numbers alone
+      type(characteristic_t), intent(in) :: characteristic            !! arbitrary for a law without memory
+
+      self%law => law
+      select type (law)
+      class is (hysteretic_law_t)
+         call new_hysteresis(self%hysteresis, law, characteristic)
+      end select
+   end subroutine sampled_law_replace
 
    !> Allocates the derivatives of a law without memory.
    subroutine sampled_law_make_derivatives(self)
@@ -150,6 +167,51 @@ contains
 
       call self%law%evaluate(self%z, self%v, self%p, self%f, self%df_dz, self%df_dv, self%df_dp)
    end subroutine sampled_law_differentiate
+
+   !> Derivative of the force of a law without memory by one of its numbers, at the gathered coordinates: that of the law,
+   !> otherwise a central difference.
+   subroutine sampled_law_find_number_slope(self, number, step, slope, is_known)
+      class(sampled_law_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in) :: step                                    !! of the difference, > 0
+      real(wp), allocatable, intent(out) :: slope(:, :)               !! as f
+      logical, intent(out) :: is_known                                !! the law has the number, and it can move to both sides
+      type(law_box_t) :: sides(2)
+      real(wp), allocatable :: lower(:, :)
+      real(wp) :: value
+
+      call self%law%find_number(number, value, is_known)
+      if (.not. is_known) return
+      allocate (slope, mold=self%f)
+      call self%law%number_slope(number, self%z, self%v, self%p, slope, is_known)
+      if (is_known) return
+      call self%find_sides(number, step, sides, is_known)
+      if (.not. is_known) return
+      allocate (lower, mold=slope)
+      call sides(1)%law%evaluate(self%z, self%v, self%p, lower)
+      call sides(2)%law%evaluate(self%z, self%v, self%p, slope)
+      slope = (slope - lower)/(2.0_wp*step)
+   end subroutine sampled_law_find_number_slope
+
+   !> The law with a number that is smaller and larger by a step.
+   subroutine sampled_law_find_sides(self, number, step, sides, are_possible)
+      class(sampled_law_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in) :: step
+      type(law_box_t), intent(out) :: sides(2)
+      logical, intent(out) :: are_possible                            !! they differ in numbers alone
+      real(wp) :: value
+      integer :: i
+
+      call self%law%find_number(number, value, are_possible)
+      do i = 1, 2
+         if (.not. are_possible) return
+         allocate (sides(i)%law, source=self%law)
+         call sides(i)%law%set_number(number, value + (2*i - 3)*step, are_possible)
+         if (are_possible) are_possible = (sides(i)%law%needs_velocity .eqv. self%law%needs_velocity) .and. &
+                                          (allocated(sides(i)%law%kinks) .eqv. allocated(self%law%kinks))
+      end do
+   end subroutine sampled_law_find_sides
 
    !> Stores the explanation of the law if its forces or derivatives are not finite, for the message of the point.
    subroutine sampled_law_find_failure(self, with_derivatives, error_text, is_given_up)

@@ -14,6 +14,7 @@ module hb_sampled_laws
    use hb_law_jacobian, only: add_multiplier_response, law_jacobian_t, new_law_jacobian
    use hb_law_kinks, only: law_kinks_t, new_law_kinks
    use hb_law_samples, only: law_samples_t, new_law_samples
+   use hb_numbers, only: number_t
    use hb_sampled_law, only: new_sampled_law, sampled_law_t
    use hb_torus, only: torus_t
    implicit none
@@ -38,6 +39,7 @@ module hb_sampled_laws
       logical, allocatable, private :: is_summed(:)                   ! (n_dofs) the force is a sum; otherwise one law writes it
    contains
       procedure :: move => sampled_laws_move
+      procedure :: replace => sampled_laws_replace
       procedure :: coordinates_of => sampled_laws_coordinates_of
       procedure :: evaluate => sampled_laws_evaluate
       procedure :: find_failure => sampled_laws_find_failure
@@ -45,6 +47,7 @@ module hb_sampled_laws
       procedure :: force_of => sampled_laws_force_of
       procedure :: make_direction_samples => sampled_laws_make_direction_samples
       procedure :: differentiate_along => sampled_laws_differentiate_along
+      procedure :: differentiate_by_number => sampled_laws_differentiate_by_number
       procedure :: memory_bandwidth => sampled_laws_memory_bandwidth
       procedure :: memory_rounds => sampled_laws_memory_rounds
       procedure :: memory_failure => sampled_laws_memory_failure
@@ -90,6 +93,28 @@ contains
       call new_law_jacobian(self%jacobian, self%sampled, self%n_dofs, self%needs_velocity, self%needs_reaction)
       call new_law_kinks(self%kinks, self%sampled, torus)
    end subroutine new_sampled_laws
+
+   !> Replaces the laws by others that differ from them in numbers alone; the states of those with memory are forgotten.
+   subroutine sampled_laws_replace(self, laws, torus, omega)
+      class(sampled_laws_t), intent(inout), target :: self
+      type(law_box_t), intent(in) :: laws(:)                          !! on coordinates
+      type(torus_t), intent(in) :: torus
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
+      class(law_t), pointer :: law
+      integer :: i
+
+      if (self%has_memory) call new_characteristic(self%characteristic, torus, omega)
+      self%is_given_up = .false.
+      if (allocated(self%error_text)) deallocate (self%error_text)
+      self%laws = laws
+      call set_phases(self%laws, torus)
+      call set_frequencies(self%laws, omega)
+      do i = 1, size(self%laws)
+         law => self%laws(i)%law
+         call self%sampled(i)%replace(law, self%characteristic)
+      end do
+      call new_law_kinks(self%kinks, self%sampled, torus)
+   end subroutine sampled_laws_replace
 
    !> Creates the samples of each law, and determines the degrees of freedom whose force is a sum.
    subroutine sample_laws(self, error)
@@ -281,6 +306,46 @@ contains
       call self%jacobian%add_product(self%along)
       call self%kinks%add_along(self%along)
    end subroutine sampled_laws_differentiate_along
+
+   !> Derivative of the forces with respect to a number of some laws at a fixed motion, `along%f`, after `differentiate`.
+   !> Kinks between samples move with the number; their correction is differentiated by central differences, and so are
+   !> laws that do not know their derivative. `is_known` is false for laws with memory, and if the number cannot move to
+   !> both sides.
+   subroutine sampled_laws_differentiate_by_number(self, is_moved, number, step, is_known)
+      class(sampled_laws_t), intent(inout) :: self
+      logical, intent(in) :: is_moved(:)                              !! the laws that have the number, (laws)
+      type(number_t), intent(in) :: number
+      real(wp), intent(in) :: step                                    !! of differences, > 0
+      logical, intent(out) :: is_known
+      type(law_box_t) :: sides(2)
+      real(wp), allocatable :: slope(:, :)
+      integer :: i, pass
+
+      is_known = .false.
+      self%along%f%values = 0.0_wp
+      do pass = 1, 2                                                  ! explicit laws, then multipliers
+         do i = 1, size(self%laws)
+            if (.not. is_moved(i) .or. (self%laws(i)%law%is_multiplier .neqv. pass == 2)) cycle
+            if (allocated(self%sampled(i)%hysteresis)) then
+               is_known = .false.
+               return
+            end if
+            call self%sampled(i)%find_number_slope(number, step, slope, is_known)
+            if (.not. is_known) return
+            associate (law => self%laws(i)%law, f => self%along%f%values)
+               f(:, law%dofs) = f(:, law%dofs) + matmul(slope, transpose(law%shape))
+            end associate
+         end do
+         if (pass == 1 .and. self%needs_reaction) call add_multiplier_response(self%sampled, self%along%f)
+      end do
+      do i = 1, size(self%laws)
+         if (.not. is_moved(i) .or. .not. allocated(self%laws(i)%law%kinks)) cycle
+         call self%sampled(i)%find_sides(number, step, sides, is_known)
+         if (.not. is_known) return
+         call self%kinks%add_of(i, sides(2)%law, 0.5_wp/step, self%samples, self%along%f)
+         call self%kinks%add_of(i, sides(1)%law, -0.5_wp/step, self%samples, self%along%f)
+      end do
+   end subroutine sampled_laws_differentiate_by_number
 
    !> Adds to `along%f` the derivative of the forces with respect to a base frequency at a fixed motion, after
    !> `differentiate`.

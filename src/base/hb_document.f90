@@ -14,8 +14,8 @@
 !>     call document%finish(error)                               ! all problems of all groups at once
 !>
 !> A parameter is a handle to one value: its path is looked up once, and setting it is a store. The document records
-!> which groups have changed since `accept_changes`. A tie makes one value follow another; `follow_ties` updates all
-!> of them.
+!> the numbers that have changed since `accept_changes`, and the groups of which anything else has. A tie makes one value
+!> follow another; `follow_ties` updates all of them.
 !>
 !> The variable that contains a document needs the attribute `target`. Pointers to its groups are valid until an
 !> assignment changes it or it is deallocated. Assignment makes a deep copy; parameters are valid for the copy as
@@ -35,6 +35,7 @@ module hb_document
    public :: document_t, new_document, parameter_t, tie_t
 
    integer, parameter :: max_lines = 200                    !! of a message
+   integer, parameter :: max_changes = 64                   !! numbers; for more the groups are marked
 
    !> Handle to one value of a document, which stores numbers or words.
    type :: parameter_t
@@ -60,6 +61,8 @@ module hb_document
       type(groups_t) :: groups
       type(tie_t), allocatable :: ties(:)                   !! in their order, if there are any
       type(string_t), allocatable, private :: known(:)      !! names that may occur
+      type(parameter_t), allocatable, private :: changes(:) !! numbers that have changed, (max_changes)
+      integer, private :: n_changes = 0
       integer, private :: reading = 1                       !! number of the present reading
    contains
       generic :: set => set_number, set_word
@@ -76,6 +79,7 @@ module hb_document
       procedure :: has_changed => document_has_changed
       procedure :: is_real => document_is_real
       procedure :: n_tones_of => document_n_tones_of
+      procedure :: mark => document_mark
       procedure :: number_at => document_number_at
       procedure :: optional_group => document_optional_group
       procedure :: refuse_tied => document_refuse_tied
@@ -83,6 +87,7 @@ module hb_document
       procedure :: required_group => document_required_group
       procedure :: remove => document_remove
       procedure :: resolve => document_resolve
+      procedure :: take_changes => document_take_changes
       procedure :: unit_of => document_unit_of
       procedure, private :: set_number => document_set_number
       procedure, private :: set_word => document_set_word
@@ -256,15 +261,54 @@ contains
       type(parameter_t), intent(in) :: parameter
       real(wp), intent(in) :: number
       type(value_t) :: value
+      logical :: has_changed
 
       value = number_value(number)
       value%i = parameter%element(1)
       value%j = parameter%element(2)
       value%line = parameter%line
+      has_changed = .false.
       associate (group => self%groups%holders(parameter%i_group)%group)
-         call group%content%put(trim(parameter%key), [value], group%has_changed)
+         call group%content%put(trim(parameter%key), [value], has_changed)
+         if (has_changed .and. .not. group%has_changed) call note_change(self, parameter)
       end associate
    end subroutine document_set_number
+
+   !> Adds a number to those that have changed, or marks its group if these are many.
+   pure subroutine note_change(self, parameter)
+      class(document_t), intent(inout) :: self
+      type(parameter_t), intent(in) :: parameter
+      integer :: i
+
+      if (.not. allocated(self%changes)) allocate (self%changes(max_changes))
+      do i = 1, self%n_changes
+         if (self%changes(i)%hides(parameter) .and. parameter%hides(self%changes(i))) return
+      end do
+      if (self%n_changes == max_changes) then
+         call self%mark(parameter)
+      else
+         self%n_changes = self%n_changes + 1
+         self%changes(self%n_changes) = parameter
+      end if
+   end subroutine note_change
+
+   !> Marks the group of a parameter as changed: it must be read again.
+   pure subroutine document_mark(self, parameter)
+      class(document_t), intent(inout) :: self
+      type(parameter_t), intent(in) :: parameter
+
+      self%groups%holders(parameter%i_group)%group%has_changed = .true.
+   end subroutine document_mark
+
+   !> Returns the numbers that have changed, and forgets them: the caller sets them, or marks their groups.
+   pure subroutine document_take_changes(self, changes)
+      class(document_t), intent(inout) :: self
+      type(parameter_t), allocatable, intent(out) :: changes(:)
+
+      allocate (changes(self%n_changes))
+      if (self%n_changes > 0) changes = self%changes(:self%n_changes)
+      self%n_changes = 0
+   end subroutine document_take_changes
 
    !> Sets a value of the input to a word.
    pure subroutine document_set_word(self, parameter, word)
@@ -456,6 +500,11 @@ contains
             if (group%has_changed) has_changed = has_changed .or. (any(names == group%name) .neqv. is_other)
          end associate
       end do
+      do i = 1, self%n_changes
+         associate (name => self%groups%holders(self%changes(i)%i_group)%group%name)
+            has_changed = has_changed .or. (any(names == name) .neqv. is_other)
+         end associate
+      end do
    end function document_has_changed
 
    !> Removes the markers of changes.
@@ -466,6 +515,7 @@ contains
       do i = 1, self%groups%n
          self%groups%holders(i)%group%has_changed = .false.
       end do
+      self%n_changes = 0
    end subroutine document_accept_changes
 
    !> Fails with the problems of all groups, one per line.

@@ -29,7 +29,9 @@ module hb_properties
    contains
       generic :: get => get_real, get_integer, get_logical, get_word, get_reals, get_integers, get_logicals, get_words, get_matrix
       generic :: set => set_one, set_list, set_matrix
+      procedure :: accepts => properties_accepts
       procedure :: choose => properties_choose
+      procedure :: note_number => properties_note_number
       procedure, private :: get_real => properties_get_real
       procedure, private :: get_integer => properties_get_integer
       procedure, private :: get_logical => properties_get_logical
@@ -123,6 +125,37 @@ contains
       call take_words(self, key, single_value, words, i_key=i_key)
       choice = findloc(self%content%keys(i_key)%rule%choices == words(1)%value, .true., dim=1)
    end subroutine properties_choose
+
+   !> Whether a number is in the range of a key that has been read as a real number.
+   pure logical function properties_accepts(self, key, number) result(accepts)
+      class(properties_t), intent(in) :: self
+      character(*), intent(in) :: key                       !! lower case
+      real(wp), intent(in) :: number
+      integer :: i
+
+      accepts = .false.
+      i = self%content%names%find(key)
+      if (i == 0) return
+      associate (read_key => self%content%keys(i))
+         if (read_key%requested == 0 .or. read_key%kind /= kind_of%number .or. .not. allocated(read_key%rule)) return
+         accepts = suits(number_value(number), kind_of%number, read_key%rule%limits)
+      end associate
+   end function properties_accepts
+
+   !> Stores the number that an object uses, without its having been read.
+   pure subroutine properties_note_number(self, key, element, number)
+      class(properties_t), intent(inout) :: self
+      character(*), intent(in) :: key                       !! that has been read, lower case
+      integer, intent(in) :: element(2)                     !! indices, 0 where there is none
+      real(wp), intent(in) :: number
+      integer :: i
+
+      associate (read_key => self%content%keys(self%content%names%find(key)))
+         i = max(1, element(1))
+         if (element(2) > 0) i = (element(1) - 1)*read_key%row_length + element(2)
+         if (i <= size(read_key%numbers)) read_key%numbers(i) = number
+      end associate
+   end subroutine properties_note_number
 
    !> Reads a list of reals of any length, or of length `n`.
    pure subroutine properties_get_reals(self, key, value, n, required)

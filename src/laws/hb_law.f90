@@ -1,11 +1,13 @@
 !> A nonlinear law: forces as a function of the motion, sample by sample on the torus.
 !>
 !> A law acts on coordinates z = shape^T q, linear functionals of a few degrees of freedom q; its force f on the
-!> coordinates is added to K q on the left-hand side, as shape f. To add a law: a module that extends `law_t`, one
-!> `case` in hb_law_catalogue, rows in the table of input keys. Source: docs/why/theory.md, section 5.
+!> coordinates is added to K q on the left-hand side, as shape f. A law declares its real numbers once (hb_numbers); all
+!> else that follows from them is set by `derive`. To add a law: a module that extends `law_t`, one `case` in
+!> hb_law_catalogue, rows in the table of input keys. Source: docs/why/theory.md, section 5.
 module hb_law
    use hb_error, only: error_t
    use hb_kinds, only: wp
+   use hb_numbers, only: number_t, numbered_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t, to_text
@@ -40,7 +42,7 @@ module hb_law
       real(wp), allocatable :: jumps(:)                               !! of the slope as z rises [N/m], as positions
    end type kink_t
 
-   type, abstract :: law_t
+   type, extends(numbered_t), abstract :: law_t
       character(:), allocatable :: label                              !! name given by the user, otherwise kind and number
       integer, allocatable :: dofs(:)                                 !! degrees of freedom of the structure
       real(wp), allocatable :: shape(:, :)                            !! (n_dofs, n_coordinates)
@@ -69,6 +71,7 @@ module hb_law
       procedure :: set_phases => law_set_phases
       procedure :: set_frequencies => law_set_frequencies
       procedure :: frequency_slope => law_frequency_slope
+      procedure :: number_slope => law_number_slope
       procedure :: correct => law_correct
       procedure :: defects => law_defects
       procedure :: potential => law_potential
@@ -148,6 +151,19 @@ contains
 
       slope = 0.0_wp
    end subroutine law_frequency_slope
+
+   !> Derivative of the forces by a number of the law at fixed coordinates, rates and reactions, exact where the force is
+   !> smooth; `is_known` is false if the law has none, so that differences must take its place.
+   subroutine law_number_slope(self, number, z, v, p, slope, is_known)
+      class(law_t), intent(in) :: self
+      type(number_t), intent(in) :: number                            !! one that the law declares
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)   !! as `evaluate` has them
+      real(wp), intent(out), contiguous :: slope(:, :)                !! [N by the unit of the number], as z
+      logical, intent(out) :: is_known
+
+      slope = 0.0_wp
+      is_known = .false.
+   end subroutine law_number_slope
 
    !> Coordinates that satisfy the constraint of the law: the motion moved onto a wall. Other laws leave it unchanged.
    pure subroutine law_correct(self, z, corrected)

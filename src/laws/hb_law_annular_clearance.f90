@@ -8,6 +8,8 @@
 module hb_law_annular_clearance
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -17,12 +19,20 @@ module hb_law_annular_clearance
    type, extends(law_t) :: annular_clearance_t
       real(wp) :: stiffness = 0.0_wp                                  !! k [N/m]
       real(wp) :: clearance = 0.0_wp                                  !! [m]
-      real(wp) :: friction = 0.0_wp                                   !! s mu
-      real(wp) :: center(2) = 0.0_wp                                  !! of the ring at rest [m]
-      real(wp) :: surface_speed = 0.0_wp                              !! R Omega [m/s], from x towards y
+      real(wp) :: friction_coefficient = 0.0_wp                       !! mu; negative: also reverses the direction
+      logical :: spins_backwards = .false.                            !! from y towards x
+      real(wp), allocatable :: center(:)                              !! of the ring at rest [m], (2)
+      logical :: slides = .false.                                     !! friction depends on the velocity of sliding
+      real(wp) :: rotor_radius = 0.0_wp                               !! R [m]
+      real(wp) :: rotor_speed = 0.0_wp                                !! Omega [rad/s], from x towards y
       real(wp) :: slip_velocity = 0.0_wp                              !! v_0 [m/s]; 0: the direction of friction is fixed
+      real(wp), private :: friction = 0.0_wp                          ! s mu
+      real(wp), private :: surface_speed = 0.0_wp                     ! R Omega [m/s]
    contains
       procedure :: read => annular_clearance_read
+      procedure :: declare_numbers => annular_clearance_declare_numbers
+      procedure :: derive => annular_clearance_derive
+      procedure :: number_slope => annular_clearance_number_slope
       procedure :: evaluate => annular_clearance_evaluate
       procedure :: potential => annular_clearance_potential
       procedure :: switches => annular_clearance_switches
@@ -42,12 +52,9 @@ contains
 
       self%stiffness = stiffness
       self%clearance = clearance
-      self%friction = friction
+      self%friction_coefficient = friction
       self%center = center
-      self%has_potential = .not. abs(friction) > 0.0_wp
-      self%is_odd = all(abs(center) <= 0.0_wp)
-      self%length_scale = max(clearance, maxval(abs(center)))
-      self%n_switches = merge(1, 0, clearance > 0.0_wp)
+      call self%derive()
    end subroutine new_annular_clearance
 
    !> Makes friction depend on the velocity at which the surface of the rotor slides along the ring.
@@ -56,10 +63,40 @@ contains
       real(wp), intent(in) :: surface_speed                           !! R Omega [m/s]
       real(wp), intent(in) :: slip_velocity                           !! v_0 [m/s], > 0
 
-      self%surface_speed = surface_speed
+      self%slides = .true.
+      self%rotor_radius = 1.0_wp
+      self%rotor_speed = surface_speed
       self%slip_velocity = slip_velocity
-      self%needs_velocity = .true.
+      call self%derive()
    end subroutine set_sliding
+
+   subroutine annular_clearance_declare_numbers(self, numbers)
+      class(annular_clearance_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("stiffness", self%stiffness)
+      call numbers%add("clearance", self%clearance)
+      call numbers%add("friction_coefficient", self%friction_coefficient)
+      if (self%slides) then
+         call numbers%add("rotor_radius", self%rotor_radius)
+         call numbers%add("rotor_speed", self%rotor_speed)
+         call numbers%add("slip_velocity", self%slip_velocity)
+      end if
+      call numbers%add("center", self%center, n=2)
+   end subroutine annular_clearance_declare_numbers
+
+   pure subroutine annular_clearance_derive(self)
+      class(annular_clearance_t), intent(inout) :: self
+
+      self%friction = self%friction_coefficient
+      if (self%spins_backwards) self%friction = -self%friction
+      self%surface_speed = self%rotor_radius*self%rotor_speed
+      self%needs_velocity = self%slides
+      self%has_potential = .not. abs(self%friction) > 0.0_wp
+      self%is_odd = all(abs(self%center) <= 0.0_wp)
+      self%length_scale = max(self%clearance, maxval(abs(self%center)))
+      self%n_switches = merge(1, 0, self%clearance > 0.0_wp)
+   end subroutine annular_clearance_derive
 
    !> Reads a `&law type = 'annular_clearance'` group. `dofs` are x and y of the rotor, followed by x and y of the
    !> ring if it moves too.
@@ -67,19 +104,12 @@ contains
       class(annular_clearance_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      real(wp), allocatable :: center(:)
-      real(wp) :: clearance, friction, radius, slip_velocity, speed, stiffness
       integer :: spin                                                 ! positive, negative
 
       spin = 1
-      call group%get("stiffness", stiffness)
-      call group%get("clearance", clearance)
-      call group%get("friction_coefficient", friction)
-      if (group%given("rotor_radius")) then
-         call group%get("rotor_radius", radius)
-         call group%get("rotor_speed", speed)
-         call group%get("slip_velocity", slip_velocity)
-         if (slip_velocity > 0.0_wp) call set_sliding(self, radius*speed, slip_velocity)
+      self%slides = group%given("rotor_radius")
+      call read_numbers(self, group)
+      if (self%slides) then
          if (group%given("spin")) call group%problem("spin", "not beside 'rotor_radius': the sign of 'rotor_speed' gives "// &
                                                      "the direction")
       else
@@ -87,9 +117,8 @@ contains
          if (group%given("rotor_speed")) call group%problem("rotor_speed", "needs 'rotor_radius' and 'slip_velocity'")
          if (group%given("slip_velocity")) call group%problem("slip_velocity", "needs 'rotor_radius' and 'rotor_speed'")
       end if
-      call group%get("center", center, n=2)
-      if (spin == 2) friction = -friction
-      if (size(center) == 2) call new_annular_clearance(self, stiffness, clearance, friction, center)
+      self%spins_backwards = spin == 2
+      if (size(self%center) == 2) call self%derive()
       call read_dofs(self, group, structure)
       if (.not. allocated(self%dofs)) return
       select case (size(self%dofs))
@@ -139,7 +168,7 @@ contains
       df_dz = 0.0_wp
       df_dv = 0.0_wp
       if (.not. is_closed) return
-      z = position - self%center
+      z = position - self%center(1:2)
       r = max(hypot(z(1), z(2)), tiny(r))                             ! r = 0 occurs here only without clearance
       tangent = [-z(2), z(1)]/r
       friction = self%friction
@@ -161,6 +190,48 @@ contains
          df_dv(:, k) = secant*r*slope*tangent*tangent(k)
       end do
    end subroutine at_sample
+
+   !> By k the force is f/k; by the clearance -k (e_r + m e_t); by the center as by the opposite motion; by a number of
+   !> friction secant dm J z.
+   subroutine annular_clearance_number_slope(self, number, z, v, p, slope, is_known)
+      class(annular_clearance_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+      real(wp) :: along, by_v(2, 2), by_z(2, 2), f(2), r, rate(2), secant, share, steepness, tangent(2), x(2)
+      integer :: i
+
+      is_known = .true.
+      slope = 0.0_wp
+      rate = 0.0_wp
+      do i = 1, size(z, 1)
+         if (.not. is_closed(self, z(i, :))) cycle
+         if (self%needs_velocity) rate = v(i, :)
+         call at_sample(self, z(i, :), rate, .true., f, by_z, by_v)
+         x = z(i, :) - self%center(1:2)
+         r = max(hypot(x(1), x(2)), tiny(r))
+         tangent = [-x(2), x(1)]/r
+         secant = self%stiffness*(r - self%clearance)                 ! the normal force
+         share = 1.0_wp                                               ! m = friction times share
+         steepness = 0.0_wp                                           ! its derivative by v_s/v_0
+         along = 0.0_wp                                               ! v_s
+         if (self%slip_velocity > 0.0_wp) then
+            along = self%surface_speed + dot_product(tangent, rate)
+            share = tanh(along/self%slip_velocity)
+            steepness = (1.0_wp - share**2)/self%slip_velocity
+         end if
+         select case (number%key)
+         case ("stiffness"); slope(i, :) = (r - self%clearance)*(x/r + self%friction*share*tangent)
+         case ("clearance"); slope(i, :) = -self%stiffness*(x/r + self%friction*share*tangent)
+         case ("friction_coefficient"); slope(i, :) = merge(-1.0_wp, 1.0_wp, self%spins_backwards)*secant*share*tangent
+         case ("center"); slope(i, :) = -by_z(:, number%element(1))
+         case ("rotor_radius"); slope(i, :) = secant*self%friction*steepness*self%rotor_speed*tangent
+         case ("rotor_speed"); slope(i, :) = secant*self%friction*steepness*self%rotor_radius*tangent
+         case ("slip_velocity"); slope(i, :) = -secant*self%friction*steepness*along/self%slip_velocity*tangent
+         end select
+      end do
+   end subroutine annular_clearance_number_slope
 
    pure subroutine annular_clearance_switches(self, z, v, values)
       class(annular_clearance_t), intent(in) :: self

@@ -12,7 +12,10 @@
 module hb_law_blade_contact
    use hb_kinds, only: int64, two_pi, wp
    use hb_law, only: read_dofs
-   use hb_law_contact_table, only: contact_table_t, make_rigid, new_contact_table, one_for_each, read_hardness, set_turns
+   use hb_law_contact_table, only: check_length, check_lengths, complete_contacts, contact_table_t, declare_contacts, has_lengths, &
+      one_for_each, read_hardness, set_turns
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -20,8 +23,14 @@ module hb_law_blade_contact
    public :: blade_contact_t, new_blade_contact
 
    type, extends(contact_table_t) :: blade_contact_t
+      integer :: n_diameters = 0
+      real(wp), allocatable :: arms(:)                                !! eta_d, eta_c
+      real(wp), allocatable :: given_shares(:)                        !! s_i; one for all blades, or (n_contacts)
    contains
       procedure :: read => blade_contact_read
+      procedure :: declare_numbers => blade_contact_declare_numbers
+      procedure :: has_valid_numbers => blade_contact_has_valid_numbers
+      procedure :: derive => blade_contact_derive
    end type blade_contact_t
 
 contains
@@ -35,62 +44,90 @@ contains
       real(wp), intent(in) :: friction(:)                             !! mu_i, (n_blades)
       real(wp), intent(in) :: arms(2)                                 !! eta_d, eta_c
       real(wp), intent(in) :: shares(:)                               !! s_i, (n_blades)
-      real(wp), dimension(size(gaps), 4) :: shapes, friction_shapes
-      real(wp) :: angle(size(gaps))
+
+      self%n_diameters = n_diameters
+      self%n_contacts = size(gaps)
+      self%given_gaps = gaps
+      self%given_stiffness = stiffness
+      self%given_friction = friction
+      self%arms = arms
+      self%given_shares = shares
+      call self%derive()
+   end subroutine new_blade_contact
+
+   subroutine blade_contact_declare_numbers(self, numbers)
+      class(blade_contact_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call declare_contacts(self, numbers)
+      call numbers%add("shares", self%given_shares)
+      call numbers%add("friction_arms", self%arms, n=2, required=any(self%given_friction > 0.0_wp))
+   end subroutine blade_contact_declare_numbers
+
+   logical function blade_contact_has_valid_numbers(self) result(are_valid)
+      class(blade_contact_t), intent(in) :: self
+
+      are_valid = size(self%given_shares) == 1 .or. size(self%given_shares) == self%n_contacts
+      if (are_valid .and. any(self%given_friction > 0.0_wp)) are_valid = any(abs(self%arms) > 0.0_wp)
+      if (are_valid) are_valid = .not. allocated(self%failure)
+   end function blade_contact_has_valid_numbers
+
+   pure subroutine blade_contact_derive(self)
+      class(blade_contact_t), intent(inout) :: self
+      real(wp), dimension(self%n_contacts) :: angle, shares
       integer :: i
 
+      if (allocated(self%shapes)) then
+         if (size(self%shapes, 1) /= self%n_contacts) deallocate (self%shapes, self%friction_shapes)
+      end if
+      if (.not. allocated(self%shapes)) allocate (self%shapes(self%n_contacts, 4), self%friction_shapes(self%n_contacts, 4))
       ! The remainder limits the angle, so that blades half a wave apart get the same digits.
-      angle = [(two_pi*real(modulo(int(n_diameters, int64)*i, int(size(gaps), int64)), wp)/real(size(gaps), wp), &
-                i=1, size(gaps))]
-      shapes(:, 1) = -shares*cos(angle)
-      shapes(:, 2) = -shares*sin(angle)
-      shapes(:, 3) = cos(angle)
-      shapes(:, 4) = sin(angle)
-      friction_shapes(:, 1) = arms(1)*shares*sin(angle)
-      friction_shapes(:, 2) = -arms(1)*shares*cos(angle)
-      friction_shapes(:, 3) = -arms(2)*sin(angle)
-      friction_shapes(:, 4) = arms(2)*cos(angle)
-      call new_contact_table(self, shapes, gaps, stiffness, friction, friction_shapes)
-   end subroutine new_blade_contact
+      associate (n => self%n_contacts)
+         angle = [(two_pi*real(modulo(int(self%n_diameters, int64)*i, int(n, int64)), wp)/real(n, wp), i=1, n)]
+         shares = one_for_each(self%given_shares, n)
+      end associate
+      associate (shapes => self%shapes, friction_shapes => self%friction_shapes, arms => self%arms)
+         shapes(:, 1) = -shares*cos(angle)
+         shapes(:, 2) = -shares*sin(angle)
+         shapes(:, 3) = cos(angle)
+         shapes(:, 4) = sin(angle)
+         friction_shapes(:, 1) = arms(1)*shares*sin(angle)
+         friction_shapes(:, 2) = -arms(1)*shares*cos(angle)
+         friction_shapes(:, 3) = -arms(2)*sin(angle)
+         friction_shapes(:, 4) = arms(2)*cos(angle)
+      end associate
+      call complete_contacts(self)
+   end subroutine blade_contact_derive
 
    !> Reads a `&law type = 'blade_contact'` group.
    subroutine blade_contact_read(self, group, structure)
       class(blade_contact_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      real(wp), allocatable :: arms(:), friction(:), gaps(:), shares(:), stiffness(:)
-      character(:), allocatable :: frame, failure
-      integer :: n_blades, n_diameters, tone
-      real(wp) :: augmentation
-      logical :: is_rigid
+      character(:), allocatable :: frame
+      integer :: tone
 
       tone = 0
       self%has_potential = .true.                                     ! until determined
       call read_dofs(self, group, structure)
-      call group%get("n_diameters", n_diameters)
-      call group%get("n_blades", n_blades)
-      call group%get("gaps", gaps)
-      call read_hardness(group, is_rigid, stiffness, augmentation)
-      call group%get("friction_coefficient", friction)
-      call group%get("shares", shares)
+      call group%get("n_diameters", self%n_diameters)
+      call group%get("n_blades", self%n_contacts)
+      call read_hardness(self, group)
+      self%arms = [0.0_wp, 0.0_wp]
+      call read_numbers(self, group)
       call group%get("frame", frame)
-      arms = [0.0_wp, 0.0_wp]
-      call group%get("friction_arms", arms, n=2, required=any(friction > 0.0_wp))
       if (frame /= "rotating") call group%get("tone", tone)
-      if (.not. (allocated(self%dofs) .and. allocated(gaps) .and. allocated(stiffness))) return
+      if (.not. (allocated(self%dofs) .and. allocated(self%given_gaps) .and. allocated(self%given_stiffness))) return
       if (size(self%dofs) /= 4) call group%problem("dofs", "name both coordinates of the disk, then both of the casing")
-      if (n_blades < 1 .or. n_diameters < 1) return
-      call one_for_each(group, "gaps", gaps, n_blades)
-      call one_for_each(group, "stiffness", stiffness, n_blades)
-      call one_for_each(group, "friction_coefficient", friction, n_blades)
-      call one_for_each(group, "shares", shares, n_blades)
-      if (any([size(gaps), size(stiffness), size(friction), size(shares)] /= n_blades) .or. size(arms) /= 2) return
-      call new_blade_contact(self, n_diameters, gaps, stiffness, friction, arms, shares)
-      if (is_rigid) then
-         call make_rigid(self, augmentation, failure)
-         if (len(failure) > 0) call group%problem("contact", failure)
-      end if
+      if (self%n_contacts < 1 .or. self%n_diameters < 1) return
+      call check_lengths(self, group)
+      call check_length(group, "shares", self%given_shares, self%n_contacts)
+      if (.not. has_lengths(self) .or. all(size(self%given_shares) /= [1, self%n_contacts]) .or. size(self%arms) /= 2) return
+      call self%derive()
+      if (allocated(self%failure)) call group%problem("contact", self%failure)
       if (tone < 1 .or. size(self%dofs) /= 4) return
-      call set_turns(self, tone, merge([n_diameters, n_diameters], [0, n_diameters], frame == "stationary"))
+      associate (n => self%n_diameters)
+         call set_turns(self, tone, merge([n, n], [0, n], frame == "stationary"))
+      end associate
    end subroutine blade_contact_read
 end module hb_law_blade_contact

@@ -14,6 +14,8 @@ module hb_law_bouc_wen
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
    use hb_law, only: read_location
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: numbers_t
    use hb_properties, only: properties_t
    use hb_slider, only: turning_point
    use hb_structure, only: structure_t
@@ -29,6 +31,8 @@ module hb_law_bouc_wen
       real(wp) :: beta = 0.5_wp                                       !! >= 0.5
    contains
       procedure :: read => bouc_wen_read
+      procedure :: declare_numbers => bouc_wen_declare_numbers
+      procedure :: derive => bouc_wen_derive
       procedure :: advance => bouc_wen_advance
       procedure :: force => bouc_wen_force
    end type bouc_wen_t
@@ -49,16 +53,29 @@ contains
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
 
-      call group%get("stiffness", self%stiffness)
-      call group%get("post_yield_ratio", self%post_yield_ratio)
-      call group%get("yield_displacement", self%yield_displacement)
-      call group%get("exponent", self%exponent)
-      call group%get("beta", self%beta)
+      call read_numbers(self, group)
+      call self%derive()
+      call read_location(self, group, structure)
+   end subroutine bouc_wen_read
+
+   subroutine bouc_wen_declare_numbers(self, numbers)
+      class(bouc_wen_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("stiffness", self%stiffness)
+      call numbers%add("post_yield_ratio", self%post_yield_ratio)
+      call numbers%add("yield_displacement", self%yield_displacement)
+      call numbers%add("exponent", self%exponent)
+      call numbers%add("beta", self%beta)
+   end subroutine bouc_wen_declare_numbers
+
+   pure subroutine bouc_wen_derive(self)
+      class(bouc_wen_t), intent(inout) :: self
+
       self%n_states = 1
       self%is_odd = .true.
       self%length_scale = self%yield_displacement
-      call read_location(self, group, structure)
-   end subroutine bouc_wen_read
+   end subroutine bouc_wen_derive
 
    subroutine bouc_wen_advance(self, s_old, path, s_new, ds_ds_old, ds_dpath)
       class(bouc_wen_t), intent(in) :: self

@@ -17,26 +17,41 @@ module hb_law_contact_table
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
    use hb_law, only: defects_t, hold_t, kink_t, law_t, read_dofs
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
    use hb_rigid_contacts, only: new_rigid_contacts, rigid_contacts_t
    use hb_structure, only: structure_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: contact_table_t, make_rigid, new_contact_table, one_for_each, read_hardness, set_turns
+   public :: check_length, check_lengths, complete_contacts, contact_table_t, declare_contacts, has_lengths, make_rigid
+   public :: new_contact_table, one_for_each, read_hardness, set_turns
 
    integer, parameter :: block_size = 256                             ! samples that remain in the cache over all contacts
 
    type, extends(law_t) :: contact_table_t
+      integer :: n_contacts = 0
       real(wp), allocatable :: shapes(:, :)                           !! a_i, (n_contacts, n_dofs)
+      real(wp), allocatable :: given_gaps(:)                          !! g0_i [m]; one for all contacts, or (n_contacts)
+      real(wp), allocatable :: given_stiffness(:)                     !! k_i [N/m], likewise
+      real(wp), allocatable :: given_friction(:)                      !! mu_i, likewise
+      real(wp), allocatable :: friction_shapes(:, :)                  !! b_i, (n_contacts, n_dofs)
+      logical :: is_rigid = .false.
+      real(wp) :: augmentation = 0.0_wp                               !! eps of rigid contacts [N/m], 0: from the structure
       real(wp), allocatable :: pushes(:, :)                           !! a_i + mu_i b_i, (n_contacts, n_dofs)
       real(wp), allocatable :: gaps(:)                                !! g0_i [m], (n_contacts); negative: preloaded at rest
       real(wp), allocatable :: stiffness(:)                           !! k_i [N/m], (n_contacts); 0 if rigid
       type(rigid_contacts_t), allocatable :: rigid                    !! if rigid
+      character(:), allocatable :: failure                            !! why contacts cannot be rigid; not allocated if they can
       integer, allocatable :: turns(:)                                !! n of each pair of coordinates; not allocated: none rotates
       real(wp), allocatable, private :: cosine(:, :), sine(:, :)      ! of n tau, (n_samples, n_pairs)
    contains
       procedure :: read => contact_table_read
+      procedure :: declare_numbers => contact_table_declare_numbers
+      procedure :: has_valid_numbers => contact_table_has_valid_numbers
+      procedure :: derive => contact_table_derive
+      procedure :: number_slope => contact_table_number_slope
       procedure :: set_phases => contact_table_set_phases
       procedure :: evaluate => contact_table_evaluate
       procedure :: potential => contact_table_potential
@@ -59,17 +74,109 @@ contains
       real(wp), intent(in) :: stiffness(:)                            !! [N/m], (n_contacts), >= 0
       real(wp), intent(in) :: friction(:)                             !! mu_i, (n_contacts)
       real(wp), intent(in) :: friction_shapes(:, :)                   !! b_i, as shapes
+
+      self%n_contacts = size(gaps)
+      self%shapes = shapes
+      self%given_gaps = gaps
+      self%given_stiffness = stiffness
+      self%given_friction = friction
+      self%friction_shapes = friction_shapes
+      call complete_contacts(self)
+   end subroutine new_contact_table
+
+   subroutine contact_table_declare_numbers(self, numbers)
+      class(contact_table_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call declare_contacts(self, numbers)
+      if (.not. (allocated(self%given_gaps) .and. allocated(self%given_stiffness) .and. allocated(self%dofs))) return
+      if (self%n_contacts < 1) return
+      associate (n => self%n_contacts, m => size(self%dofs))
+         call numbers%add("shapes", self%shapes, n, m)
+         if (.not. allocated(self%friction_shapes)) allocate (self%friction_shapes(n, m), source=0.0_wp)
+         call numbers%add("friction_shapes", self%friction_shapes, n, m, required=any(self%given_friction > 0.0_wp))
+      end associate
+   end subroutine contact_table_declare_numbers
+
+   !> Declares the numbers of contacts other than their shapes.
+   subroutine declare_contacts(self, numbers)
+      class(contact_table_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("gaps", self%given_gaps)
+      if (self%is_rigid) then
+         call numbers%add("augmentation", self%augmentation)
+      else
+         call numbers%add("stiffness", self%given_stiffness)
+      end if
+      call numbers%add("friction_coefficient", self%given_friction)
+   end subroutine declare_contacts
+
+   logical function contact_table_has_valid_numbers(self) result(are_valid)
+      class(contact_table_t), intent(in) :: self
+
+      are_valid = allocated(self%shapes) .and. has_lengths(self) .and. .not. allocated(self%failure)
+      if (.not. are_valid) return
+      are_valid = all(norm2(self%shapes, dim=2) > 0.0_wp)
+      if (are_valid .and. any(self%given_friction > 0.0_wp)) are_valid = any(abs(self%friction_shapes) > 0.0_wp)
+   end function contact_table_has_valid_numbers
+
+   !> Whether the lists have one number, or one for each contact.
+   pure logical function has_lengths(self)
+      class(contact_table_t), intent(in) :: self
+
+      has_lengths = allocated(self%given_gaps) .and. allocated(self%given_stiffness) .and. allocated(self%given_friction)
+      if (has_lengths) has_lengths = is_fine(self%given_gaps) .and. is_fine(self%given_stiffness) .and. is_fine(self%given_friction)
+
+   contains
+
+      pure logical function is_fine(values)
+         real(wp), intent(in) :: values(:)
+
+         is_fine = size(values) == 1 .or. size(values) == self%n_contacts
+      end function is_fine
+   end function has_lengths
+
+   pure subroutine contact_table_derive(self)
+      class(contact_table_t), intent(inout) :: self
+
+      call complete_contacts(self)
+   end subroutine contact_table_derive
+
+   !> Computes what follows from the shapes and the other numbers of contacts.
+   pure subroutine complete_contacts(self)
+      class(contact_table_t), intent(inout) :: self
+      real(wp) :: friction(self%n_contacts)
+      character(:), allocatable :: failure
       integer :: i
 
-      self%shapes = shapes
-      self%gaps = gaps
-      self%stiffness = stiffness
-      self%pushes = shapes + spread(friction, 2, size(shapes, 2))*friction_shapes
-      self%has_potential = all(abs(self%pushes - shapes) <= 0.0_wp)
-      self%length_scale = maxval(abs(gaps))
-      self%n_switches = size(gaps)
-      self%kinks = [(kink_t(-shapes(i, :), -self%pushes(i, :), [gaps(i)], [stiffness(i)]), i=1, size(gaps))]
-   end subroutine new_contact_table
+      self%gaps = one_for_each(self%given_gaps, self%n_contacts)
+      self%stiffness = one_for_each(self%given_stiffness, self%n_contacts)
+      friction = one_for_each(self%given_friction, self%n_contacts)
+      associate (shapes => self%shapes, gaps => self%gaps, stiffness => self%stiffness)
+         self%pushes = shapes + spread(friction, 2, size(shapes, 2))*self%friction_shapes
+         self%has_potential = all(abs(self%pushes - shapes) <= 0.0_wp)
+         self%length_scale = maxval(abs(gaps))
+         self%n_switches = size(gaps)
+         self%kinks = [(kink_t(-shapes(i, :), -self%pushes(i, :), [gaps(i)], [stiffness(i)]), i=1, size(gaps))]
+      end associate
+      if (self%is_rigid .and. all(norm2(self%shapes, dim=2) > 0.0_wp)) then
+         if (.not. allocated(self%rigid)) allocate (self%rigid)
+         call new_rigid_contacts(self%rigid, self%shapes, self%pushes, self%gaps, self%augmentation, failure)
+         self%is_multiplier = .true.
+         if (allocated(self%failure)) deallocate (self%failure)
+         if (len(failure) > 0) self%failure = failure
+      end if
+      if (allocated(self%turns)) call forget_fixed_contacts(self)
+   end subroutine complete_contacts
+
+   !> Discards what only contacts have that do not rotate: they move past the coordinates.
+   pure subroutine forget_fixed_contacts(self)
+      class(contact_table_t), intent(inout) :: self
+
+      self%has_potential = .false.
+      if (allocated(self%kinks)) deallocate (self%kinks)              ! their positions are not those of any coordinate
+   end subroutine forget_fixed_contacts
 
    !> Makes the contacts rigid; `failure` states why this is not possible.
    pure subroutine make_rigid(self, augmentation, failure)
@@ -77,9 +184,11 @@ contains
       real(wp), intent(in) :: augmentation                            !! eps [N/m], 0: determined from the structure
       character(:), allocatable, intent(out) :: failure               !! empty on success
 
-      if (.not. allocated(self%rigid)) allocate (self%rigid)
-      call new_rigid_contacts(self%rigid, self%shapes, self%pushes, self%gaps, augmentation, failure)
-      self%is_multiplier = .true.
+      self%is_rigid = .true.
+      self%augmentation = augmentation
+      call complete_contacts(self)
+      failure = ""
+      if (allocated(self%failure)) failure = self%failure
    end subroutine make_rigid
 
    !> Makes pairs of coordinates (1 and 2, 3 and 4, ...) rotate with the phase of a tone.
@@ -90,8 +199,7 @@ contains
 
       self%n_phases = tone
       self%turns = turns
-      self%has_potential = .false.                                    ! contacts that move past the coordinates
-      if (allocated(self%kinks)) deallocate (self%kinks)              ! their positions are not those of any coordinate
+      call forget_fixed_contacts(self)
    end subroutine set_turns
 
    !> Sets the phase of the tone with which the contacts rotate.
@@ -118,39 +226,25 @@ contains
       class(contact_table_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      real(wp), allocatable :: friction(:), friction_shapes(:, :), gaps(:), shapes(:, :), stiffness(:)
-      character(:), allocatable :: failure
       integer, allocatable :: turns(:)
-      integer :: i, n, tone
-      real(wp) :: augmentation
-      logical :: is_rigid
+      integer :: i, tone
 
       self%has_potential = .true.                                     ! until determined
       call read_dofs(self, group, structure)
-      call group%get("n_contacts", n)
-      call group%get("gaps", gaps)
-      call read_hardness(group, is_rigid, stiffness, augmentation)
-      call group%get("friction_coefficient", friction)
+      call group%get("n_contacts", self%n_contacts)
+      call read_hardness(self, group)
+      call read_numbers(self, group)
       call group%get("tone", tone)
       if (tone > 0) call group%get("turns", turns)
-      if (n < 1 .or. .not. (allocated(self%dofs) .and. allocated(gaps) .and. allocated(stiffness))) return
-      call group%get("shapes", shapes, n=n, m=size(self%dofs))
-      allocate (friction_shapes(n, size(self%dofs)), source=0.0_wp)
-      call group%get("friction_shapes", friction_shapes, n=n, m=size(self%dofs), required=any(friction > 0.0_wp))
-      call one_for_each(group, "gaps", gaps, n)
-      call one_for_each(group, "stiffness", stiffness, n)
-      call one_for_each(group, "friction_coefficient", friction, n)
-      if (.not. allocated(shapes)) return
-      do i = 1, n
-         if (all(shapes(i, :) == 0.0_wp)) call group%problem("shapes", "row "//to_text(i)//" is zero: its gap never moves")
+      if (self%n_contacts < 1 .or. .not. (allocated(self%dofs) .and. allocated(self%given_gaps) .and. &
+                                          allocated(self%given_stiffness))) return
+      call check_lengths(self, group)
+      if (.not. allocated(self%shapes)) return
+      do i = 1, self%n_contacts
+         if (all(self%shapes(i, :) == 0.0_wp)) call group%problem("shapes", "row "//to_text(i)//" is zero: its gap never moves")
       end do
-      if (size(gaps) == n .and. size(stiffness) == n .and. size(friction) == n) then
-         call new_contact_table(self, shapes, gaps, stiffness, friction, friction_shapes)
-         if (is_rigid .and. all(norm2(shapes, dim=2) > 0.0_wp)) then
-            call make_rigid(self, augmentation, failure)
-            if (len(failure) > 0) call group%problem("contact", failure)
-         end if
-      end if
+      if (has_lengths(self)) call self%derive()
+      if (allocated(self%failure)) call group%problem("contact", self%failure)
       if (.not. allocated(turns)) return
       if (2*size(turns) == size(self%dofs)) then
          call set_turns(self, tone, turns)
@@ -159,39 +253,55 @@ contains
       end if
    end subroutine contact_table_read
 
-   !> Reads whether contacts are rigid, and the corresponding keys: the stiffness of elastic ones or the augmentation.
-   subroutine read_hardness(group, is_rigid, stiffness, augmentation)
+   !> Reads whether contacts are rigid, which decides about the numbers that they have.
+   subroutine read_hardness(self, group)
+      class(contact_table_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
-      logical, intent(out) :: is_rigid
-      real(wp), allocatable, intent(out) :: stiffness(:)              !! [N/m], 0 for rigid ones; not allocated after a problem
-      real(wp), intent(out) :: augmentation                           !! [N/m], 0: determined from the structure
       integer :: kind                                                 ! elastic, rigid
 
-      augmentation = 0.0_wp
       call group%choose("contact", kind)
-      is_rigid = kind == 2
-      if (.not. is_rigid) then
-         call group%get("stiffness", stiffness)
+      self%is_rigid = kind == 2
+      if (.not. self%is_rigid) then
          if (group%given("augmentation")) call group%problem("augmentation", "only rigid contacts have one: remove it, or "// &
                                                              "use contact = 'rigid'")
          return
       end if
       if (group%given("stiffness")) call group%problem("stiffness", "rigid contacts have none: remove it, or use "// &
                                                        "contact = 'elastic'")
-      stiffness = [0.0_wp]
-      call group%get("augmentation", augmentation)
+      self%given_stiffness = [0.0_wp]
    end subroutine read_hardness
 
-   !> Repeats one number for all contacts.
-   subroutine one_for_each(group, key, values, n)
+   !> Reports lists that have neither one number nor one for each contact.
+   subroutine check_lengths(self, group)
+      class(contact_table_t), intent(in) :: self
+      type(properties_t), intent(inout) :: group
+
+      call check_length(group, "gaps", self%given_gaps, self%n_contacts)
+      call check_length(group, "stiffness", self%given_stiffness, self%n_contacts)
+      call check_length(group, "friction_coefficient", self%given_friction, self%n_contacts)
+   end subroutine check_lengths
+
+   subroutine check_length(group, key, values, n)
       type(properties_t), intent(inout) :: group
       character(*), intent(in) :: key
-      real(wp), allocatable, intent(inout) :: values(:)
-      integer, intent(in) :: n
+      real(wp), intent(in) :: values(:)
+      integer, intent(in) :: n                                        !! contacts
 
-      if (size(values) == 1) values = spread(values(1), 1, n)
-      if (size(values) /= n) call group%problem(key, "give one number, or one for each of the "//to_text(n)//" contacts")
-   end subroutine one_for_each
+      if (all(size(values) /= [1, n])) call group%problem(key, "give one number, or one for each of the "//to_text(n)//" contacts")
+   end subroutine check_length
+
+   !> One number for each contact.
+   pure function one_for_each(given, n) result(values)
+      real(wp), intent(in) :: given(:)                                !! one for all, or (n)
+      integer, intent(in) :: n
+      real(wp) :: values(n)
+
+      if (size(given) == 1) then
+         values = given(1)
+      else
+         values = given
+      end if
+   end function one_for_each
 
    subroutine contact_table_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(contact_table_t), intent(in) :: self
@@ -321,6 +431,54 @@ contains
          end do
       end do
    end subroutine press
+
+   !> Of elastic contacts by all numbers but the shapes.
+   subroutine contact_table_number_slope(self, number, z, v, p, slope, is_known)
+      class(contact_table_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+      real(wp) :: by_number(size(z, 2)), gap(size(z, 1)), place(size(z, 1), size(z, 2))
+      integer :: a, first, i, last
+
+      slope = 0.0_wp
+      is_known = .not. self%is_rigid .and. any(number%key == [character(20) :: "gaps", "stiffness", "friction_coefficient"])
+      if (is_known .and. allocated(self%turns)) is_known = allocated(self%cosine)
+      if (.not. is_known) return
+      place = seen(self, z)
+      first = max(1, number%element(1))
+      last = first
+      if (number%element(1) == 0 .or. n_given() == 1) last = self%n_contacts   ! one number for all
+      do i = first, last
+         gap = self%gaps(i) + matmul(place, self%shapes(i, :))
+         select case (number%key)
+         case ("gaps")
+            by_number = self%pushes(i, :)*self%stiffness(i)
+            gap = merge(1.0_wp, 0.0_wp, gap < 0.0_wp)
+         case ("stiffness")
+            by_number = -self%pushes(i, :)
+            gap = max(-gap, 0.0_wp)
+         case default
+            by_number = -self%friction_shapes(i, :)*self%stiffness(i)
+            gap = max(-gap, 0.0_wp)
+         end select
+         do a = 1, size(z, 2)
+            slope(:, a) = slope(:, a) + by_number(a)*gap
+         end do
+      end do
+      if (allocated(self%turns)) call turn(self, slope, 1.0_wp)
+
+   contains
+
+      integer function n_given()
+         select case (number%key)
+         case ("gaps"); n_given = size(self%given_gaps)
+         case ("stiffness"); n_given = size(self%given_stiffness)
+         case default; n_given = size(self%given_friction)
+         end select
+      end function n_given
+   end subroutine contact_table_number_slope
 
    !> Sets eps of rigid contacts to the static stiffness of the structure unless given by the user, for a model
    !> without motion.

@@ -8,6 +8,8 @@
 module hb_law_coulomb_rigid
    use hb_kinds, only: wp
    use hb_law, only: defects_t, hold_t, law_t, read_location
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -19,6 +21,9 @@ module hb_law_coulomb_rigid
       real(wp) :: augmentation = 0.0_wp                               !! eps [N s/m]; 0: the impedance of the structure
    contains
       procedure :: read => coulomb_rigid_read
+      procedure :: declare_numbers => coulomb_rigid_declare_numbers
+      procedure :: derive => coulomb_rigid_derive
+      procedure :: number_slope => coulomb_rigid_number_slope
       procedure :: evaluate => coulomb_rigid_evaluate
       procedure :: prepare_rate => coulomb_rigid_prepare_rate
       procedure :: defects => coulomb_rigid_defects
@@ -33,14 +38,27 @@ contains
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
 
-      call group%get("limit", self%limit)
-      call group%get("augmentation", self%augmentation)
+      call read_numbers(self, group)
+      call self%derive()
+      call read_location(self, group, structure)
+   end subroutine coulomb_rigid_read
+
+   subroutine coulomb_rigid_declare_numbers(self, numbers)
+      class(coulomb_rigid_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("limit", self%limit)
+      call numbers%add("augmentation", self%augmentation)
+   end subroutine coulomb_rigid_declare_numbers
+
+   pure subroutine coulomb_rigid_derive(self)
+      class(coulomb_rigid_t), intent(inout) :: self
+
       self%is_multiplier = .true.
       self%needs_velocity = .true.
       self%has_potential = .true.
       self%is_odd = .true.
-      call read_location(self, group, structure)
-   end subroutine coulomb_rigid_read
+   end subroutine coulomb_rigid_derive
 
    subroutine coulomb_rigid_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(coulomb_rigid_t), intent(in) :: self
@@ -54,6 +72,20 @@ contains
       df_dp(:, :, 1) = merge(1.0_wp, 0.0_wp, abs(p + self%augmentation*v) < self%limit)
       df_dv(:, :, 1) = self%augmentation*df_dp(:, :, 1)
    end subroutine coulomb_rigid_evaluate
+
+   subroutine coulomb_rigid_number_slope(self, number, z, v, p, slope, is_known)
+      class(coulomb_rigid_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+
+      is_known = .true.
+      select case (number%key)
+      case ("limit"); slope = merge(sign(1.0_wp, p + self%augmentation*v), 0.0_wp, abs(p + self%augmentation*v) >= self%limit)
+      case ("augmentation"); slope = merge(v, 0.0_wp, abs(p + self%augmentation*v) < self%limit)
+      end select
+   end subroutine coulomb_rigid_number_slope
 
    !> Sets eps to the impedance of the structure unless given by the user: the equations of sticking are then scaled
    !> like the linear ones.

@@ -5,6 +5,8 @@
 module hb_law_coulomb_tanh
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_location
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -16,6 +18,9 @@ module hb_law_coulomb_tanh
       real(wp) :: velocity = 0.0_wp                                   !! v_0 [m/s]
    contains
       procedure :: read => coulomb_tanh_read
+      procedure :: declare_numbers => coulomb_tanh_declare_numbers
+      procedure :: derive => coulomb_tanh_derive
+      procedure :: number_slope => coulomb_tanh_number_slope
       procedure :: evaluate => coulomb_tanh_evaluate
    end type coulomb_tanh_t
 
@@ -27,13 +32,26 @@ contains
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
 
-      call group%get("limit", self%limit)
-      call group%get("velocity", self%velocity)
+      call read_numbers(self, group)
+      call self%derive()
+      call read_location(self, group, structure)
+   end subroutine coulomb_tanh_read
+
+   subroutine coulomb_tanh_declare_numbers(self, numbers)
+      class(coulomb_tanh_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("limit", self%limit)
+      call numbers%add("velocity", self%velocity)
+   end subroutine coulomb_tanh_declare_numbers
+
+   pure subroutine coulomb_tanh_derive(self)
+      class(coulomb_tanh_t), intent(inout) :: self
+
       self%needs_velocity = .true.
       self%has_potential = .true.
       self%is_odd = .true.
-      call read_location(self, group, structure)
-   end subroutine coulomb_tanh_read
+   end subroutine coulomb_tanh_derive
 
    subroutine coulomb_tanh_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(coulomb_tanh_t), intent(in) :: self
@@ -45,4 +63,18 @@ contains
       if (present(df_dz)) df_dz = 0.0_wp
       if (present(df_dv)) df_dv(:, :, 1) = self%limit/self%velocity*(1.0_wp - tanh(v/self%velocity)**2)
    end subroutine coulomb_tanh_evaluate
+
+   subroutine coulomb_tanh_number_slope(self, number, z, v, p, slope, is_known)
+      class(coulomb_tanh_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+
+      is_known = .true.
+      select case (number%key)
+      case ("limit"); slope = tanh(v/self%velocity)
+      case ("velocity"); slope = -self%limit*v/self%velocity**2*(1.0_wp - tanh(v/self%velocity)**2)
+      end select
+   end subroutine coulomb_tanh_number_slope
 end module hb_law_coulomb_tanh

@@ -7,6 +7,8 @@
 module hb_law_cubic_damping
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -15,9 +17,15 @@ module hb_law_cubic_damping
 
    type, extends(law_t) :: cubic_damping_t
       real(wp) :: coefficient = 0.0_wp                                !! c [N s**3/m**3]
-      real(wp) :: rate = 0.0_wp                                       !! W [rad/s]
+      real(wp) :: speed = 0.0_wp                                      !! of the rotating frame [rad/s]
+      integer :: n_diameters = 1
+      real(wp) :: rate = 0.0_wp                                       !! W, their product [rad/s]
    contains
       procedure :: read => cubic_damping_read
+      procedure :: declare_numbers => cubic_damping_declare_numbers
+      procedure :: has_valid_numbers => cubic_damping_has_valid_numbers
+      procedure :: derive => cubic_damping_derive
+      procedure :: number_slope => cubic_damping_number_slope
       procedure :: evaluate => cubic_damping_evaluate
    end type cubic_damping_t
 
@@ -28,23 +36,38 @@ contains
       class(cubic_damping_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      real(wp) :: speed
-      integer :: n_diameters
 
       call read_dofs(self, group, structure)
-      call group%get("coefficient", self%coefficient)
-      call group%get("speed", speed)
-      call group%get("n_diameters", n_diameters)
-      self%rate = n_diameters*speed
+      call read_numbers(self, group)
+      call group%get("n_diameters", self%n_diameters)
+      call self%derive()
+      if (.not. self%has_valid_numbers()) call group%problem("speed", "only two coordinates can belong to a rotating frame")
+   end subroutine cubic_damping_read
+
+   subroutine cubic_damping_declare_numbers(self, numbers)
+      class(cubic_damping_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("coefficient", self%coefficient)
+      call numbers%add("speed", self%speed)
+   end subroutine cubic_damping_declare_numbers
+
+   logical function cubic_damping_has_valid_numbers(self) result(are_valid)
+      class(cubic_damping_t), intent(in) :: self
+
+      are_valid = .true.
+      if (abs(self%speed) > 0.0_wp .and. allocated(self%dofs)) are_valid = size(self%dofs) == 2
+   end function cubic_damping_has_valid_numbers
+
+   pure subroutine cubic_damping_derive(self)
+      class(cubic_damping_t), intent(inout) :: self
+
+      self%rate = self%n_diameters*self%speed
       self%needs_velocity = .true.
       self%degree = 3
       self%has_potential = .not. abs(self%rate) > 0.0_wp
       self%is_odd = .true.
-      if (.not. allocated(self%dofs)) return
-      if (abs(speed) > 0.0_wp .and. size(self%dofs) /= 2) then
-         call group%problem("speed", "only two coordinates can belong to a rotating frame")
-      end if
-   end subroutine cubic_damping_read
+   end subroutine cubic_damping_derive
 
    subroutine cubic_damping_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(cubic_damping_t), intent(in) :: self
@@ -54,11 +77,7 @@ contains
       real(wp) :: seen(size(z, 1), size(z, 2)), slope(size(z, 1)), square(size(z, 1))
       integer :: i, k
 
-      seen = v
-      if (size(z, 2) == 2) then
-         seen(:, 1) = seen(:, 1) - self%rate*z(:, 2)
-         seen(:, 2) = seen(:, 2) + self%rate*z(:, 1)
-      end if
+      seen = seen_velocity(self, z, v)
       square = sum(seen**2, dim=2)
       do i = 1, size(z, 2)
          f(:, i) = self%coefficient*square*seen(:, i)
@@ -76,4 +95,42 @@ contains
          end do
       end do
    end subroutine cubic_damping_evaluate
+
+   subroutine cubic_damping_number_slope(self, number, z, v, p, slope, is_known)
+      class(cubic_damping_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+      real(wp) :: along(size(z, 1)), seen(size(z, 1), size(z, 2)), square(size(z, 1))
+      integer :: i
+
+      is_known = .true.
+      seen = seen_velocity(self, z, v)
+      square = sum(seen**2, dim=2)
+      select case (number%key)
+      case ("coefficient")
+         do i = 1, size(z, 2)
+            slope(:, i) = square*seen(:, i)
+         end do
+      case ("speed")
+         slope = 0.0_wp                                              ! da = n (-z_2, z_1)
+         if (size(z, 2) /= 2) return
+         along = self%n_diameters*(seen(:, 2)*z(:, 1) - seen(:, 1)*z(:, 2))
+         slope(:, 1) = self%coefficient*(2.0_wp*along*seen(:, 1) - self%n_diameters*square*z(:, 2))
+         slope(:, 2) = self%coefficient*(2.0_wp*along*seen(:, 2) + self%n_diameters*square*z(:, 1))
+      end select
+   end subroutine cubic_damping_number_slope
+
+   !> Velocity in the rotating frame.
+   pure function seen_velocity(self, z, v) result(seen)
+      class(cubic_damping_t), intent(in) :: self
+      real(wp), intent(in) :: z(:, :), v(:, :)
+      real(wp) :: seen(size(z, 1), size(z, 2))
+
+      seen = v
+      if (size(z, 2) /= 2) return
+      seen(:, 1) = seen(:, 1) - self%rate*z(:, 2)
+      seen(:, 2) = seen(:, 2) + self%rate*z(:, 1)
+   end function seen_velocity
 end module hb_law_cubic_damping

@@ -3,6 +3,8 @@
 module hb_law_cubic_spring
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_location
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -13,6 +15,9 @@ module hb_law_cubic_spring
       real(wp) :: stiffness = 0.0_wp                                  !! k3 [N/m**3], negative for a softening spring
    contains
       procedure :: read => cubic_spring_read
+      procedure :: declare_numbers => cubic_spring_declare_numbers
+      procedure :: derive => cubic_spring_derive
+      procedure :: number_slope => cubic_spring_number_slope
       procedure :: evaluate => cubic_spring_evaluate
       procedure :: potential => cubic_spring_potential
    end type cubic_spring_t
@@ -25,12 +30,25 @@ contains
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
 
-      call group%get("stiffness", self%stiffness)
+      call read_numbers(self, group)
+      call self%derive()
+      call read_location(self, group, structure)
+   end subroutine cubic_spring_read
+
+   subroutine cubic_spring_declare_numbers(self, numbers)
+      class(cubic_spring_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("stiffness", self%stiffness)
+   end subroutine cubic_spring_declare_numbers
+
+   pure subroutine cubic_spring_derive(self)
+      class(cubic_spring_t), intent(inout) :: self
+
       self%degree = 3
       self%has_potential = .true.
       self%is_odd = .true.
-      call read_location(self, group, structure)
-   end subroutine cubic_spring_read
+   end subroutine cubic_spring_derive
 
    subroutine cubic_spring_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(cubic_spring_t), intent(in) :: self
@@ -43,6 +61,19 @@ contains
    end subroutine cubic_spring_evaluate
 
    !> k3 z**4/4.
+   subroutine cubic_spring_number_slope(self, number, z, v, p, slope, is_known)
+      class(cubic_spring_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+
+      is_known = .true.
+      select case (number%key)
+      case ("stiffness"); slope = z**3
+      end select
+   end subroutine cubic_spring_number_slope
+
    subroutine cubic_spring_potential(self, z, energy, gradient)
       class(cubic_spring_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :)

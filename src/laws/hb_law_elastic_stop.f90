@@ -3,6 +3,8 @@
 module hb_law_elastic_stop
    use hb_kinds, only: wp
    use hb_law, only: kink_t, law_t, read_location
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -15,6 +17,9 @@ module hb_law_elastic_stop
       logical :: two_sided = .false.
    contains
       procedure :: read => elastic_stop_read
+      procedure :: declare_numbers => elastic_stop_declare_numbers
+      procedure :: derive => elastic_stop_derive
+      procedure :: number_slope => elastic_stop_number_slope
       procedure :: evaluate => elastic_stop_evaluate
       procedure :: potential => elastic_stop_potential
       procedure :: switches => elastic_stop_switches
@@ -29,9 +34,23 @@ contains
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
 
-      call group%get("stiffness", self%stiffness)
-      call group%get("gap", self%gap)
+      call read_numbers(self, group)
       call group%get("two_sided", self%two_sided)
+      call self%derive()
+      call read_location(self, group, structure)
+   end subroutine elastic_stop_read
+
+   subroutine elastic_stop_declare_numbers(self, numbers)
+      class(elastic_stop_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("stiffness", self%stiffness)
+      call numbers%add("gap", self%gap)
+   end subroutine elastic_stop_declare_numbers
+
+   pure subroutine elastic_stop_derive(self)
+      class(elastic_stop_t), intent(inout) :: self
+
       self%has_potential = .true.
       self%is_odd = self%two_sided
       self%is_piecewise_linear = .true.
@@ -39,8 +58,7 @@ contains
       self%n_switches = merge(2, 1, self%two_sided)
       self%kinks = [kink_t([1.0_wp], [1.0_wp], [self%gap], [self%stiffness])]
       if (self%two_sided) self%kinks = [kink_t([1.0_wp], [1.0_wp], [self%gap, -self%gap], [self%stiffness, -self%stiffness])]
-      call read_location(self, group, structure)
-   end subroutine elastic_stop_read
+   end subroutine elastic_stop_derive
 
    subroutine elastic_stop_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(elastic_stop_t), intent(in) :: self
@@ -54,6 +72,24 @@ contains
       df_dz(:, :, 1) = merge(self%stiffness, 0.0_wp, z > self%gap)
       if (self%two_sided) df_dz(:, :, 1) = df_dz(:, :, 1) + merge(self%stiffness, 0.0_wp, z < -self%gap)
    end subroutine elastic_stop_evaluate
+
+   subroutine elastic_stop_number_slope(self, number, z, v, p, slope, is_known)
+      class(elastic_stop_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+
+      is_known = .true.
+      select case (number%key)
+      case ("stiffness")
+         slope = max(z - self%gap, 0.0_wp)
+         if (self%two_sided) slope = slope + min(z + self%gap, 0.0_wp)
+      case ("gap")
+         slope = merge(-self%stiffness, 0.0_wp, z > self%gap)
+         if (self%two_sided) slope = slope + merge(self%stiffness, 0.0_wp, z < -self%gap)
+      end select
+   end subroutine elastic_stop_number_slope
 
    pure subroutine elastic_stop_switches(self, z, v, values)
       class(elastic_stop_t), intent(in) :: self

@@ -6,6 +6,8 @@ module hb_law_electrostatic
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_location
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: to_text
@@ -18,9 +20,13 @@ module hb_law_electrostatic
       real(wp) :: gap = 0.0_wp                                        !! d [m]
       real(wp) :: voltage = 0.0_wp                                    !! V_0 [V]
       real(wp) :: wave(2) = 0.0_wp                                    !! V_c, V_s [V]
-      real(wp), allocatable, private :: changing(:)                   ! their sum at the following samples [V]
+      real(wp), allocatable, private :: cosine(:), sine(:)            ! of the phase at the following samples
    contains
       procedure :: read => electrostatic_read
+      procedure :: declare_numbers => electrostatic_declare_numbers
+      procedure :: has_valid_numbers => electrostatic_has_valid_numbers
+      procedure :: derive => electrostatic_derive
+      procedure :: number_slope => electrostatic_number_slope
       procedure :: set_phases => electrostatic_set_phases
       procedure :: evaluate => electrostatic_evaluate
       procedure :: potential => electrostatic_potential
@@ -35,22 +41,41 @@ contains
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
 
-      call group%get("coefficient", self%coefficient)
-      call group%get("gap", self%gap)
-      call group%get("voltage", self%voltage)
       call group%get("tuple", self%modulation)
-      call group%get("voltage_cos", self%wave(1))
-      call group%get("voltage_sin", self%wave(2))
-      self%length_scale = self%gap/3                                   ! static pull-in
-      self%has_potential = .not. allocated(self%modulation)
+      call read_numbers(self, group)
+      call self%derive()
       call read_location(self, group, structure)
       if (allocated(self%modulation)) then
          self%n_phases = size(self%modulation)
          if (all(self%modulation == 0)) call group%problem("tuple", "all zero: a constant voltage belongs to 'voltage'")
-      else if (any(abs(self%wave) > 0.0_wp)) then
+      else if (.not. self%has_valid_numbers()) then
          call group%problem("tuple", "give the tuple with which 'voltage_cos' and 'voltage_sin' vary")
       end if
    end subroutine electrostatic_read
+
+   subroutine electrostatic_declare_numbers(self, numbers)
+      class(electrostatic_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("coefficient", self%coefficient)
+      call numbers%add("gap", self%gap)
+      call numbers%add("voltage", self%voltage)
+      call numbers%add("voltage_cos", self%wave(1))
+      call numbers%add("voltage_sin", self%wave(2))
+   end subroutine electrostatic_declare_numbers
+
+   logical function electrostatic_has_valid_numbers(self) result(are_valid)
+      class(electrostatic_t), intent(in) :: self
+
+      are_valid = allocated(self%modulation) .or. all(abs(self%wave) <= 0.0_wp)
+   end function electrostatic_has_valid_numbers
+
+   pure subroutine electrostatic_derive(self)
+      class(electrostatic_t), intent(inout) :: self
+
+      self%length_scale = self%gap/3                                   ! static pull-in
+      self%has_potential = .not. allocated(self%modulation)
+   end subroutine electrostatic_derive
 
    pure subroutine electrostatic_set_phases(self, phases)
       class(electrostatic_t), intent(inout) :: self
@@ -59,7 +84,8 @@ contains
 
       modulation = real(self%modulation, wp)
       phase = matmul(modulation, phases(:self%n_phases, :))
-      self%changing = self%wave(1)*cos(phase) + self%wave(2)*sin(phase)
+      self%cosine = cos(phase)
+      self%sine = sin(phase)
    end subroutine electrostatic_set_phases
 
    subroutine electrostatic_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
@@ -69,15 +95,47 @@ contains
       real(wp), intent(out), contiguous, optional :: df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
       real(wp) :: distance(size(z, 1)), voltage(size(z, 1))
 
-      voltage = self%voltage
-      if (allocated(self%changing)) voltage = voltage + self%changing
-      distance = self%gap - z(:, 1)
-      where (.not. distance > 0.0_wp) distance = ieee_value(1.0_wp, ieee_quiet_nan)
+      call find_state(self, z, voltage, distance)
       f(:, 1) = -self%coefficient*(voltage/distance)**2
       if (present(df_dz)) df_dz(:, 1, 1) = 2.0_wp*f(:, 1)/distance
    end subroutine electrostatic_evaluate
 
    !> -c V**2/(d - z), from z = 0 on.
+   !> Voltage and distance of the plates at each sample; NaN where they touch.
+   pure subroutine find_state(self, z, voltage, distance)
+      class(electrostatic_t), intent(in) :: self
+      real(wp), intent(in) :: z(:, :)
+      real(wp), intent(out) :: voltage(:), distance(:)                !! [V], [m], (n_samples)
+
+      voltage = self%voltage
+      if (allocated(self%cosine)) voltage = voltage + (self%wave(1)*self%cosine + self%wave(2)*self%sine)
+      distance = self%gap - z(:, 1)
+      where (.not. distance > 0.0_wp) distance = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine find_state
+
+   subroutine electrostatic_number_slope(self, number, z, v, p, slope, is_known)
+      class(electrostatic_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+      real(wp) :: distance(size(z, 1)), voltage(size(z, 1))
+
+      is_known = .true.
+      call find_state(self, z, voltage, distance)
+      if (.not. allocated(self%cosine) .and. any(number%key == [character(11) :: "voltage_cos", "voltage_sin"])) then
+         slope = 0.0_wp                                               ! a constant voltage
+         return
+      end if
+      select case (number%key)
+      case ("coefficient"); slope(:, 1) = -(voltage/distance)**2
+      case ("gap"); slope(:, 1) = 2.0_wp*self%coefficient*voltage**2/distance**3
+      case ("voltage"); slope(:, 1) = -2.0_wp*self%coefficient*voltage/distance**2
+      case ("voltage_cos"); slope(:, 1) = -2.0_wp*self%coefficient*voltage/distance**2*self%cosine
+      case ("voltage_sin"); slope(:, 1) = -2.0_wp*self%coefficient*voltage/distance**2*self%sine
+      end select
+   end subroutine electrostatic_number_slope
+
    subroutine electrostatic_potential(self, z, energy, gradient)
       class(electrostatic_t), intent(in) :: self
       real(wp), intent(in), contiguous :: z(:, :)

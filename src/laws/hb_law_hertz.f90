@@ -4,6 +4,8 @@
 module hb_law_hertz
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_location
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -17,6 +19,9 @@ module hb_law_hertz
       real(wp) :: dissipation = 0.0_wp                                !! chi [s/m]
    contains
       procedure :: read => hertz_read
+      procedure :: declare_numbers => hertz_declare_numbers
+      procedure :: derive => hertz_derive
+      procedure :: number_slope => hertz_number_slope
       procedure :: evaluate => hertz_evaluate
       procedure :: potential => hertz_potential
       procedure :: switches => hertz_switches
@@ -31,16 +36,29 @@ contains
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
 
-      call group%get("stiffness", self%stiffness)
-      call group%get("exponent", self%exponent)
-      call group%get("gap", self%gap)
-      call group%get("dissipation", self%dissipation)
+      call read_numbers(self, group)
+      call self%derive()
+      call read_location(self, group, structure)
+   end subroutine hertz_read
+
+   subroutine hertz_declare_numbers(self, numbers)
+      class(hertz_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("stiffness", self%stiffness)
+      call numbers%add("exponent", self%exponent)
+      call numbers%add("gap", self%gap)
+      call numbers%add("dissipation", self%dissipation)
+   end subroutine hertz_declare_numbers
+
+   pure subroutine hertz_derive(self)
+      class(hertz_t), intent(inout) :: self
+
       self%needs_velocity = self%dissipation > 0.0_wp
       self%has_potential = .true.
       self%length_scale = abs(self%gap)
       self%n_switches = 1
-      call read_location(self, group, structure)
-   end subroutine hertz_read
+   end subroutine hertz_derive
 
    subroutine hertz_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(hertz_t), intent(in) :: self
@@ -59,6 +77,31 @@ contains
          f = f*(1.0_wp + chi*v)
       end associate
    end subroutine hertz_evaluate
+
+   subroutine hertz_number_slope(self, number, z, v, p, slope, is_known)
+      class(hertz_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+      real(wp) :: approach(size(z, 1), size(z, 2)), k, n
+
+      is_known = .true.
+      approach = max(z - self%gap, 0.0_wp)
+      k = self%stiffness
+      n = self%exponent
+      select case (number%key)
+      case ("stiffness"); slope = approach**n
+      case ("exponent"); slope = merge(k*approach**n*log(max(approach, tiny(k))), 0.0_wp, approach > 0.0_wp)
+      case ("gap"); slope = merge(-n*k*approach**(n - 1.0_wp), 0.0_wp, approach > 0.0_wp)
+      case ("dissipation")
+         is_known = self%needs_velocity
+         slope = k*approach**n
+         if (is_known) slope = slope*v
+         return
+      end select
+      if (self%needs_velocity) slope = slope*(1.0_wp + self%dissipation*v)
+   end subroutine hertz_number_slope
 
    pure subroutine hertz_switches(self, z, v, values)
       class(hertz_t), intent(in) :: self

@@ -6,6 +6,8 @@ module hb_law_iwan
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
    use hb_law, only: read_location
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: numbers_t
    use hb_properties, only: properties_t
    use hb_slider, only: move_slider, pushed_by
    use hb_structure, only: structure_t
@@ -18,6 +20,8 @@ module hb_law_iwan
       real(wp), allocatable :: limit(:)                               !! mu N_i [N], (n_states)
    contains
       procedure :: read => iwan_read
+      procedure :: declare_numbers => iwan_declare_numbers
+      procedure :: derive => iwan_derive
       procedure :: advance => iwan_advance
       procedure :: force => iwan_force
       procedure :: bounds => iwan_bounds
@@ -31,20 +35,33 @@ contains
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
 
-      call group%get("stiffness", self%stiffness)
+      call read_numbers(self, group)
+      call self%derive()
+      call read_location(self, group, structure)
+   end subroutine iwan_read
+
+   subroutine iwan_declare_numbers(self, numbers)
+      class(iwan_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("stiffness", self%stiffness)
       if (allocated(self%stiffness)) then
-         call group%get("limit", self%limit, n=size(self%stiffness))
+         call numbers%add("limit", self%limit, n=size(self%stiffness))
       else
-         call group%get("limit", self%limit)
+         call numbers%add("limit", self%limit)
       end if
+   end subroutine iwan_declare_numbers
+
+   pure subroutine iwan_derive(self)
+      class(iwan_t), intent(inout) :: self
+
       self%is_odd = .true.
       self%has_bounds = .true.
       if (allocated(self%stiffness) .and. allocated(self%limit)) then
          self%n_states = size(self%stiffness)
          self%length_scale = minval(self%limit/self%stiffness)
       end if
-      call read_location(self, group, structure)
-   end subroutine iwan_read
+   end subroutine iwan_derive
 
    subroutine iwan_advance(self, s_old, path, s_new, ds_ds_old, ds_dpath)
       class(iwan_t), intent(in) :: self

@@ -7,13 +7,15 @@ module hb_law_jenkins
    use hb_hysteretic_law, only: advance_step_by_step, hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
    use hb_law, only: place_coordinate, read_location
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: numbers_t
    use hb_properties, only: properties_t
    use hb_slider, only: move_slider, move_steadily, pushed_by
    use hb_structure, only: structure_t
    use hb_text, only: string_t
    implicit none
    private
-   public :: jenkins_t, read_limit, read_normal
+   public :: derive_limit, jenkins_t, read_limit, read_normal
 
    type, extends(hysteretic_law_t) :: jenkins_t
       real(wp) :: stiffness = 0.0_wp                                  !! k [N/m]
@@ -24,6 +26,8 @@ module hb_law_jenkins
       real(wp) :: normal_stiffness = 0.0_wp                           !! k_n [N/m]
    contains
       procedure :: read => jenkins_read
+      procedure :: declare_numbers => jenkins_declare_numbers
+      procedure :: derive => jenkins_derive
       procedure :: advance => jenkins_advance
       procedure :: advance_line => jenkins_advance_line
       procedure :: force => jenkins_force
@@ -39,35 +43,57 @@ contains
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
 
-      self%n_states = 1
-      self%has_bounds = .true.
       call read_limit(self, group)
-      self%is_piecewise_linear = .not. self%normal_load_varies
+      call self%derive()
       call read_location(self, group, structure)
       call read_normal(self, group, structure)
    end subroutine jenkins_read
+
+   subroutine jenkins_declare_numbers(self, numbers)
+      class(jenkins_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("stiffness", self%stiffness)
+      if (self%normal_load_varies) then
+         call numbers%add("friction_coefficient", self%friction_coefficient)
+         call numbers%add("normal_stiffness", self%normal_stiffness)
+         call numbers%add("preload", self%preload)
+      else
+         call numbers%add("limit", self%limit)
+      end if
+   end subroutine jenkins_declare_numbers
+
+   pure subroutine jenkins_derive(self)
+      class(jenkins_t), intent(inout) :: self
+
+      self%n_states = 1
+      self%has_bounds = .true.
+      self%is_piecewise_linear = .not. self%normal_load_varies
+      call derive_limit(self)
+   end subroutine jenkins_derive
+
+   !> Sets what follows from the numbers in one as in two directions.
+   pure subroutine derive_limit(self)
+      class(jenkins_t), intent(inout) :: self
+
+      self%is_odd = .not. self%normal_load_varies                     ! a normal load acts to one side
+      if (self%normal_load_varies) then
+         self%n_switches = 1
+      else if (self%stiffness > 0.0_wp) then                          ! not after a problem
+         self%length_scale = self%limit/self%stiffness
+      end if
+   end subroutine derive_limit
 
    !> Reads the stiffness and the limit, or the keys from which it follows if the normal load varies.
    subroutine read_limit(self, group)
       class(jenkins_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
 
-      call group%get("stiffness", self%stiffness)
       self%normal_load_varies = group%given("friction_coefficient")
-      self%is_odd = .not. self%normal_load_varies                     ! a normal load acts to one side
-      if (.not. self%normal_load_varies) then
-         call group%get("limit", self%limit)
-         if (self%stiffness > 0.0_wp) self%length_scale = self%limit/self%stiffness    ! not after a problem
-         return
-      end if
-      self%n_switches = 1
-      if (group%given("limit")) then
-         call group%problem("limit", "give either 'limit' or 'friction_coefficient', not both")
-         call group%get("limit", self%limit)
-      end if
-      call group%get("friction_coefficient", self%friction_coefficient)
-      call group%get("normal_stiffness", self%normal_stiffness)
-      call group%get("preload", self%preload)
+      call read_numbers(self, group)
+      if (.not. (self%normal_load_varies .and. group%given("limit"))) return
+      call group%problem("limit", "give either 'limit' or 'friction_coefficient', not both")
+      call group%get("limit", self%limit)
    end subroutine read_limit
 
    !> Reads the normal coordinate, the last of the law, if the normal load varies.

@@ -11,7 +11,7 @@ module hb_law_jenkins_2d
    use hb_hysteretic_law, only: path_part
    use hb_kinds, only: wp
    use hb_law, only: place_coordinate, read_location
-   use hb_law_jenkins, only: jenkins_t, read_limit, read_normal
+   use hb_law_jenkins, only: derive_limit, jenkins_t, read_limit, read_normal
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t
@@ -22,6 +22,7 @@ module hb_law_jenkins_2d
    type, extends(jenkins_t) :: jenkins_2d_t
    contains
       procedure :: read => jenkins_2d_read
+      procedure :: derive => jenkins_2d_derive
       procedure :: advance => jenkins_2d_advance
    end type jenkins_2d_t
 
@@ -38,8 +39,8 @@ contains
       type(string_t), allocatable :: names(:)
       real(wp), allocatable :: weights(:)
 
-      self%n_states = 2
       call read_limit(self, group)
+      call self%derive()
       call read_location(self, group, structure)
       call group%get("second_dofs", names)
       if (.not. allocated(names)) return
@@ -47,6 +48,13 @@ contains
       call place_coordinate(self, group, structure, "second_dofs", names, weights)
       call read_normal(self, group, structure)
    end subroutine jenkins_2d_read
+
+   pure subroutine jenkins_2d_derive(self)
+      class(jenkins_2d_t), intent(inout) :: self
+
+      self%n_states = 2
+      call derive_limit(self)
+   end subroutine jenkins_2d_derive
 
    subroutine jenkins_2d_advance(self, s_old, path, s_new, ds_ds_old, ds_dpath)
       class(jenkins_2d_t), intent(in) :: self

@@ -7,6 +7,8 @@
 module hb_law_parametric
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_location
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -17,9 +19,13 @@ module hb_law_parametric
       real(wp) :: stiffness(2) = 0.0_wp                               !! k_c, k_s [N/m]
       real(wp) :: damping(2) = 0.0_wp                                 !! d_c, d_s [N s/m]
       real(wp) :: backlash = 0.0_wp                                   !! b [m]
-      real(wp), allocatable, private :: k(:, :), d(:, :)              ! at the following samples, (n_samples, 1)
+      real(wp), allocatable, private :: cosine(:, :), sine(:, :)      ! of the phase at the following samples, (n_samples, 1)
+      real(wp), allocatable, private :: k(:, :), d(:, :)              ! there, (n_samples, 1)
    contains
       procedure :: read => parametric_read
+      procedure :: declare_numbers => parametric_declare_numbers
+      procedure :: derive => parametric_derive
+      procedure :: number_slope => parametric_number_slope
       procedure :: set_phases => parametric_set_phases
       procedure :: evaluate => parametric_evaluate
       procedure :: switches => parametric_switches
@@ -35,23 +41,34 @@ contains
       type(structure_t), intent(in) :: structure
 
       call group%get("tuple", self%modulation)
-      call group%get("stiffness_cos", self%stiffness(1))
-      call group%get("stiffness_sin", self%stiffness(2))
-      call group%get("damping_cos", self%damping(1))
-      call group%get("damping_sin", self%damping(2))
-      call group%get("backlash", self%backlash)
-      self%needs_velocity = any(abs(self%damping) > 0.0_wp)
-      if (self%backlash > 0.0_wp) then
-         self%n_switches = 2
-         self%length_scale = self%backlash
-      else
-         self%degree = 3                                              ! samples also for a tuple of twice the order
-      end if
+      call read_numbers(self, group)
+      call self%derive()
       call read_location(self, group, structure)
       if (.not. allocated(self%modulation)) return
       self%n_phases = size(self%modulation)
       if (all(self%modulation == 0)) call group%problem("tuple", "all zero: constant terms belong to the structure")
    end subroutine parametric_read
+
+   subroutine parametric_declare_numbers(self, numbers)
+      class(parametric_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("stiffness_cos", self%stiffness(1))
+      call numbers%add("stiffness_sin", self%stiffness(2))
+      call numbers%add("damping_cos", self%damping(1))
+      call numbers%add("damping_sin", self%damping(2))
+      call numbers%add("backlash", self%backlash)
+   end subroutine parametric_declare_numbers
+
+   pure subroutine parametric_derive(self)
+      class(parametric_t), intent(inout) :: self
+
+      self%needs_velocity = any(abs(self%damping) > 0.0_wp)
+      self%n_switches = merge(2, 0, self%backlash > 0.0_wp)
+      self%length_scale = self%backlash
+      self%degree = merge(0, 3, self%backlash > 0.0_wp)                ! 3: samples also for a tuple of twice the order
+      if (allocated(self%cosine)) call modulate(self)
+   end subroutine parametric_derive
 
    pure subroutine parametric_set_phases(self, phases)
       class(parametric_t), intent(inout) :: self
@@ -60,9 +77,18 @@ contains
 
       modulation = real(self%modulation, wp)
       phase(:, 1) = matmul(modulation, phases(:self%n_phases, :))
-      self%k = self%stiffness(1)*cos(phase) + self%stiffness(2)*sin(phase)
-      self%d = self%damping(1)*cos(phase) + self%damping(2)*sin(phase)
+      self%cosine = cos(phase)
+      self%sine = sin(phase)
+      call modulate(self)
    end subroutine parametric_set_phases
+
+   !> Computes stiffness and damping at the samples.
+   pure subroutine modulate(self)
+      class(parametric_t), intent(inout) :: self
+
+      self%k = self%stiffness(1)*self%cosine + self%stiffness(2)*self%sine
+      self%d = self%damping(1)*self%cosine + self%damping(2)*self%sine
+   end subroutine modulate
 
    subroutine parametric_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(parametric_t), intent(in) :: self
@@ -76,6 +102,32 @@ contains
       f = f + self%d*v
       if (present(df_dv)) df_dv(:, :, 1) = self%d
    end subroutine parametric_evaluate
+
+   subroutine parametric_number_slope(self, number, z, v, p, slope, is_known)
+      class(parametric_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+      real(wp) :: b
+
+      is_known = .true.
+      b = self%backlash
+      slope = 0.0_wp
+      select case (number%key)
+      case ("stiffness_cos"); slope = self%cosine*(z - min(max(z, -b), b))
+      case ("stiffness_sin"); slope = self%sine*(z - min(max(z, -b), b))
+      case ("damping_cos")
+         is_known = self%needs_velocity
+         if (is_known) slope = self%cosine*v
+      case ("damping_sin")
+         is_known = self%needs_velocity
+         if (is_known) slope = self%sine*v
+      case ("backlash")
+         is_known = b > 0.0_wp
+         slope = -self%k*merge(sign(1.0_wp, z), 0.0_wp, abs(z) >= b)
+      end select
+   end subroutine parametric_number_slope
 
    pure subroutine parametric_switches(self, z, v, values)
       class(parametric_t), intent(in) :: self

@@ -4,6 +4,8 @@ module hb_law_piecewise_linear
    use hb_interpolation, only: interval_of, is_ascending
    use hb_kinds, only: wp
    use hb_law, only: kink_t, law_t, read_location
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -13,9 +15,14 @@ module hb_law_piecewise_linear
    type, extends(law_t) :: piecewise_linear_t
       real(wp), allocatable :: breakpoints(:)                         !! [m], ascending, at least one
       real(wp), allocatable :: slopes(:)                              !! [N/m], one more than breakpoints
+      real(wp) :: force_at_zero = 0.0_wp                              !! [N]
       real(wp), allocatable :: forces(:)                              !! at the breakpoints [N]
    contains
       procedure :: read => piecewise_linear_read
+      procedure :: declare_numbers => piecewise_linear_declare_numbers
+      procedure :: has_valid_numbers => piecewise_linear_has_valid_numbers
+      procedure :: derive => piecewise_linear_derive
+      procedure :: number_slope => piecewise_linear_number_slope
       procedure :: evaluate => piecewise_linear_evaluate
       procedure :: potential => piecewise_linear_potential
       procedure :: switches => piecewise_linear_switches
@@ -30,48 +37,67 @@ contains
       real(wp), intent(in) :: breakpoints(:)                          !! [m], ascending, at least one
       real(wp), intent(in) :: slopes(:)                               !! [N/m], one more than breakpoints
       real(wp), intent(in) :: force_at_zero                           !! [N]
-      real(wp) :: at_zero
-      integer :: i
 
       self%breakpoints = breakpoints
       self%slopes = slopes
-      self%forces = [(0.0_wp, i=1, size(breakpoints))]
-      do i = 2, size(breakpoints)
-         self%forces(i) = self%forces(i - 1) + slopes(i)*(breakpoints(i) - breakpoints(i - 1))
-      end do
-      at_zero = force_at(self, interval_of(breakpoints, 0.0_wp), 0.0_wp)
-      self%forces = self%forces + (force_at_zero - at_zero)
-      self%has_potential = .true.
-      self%is_piecewise_linear = .true.
-      self%length_scale = maxval(abs(breakpoints))
-      self%n_switches = size(breakpoints)
-      self%kinks = [kink_t([1.0_wp], [1.0_wp], breakpoints, slopes(2:) - slopes(:size(breakpoints)))]
+      self%force_at_zero = force_at_zero
+      call self%derive()
+   end subroutine new_piecewise_linear
+
+   subroutine piecewise_linear_declare_numbers(self, numbers)
+      class(piecewise_linear_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("breakpoints", self%breakpoints)
+      call numbers%add("force_at_zero", self%force_at_zero)
+      if (allocated(self%breakpoints)) call numbers%add("slopes", self%slopes, n=size(self%breakpoints) + 1)
+   end subroutine piecewise_linear_declare_numbers
+
+   logical function piecewise_linear_has_valid_numbers(self) result(are_valid)
+      class(piecewise_linear_t), intent(in) :: self
+
+      are_valid = allocated(self%breakpoints) .and. allocated(self%slopes)
+      if (are_valid) are_valid = size(self%slopes) == size(self%breakpoints) + 1 .and. is_ascending(self%breakpoints)
+   end function piecewise_linear_has_valid_numbers
+
+   pure subroutine piecewise_linear_derive(self)
+      class(piecewise_linear_t), intent(inout) :: self
+      real(wp) :: at_zero
+      integer :: i
+
+      associate (breakpoints => self%breakpoints, slopes => self%slopes, n => size(self%breakpoints))
+         self%forces = [(0.0_wp, i=1, n)]
+         do i = 2, n
+            self%forces(i) = self%forces(i - 1) + slopes(i)*(breakpoints(i) - breakpoints(i - 1))
+         end do
+         at_zero = force_at(self, interval_of(breakpoints, 0.0_wp), 0.0_wp)
+         self%forces = self%forces + (self%force_at_zero - at_zero)
+         self%has_potential = .true.
+         self%is_piecewise_linear = .true.
+         self%length_scale = maxval(abs(breakpoints))
+         self%n_switches = n
+         self%kinks = [kink_t([1.0_wp], [1.0_wp], breakpoints, slopes(2:) - slopes(:n))]
+      end associate
       ! Odd if breakpoints and slopes are symmetric about zero and the force is zero there.
-      associate (n => size(self%breakpoints), rounding => 8*epsilon(1.0_wp))
+      associate (breakpoints => self%breakpoints, n => size(self%breakpoints), rounding => 8*epsilon(1.0_wp))
          self%is_odd = all(abs(breakpoints + breakpoints(n:1:-1)) <= rounding*abs(breakpoints)) .and. &
                        all(abs(self%slopes - self%slopes(n + 1:1:-1)) <= rounding*abs(self%slopes)) .and. &
                        all(abs(self%forces + self%forces(n:1:-1)) <= rounding*maxval(abs(self%forces)))
       end associate
-   end subroutine new_piecewise_linear
+   end subroutine piecewise_linear_derive
 
    !> Reads a `&law type = 'piecewise_linear'` group.
    subroutine piecewise_linear_read(self, group, structure)
       class(piecewise_linear_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      real(wp), allocatable :: breakpoints(:), slopes(:)
-      real(wp) :: force_at_zero
 
       self%has_potential = .true.                                     ! even if other keys have problems
-      call group%get("breakpoints", breakpoints)
-      call group%get("force_at_zero", force_at_zero)
-      if (allocated(breakpoints)) then
-         call group%get("slopes", slopes, n=size(breakpoints) + 1)
-         if (.not. is_ascending(breakpoints)) then
-            call group%problem("breakpoints", "each must be greater than the one before")
-         else if (allocated(slopes)) then
-            if (size(slopes) == size(breakpoints) + 1) call new_piecewise_linear(self, breakpoints, slopes, force_at_zero)
-         end if
+      call read_numbers(self, group)
+      if (self%has_valid_numbers()) then
+         call self%derive()
+      else if (allocated(self%breakpoints)) then
+         if (.not. is_ascending(self%breakpoints)) call group%problem("breakpoints", "each must be greater than the one before")
       end if
       call read_location(self, group, structure)
    end subroutine piecewise_linear_read
@@ -89,6 +115,34 @@ contains
          if (present(df_dz)) df_dz(i, 1, 1) = self%slopes(piece + 1)
       end do
    end subroutine piecewise_linear_evaluate
+
+   !> The force is f_0 + the integral of the slopes from 0 to z.
+   subroutine piecewise_linear_number_slope(self, number, z, v, p, slope, is_known)
+      class(piecewise_linear_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+      real(wp) :: from, to
+      integer :: i
+
+      is_known = .true.
+      i = max(1, number%element(1))
+      associate (b => self%breakpoints, s => self%slopes)
+         select case (number%key)
+         case ("breakpoints")
+            slope = (s(i) - s(i + 1))*(merge(1.0_wp, 0.0_wp, z > b(i)) - merge(1.0_wp, 0.0_wp, b(i) < 0.0_wp))
+         case ("slopes")
+            from = -huge(1.0_wp)
+            to = huge(1.0_wp)
+            if (i > 1) from = b(i - 1)
+            if (i <= size(b)) to = b(i)
+            slope = min(max(z, from), to) - min(max(0.0_wp, from), to)
+         case ("force_at_zero")
+            slope = 1.0_wp
+         end select
+      end associate
+   end subroutine piecewise_linear_number_slope
 
    !> Force on piece 0, ..., n, measured from the breakpoint at its lower end; piece 0 from that at its upper end.
    pure real(wp) function force_at(self, piece, z)

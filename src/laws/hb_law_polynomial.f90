@@ -3,6 +3,8 @@
 module hb_law_polynomial
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_location
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -14,6 +16,9 @@ module hb_law_polynomial
       real(wp), allocatable :: damping(:)                             !! d_1, d_2, ... [N s/m, N s**2/m**2, ...]
    contains
       procedure :: read => polynomial_read
+      procedure :: declare_numbers => polynomial_declare_numbers
+      procedure :: derive => polynomial_derive
+      procedure :: number_slope => polynomial_number_slope
       procedure :: evaluate => polynomial_evaluate
       procedure :: potential => polynomial_potential
    end type polynomial_t
@@ -26,19 +31,32 @@ contains
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
 
-      call group%get("stiffness", self%stiffness)
-      call group%get("damping", self%damping)
+      call read_numbers(self, group)
       if (.not. (allocated(self%stiffness) .or. allocated(self%damping))) then
          call group%problem("stiffness", "a polynomial law needs 'stiffness' or 'damping' coefficients")
       end if
       if (.not. allocated(self%stiffness)) allocate (self%stiffness(0))
       if (.not. allocated(self%damping)) allocate (self%damping(0))
+      call self%derive()
+      call read_location(self, group, structure)
+   end subroutine polynomial_read
+
+   subroutine polynomial_declare_numbers(self, numbers)
+      class(polynomial_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("stiffness", self%stiffness)
+      call numbers%add("damping", self%damping)
+   end subroutine polynomial_declare_numbers
+
+   pure subroutine polynomial_derive(self)
+      class(polynomial_t), intent(inout) :: self
+
       self%degree = max(size(self%stiffness), size(self%damping), 1)
       self%needs_velocity = size(self%damping) > 0
       self%has_potential = .true.
       self%is_odd = all(abs(self%stiffness(2::2)) <= 0.0_wp) .and. all(abs(self%damping(2::2)) <= 0.0_wp)
-      call read_location(self, group, structure)
-   end subroutine polynomial_read
+   end subroutine polynomial_derive
 
    subroutine polynomial_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(polynomial_t), intent(in) :: self
@@ -68,6 +86,20 @@ contains
    end subroutine polynomial_evaluate
 
    !> c_1 x + c_2 x**2 + ...
+   subroutine polynomial_number_slope(self, number, z, v, p, slope, is_known)
+      class(polynomial_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+
+      is_known = .true.
+      select case (number%key)
+      case ("stiffness"); slope = z**max(1, number%element(1))
+      case ("damping"); slope = v**max(1, number%element(1))
+      end select
+   end subroutine polynomial_number_slope
+
    pure real(wp) function horner(c, x)
       real(wp), intent(in) :: c(:), x
       integer :: n

@@ -10,6 +10,7 @@ module hb_law_polynomial_coupled
    use hb_file_location, only: check_source
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_dofs
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_system, only: beside
@@ -33,6 +34,9 @@ module hb_law_polynomial_coupled
       character(:), allocatable, private :: file_fingerprint          ! fingerprint of its file
    contains
       procedure :: read => polynomial_coupled_read
+      procedure :: declare_numbers => polynomial_coupled_declare_numbers
+      procedure :: derive => polynomial_coupled_derive
+      procedure :: number_slope => polynomial_coupled_number_slope
       procedure :: evaluate => polynomial_coupled_evaluate
       procedure :: potential => polynomial_coupled_potential
       procedure :: fingerprint => polynomial_coupled_fingerprint
@@ -59,8 +63,16 @@ contains
          self%factor = [self%factor, factors(exponents)]
          self%first = [self%first, size(self%factor) + 1]
       end do
-      call describe(self)
+      call self%derive()
    end subroutine new_polynomial_coupled
+
+   !> Those of a table in a file are not numbers of the law.
+   subroutine polynomial_coupled_declare_numbers(self, numbers)
+      class(polynomial_coupled_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      if (.not. allocated(self%file_fingerprint)) call numbers%add("coefficients", self%coefficients)
+   end subroutine polynomial_coupled_declare_numbers
 
    !> Factors of a term.
    pure function factors(exponents)
@@ -72,7 +84,7 @@ contains
    end function factors
 
    !> Sets the properties that follow from the terms.
-   pure subroutine describe(self)
+   pure subroutine polynomial_coupled_derive(self)
       class(polynomial_coupled_t), intent(inout) :: self
 
       associate (degrees => self%first(2:) - self%first(:size(self%first) - 1))
@@ -81,7 +93,7 @@ contains
       end associate
       self%needs_velocity = any(self%factor > self%n_coordinates)
       self%has_potential = is_gradient(self)
-   end subroutine describe
+   end subroutine polynomial_coupled_derive
 
    !> Reads a `&law type = 'polynomial_coupled'` group.
    subroutine polynomial_coupled_read(self, group, structure)
@@ -218,7 +230,7 @@ contains
       self%first = self%first(:n + 1)
       self%factor = self%factor(:self%first(n + 1) - 1)
       if (n == 0) call fail(error, "'"//name//"' has no terms; a line each, such as '1.2e5 q1 q1 q1 q2'")
-      call describe(self)
+      call self%derive()
    end subroutine read_terms
 
    !> Reads one line of the table, without its comment.
@@ -308,6 +320,29 @@ contains
          end do
       end do
    end subroutine polynomial_coupled_evaluate
+
+   subroutine polynomial_coupled_number_slope(self, number, z, v, p, slope, is_known)
+      class(polynomial_coupled_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+      integer :: i, k
+
+      is_known = .true.
+      i = max(1, number%element(1))
+      slope = 0.0_wp
+      associate (value => slope(:, self%acts_on(i)), n => self%n_coordinates)
+         value = 1.0_wp
+         do k = self%first(i), self%first(i + 1) - 1
+            if (self%factor(k) <= n) then
+               value = value*z(:, self%factor(k))
+            else
+               value = value*v(:, self%factor(k) - n)
+            end if
+         end do
+      end associate
+   end subroutine polynomial_coupled_number_slope
 
    !> Term i, or its derivative with respect to the coordinate or rate of one of its factors (0: none).
    pure subroutine find_term(self, i, z, v, by_factor, value)

@@ -3,6 +3,8 @@
 module hb_law_quadratic_damping
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_location
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -13,6 +15,9 @@ module hb_law_quadratic_damping
       real(wp) :: coefficient = 0.0_wp                                !! c [N s**2/m**2]
    contains
       procedure :: read => quadratic_damping_read
+      procedure :: declare_numbers => quadratic_damping_declare_numbers
+      procedure :: derive => quadratic_damping_derive
+      procedure :: number_slope => quadratic_damping_number_slope
       procedure :: evaluate => quadratic_damping_evaluate
       procedure :: switches => quadratic_damping_switches
       procedure :: evaluate_held => quadratic_damping_evaluate_held
@@ -26,13 +31,26 @@ contains
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
 
-      call group%get("coefficient", self%coefficient)
+      call read_numbers(self, group)
+      call self%derive()
+      call read_location(self, group, structure)
+   end subroutine quadratic_damping_read
+
+   subroutine quadratic_damping_declare_numbers(self, numbers)
+      class(quadratic_damping_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("coefficient", self%coefficient)
+   end subroutine quadratic_damping_declare_numbers
+
+   pure subroutine quadratic_damping_derive(self)
+      class(quadratic_damping_t), intent(inout) :: self
+
       self%needs_velocity = .true.
       self%has_potential = .true.
       self%is_odd = .true.
       self%n_switches = 1
-      call read_location(self, group, structure)
-   end subroutine quadratic_damping_read
+   end subroutine quadratic_damping_derive
 
    subroutine quadratic_damping_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(quadratic_damping_t), intent(in) :: self
@@ -44,6 +62,19 @@ contains
       if (present(df_dz)) df_dz = 0.0_wp
       if (present(df_dv)) df_dv(:, :, 1) = 2.0_wp*self%coefficient*abs(v)
    end subroutine quadratic_damping_evaluate
+
+   subroutine quadratic_damping_number_slope(self, number, z, v, p, slope, is_known)
+      class(quadratic_damping_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+
+      is_known = .true.
+      select case (number%key)
+      case ("coefficient"); slope = abs(v)*v
+      end select
+   end subroutine quadratic_damping_number_slope
 
    pure subroutine quadratic_damping_switches(self, z, v, values)
       class(quadratic_damping_t), intent(in) :: self

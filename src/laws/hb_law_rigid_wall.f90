@@ -8,6 +8,8 @@
 module hb_law_rigid_wall
    use hb_kinds, only: wp
    use hb_law, only: defects_t, hold_t, law_t, read_location
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -19,8 +21,13 @@ module hb_law_rigid_wall
       real(wp) :: augmentation = 0.0_wp                               !! eps [N/m]; 0: the static stiffness of the structure
       logical :: two_sided = .false.
       real(wp) :: restitution = -1.0_wp !! ratio of the speeds after and before an impact; < 0: not given
+      logical :: has_restitution = .false.                            !! it is a number of the law
    contains
       procedure :: read => rigid_wall_read
+      procedure :: declare_numbers => rigid_wall_declare_numbers
+      procedure :: has_valid_numbers => rigid_wall_has_valid_numbers
+      procedure :: derive => rigid_wall_derive
+      procedure :: number_slope => rigid_wall_number_slope
       procedure :: evaluate => rigid_wall_evaluate
       procedure :: prepare => rigid_wall_prepare
       procedure :: correct => rigid_wall_correct
@@ -36,17 +43,37 @@ contains
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
 
-      call group%get("gap", self%gap)
-      call group%get("augmentation", self%augmentation)
+      self%has_restitution = group%given("restitution")
+      call read_numbers(self, group)
       call group%get("two_sided", self%two_sided)
-      if (group%given("restitution")) call group%get("restitution", self%restitution)
-      if (self%two_sided .and. self%gap < 0.0_wp) call group%problem("gap", "a two-sided rigid wall needs a gap of 0 or more")
+      if (.not. self%has_valid_numbers()) call group%problem("gap", "a two-sided rigid wall needs a gap of 0 or more")
+      call self%derive()
+      call read_location(self, group, structure)
+   end subroutine rigid_wall_read
+
+   subroutine rigid_wall_declare_numbers(self, numbers)
+      class(rigid_wall_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("gap", self%gap)
+      call numbers%add("augmentation", self%augmentation)
+      if (self%has_restitution) call numbers%add("restitution", self%restitution)
+   end subroutine rigid_wall_declare_numbers
+
+   logical function rigid_wall_has_valid_numbers(self) result(are_valid)
+      class(rigid_wall_t), intent(in) :: self
+
+      are_valid = .not. (self%two_sided .and. self%gap < 0.0_wp)
+   end function rigid_wall_has_valid_numbers
+
+   pure subroutine rigid_wall_derive(self)
+      class(rigid_wall_t), intent(inout) :: self
+
       self%is_multiplier = .true.
       self%has_potential = .true.
       self%is_odd = self%two_sided
       self%length_scale = abs(self%gap)
-      call read_location(self, group, structure)
-   end subroutine rigid_wall_read
+   end subroutine rigid_wall_derive
 
    subroutine rigid_wall_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(rigid_wall_t), intent(in) :: self
@@ -63,6 +90,28 @@ contains
          df_dz(:, :, 1) = eps*df_dp(:, :, 1)
       end associate
    end subroutine rigid_wall_evaluate
+
+   subroutine rigid_wall_number_slope(self, number, z, v, p, slope, is_known)
+      class(rigid_wall_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+      real(wp) :: eps, g
+
+      is_known = .true.
+      eps = self%augmentation
+      g = self%gap
+      select case (number%key)
+      case ("gap")
+         slope = merge(-eps, 0.0_wp, p + eps*(z - g) > 0.0_wp)
+         if (self%two_sided) slope = slope + merge(eps, 0.0_wp, p + eps*(z + g) < 0.0_wp)
+      case ("augmentation")
+         slope = merge(z - g, 0.0_wp, p + eps*(z - g) > 0.0_wp)
+         if (self%two_sided) slope = slope + merge(z + g, 0.0_wp, p + eps*(z + g) < 0.0_wp)
+      case ("restitution"); slope = 0.0_wp                                       ! only impacts in time depend on it
+      end select
+   end subroutine rigid_wall_number_slope
 
    !> Sets eps to the static stiffness of the structure unless given by the user: the contact equations are then
    !> scaled like the linear ones.

@@ -6,6 +6,8 @@
 module hb_law_rolling_bearing
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_t, place_coordinate, read_location
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t
@@ -21,6 +23,9 @@ module hb_law_rolling_bearing
       real(wp), allocatable, private :: angle(:)                      ! j.tau/N at the following samples
    contains
       procedure :: read => rolling_bearing_read
+      procedure :: declare_numbers => rolling_bearing_declare_numbers
+      procedure :: derive => rolling_bearing_derive
+      procedure :: number_slope => rolling_bearing_number_slope
       procedure :: set_phases => rolling_bearing_set_phases
       procedure :: evaluate => rolling_bearing_evaluate
    end type rolling_bearing_t
@@ -36,18 +41,31 @@ contains
       real(wp), allocatable :: weights(:)
 
       call group%get("n_balls", self%n_balls)
-      call group%get("stiffness", self%stiffness)
-      call group%get("exponent", self%exponent)
-      call group%get("clearance", self%clearance)
+      call read_numbers(self, group)
       call group%get("tuple", self%modulation)
       if (allocated(self%modulation)) self%n_phases = size(self%modulation)
-      self%length_scale = abs(self%clearance)
+      call self%derive()
       call read_location(self, group, structure)
       call group%get("second_dofs", names)
       if (.not. allocated(names)) return
       call group%get("second_weights", weights, n=size(names))
       call place_coordinate(self, group, structure, "second_dofs", names, weights)
    end subroutine rolling_bearing_read
+
+   subroutine rolling_bearing_declare_numbers(self, numbers)
+      class(rolling_bearing_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("stiffness", self%stiffness)
+      call numbers%add("exponent", self%exponent)
+      call numbers%add("clearance", self%clearance)
+   end subroutine rolling_bearing_declare_numbers
+
+   pure subroutine rolling_bearing_derive(self)
+      class(rolling_bearing_t), intent(inout) :: self
+
+      self%length_scale = abs(self%clearance)
+   end subroutine rolling_bearing_derive
 
    pure subroutine rolling_bearing_set_phases(self, phases)
       class(rolling_bearing_t), intent(inout) :: self
@@ -81,4 +99,33 @@ contains
          end do
       end do
    end subroutine rolling_bearing_evaluate
+
+   subroutine rolling_bearing_number_slope(self, number, z, v, p, slope, is_known)
+      class(rolling_bearing_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+      real(wp), dimension(size(z, 1)) :: approach, by_number
+      real(wp) :: direction(size(z, 1), 2)
+      integer :: i, j
+
+      is_known = .true.
+      slope = 0.0_wp
+      associate (k => self%stiffness, n => self%exponent)
+         do i = 1, self%n_balls
+            direction(:, 1) = cos(self%angle + two_pi*i/self%n_balls)
+            direction(:, 2) = sin(self%angle + two_pi*i/self%n_balls)
+            approach = max(sum(z*direction, dim=2) - self%clearance, 0.0_wp)
+            select case (number%key)
+            case ("stiffness"); by_number = approach**n
+            case ("exponent"); by_number = k*approach**n*log(max(approach, tiny(k)))
+            case ("clearance"); by_number = -k*n*approach**(n - 1.0_wp)
+            end select
+            do j = 1, 2
+               slope(:, j) = slope(:, j) + merge(by_number*direction(:, j), 0.0_wp, approach > 0.0_wp)
+            end do
+         end do
+      end associate
+   end subroutine rolling_bearing_number_slope
 end module hb_law_rolling_bearing

@@ -11,6 +11,8 @@
 module hb_law_short_bearing
    use hb_kinds, only: two_pi, wp
    use hb_law, only: defects_t, law_t, place_coordinate, read_location
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t
@@ -27,6 +29,9 @@ module hb_law_short_bearing
       logical :: is_full = .false.                                    !! oil carries tension
    contains
       procedure :: read => short_bearing_read
+      procedure :: declare_numbers => short_bearing_declare_numbers
+      procedure :: derive => short_bearing_derive
+      procedure :: number_slope => short_bearing_number_slope
       procedure :: evaluate => short_bearing_evaluate
       procedure :: defects => short_bearing_defects
    end type short_bearing_t
@@ -53,23 +58,36 @@ contains
       real(wp), allocatable :: weights(:)
       integer :: film                                                 ! half, full
 
-      call group%get("viscosity", self%viscosity)
-      call group%get("radius", self%radius)
-      call group%get("length", self%length)
-      call group%get("clearance", self%clearance)
-      call group%get("rotor_speed", self%rotor_speed)
+      call read_numbers(self, group)
       call group%choose("film", film)
       self%is_full = film == 2
-      self%needs_velocity = .true.
-      self%is_odd = .true.
-      self%has_potential = .not. abs(self%rotor_speed) > 0.0_wp
-      self%length_scale = self%clearance
+      call self%derive()
       call read_location(self, group, structure)
       call group%get("second_dofs", names)
       if (.not. allocated(names)) return
       call group%get("second_weights", weights, n=size(names))
       call place_coordinate(self, group, structure, "second_dofs", names, weights)
    end subroutine short_bearing_read
+
+   subroutine short_bearing_declare_numbers(self, numbers)
+      class(short_bearing_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("viscosity", self%viscosity)
+      call numbers%add("radius", self%radius)
+      call numbers%add("length", self%length)
+      call numbers%add("clearance", self%clearance)
+      call numbers%add("rotor_speed", self%rotor_speed)
+   end subroutine short_bearing_declare_numbers
+
+   pure subroutine short_bearing_derive(self)
+      class(short_bearing_t), intent(inout) :: self
+
+      self%needs_velocity = .true.
+      self%is_odd = .true.
+      self%has_potential = .not. abs(self%rotor_speed) > 0.0_wp
+      self%length_scale = self%clearance
+   end subroutine short_bearing_derive
 
    subroutine short_bearing_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(short_bearing_t), intent(in) :: self
@@ -93,6 +111,33 @@ contains
          end associate
       end do
    end subroutine short_bearing_evaluate
+
+   !> With s = mu R L**3/c**2 the force is s F(x/c, w/c): by the clearance it changes by -(2 F + F_x x/c + F_w w/c) s/c,
+   !> by the speed of the rotor by s F_w/c dw/dOmega.
+   subroutine short_bearing_number_slope(self, number, z, v, p, slope, is_known)
+      class(short_bearing_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+      real(wp) :: by_w(2, 2), by_x(2, 2), force(2), scale, w(2), x(2)
+      integer :: i
+
+      is_known = .true.
+      scale = self%viscosity*self%radius*self%length**3/self%clearance**2
+      do i = 1, size(z, 1)
+         x = z(i, :)/self%clearance
+         w = (v(i, :) - 0.5_wp*self%rotor_speed*[-z(i, 2), z(i, 1)])/self%clearance
+         call press(x, w, self%is_full, force, by_x, by_w)
+         select case (number%key)
+         case ("viscosity"); slope(i, :) = scale/self%viscosity*force
+         case ("radius"); slope(i, :) = scale/self%radius*force
+         case ("length"); slope(i, :) = 3.0_wp*scale/self%length*force
+         case ("clearance"); slope(i, :) = -scale/self%clearance*(2.0_wp*force + matmul(by_x, x) + matmul(by_w, w))
+         case ("rotor_speed"); slope(i, :) = 0.5_wp*scale*matmul(by_w, [x(2), -x(1)])
+         end select
+      end do
+   end subroutine short_bearing_number_slope
 
    !> The integral of n (w.n)/(1 - x.n)**3 and its derivatives, in the frame of the eccentricity; beyond the largest
    !> eccentricity x is replaced by the point of that eccentricity in its direction.

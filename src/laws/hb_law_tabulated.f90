@@ -4,6 +4,8 @@ module hb_law_tabulated
    use hb_interpolation, only: interval_of, is_ascending, monotone_cubic_t, new_monotone_cubic
    use hb_kinds, only: wp
    use hb_law, only: kink_t, law_t, read_location
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -11,9 +13,15 @@ module hb_law_tabulated
    public :: new_tabulated, tabulated_t
 
    type, extends(law_t) :: tabulated_t
-      type(monotone_cubic_t) :: table                                 !! z_i [m], f_i [N]
+      real(wp), allocatable :: nodes(:)                               !! z_i [m]
+      real(wp), allocatable :: forces(:)                              !! f_i [N], as nodes
+      logical :: is_constant_beyond = .false.                         !! otherwise the force continues with the slope of the end
+      type(monotone_cubic_t) :: table                                 !! through these points
    contains
       procedure :: read => tabulated_read
+      procedure :: declare_numbers => tabulated_declare_numbers
+      procedure :: has_valid_numbers => tabulated_has_valid_numbers
+      procedure :: derive => tabulated_derive
       procedure :: evaluate => tabulated_evaluate
       procedure :: potential => tabulated_potential
       procedure :: switches => tabulated_switches
@@ -29,40 +37,66 @@ contains
       real(wp), intent(in) :: forces(:)                               !! [N], as nodes
       logical, intent(in) :: is_constant_beyond                       !! otherwise the force continues with the slope of the end
 
-      call new_monotone_cubic(self%table, nodes, forces, is_constant_beyond)
-      self%has_potential = .true.
-      self%length_scale = maxval(abs(nodes))
-      self%n_switches = size(nodes)
-      if (allocated(self%kinks)) deallocate (self%kinks)
-      if (is_constant_beyond) self%kinks = [kink_t([1.0_wp], [1.0_wp], nodes([1, size(nodes)]), &
-                                                   [self%table%slopes(1), -self%table%slopes(size(nodes))])]
-      ! Odd if the table is symmetric about zero, and so are its slopes: reduced slopes may not be.
-      associate (n => size(nodes), slopes => self%table%slopes, rounding => 8*epsilon(1.0_wp))
-         self%is_odd = all(abs(nodes + nodes(n:1:-1)) <= rounding*abs(nodes)) .and. &
-                       all(abs(forces + forces(n:1:-1)) <= rounding*abs(forces)) .and. &
-                       all(abs(slopes - slopes(n:1:-1)) <= rounding*abs(slopes))
-      end associate
+      self%nodes = nodes
+      self%forces = forces
+      self%is_constant_beyond = is_constant_beyond
+      call self%derive()
    end subroutine new_tabulated
+
+   subroutine tabulated_declare_numbers(self, numbers)
+      class(tabulated_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("displacements", self%nodes)
+      if (allocated(self%nodes)) call numbers%add("forces", self%forces, n=size(self%nodes))
+   end subroutine tabulated_declare_numbers
+
+   logical function tabulated_has_valid_numbers(self) result(are_valid)
+      class(tabulated_t), intent(in) :: self
+
+      are_valid = allocated(self%nodes) .and. allocated(self%forces)
+      if (are_valid) are_valid = size(self%nodes) >= 2 .and. size(self%forces) == size(self%nodes)
+      if (are_valid) are_valid = is_ascending(self%nodes)
+   end function tabulated_has_valid_numbers
+
+   pure subroutine tabulated_derive(self)
+      class(tabulated_t), intent(inout) :: self
+
+      call new_monotone_cubic(self%table, self%nodes, self%forces, self%is_constant_beyond)
+      associate (nodes => self%nodes, forces => self%forces)
+         self%has_potential = .true.
+         self%length_scale = maxval(abs(nodes))
+         self%n_switches = size(nodes)
+         if (allocated(self%kinks)) deallocate (self%kinks)
+         if (self%is_constant_beyond) self%kinks = [kink_t([1.0_wp], [1.0_wp], nodes([1, size(nodes)]), &
+                                                      [self%table%slopes(1), -self%table%slopes(size(nodes))])]
+         ! Odd if the table is symmetric about zero, and so are its slopes: reduced slopes may not be.
+         associate (n => size(nodes), slopes => self%table%slopes, rounding => 8*epsilon(1.0_wp))
+            self%is_odd = all(abs(nodes + nodes(n:1:-1)) <= rounding*abs(nodes)) .and. &
+                          all(abs(forces + forces(n:1:-1)) <= rounding*abs(forces)) .and. &
+                          all(abs(slopes - slopes(n:1:-1)) <= rounding*abs(slopes))
+         end associate
+      end associate
+   end subroutine tabulated_derive
 
    !> Reads a `&law type = 'tabulated'` group.
    subroutine tabulated_read(self, group, structure)
       class(tabulated_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
-      real(wp), allocatable :: forces(:), nodes(:)
       integer :: beyond                                               ! linear, constant
 
       self%has_potential = .true.                                     ! even if other keys have problems
-      call group%get("displacements", nodes)
+      call read_numbers(self, group)
       call group%choose("beyond", beyond)
-      if (allocated(nodes)) then
-         call group%get("forces", forces, n=size(nodes))
-         if (size(nodes) < 2) then
+      self%is_constant_beyond = beyond == 2
+      if (self%has_valid_numbers()) then
+         call self%derive()
+      else if (allocated(self%nodes)) then
+         if (size(self%nodes) < 2) then
             call group%problem("displacements", "a table needs two points or more")
-         else if (.not. is_ascending(nodes)) then
+         else if (.not. is_ascending(self%nodes)) then
             call group%problem("displacements", "each must be greater than the one before")
-         else if (allocated(forces)) then
-            if (size(forces) == size(nodes)) call new_tabulated(self, nodes, forces, beyond == 2)
          end if
       end if
       call read_location(self, group, structure)

@@ -8,6 +8,7 @@ module hb_law_user
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
    use hb_law, only: law_box_t, law_t, read_dofs, read_location
+   use hb_numbers, only: numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    use hb_system, only: library_path
@@ -25,6 +26,7 @@ module hb_law_user
       real(wp), allocatable, private :: omega(:)                      ! [rad/s], (n_tones), if it needs them
    contains
       procedure :: read => user_law_read
+      procedure :: declare_numbers => user_law_declare_numbers
       procedure :: set_phases => user_law_set_phases
       procedure :: set_frequencies => user_law_set_frequencies
       procedure :: frequency_slope => user_law_frequency_slope
@@ -39,6 +41,7 @@ module hb_law_user
       type(user_law_t), private :: own
    contains
       procedure :: read => user_memory_read
+      procedure :: declare_numbers => user_memory_declare_numbers
       procedure :: advance => user_memory_advance
       procedure :: force => user_memory_force
       procedure :: fingerprint => user_memory_fingerprint
@@ -105,6 +108,13 @@ contains
          end if
       end if
    end subroutine user_law_read
+
+   subroutine user_law_declare_numbers(self, numbers)
+      class(user_law_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("parameters", self%parameters)
+   end subroutine user_law_declare_numbers
 
    !> Returns NaN throughout if the library reports a failure, so that the residual is not finite there.
    subroutine user_law_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
@@ -224,6 +234,13 @@ contains
 
       call self%own%read(group, structure)
    end subroutine user_memory_read
+
+   subroutine user_memory_declare_numbers(self, numbers)
+      class(user_memory_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call self%own%declare_numbers(numbers)
+   end subroutine user_memory_declare_numbers
 
    !> Returns NaN throughout if the user's function reports a failure.
    subroutine user_memory_advance(self, s_old, path, s_new, ds_ds_old, ds_dpath)

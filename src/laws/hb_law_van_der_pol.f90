@@ -3,6 +3,8 @@
 module hb_law_van_der_pol
    use hb_kinds, only: wp
    use hb_law, only: law_t, read_location
+   use hb_number_reader, only: read_numbers
+   use hb_numbers, only: number_t, numbers_t
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
    implicit none
@@ -14,6 +16,9 @@ module hb_law_van_der_pol
       real(wp) :: threshold = 1.0_wp                                  !! a [m], at which driving changes to damping
    contains
       procedure :: read => van_der_pol_read
+      procedure :: declare_numbers => van_der_pol_declare_numbers
+      procedure :: derive => van_der_pol_derive
+      procedure :: number_slope => van_der_pol_number_slope
       procedure :: evaluate => van_der_pol_evaluate
    end type van_der_pol_t
 
@@ -25,15 +30,28 @@ contains
       type(properties_t), intent(inout) :: group
       type(structure_t), intent(in) :: structure
 
-      call group%get("strength", self%strength)
-      call group%get("threshold", self%threshold)
+      call read_numbers(self, group)
+      call self%derive()
+      call read_location(self, group, structure)
+   end subroutine van_der_pol_read
+
+   subroutine van_der_pol_declare_numbers(self, numbers)
+      class(van_der_pol_t), intent(inout) :: self
+      class(numbers_t), intent(inout) :: numbers
+
+      call numbers%add("strength", self%strength)
+      call numbers%add("threshold", self%threshold)
+   end subroutine van_der_pol_declare_numbers
+
+   pure subroutine van_der_pol_derive(self)
+      class(van_der_pol_t), intent(inout) :: self
+
       self%needs_velocity = .true.
       self%degree = 3
       self%has_potential = .true.
       self%is_odd = .true.
       self%length_scale = self%threshold
-      call read_location(self, group, structure)
-   end subroutine van_der_pol_read
+   end subroutine van_der_pol_derive
 
    subroutine van_der_pol_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(van_der_pol_t), intent(in) :: self
@@ -47,4 +65,18 @@ contains
          if (present(df_dv)) df_dv(:, :, 1) = -mu*(1.0_wp - (z/a)**2)
       end associate
    end subroutine van_der_pol_evaluate
+
+   subroutine van_der_pol_number_slope(self, number, z, v, p, slope, is_known)
+      class(van_der_pol_t), intent(in) :: self
+      type(number_t), intent(in) :: number
+      real(wp), intent(in), contiguous :: z(:, :), v(:, :), p(:, :)
+      real(wp), intent(out), contiguous :: slope(:, :)
+      logical, intent(out) :: is_known
+
+      is_known = .true.
+      select case (number%key)
+      case ("strength"); slope = -(1.0_wp - (z/self%threshold)**2)*v
+      case ("threshold"); slope = -2.0_wp*self%strength*z**2*v/self%threshold**3
+      end select
+   end subroutine van_der_pol_number_slope
 end module hb_law_van_der_pol

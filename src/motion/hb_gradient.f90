@@ -306,10 +306,12 @@ contains
          type(parameter_t), intent(in) :: parameter
          real(wp), intent(in) :: typical
          real(wp) :: at
+         logical :: is_done
 
          call known%document%number_at(parameter, at, is_found)
-         call new_model_problem(problem, known%model, known%document, moving_value_t(parameter, typical), at, &
-                                known%model%memory_limit, error)
+         call problem%choose_number(moving_value_t(parameter, typical), at, is_done)
+         if (.not. is_done) call new_model_problem(problem, known%model, known%document, moving_value_t(parameter, typical), at, &
+                                                   known%model%memory_limit, error)
       end subroutine put_on
    end subroutine differentiate
 

@@ -1,12 +1,12 @@
 !> The balance of a model in whose input one value moves: an additional parameter of the problem, besides base
 !> frequencies and artificial damping.
 !> If the value is the frequency of a tone, the balance moves to it, and loads that grow with frequencies change
-!> accordingly. Any other value is set in the document of the model, and the objects that depend on it are created
-!> again; for the amplitude or the energy of a normal mode, the balance is unchanged and an equation is added. The
-!> derivative of the residual with respect to the value is exact for frequencies and for loads, in which the residual
-!> is linear; otherwise it is a central difference, taken of the quantities before condensation. Values that follow the
-!> frequency of an unknown tone move with it in the same way, and the derivative with respect to the frequency includes
-!> them. Source: docs/why/theory.md, section 6.7.
+!> accordingly. A number of laws is set in them. Any other value is set in the document of the model, and the objects that
+!> depend on it are created again; for the amplitude or the energy of a normal mode, the balance is unchanged and an
+!> equation is added. The derivative of the residual with respect to the value is exact for frequencies, for loads, in
+!> which the residual is linear, and for numbers of laws that know it; otherwise it is a central difference, taken of the
+!> quantities before condensation. Values that follow the frequency of an unknown tone move with it in the same way, and
+!> the derivative with respect to the frequency includes them. Source: docs/why/theory.md, section 6.7.
 module hb_model_problem
    use hb_amplitudes, only: amplitudes_t, new_amplitudes
    use hb_balance, only: balance_t, new_balance
@@ -20,9 +20,11 @@ module hb_model_problem
    use hb_linear_part, only: linear_part_t, new_linear_part
    use hb_model, only: model_t
    use hb_model_basis, only: coordinates_of
+   use hb_model_laws, only: find_law_number
    use hb_model_loads, only: read_loads
-   use hb_model_reader, only: update_model
+   use hb_model_reader, only: set_changed_numbers, update_model
    use hb_model_tones, only: put_frequencies, tied_tones
+   use hb_numbers, only: number_t
    use hb_structure, only: structure_t
    use hb_thresholds, only: difference_step
    implicit none
@@ -67,7 +69,10 @@ module hb_model_problem
       type(refusal_t) :: refusal                                      !! since the last step of a curve began
       type(moving_value_t), private :: moving
       character(:), allocatable, private :: group                     ! of the value, or `several`
+      integer, private :: i_law = 0                                   ! number of the &law of the value, if it belongs to one
+      type(number_t), private :: number                               ! the value among the numbers of these laws
       real(wp), private :: value = 0.0_wp                             ! the present one
+      real(wp), private :: first_value = 0.0_wp                       ! that of the model of `new_model_problem`
       real(wp), allocatable, private :: omega_at_zero(:)              ! base frequencies as functions of the value
       real(wp), allocatable :: omega_slopes(:)                        !! likewise: their derivatives, (n_tones)
       real(wp), allocatable, private :: ratios(:)                     ! of tones to the value, if it moves more than tones
@@ -83,6 +88,7 @@ module hb_model_problem
       procedure :: set_parameters => model_problem_set_parameters
       procedure :: move_to_point => model_problem_move_to_point
       procedure :: parameter_derivative => model_problem_parameter_derivative
+      procedure :: choose_number => model_problem_choose_number
       procedure :: document_here => model_problem_document_here
       procedure :: renew => model_problem_renew
       procedure :: roughness => model_problem_roughness
@@ -106,12 +112,14 @@ contains
       self%document = document
       self%moving = moving
       self%value = value
+      self%first_value = value
       self%available_memory = available_memory
       self%own = 2*model%tones%n_tones + 1
       self%n_unknowns = 0
       self%has_stiffness = .false.
       self%group = self%document%groups%holders(moving%parameter%i_group)%group%name
       if (document%drives(moving%parameter)) self%group = several
+      call find_law_number(document, moving%parameter, self%i_law, self%number)
       self%moves_mode = self%group == mode_group
       self%moves_frequency = self%group == "tones" .and. .not. model%has_inertia_loads
       self%omega_slopes = 0.0_wp*model%tones%omega
@@ -138,6 +146,44 @@ contains
          call read_again(self, error)
       end if
    end subroutine new_model_problem
+
+   !> Makes another number of laws the value that moves; the present one returns to its value in the model of
+   !> `new_model_problem`. `is_done` is false unless both are numbers of laws that nothing follows: create another problem.
+   subroutine model_problem_choose_number(self, moving, value, is_done)
+      class(model_problem_t), intent(inout) :: self
+      type(moving_value_t), intent(in) :: moving
+      real(wp), intent(in) :: value                                   !! its value in the model
+      logical, intent(out) :: is_done
+      type(number_t) :: number
+      integer :: i_law
+
+      is_done = .false.
+      if (.not. (allocated(self%group) .and. self%is_sound) .or. moving%is_tied) return
+      call find_law_number(self%document, moving%parameter, i_law, number)
+      if (self%group /= "law" .or. i_law == 0 .or. self%document%drives(moving%parameter) .or. size(self%tied) > 0) return
+      call move_to(self, self%first_value, is_done)
+      if (.not. is_done) return
+      self%moving = moving
+      self%i_law = i_law
+      self%number = number
+      self%value = value
+      self%first_value = value
+   end subroutine model_problem_choose_number
+
+   !> Creates the balance of laws with other numbers.
+   subroutine replace_laws(self, error)
+      type(model_problem_t), intent(inout) :: self
+      type(error_t), allocatable, intent(out) :: error
+      type(coordinates_t) :: coordinates
+
+      coordinates = coordinates_of(self%model)
+      if (coordinates%equal(self%stiffness%coordinates)) then
+         call self%balance_t%replace_laws(laws_at(coordinates, self%model%laws))
+         self%is_sound = .true.
+      else
+         call rebuild(self, error)
+      end if
+   end subroutine replace_laws
 
    !> Creates stiffness and balance of the model again; the stiffness remains if only laws have changed.
    subroutine rebuild(self, error)
@@ -189,7 +235,11 @@ contains
       type(error_t), allocatable :: error
 
       if (self%moves_frequency .or. self%moves_mode) return           ! the scales never change
-      call rebuild(self, error)
+      if (self%group == "law" .and. self%has_stiffness .and. self%is_sound .and. size(self%tied) == 0) then
+         call replace_laws(self, error)
+      else
+         call rebuild(self, error)
+      end if
    end subroutine model_problem_renew
 
    !> Roughness of the residual in the base frequencies: its change when they change in their last digits. The
@@ -330,9 +380,16 @@ contains
       type(model_problem_t), intent(inout) :: self
       type(error_t), allocatable, intent(out) :: error
       type(model_t) :: before, fresh
-      logical :: is_new
+      logical :: is_done, is_new
 
       self%is_sound = .false.
+      if (self%group == "law" .and. self%has_stiffness .and. self%model%is_read .and. size(self%tied) == 0) then
+         call set_changed_numbers(self%model, self%document, is_done)
+         if (is_done) then
+            call replace_laws(self, error)
+            return
+         end if
+      end if
       if (size(self%tied) > 0) call put_frequencies(self%document, self%model%tones, self%followed)
       if (self%model%accuracy%is_on) before = self%model
       call update_model(self%model, self%document, is_new, error, self%available_memory)
@@ -427,7 +484,9 @@ contains
       real(wp), intent(out), contiguous :: derivative(:)
       real(wp) :: other(size(x))
       integer :: tone
+      logical :: is_known
 
+      is_known = .false.
       if (which /= self%own) then
          call self%balance_t%parameter_derivative(x, which, derivative)
          if (all(self%tied /= which)) return
@@ -444,7 +503,9 @@ contains
             derivative = derivative + self%omega_slopes(tone)*other
          end do
       else
-         call difference(self, x, 0, derivative)
+         if (self%group == "law") call self%number_derivative(x, self%model%law_groups == self%i_law, self%number, &
+                                                              difference_step*self%moving%typical, derivative, is_known)
+         if (.not. is_known) call difference(self, x, 0, derivative)
       end if
    end subroutine model_problem_parameter_derivative
 

@@ -11,7 +11,7 @@ module hb_model_reader
    use hb_memory_estimate, only: check_memory, sizes_of
    use hb_model, only: callbacks_t, gradient_config_t, model_t, symmetry
    use hb_model_basis, only: check_symmetry
-   use hb_model_laws, only: read_laws, update_laws
+   use hb_model_laws, only: read_laws, set_law_number, update_laws
    use hb_model_loads, only: loaded_tuples, read_loads, read_starts
    use hb_model_settings, only: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
    use hb_model_tones, only: check_fundamentals, read_normal_mode, read_phase, read_tones, tone_of
@@ -26,7 +26,7 @@ module hb_model_reader
    use hb_truncation, only: read_harmonics, read_lowest_set
    implicit none
    private
-   public :: group_names, moving_groups, read_model, update_model
+   public :: group_names, moving_groups, read_model, set_changed_numbers, update_model
 
    !> All groups that an input file may contain.
    character(17), parameter :: group_names(19) = [character(17) :: &
@@ -67,9 +67,9 @@ contains
       if (self%is_read) call document%accept_changes()
    end subroutine read_model
 
-   !> Updates a model that was read from a document to the present values of the document: reads the changed groups,
-   !> or everything if more than numbers have changed. In unusual cases, including an error in the input, everything
-   !> is read again, and that reading is authoritative; `is_new` is then true.
+   !> Updates a model that was read from a document to the present values of the document: sets the numbers of laws that
+   !> have changed, reads the other changed groups, or everything if more than numbers have changed. In unusual cases,
+   !> including an error in the input, everything is read again, and that reading is authoritative; `is_new` is then true.
    subroutine update_model(self, document, is_new, error, available, callbacks)
       type(model_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document
@@ -81,8 +81,16 @@ contains
       logical :: is_read
 
       is_read = self%is_read
-      call document%follow_ties()
-      if (is_read) is_read = .not. document%has_changed(read_alone, others=.true.)
+      if (is_read) then
+         call set_changed_numbers(self, document, is_read)
+         if (is_read) then
+            is_new = .false.
+            return
+         end if
+         is_read = .not. document%has_changed(read_alone, others=.true.)
+      else
+         call document%follow_ties()
+      end if
       if (is_read) then
          call document%begin()
          call read_changes(self, document, is_read)
@@ -94,6 +102,27 @@ contains
       if (present(callbacks)) same = callbacks
       call read_model(self, document, error, available, same)
    end subroutine update_model
+
+   !> Sets the numbers of laws that have changed. `is_done` is false if other values have changed as well, whose groups
+   !> must be read again, or if a number is not possible.
+   subroutine set_changed_numbers(self, document, is_done)
+      type(model_t), intent(inout) :: self                            !! as it was read from the document
+      type(document_t), intent(inout) :: document
+      logical, intent(out) :: is_done
+      type(parameter_t), allocatable :: changes(:)
+      logical :: is_set
+      integer :: i
+
+      call document%follow_ties()
+      call document%take_changes(changes)
+      is_done = .not. document%has_changed([character ::], others=.true.)
+      do i = 1, size(changes)
+         call set_law_number(self, document, changes(i), is_set)
+         if (is_set) cycle
+         call document%mark(changes(i))
+         is_done = .false.
+      end do
+   end subroutine set_changed_numbers
 
    !> Tuples of loads, first guesses and outputs with a requested accuracy, (n_tones, any).
    function wanted_tuples(self, document) result(tuples)
