@@ -97,7 +97,7 @@ hb_apt_get() {
    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -qq -o Dpkg::Use-Pty=0 "$@"
 }
 
-# Installs what is missing and what this release has; a package that it does not have is left out, and so are all with `no` as the
+# Installs what is missing and what this release has, without waiting for the disk after each file; a package that it does not have is left out, and so are all with `no` as the
 # first argument or on a system other than Debian: hb_install_packages yes|no PACKAGE...
 hb_install_packages() {
    local missing available=() package status=0
@@ -128,7 +128,7 @@ hb_install_packages() {
       fi
    done
    ((${#available[@]} == 0)) ||
-      hb_apt_get install --yes --no-install-recommends "${available[@]}" >/dev/null ||
+      hb_apt_get install --yes --no-install-recommends -o Dpkg::Options::=--force-unsafe-io "${available[@]}" >/dev/null ||
       hb_fail "apt-get could not install the packages (see above)"
 }
 

@@ -215,6 +215,7 @@ contains
       type(error_t), allocatable :: error
       integer :: number
 
+      nullify (found)
       if (c_associated(parameter)) then
          call c_f_pointer(parameter, found)
          found = 0_c_int
@@ -259,6 +260,7 @@ contains
       type(law_info_t), pointer :: properties
       type(error_t), allocatable :: error
 
+      nullify (properties)
       if (.not. (c_associated(name) .and. c_associated(info) .and. c_associated(evaluate))) then
          call fail(error, "name, info and evaluate must not be NULL")
       else
@@ -366,6 +368,7 @@ contains
       type(handle_t), pointer :: handle
       type(error_t), allocatable :: error
 
+      nullify (has)
       if (c_associated(has_point)) then
          call c_f_pointer(has_point, has)
          has = 0_c_int

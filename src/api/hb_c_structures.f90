@@ -219,6 +219,7 @@ contains
       status = acquire(structure, handle_kind%structure, function_name)
       if (status /= c_status%success) return
       call c_f_pointer(structure, d)
+      nullify (node)
       call check_dofs(d, n_dofs, error)
       if (allocated(error)) then
          continue
