@@ -100,7 +100,7 @@ contains
          call fail(error, "labels and units must not be NULL; no units: an empty text")
       else if (d%fe_model%n_dofs > 0) then
          call fail(error, "the degrees of freedom are set already")
-      else if (.not. ieee_is_finite(max_frequency) .or. max_frequency < 0.0_c_double) then
+      else if (.not. (ieee_is_finite(max_frequency) .and. sign(1.0_c_double, max_frequency) > 0.0_c_double)) then ! NaN traps in <
          call fail(error, "max_frequency must be a finite number, positive, or 0 for any frequency")
       else
          label_words = words_of(c_text(labels))

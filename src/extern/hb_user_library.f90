@@ -206,7 +206,7 @@ contains
          call fail(error, "n_parameters must be 0, positive or NHBM_ANY_NUMBER, not "//to_text(int(info%n_parameters)))
       else if (info%degree < 0 .or. info%degree > max_degree) then
          call fail(error, "degree must be 0 to "//to_text(max_degree)//", not "//to_text(int(info%degree)))
-      else if (.not. ieee_is_finite(info%length_scale) .or. info%length_scale < 0.0_c_double) then
+      else if (.not. (ieee_is_finite(info%length_scale) .and. sign(1.0_c_double, info%length_scale) > 0.0_c_double)) then
          call fail(error, "length_scale must be a finite number, positive, or 0 if there is none")
       end if
       if (.not. (allocated(error) .or. info%api_version == 1)) then

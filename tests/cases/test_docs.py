@@ -35,6 +35,8 @@ SECTIONS_BY_PROCEDURE = {
     "read_amplitude": ["load", "start"],
     "read_ties": ["tie"],
     "read_hardness": ["law blade_contact", "law contact_table"],
+    "jenkins_declare_numbers": ["law jenkins", "law jenkins_2d"],
+    "declare_contacts": ["law blade_contact", "law contact_table"],
     "read_limit": ["law jenkins", "law jenkins_2d"],
     "read_normal": ["law jenkins", "law jenkins_2d"],
     "read_frequency_part": ["dynamic_stiffness"],  # and of its kinds, each in a case
@@ -44,7 +46,7 @@ SECTIONS_BY_PROCEDURE = {
     "read_table": ["dynamic_stiffness table"],
 }
 
-CALL = re.compile(r"\bcall\s+(?!file%)\w+%(?:get|choose)\s*\(\s*([\"'])(\w+)\1", re.IGNORECASE)
+CALL = re.compile(r"\bcall\s+(?:(?!file%)\w+%(?:get|choose)|numbers%add)\s*\(\s*([\"'])(\w+)\1", re.IGNORECASE)
 CALL_BY_LIST = re.compile(r"\bcall\s+\w+%get\s*\(\s*trim\(\s*(\w+)\s*\(", re.IGNORECASE)
 LIST = re.compile(r"parameter\s*::\s*(\w+)\(\d+\)\s*=\s*\[character\(\d+\)\s*::([^]]*)\]", re.IGNORECASE)
 CASE = re.compile(r"^\s*(?:case\s*\(\"(\w+)\"\)|end select)", re.IGNORECASE)
