@@ -1,9 +1,9 @@
-# Which SUNDIALS the configuration takes: 6 in double precision, whatever its indices.
+# Which SUNDIALS the configuration takes: 6 and 7 in double precision, whatever its indices.
 include(${CMAKE_CURRENT_LIST_DIR}/expect.cmake)
 set(version 6.7.0)
 set(index SUNDIALS_INT64_T)
 set(precision SUNDIALS_DOUBLE_PRECISION)
-set(refusal "nhbm calls CVODE 6 of SUNDIALS in double precision")
+set(refusal "nhbm calls CVODE of SUNDIALS 6 or 7 in double precision")
 if(CASE STREQUAL "32_bit")
    set(index SUNDIALS_INT32_T)
 elseif(CASE STREQUAL "single")
@@ -11,12 +11,13 @@ elseif(CASE STREQUAL "single")
 else()
    set(version ${CASE})
 endif()
-if(CASE MATCHES "^(6.7.0|32_bit)$")
+if(CASE MATCHES "^(6.7.0|7.1.1|32_bit)$")
    set(refusal "")
 endif()
 
 file(REMOVE_RECURSE ${FOLDER})
-foreach(file IN ITEMS include/cvode/cvode.h lib/libsundials_cvode.so lib/libsundials_nvecserial.so)
+foreach(file IN ITEMS include/cvode/cvode.h lib/libsundials_cvode.so lib/libsundials_nvecserial.so
+      lib/libsundials_core.so)
    file(WRITE ${FOLDER}/prefix/${file} "")
 endforeach()
 # as SUNDIALS writes it, with all choices in comments
