@@ -210,16 +210,12 @@ contains
       type(c_ptr), value :: structure, nodes, directions
       integer(c_size_t), value :: n_nodes, n_dofs
       character(*), parameter :: function_name = "nhbm_structure_set_nodes"
-      integer(c_int), pointer :: node(:)
       type(described_t), pointer :: d
       type(error_t), allocatable :: error
-      type(string_t), allocatable :: words(:)
-      integer :: i
 
       status = acquire(structure, handle_kind%structure, function_name)
       if (status /= c_status%success) return
       call c_f_pointer(structure, d)
-      nullify (node)
       call check_dofs(d, n_dofs, error)
       if (allocated(error)) then
          continue
@@ -230,24 +226,35 @@ contains
       else if (.not. is_count(n_nodes)) then
          call fail(error, "n_nodes must be at most "//to_text(huge(1)))
       else
-         call c_f_pointer(nodes, node, [n_dofs])
-         words = words_of(c_text(directions))
-         if (size(words) /= d%fe_model%n_dofs) then
-            call fail(error, to_text(size(words))//" directions for "//to_text(d%fe_model%n_dofs)//" degrees of freedom")
-         else if (any(node < -1 .or. node >= int(n_nodes))) then
-            call fail(error, "nodes of degrees of freedom must be 0 to "//to_text(int(n_nodes) - 1)//", or -1 for none")
-         end if
+         call set_nodes(d, nodes, words_of(c_text(directions)), int(n_nodes), error)
       end if
-      if (.not. allocated(error)) then
-         d%n_nodes = int(n_nodes)
+      status = ended(structure, d, function_name, error)
+   end function nhbm_structure_set_nodes
+
+   !> Stores the nodes and directions of all degrees of freedom.
+   subroutine set_nodes(d, nodes, words, n_nodes, error)
+      type(described_t), intent(inout) :: d
+      type(c_ptr), value :: nodes                      !! one of each degree of freedom, from 0, or -1 for none
+      type(string_t), intent(in) :: words(:)           !! directions, likewise
+      integer, intent(in) :: n_nodes
+      type(error_t), allocatable, intent(out) :: error
+      integer(c_int), pointer :: node(:)
+      integer :: i
+
+      call c_f_pointer(nodes, node, [d%fe_model%n_dofs])
+      if (size(words) /= d%fe_model%n_dofs) then
+         call fail(error, to_text(size(words))//" directions for "//to_text(d%fe_model%n_dofs)//" degrees of freedom")
+      else if (any(node < -1 .or. node >= n_nodes)) then
+         call fail(error, "nodes of degrees of freedom must be 0 to "//to_text(n_nodes - 1)//", or -1 for none")
+      else
+         d%n_nodes = n_nodes
          d%fe_model%sets%node_of = int(node) + 1
          allocate (d%fe_model%sets%direction(size(words)))
          do i = 1, size(words)
             d%fe_model%sets%direction(i) = words(i)%value
          end do
       end if
-      status = ended(structure, d, function_name, error)
-   end function nhbm_structure_set_nodes
+   end subroutine set_nodes
 
    integer(c_int) function nhbm_structure_add_node_set(structure, name, n, nodes) &
       bind(c, name="nhbm_structure_add_node_set") result(status)
