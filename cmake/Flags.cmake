@@ -10,7 +10,8 @@ add_library(hb_warnings INTERFACE)
 # -Wimplicit-interface, of no group: gfortran reports functions of the same module that give lengths
 # -Wuninitialized, -Wmaybe-uninitialized, but for Release: at -O0 and -Og gfortran does not follow values, and reports bounds of arrays
 #    that are set. In Release an assignment to an array that is not allocated yet may be reported, since gfortran reads its bounds
-#    before it looks whether there are any (GCC bug 108889): write allocate (array, source=...).
+#    before it looks whether there are any (GCC bug 108889): write allocate (array, source=...),
+#    with the shape where the source has vectors as subscripts, whose lower bound it would set to 0.
 target_compile_options(hb_warnings INTERFACE
    $<$<COMPILE_LANG_AND_ID:Fortran,GNU>:-std=f2018 -Wall -Wextra -Werror=character-truncation
       -Wno-unused-dummy-argument -Wno-compare-reals -Wno-function-elimination>

@@ -95,7 +95,7 @@ contains
       type(path_point_t) :: point
 
       allocate (point%u, source=u)
-      allocate (point%omega, source=self%balance%omega(self%tones))
+      allocate (point%omega(size(self%tones)), source=self%balance%omega(self%tones))
       allocate (point%xi(size(self%tones)), source=0.0_wp)
       call self%set_scales(maxval(norm2(u, dim=1)))
       call self%try_motion(point, is_found)

@@ -4,6 +4,7 @@
 !> distributes points, `stop_mpi`. All take the communicator as an argument, so that a test can pass its own. Source:
 !> MPI: A Message-Passing Interface Standard 3.1, chapters 5 (collective) and 11 (one-sided).
 module hb_mpi
+   use, intrinsic :: ieee_exceptions, only: ieee_all, ieee_get_status, ieee_set_halting_mode, ieee_set_status, ieee_status_type
    use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_null_char, c_ptr
    use, intrinsic :: iso_fortran_env, only: int64
    use hb_error, only: error_t, fail
@@ -62,6 +63,7 @@ contains
    !> Starts MPI unless it runs; also works without mpirun, as one rank.
    subroutine start_mpi()
       logical :: is_started
+      type(ieee_status_type) :: floating_point
 
       call MPI_Initialized(is_started)
       if (is_started) return
@@ -75,7 +77,10 @@ contains
          call hb_set_default("OMPI_MCA_orte_create_session_dirs"//c_null_char, "0"//c_null_char)
          call hb_set_default("OMPI_MCA_pml"//c_null_char, "ob1"//c_null_char)
       end if
+      call ieee_get_status(floating_point)
+      call ieee_set_halting_mode(ieee_all, .false.)                   ! Open MPI 5 divides by zero when it looks for networks
       call MPI_Init()
+      call ieee_set_status(floating_point)
    end subroutine start_mpi
 
    !> Whether mpirun, srun or a similar launcher has started this process, possibly with others.

@@ -82,7 +82,7 @@ contains
       real(wp), intent(in) :: z(:), v(:)
       real(wp), intent(out) :: values(:)
 
-      values = z(1) - [self%backlash, -self%backlash]
+      if (self%n_switches > 0) values = z(1) - [self%backlash, -self%backlash]
    end subroutine parametric_switches
 
    subroutine parametric_evaluate_held(self, z, v, is_positive, f)

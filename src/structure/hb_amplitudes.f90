@@ -48,7 +48,7 @@ contains
       self%n_harmonics = size(values, 2)
       allocate (self%harmonics, source=pack([(h, h=1, size(values, 2))], &
                                             [(any(values(:, h) /= (0.0_wp, 0.0_wp)), h=1, size(values, 2))]))
-      allocate (self%values, source=values(:, self%harmonics))
+      allocate (self%values(self%n_dofs, size(self%harmonics)), source=values(:, self%harmonics))
    end function as_amplitudes
 
    !> Adds to the amplitudes of harmonic `h`.

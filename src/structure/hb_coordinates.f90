@@ -254,7 +254,7 @@ contains
          real(wp), allocatable :: at_pivots(:, :)
 
          associate (p => self%positions, r => self%dofs(self%others))
-            allocate (at_pivots, source=matrix(:, p))
+            allocate (at_pivots(size(matrix, 1), size(p)), source=matrix(:, p))
             matrix(:, r) = matrix(:, r) + matmul(at_pivots, self%of_others)
             matrix(:, p) = matmul(at_pivots, self%of_z)
             at_pivots = matrix(p, :)

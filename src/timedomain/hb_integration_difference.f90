@@ -119,7 +119,7 @@ contains
          first = (k - n - 1)*n_samples + 1
          last = first + n_samples
          allocate (rows, source=[(i, i=first, last, stride)])
-         allocate (t, source=record%time(rows))
+         allocate (t(size(rows)), source=record%time(rows))
          allocate (x, source=with_coordinates(self, record%displacement(rows, :)))
          allocate (waves(size(t), size(self%frequencies)))
          do h = 1, size(self%frequencies)
