@@ -74,7 +74,7 @@ module hb_mpi
    end type comm_t
 
    type(comm_t) :: everyone = comm_t()
-   logical :: is_taken(0:n_shared/n_slots - 1) = .false.              ! the same on all ranks, since counters are made collectively
+   logical :: is_taken(0:(n_shared - mod(n_shared, n_slots))/n_slots - 1) = .false. ! the same on all ranks: made collectively
 
    !> Counters shared by all ranks: `next` returns each number of a counter once over all ranks.
    !>
@@ -298,6 +298,7 @@ contains
       if (allocated(error)) mine = rank_of(comm)
       first = -max_over(comm, -mine)
       if (first == size_of(comm)) return
+      message = ""
       if (rank_of(comm) == first) message = error%message
       call broadcast_text(comm, message, root=first)
       call fail(error, message)
