@@ -60,6 +60,7 @@ contains
       do while (i < command_argument_count() .and. .not. allocated(error))
          call next_word(i, word)
          is_right = .true.
+         value = ""
          if (any(with_value == word)) call next_word(i, value)
          select case (word)
          case ("-o", "--output"); options%path = value
