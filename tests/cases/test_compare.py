@@ -14,9 +14,17 @@ from program import program
 
 ROOT = Path(__file__).resolve().parents[2]
 
-loader = importlib.machinery.SourceFileLoader("compare", str(ROOT / "tests" / "compare"))
-compare = importlib.util.module_from_spec(importlib.util.spec_from_loader("compare", loader))
-loader.exec_module(compare)
+
+
+def script(name: str):
+    """A script of tests/ as a module."""
+    loader = importlib.machinery.SourceFileLoader(name, str(ROOT / "tests" / name))
+    module = importlib.util.module_from_spec(importlib.util.spec_from_loader(name, loader))
+    loader.exec_module(module)
+    return module
+
+
+compare = script("compare")
 
 
 def point(kind="", value=1.0, status="converged", amplitude=1.0, is_stable=1, estimate=1e-3):
@@ -63,3 +71,10 @@ def test_an_unknown_kernel_is_refused():
     done = subprocess.run([sys.executable, str(ROOT / "tests" / "kernels"), "Pentium"], capture_output=True, text=True)
     assert done.returncode == 2
     assert "unknown kernel Pentium; known: Prescott, " in done.stderr
+
+
+def test_kernels_fail_where_a_test_fails():
+    is_failure = script("kernels").is_failure
+    assert is_failure("failed: test_hb_gmres") and is_failure("could not be built")
+    assert not is_failure("100% tests passed, 0 tests failed out of 140")
+    assert not is_failure("skipped: this processor has no avx512_bf16")
