@@ -226,19 +226,27 @@ def fails(done):
 # Memory, signals
 
 
-@on_linux
-@pytest.mark.parametrize("megabytes", [200, 300])
-def test_too_little_address_space_is_reported(megabytes, folder):
-    """OpenBLAS requests its memory repeatedly."""
+def under_limit(megabytes, words, cwd, timeout=60):
+    """Runs a command that may have so much address space."""
     limit = megabytes * 1000**2
-    words = (
+    code = (
         f"import os, resource, sys; resource.setrlimit(resource.RLIMIT_AS, ({limit}, {limit})); "
         "os.execv(sys.argv[1], sys.argv[1:])"
     )
-    done = subprocess.run(
-        ["python3", "-c", words, *command("solve", "case.nml")],
-        cwd=folder, env=environment(), capture_output=True, text=True, timeout=60,
+    return subprocess.run(
+        ["python3", "-c", code, *words], cwd=cwd, env=environment(), capture_output=True, text=True, timeout=timeout
     )
+
+
+@on_linux
+@pytest.mark.parametrize("megabytes", [200, 300])
+def test_too_little_address_space_is_reported(megabytes, folder):
+    """OpenBLAS requests its memory repeatedly, without an end."""
+    try:
+        under_limit(megabytes, command("version"), folder, timeout=5)
+    except subprocess.TimeoutExpired:
+        pytest.skip("this OpenBLAS requests its memory while it is loaded, before the program begins")
+    done = under_limit(megabytes, command("solve", "case.nml"), folder)
     if "AddressSanitizer" in done.stderr:
         pytest.skip("the address sanitizer maps far more")
     assert done.returncode == BAD_INPUT and "a limit on memory" in done.stderr, (done.returncode, done.stderr)

@@ -259,6 +259,7 @@ def test_a_curve_moves_what_is_no_frequency(parameter, tmp_path):
     np.testing.assert_allclose(found[-1][-1], read(alone, "coefficients")[0], atol=1e-8)
 
 
+@pytest.mark.long  # half a minute
 def test_an_interrupted_curve_goes_on_where_it_was(tmp_path):
     more = "&curve parameter='tones%frequency', from=1.15, to=1.3, points=40 /\n&accuracy tolerance=1e-2 /\n"
     whole = points_of(curve(tmp_path, more, GAP, FOLDING))
@@ -348,6 +349,7 @@ def two_masses(c, w):
     return np.linalg.eigvals(flow @ saltation)
 
 
+@pytest.mark.long  # half a minute
 def test_a_curve_locates_the_torus_of_two_masses(tmp_path):
     """A pair of multipliers leaves the unit circle where the second mass is driven as much as the impacts damp it."""
     (tmp_path / "two.nml").write_text(
@@ -383,6 +385,7 @@ def largest_of_difference(coupling, w):
     return np.linalg.eigvals(expm(np.array([[0.0, 1.0], [-1.0 - 2 * coupling, -D]]) * turn) @ saltation).real.max()
 
 
+@pytest.mark.long  # half a minute
 def test_a_curve_locates_the_branch_point_of_equal_masses(tmp_path):
     """Their common motion loses its stability to motions in which they differ."""
     both = "".join(

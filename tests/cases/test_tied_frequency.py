@@ -65,6 +65,7 @@ def test_a_stiffness_follows_the_frequency_of_its_cycle(tmp_path):
     assert read(with_tolerance, "frequency")[0, 0] == pytest.approx(np.sqrt(K) * W, rel=1e-6)
 
 
+@pytest.mark.long  # half a minute
 def test_a_sweep_and_a_curve_have_the_same_cycles(tmp_path):
     """At each value the frequency is a fixed point, here of own integrations in time."""
     swept = solve(tmp_path, model(rest="&sweep parameter='law(1)%strength', values=0.5, 1.0, 2.0 /\n"))
