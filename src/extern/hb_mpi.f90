@@ -90,6 +90,7 @@ contains
          call hb_set_default("OMPI_MCA_orte_create_session_dirs"//c_null_char, "0"//c_null_char)
          call hb_set_default("OMPI_MCA_pml"//c_null_char, "ob1"//c_null_char)
       end if
+      call hb_set_default("HOME"//c_null_char, "/"//c_null_char)       ! without one, Open MPI 5 ends the process
       call ieee_get_status(floating_point)
       call ieee_set_halting_mode(ieee_all, .false.)                   ! Open MPI 5 divides by zero when it looks for networks
       call MPI_Init()

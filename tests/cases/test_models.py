@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -235,7 +236,8 @@ def test_texts_of_which_hdf5_dies_or_finds_no_end(chain, tmp_path, n_bytes):
     (tmp_path / "chain.h5").write_bytes(data)
     (tmp_path / "run.nml").write_text(MODEL)
     done = run("check", "run.nml", cwd=tmp_path)
-    assert done.status == BAD_INPUT and "chain.h5" in done.stderr and "damaged, at 'format'" in done.stderr, done.stderr
+    says = r"chain\.h5.*(damaged, at 'format'|it has no attribute 'format')"  # HDF5 1.14 reports the first length itself
+    assert done.status == BAD_INPUT and re.search(says, done.stderr), done.stderr
 
 
 def test_matrix_that_is_not_symmetric(chain, tmp_path):

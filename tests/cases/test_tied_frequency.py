@@ -19,7 +19,7 @@ W = 0.94295584744161  # W(1), from the period 6.6632868593231361 in extended pre
 K = 2.0
 MU = float(np.sqrt(K))
 RATE = (K - 1.0) / (np.sqrt(K) * W)  # so that k = 1 + RATE * omega is 2 where mu = sqrt(2)
-TIE = f"&tie parameter='structure%stiffness', to='tones%frequency(1)', factor={RATE!r}, offset=1 /\n"
+TIE = f"&tie parameter='structure%stiffness', to='tones%frequency(1)', factor={float(RATE)!r}, offset=1 /\n"
 
 
 def model(mu=MU, rest="", tie=TIE, stiffness=1.0, size="&harmonics order=61, odd_only=.true. /\n"):
