@@ -24,9 +24,9 @@ TIE = f"&tie parameter='structure%stiffness', to='tones%frequency(1)', factor={f
 
 def model(mu=MU, rest="", tie=TIE, stiffness=1.0, size="&harmonics order=61, odd_only=.true. /\n"):
     return (
-        f"&structure type='matrices', n_dofs=1, mass=1, stiffness={stiffness!r} /\n"
+        f"&structure type='matrices', n_dofs=1, mass=1, stiffness={float(stiffness)!r} /\n"
         f"&tones unknown=.true., frequency=1.0 /\n{size}{tie}"
-        f"&law type='van_der_pol', dof='x1', strength={mu!r} /\n{rest}"
+        f"&law type='van_der_pol', dof='x1', strength={float(mu)!r} /\n{rest}"
     )
 
 
@@ -117,7 +117,7 @@ def test_a_normal_mode_follows_too(tmp_path):
     )
     kind, value, frequency = read(curve, "curve_kind", "normal_mode_amplitude", "frequency")
     last = np.flatnonzero(kind > 0)[-1]
-    point = solve(tmp_path, text.replace("1e-12", "1.0").replace("amplitude=0.1", f"amplitude={value[last]!r}"), "point")
+    point = solve(tmp_path, text.replace("1e-12", "1.0").replace("amplitude=0.1", f"amplitude={float(value[last])!r}"), "point")
     assert frequency[last, 0] == pytest.approx(read(point, "frequency")[0, 0], rel=1e-9)
 
 
