@@ -61,13 +61,8 @@ static void on_signal(int number)
    caught = number;
 }
 
-int hb_catch_signals(const char *text, int exit_status, double pause)
+static int take_signals(void)
 {
-   shortest_pause = pause;
-   last_message_length = strnlen(text, MAX_TEXT);
-   memcpy(last_message, text, last_message_length);
-   last_status = exit_status;
-
    struct sigaction action;
    memset(&action, 0, sizeof action);
    action.sa_handler = on_signal;
@@ -78,9 +73,21 @@ int hb_catch_signals(const char *text, int exit_status, double pause)
    return 0;
 }
 
+int hb_catch_signals(const char *text, int exit_status, double pause)
+{
+   shortest_pause = pause;
+   last_message_length = strnlen(text, MAX_TEXT);
+   memcpy(last_message, text, last_message_length);
+   last_status = exit_status;
+
+   return take_signals();
+}
+
+/* Once more, for MPICH takes SIGUSR1 after it has started, as the news that a process has died. */
 void hb_wait_for_points(void)
 {
    ends_at_once = 0;
+   (void)take_signals();
 }
 
 void hb_note_unfinished(const char *path)

@@ -33,8 +33,15 @@ def faulty_command(*arguments, call, at=0, number=0, file=None, rank=None, ranks
     words, of_ranks = command(*arguments, ranks=ranks), {**faults, "LD_PRELOAD": str(library())}
     if ranks is None or is_without_mpi(program()):
         return words, of_ranks
-    words[3:3] = [word for name, value in of_ranks.items() for word in ("-x", f"{name}={value}")]  # mpirun itself stays as it is
+    for name, value in of_ranks.items():  # the launcher itself stays as it is
+        words[3:3] = ["-genv", name, value] if is_hydra(words[0]) else ["-x", f"{name}={value}"]
     return words, {}
+
+
+@functools.cache
+def is_hydra(launcher: str) -> bool:
+    """Whether it is that of MPICH."""
+    return "HYDRA" in subprocess.run([launcher, "--version"], capture_output=True, text=True).stdout
 
 
 def run_with_fault(*arguments, cwd, **fault) -> Run:

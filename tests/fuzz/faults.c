@@ -31,7 +31,8 @@ __attribute__((constructor)) static void begin(void)
    count = getenv("FAULT_COUNT");
    number = number_of("FAULT_NUMBER", 0);
    at = number_of("FAULT_AT", 0);
-   if (number_of("FAULT_RANK", 0) != number_of("OMPI_COMM_WORLD_RANK", 0) && getenv("FAULT_RANK") != NULL) at = 0;
+   const long rank = number_of("OMPI_COMM_WORLD_RANK", number_of("PMI_RANK", 0)); /* of Open MPI, of MPICH */
+   if (getenv("FAULT_RANK") != NULL && number_of("FAULT_RANK", 0) != rank) at = 0;
 }
 
 __attribute__((destructor)) static void end(void)
