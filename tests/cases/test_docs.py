@@ -75,8 +75,6 @@ def keys_of_program() -> dict[str, dict[str, str]]:
     """Keys by section of the table, each with the place where it is read."""
     keys: dict[str, dict[str, str]] = {}
     for path in sorted(SRC.rglob("*.f90")):
-        if path.parent.name == "base" or SECTIONS_BY_FILE.get(path.name) == []:
-            continue
         procedure, kind = "", None
         lists: dict[str, list[str]] = {}
         for number, line in enumerate(code_of(path), start=1):
