@@ -8,7 +8,7 @@
 !> What is done with a declared number depends on `numbers`: it is read from a group (hb_number_reader), set, found or
 !> listed. Whatever else depends on the numbers follows from them in `derive`. To set a number is therefore a store and
 !> a call of `derive`. A number is identified by its key and its indices, not by an address, so that it is valid for
-!> copies of the object.
+!> copies of the object. Integers, logicals and choices are declared likewise; they are read, but never set one by one.
 module hb_numbers
    use hb_kinds, only: wp
    use hb_text, only: max_name
@@ -25,10 +25,15 @@ module hb_numbers
    !> What is done with the numbers that an object declares.
    type, abstract :: numbers_t
    contains
-      generic :: add => add_number, add_list, add_matrix
+      generic :: add => add_number, add_list, add_matrix, add_integer, add_integers, add_logical
       procedure(add_number), deferred :: add_number
       procedure(add_list), deferred :: add_list
       procedure(add_matrix), deferred :: add_matrix
+      procedure :: add_integer => numbers_add_integer
+      procedure :: add_integers => numbers_add_integers
+      procedure :: add_logical => numbers_add_logical
+      procedure :: note_given => numbers_note_given
+      procedure :: refuse => numbers_refuse
    end type numbers_t
 
    abstract interface
@@ -94,6 +99,41 @@ module hb_numbers
    end type list_t
 
 contains
+
+   !> Declares an integer.
+   subroutine numbers_add_integer(self, key, value)
+      class(numbers_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      integer, intent(inout) :: value
+   end subroutine numbers_add_integer
+
+   !> Declares a list of integers.
+   subroutine numbers_add_integers(self, key, values)
+      class(numbers_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      integer, allocatable, intent(inout) :: values(:)
+   end subroutine numbers_add_integers
+
+   !> Declares a logical, or whether a choice is `word`.
+   subroutine numbers_add_logical(self, key, value, word)
+      class(numbers_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      logical, intent(inout) :: value
+      character(*), intent(in), optional :: word
+   end subroutine numbers_add_logical
+
+   !> Declares whether an input gives a key, where this decides what else it gives.
+   subroutine numbers_note_given(self, key, is_given)
+      class(numbers_t), intent(inout) :: self
+      character(*), intent(in) :: key
+      logical, intent(inout) :: is_given
+   end subroutine numbers_note_given
+
+   !> Declares that an input must not give a key; `text` is the reason.
+   subroutine numbers_refuse(self, key, text)
+      class(numbers_t), intent(inout) :: self
+      character(*), intent(in) :: key, text
+   end subroutine numbers_refuse
 
    !> Declares the numbers of the object to `numbers`; without an override it has none.
    subroutine numbered_declare_numbers(self, numbers)
