@@ -18,7 +18,8 @@ module switched_inputs
    use hb_study, only: study_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: quote, string_t, to_text
-   use hb_truncation, only: read_truncation, truncation_t
+   use hb_truncation, only: truncation_t
+   use hb_truncation_reader, only: read_truncation
    implicit none
    private
    public :: list_of, switched_input

@@ -1,19 +1,23 @@
-!> Solution, assessment and output of a model: the groups `&solver`, `&sampling`, `&certificate` and `&output`.
+!> Solution, assessment and output of a model: the groups `&solver`, `&accuracy`, `&sampling`, `&certificate`, `&stability`,
+!> `&integration` and `&output`.
 module hb_model_settings
    use hb_document, only: document_t
    use hb_error, only: error_t
    use hb_kinds, only: gib, wp
-   use hb_model, only: accuracy_t, certificate_config_t, model_t
+   use hb_model, only: accuracy_t, certificate_config_t, model_t, symmetry
+   use hb_model_basis, only: why_not_odd
    use hb_properties, only: properties_t
    use hb_response, only: new_response
    use hb_solver_types, only: share_of_solver, unit_of_work
    use hb_stability, only: stability_config_t
    use hb_structure, only: structure_t
    use hb_text, only: string_t, to_text
+   use hb_time_domain, only: integration_config_t
    use hb_torus, only: default_samples, fast_size, new_torus, torus_t
    implicit none
    private
-   public :: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
+   public :: check_symmetry, read_accuracy, read_certificate, read_integration, read_output, read_sampling, read_solver
+   public :: read_stability
 
    real(wp), parameter :: much_patience = 6.0_wp                      ! work of stability, relative to a usual point
 
@@ -156,6 +160,28 @@ contains
       call group%get("tolerance", self%tolerance)
    end subroutine read_stability
 
+   !> Reads `&integration`.
+   subroutine read_integration(self, group)
+      type(integration_config_t), intent(out) :: self
+      type(properties_t), intent(inout) :: group
+
+      self%record = ""
+      call group%choose("method", self%method)
+      call group%get("step", self%step)
+      call group%get("steps_per_period", self%steps_per_period)
+      call group%get("duration", self%duration)
+      call group%get("transient", self%transient)
+      call group%get("decimation", self%decimation)
+      call group%get("tolerance", self%tolerance)
+      call group%get("is_stiff", self%is_stiff)
+      if (group%given("restitution")) call group%get("restitution", self%restitution)
+      call group%get("spectral_radius", self%spectral_radius)
+      call group%choose("start", self%start)
+      call group%get("continue", self%record)
+      call group%get("starts", self%starts)
+      call group%get("n_peaks", self%n_peaks)
+   end subroutine read_integration
+
    !> Reads `&output`: title, stored degrees of freedom, grid of stored surfaces.
    subroutine read_output(self, group)
       type(model_t), intent(inout) :: self
@@ -193,4 +219,18 @@ contains
          end if
       end associate
    end subroutine read_output
+
+   !> Rejects `symmetry = 'odd'` if the equations are not odd.
+   subroutine check_symmetry(self, group)
+      type(model_t), intent(in) :: self
+      type(properties_t), intent(inout) :: group
+      character(:), allocatable :: reason
+      integer :: i
+
+      if (self%symmetry /= symmetry%odd .or. .not. allocated(self%torus%n_samples)) return
+      if (.not. all([(allocated(self%laws(i)%law%dofs), i=1, size(self%laws))])) return   ! already reported
+      reason = trim(why_not_odd(self%laws, self%harmonics, self%torus, self%loads))
+      if (len(reason) > 0) call group%problem("symmetry", "must not be 'odd': "//reason// &
+                                              "; 'auto' uses the symmetry where there is one")
+   end subroutine check_symmetry
 end module hb_model_settings

@@ -17,11 +17,10 @@ module hb_model_basis
    use hb_law, only: law_box_t
    use hb_law_coordinates, only: new_law_coordinates
    use hb_model, only: model_t, symmetry
-   use hb_properties, only: properties_t
    use hb_torus, only: torus_t
    implicit none
    private
-   public :: asymmetry, check_symmetry, coordinates_of, even_part, find_basis, half_of_odd, is_solved_odd, most_even, &
+   public :: asymmetry, coordinates_of, even_part, find_basis, half_of_odd, is_solved_odd, most_even, &
       why_not_odd
 
    real(wp), parameter :: most_even = 1.0e-10_wp                      !! negligible even part of a motion, relative; 1e-9 would
@@ -103,20 +102,6 @@ contains
       if (.not. torus%can_be_halved()) return
       if (.not. has_memory(self%laws) .or. self%tones%n_tones == 1) torus = torus%half()
    end function half_of_odd
-
-   !> Rejects `symmetry = 'odd'` if the equations are not odd.
-   subroutine check_symmetry(self, group)
-      type(model_t), intent(in) :: self
-      type(properties_t), intent(inout) :: group
-      character(:), allocatable :: reason
-      integer :: i
-
-      if (self%symmetry /= symmetry%odd .or. .not. allocated(self%torus%n_samples)) return
-      if (.not. all([(allocated(self%laws(i)%law%dofs), i=1, size(self%laws))])) return   ! already reported
-      reason = trim(why_not_odd(self%laws, self%harmonics, self%torus, self%loads))
-      if (len(reason) > 0) call group%problem("symmetry", "must not be 'odd': "//reason// &
-                                              "; 'auto' uses the symmetry where there is one")
-   end subroutine check_symmetry
 
    !> Why equations are not odd; empty if they are.
    pure function why_not_odd(laws, harmonics, torus, loads) result(reason)

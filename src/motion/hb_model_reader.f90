@@ -10,10 +10,10 @@ module hb_model_reader
    use hb_kinds, only: wp
    use hb_memory_estimate, only: check_memory, sizes_of
    use hb_model, only: callbacks_t, gradient_config_t, model_t, symmetry
-   use hb_model_basis, only: check_symmetry
    use hb_model_laws, only: read_laws, set_law_number, update_laws
    use hb_model_loads, only: loaded_tuples, read_loads, read_starts
-   use hb_model_settings, only: read_accuracy, read_certificate, read_output, read_sampling, read_solver, read_stability
+   use hb_model_settings, only: check_symmetry, read_accuracy, read_certificate, read_integration, read_output, read_sampling, &
+      read_solver, read_stability
    use hb_model_tones, only: check_fundamentals, read_normal_mode, read_phase, read_tones, tone_of
    use hb_properties, only: properties_t
    use hb_solver_types, only: share_of_solver
@@ -21,9 +21,9 @@ module hb_model_reader
    use hb_structure, only: structure_t
    use hb_structure_catalogue, only: read_structure
    use hb_text, only: shown, string_t, to_text
-   use hb_time_domain, only: primary_method, read_integration
+   use hb_time_domain, only: primary_method
    use hb_tones, only: tones_t
-   use hb_truncation, only: read_harmonics, read_lowest_set
+   use hb_truncation_reader, only: read_harmonics, read_lowest_set
    implicit none
    private
    public :: group_names, moving_groups, read_model, set_changed_numbers, update_model

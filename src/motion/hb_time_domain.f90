@@ -6,17 +6,16 @@
 !> motion with the power 2.5, or 1.5 if a wall is struck. Counts of both, fitted to measurements:
 !> docs/user/time_integration.md.
 !>
-!> The group `&integration`: settings of time integration.
+!> The settings of time integration.
 module hb_time_domain
    use hb_kinds, only: int64, two_pi, wp
    use hb_outcome, only: outcome
-   use hb_properties, only: properties_t
    use hb_text, only: to_text
    use hb_thresholds, only: clearly
    implicit none
    private
-   public :: highest_part, integration_config_t, integration_counts_t, integration_is_cheaper, integration_method, &
-      integration_start, locking_t, may_be_locked, primary_method, read_integration, steady_motion_t, step_of, evaluation_work
+   public :: evaluation_work, highest_part, integration_config_t, integration_counts_t, integration_is_cheaper, &
+      integration_method, integration_start, locking_t, may_be_locked, primary_method, steady_motion_t, step_of
 
    type :: integration_method_t
       integer :: cvode = 1
@@ -171,28 +170,6 @@ contains
       work = 600.0_wp + 6.0_wp*real(n_dofs, wp)**2 + 60.0_wp*n_coordinates
       if (is_implicit) work = work + 0.2_wp*real(n_coordinates, wp)**3     ! 28 springs on a beam: 7.5 us
    end function evaluation_work
-
-   !> Reads `&integration`.
-   subroutine read_integration(self, group)
-      type(integration_config_t), intent(out) :: self
-      type(properties_t), intent(inout) :: group
-
-      self%record = ""
-      call group%choose("method", self%method)
-      call group%get("step", self%step)
-      call group%get("steps_per_period", self%steps_per_period)
-      call group%get("duration", self%duration)
-      call group%get("transient", self%transient)
-      call group%get("decimation", self%decimation)
-      call group%get("tolerance", self%tolerance)
-      call group%get("is_stiff", self%is_stiff)
-      if (group%given("restitution")) call group%get("restitution", self%restitution)
-      call group%get("spectral_radius", self%spectral_radius)
-      call group%choose("start", self%start)
-      call group%get("continue", self%record)
-      call group%get("starts", self%starts)
-      call group%get("n_peaks", self%n_peaks)
-   end subroutine read_integration
 
    !> The step [s], also the distance of two samples of the record.
    pure real(wp) function step_of(self, omega) result(step)

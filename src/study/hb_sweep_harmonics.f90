@@ -9,7 +9,8 @@ module hb_sweep_harmonics
    use hb_harmonics, only: harmonics_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: to_text
-   use hb_truncation, only: box_truncation, read_truncation, truncation_t
+   use hb_truncation, only: box_truncation, truncation_t
+   use hb_truncation_reader, only: read_truncation
    use hb_tuple_choice, only: tuple_union_t
    implicit none
    private

@@ -22,9 +22,8 @@ STILL_READ_INPUT = {"laws"}
 MODULES_THAT_STILL_READ_INPUT = {
     "hb_beam", "hb_bearing", "hb_chain", "hb_fe_model", "hb_jeffcott", "hb_matrices", "hb_proportional_damping", "hb_rotor_stator",
     "hb_structure_catalogue",
-    "hb_curve_gradient", "hb_followed_motion", "hb_gradient", "hb_model", "hb_model_basis", "hb_model_laws", "hb_model_loads",
-    "hb_model_problem", "hb_model_reader", "hb_model_tones", "hb_motion_curve", "hb_motion_ridge", "hb_point", "hb_time_domain",
-    "hb_truncation",
+    "hb_curve_gradient", "hb_followed_motion", "hb_gradient", "hb_model", "hb_model_laws", "hb_model_loads",
+    "hb_model_problem", "hb_model_reader", "hb_model_tones", "hb_motion_curve", "hb_motion_ridge", "hb_point",
     "hb_impact_curve", "hb_impact_orbit",
 }
 

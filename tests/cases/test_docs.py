@@ -21,7 +21,7 @@ KEYS = runpy.run_path(str(ROOT / "tests" / "keys"))["keys"]()
 
 # Where neither the file nor the procedure (read_<group>) tells whose keys are read.
 SECTIONS_BY_FILE = {
-    "hb_truncation.f90": ["harmonics"],
+    "hb_truncation_reader.f90": ["harmonics"],
     "hb_law.f90": ["law"],
     "hb_law_catalogue.f90": ["law"],
     "hb_proportional_damping.f90": ["structure"],
