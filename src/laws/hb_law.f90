@@ -1,19 +1,21 @@
 !> A nonlinear law: forces as a function of the motion, sample by sample on the torus.
 !>
 !> A law acts on coordinates z = shape^T q, linear functionals of a few degrees of freedom q; its force f on the
-!> coordinates is added to K q on the left-hand side, as shape f. A law declares its real numbers once (hb_numbers); all
-!> else that follows from them is set by `derive`. To add a law: a module that extends `law_t`, one `case` in
-!> hb_law_catalogue, rows in the table of input keys. Source: docs/why/theory.md, section 5.
+!> coordinates is added to K q on the left-hand side, as shape f. A law declares its numbers and options once (hb_numbers);
+!> all else that follows from them is set by `derive`. A law from numbers is a structure constructor and `new_law`:
+!>
+!>     call new_law(box, elastic_stop_t(stiffness=1.0e5_wp, gap=1.0e-3_wp), "stop", [dof], error)
+!>
+!> To add a law: a module that extends `law_t`, one `case` in hb_law_catalogue, rows in the table of input keys. Source:
+!> docs/why/theory.md, section 5.
 module hb_law
-   use hb_error, only: error_t
+   use hb_error, only: annotate, error_t, fail
    use hb_kinds, only: wp
    use hb_numbers, only: number_t, numbered_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
-   use hb_text, only: string_t, to_text
+   use hb_problems, only: problem_list_t, problems_t
    implicit none
    private
-   public :: defects_t, hold_t, kink_t, law_box_t, law_t, place_coordinate, place_on_dofs, read_dofs, read_location
+   public :: add_coordinate, defects_t, hold_t, kink_t, law_box_t, law_t, new_law, place_on_dofs, placement_t
 
    !> Largest defects over the samples.
    type :: defects_t
@@ -42,6 +44,15 @@ module hb_law
       real(wp), allocatable :: jumps(:)                               !! of the slope as z rises [N/m], as positions
    end type kink_t
 
+   !> How a law is placed on degrees of freedom.
+   type :: placement_t
+      logical :: is_by_dofs = .false.                                 !! each of `dofs` is a coordinate; otherwise one linear
+                                                                      !! functional of some, or more with `further` ones
+      integer :: counts(2) = 0                                        !! permitted numbers of `dofs`; 0: any
+      character(64) :: dofs = ""                                      !! which they are, for a message about other numbers
+      character(11) :: further(2) = ""                                !! keys of further coordinates, such as "second_dofs"
+   end type placement_t
+
    type, extends(numbered_t), abstract :: law_t
       character(:), allocatable :: label                              !! name given by the user, otherwise kind and number
       integer, allocatable :: dofs(:)                                 !! degrees of freedom of the structure
@@ -64,8 +75,10 @@ module hb_law
       logical :: has_potential = .false.  !! the force at rest is a gradient; additional forces in motion store no energy
       logical :: is_odd = .false.     !! f(-z, -v, -p) = -f(z, v, p), with memory for the mirrored history; false: not known
    contains
-      procedure(read_law), deferred :: read
       procedure(evaluate_law), deferred :: evaluate
+      procedure :: check => law_check
+      procedure :: placement => law_placement
+      procedure :: shape_on_dofs => law_shape_on_dofs
       procedure :: prepare => law_prepare
       procedure :: prepare_rate => law_prepare_rate
       procedure :: set_phases => law_set_phases
@@ -89,15 +102,6 @@ module hb_law
    end type law_box_t
 
    abstract interface
-      !> Reads the law's own keys, and its coordinates with `read_location`, from a `&law` group that collects the
-      !> problems.
-      subroutine read_law(self, group, structure)
-         import :: law_t, properties_t, structure_t
-         class(law_t), intent(inout) :: self
-         type(properties_t), intent(inout) :: group
-         type(structure_t), intent(in) :: structure
-      end subroutine read_law
-
       !> Forces of all samples, and their derivatives when these are present.
       subroutine evaluate_law(self, z, v, p, f, df_dz, df_dv, df_dp)
          import :: law_t, wp
@@ -114,6 +118,58 @@ module hb_law
    end interface
 
 contains
+
+   !> Creates a law from one with its numbers, on degrees of freedom of a structure, each a coordinate of its own. Fails if
+   !> the numbers do not fit together, or if the law needs other degrees of freedom.
+   subroutine new_law(self, law, label, dofs, error)
+      type(law_box_t), intent(out) :: self
+      class(law_t), intent(in) :: law
+      character(*), intent(in) :: label                               !! for messages
+      integer, intent(in) :: dofs(:)
+      type(error_t), allocatable, intent(out) :: error
+      type(placement_t) :: placement
+      type(problem_list_t) :: problems
+
+      allocate (self%law, source=law)
+      self%law%label = label
+      placement = law%placement()
+      if (all(placement%counts /= size(dofs) .and. placement%counts > 0)) then
+         call fail(error, label//": "//trim(placement%dofs))
+         return
+      end if
+      call place_on_dofs(self%law, dofs)
+      call self%law%derive()
+      call self%law%check(problems)
+      if (allocated(problems%error)) call move_alloc(problems%error, error)
+      call annotate(error, label)
+   end subroutine new_law
+
+   !> Reports numbers and options, each of which is in its range, that do not fit together; without an override all do.
+   subroutine law_check(self, problems)
+      class(law_t), intent(in) :: self                                !! after `derive`
+      class(problems_t), intent(inout) :: problems
+   end subroutine law_check
+
+   !> How the law is placed; most laws act on one linear functional.
+   pure function law_placement(self) result(placement)
+      class(law_t), intent(in) :: self
+      type(placement_t) :: placement
+
+      placement = placement_t()
+   end function law_placement
+
+   !> The coordinates of a law on `n` degrees of freedom: each of them, unless an override combines them.
+   pure function law_shape_on_dofs(self, n) result(shape)
+      class(law_t), intent(in) :: self
+      integer, intent(in) :: n
+      real(wp), allocatable :: shape(:, :)                            !! (n, n_coordinates)
+      integer :: i
+
+      allocate (shape(n, n), source=0.0_wp)
+      do i = 1, n
+         shape(i, i) = 1.0_wp
+      end do
+   end function law_shape_on_dofs
 
    !> Passes the static stiffness [N/m] of the structure at the first coordinate of the law; most laws do not need it.
    subroutine law_prepare(self, static_stiffness)
@@ -256,99 +312,22 @@ contains
       f = forces(1, :)
    end subroutine law_evaluate_held
 
-   !> Places the law on several degrees of freedom, each a coordinate of its own.
+   !> Places the law on several degrees of freedom, each a coordinate of its own unless the law combines them.
    pure subroutine place_on_dofs(self, dofs)
       class(law_t), intent(inout) :: self
       integer, intent(in) :: dofs(:)
-      integer :: i
 
       self%dofs = dofs
-      if (allocated(self%shape)) deallocate (self%shape)
-      allocate (self%shape(size(dofs), size(dofs)), source=0.0_wp)
-      do i = 1, size(dofs)
-         self%shape(i, i) = 1.0_wp
-      end do
+      self%shape = self%shape_on_dofs(size(dofs))
    end subroutine place_on_dofs
 
-   !> Reads the first coordinate of a law: `dof`, or `dofs` and `weights` for z = sum of weight times degree of
-   !> freedom (weights 1, -1: a relative displacement).
-   subroutine read_location(self, group, structure)
+   !> Adds a coordinate of the law, z = sum of weights times degrees of freedom; those of previous coordinates may occur
+   !> again. With several columns of `positions` the law stands for as many laws, each at one of them.
+   pure subroutine add_coordinate(self, positions, weights)
       class(law_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-      type(string_t), allocatable :: names(:)
-      character(:), allocatable :: name
-      real(wp), allocatable :: weights(:)
-
-      if (group%given("dof") .and. group%given("dofs")) then
-         call group%problem("dofs", "give either 'dof' or 'dofs', not both")
-      end if
-      if (group%given("set") .and. .not. (group%given("dof") .or. group%given("dofs"))) then
-         call group%problem("set", "is not a key of laws; the name of a set of nodes is a value of 'dof', "// &
-                            "such as dof = 'contact.z'")
-      else if (group%given("dofs")) then
-         call group%get("dofs", names)
-         if (.not. allocated(names)) return
-         call group%get("weights", weights, n=size(names))
-         if (.not. allocated(weights)) return
-         call place_coordinate(self, group, structure, "dofs", names, weights)
-      else
-         call group%get("dof", name)
-         if (.not. allocated(name)) return
-         allocate (names(1))
-         names(1)%value = name
-         call place_coordinate(self, group, structure, "dof", names, [1.0_wp])
-      end if
-   end subroutine read_location
-
-   !> Adds a coordinate of the law, z = sum of weights times the named degrees of freedom; those of previous
-   !> coordinates may be named again. The name of a set of nodes places the law at every node of the set; single
-   !> degrees of freedom beside it belong to each of them. Problems are those of `key`.
-   subroutine place_coordinate(self, group, structure, key, names, weights)
-      class(law_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-      character(*), intent(in) :: key                                 !! key with the names
-      type(string_t), intent(in) :: names(:)
-      real(wp), intent(in) :: weights(:)
-      type(error_t), allocatable :: error
-      integer, allocatable :: dofs(:), positions(:, :)
-      integer :: i, n_positions
-
-      if (size(weights) /= size(names)) then
-         call group%problem(key, "there must be as many weights as degrees of freedom")
-         return
-      end if
-      n_positions = 1
-      if (allocated(self%positions)) n_positions = size(self%positions, 2)
-      allocate (positions(size(names), n_positions), source=0)
-      do i = 1, size(names)
-         call structure%find_dofs(names(i)%value, dofs, error)
-         if (allocated(error)) then
-            call group%problem(key, error%message)
-            return
-         end if
-         if (size(positions, 2) == 1 .and. size(dofs) > 1) positions = spread(positions(:, 1), 2, size(dofs))
-         if (size(dofs) == 1) dofs = spread(dofs(1), 1, size(positions, 2))
-         if (size(dofs) /= size(positions, 2)) then
-            call group%problem(key, "'"//names(i)%value//"' stands for "//to_text(size(dofs))//" degrees of freedom, another "// &
-                               "set of this law for "//to_text(size(positions, 2))//"; sets that meet need equal numbers of nodes")
-            return
-         end if
-         positions(i, :) = dofs
-         if (any(positions(1:i - 1, :) == spread(dofs, 1, i - 1))) then
-            call group%problem(key, "degree of freedom '"//names(i)%value//"' is named twice")
-            return
-         end if
-      end do
-      if (all(weights == 0.0_wp)) call group%problem("weights", "at least one weight must not be zero")
-      call append_coordinate(self, positions, weights)
-   end subroutine place_coordinate
-
-   pure subroutine append_coordinate(self, positions, weights)
-      class(law_t), intent(inout) :: self
-      integer, intent(in) :: positions(:, :)                          !! (any, n_places); n_places is at least that of the law
-      real(wp), intent(in) :: weights(:)
+      integer, intent(in) :: positions(:, :)                          !! degrees of freedom, (any, n_places); n_places is at least
+                                                                      !! that of the law
+      real(wp), intent(in) :: weights(:)                              !! (any)
       integer, allocatable :: all_positions(:, :), row(:)
       real(wp), allocatable :: shape(:, :)
       integer :: i, k, n, n_before, n_coordinates
@@ -385,18 +364,5 @@ contains
       call move_alloc(shape, self%shape)
       if (allocated(self%positions)) deallocate (self%positions)
       if (size(all_positions, 2) > 1) self%positions = all_positions(:n, :)
-   end subroutine append_coordinate
-
-   !> Reads the coordinates of a law with several of them: `dofs`, each a coordinate of its own.
-   subroutine read_dofs(self, group, structure)
-      class(law_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-      type(string_t), allocatable :: names(:)
-
-      call group%get("dofs", names, required=.true.)
-      if (.not. allocated(names)) return
-      call place_coordinate(self, group, structure, "dofs", names, spread(1.0_wp, 1, size(names)))
-      if (allocated(self%dofs)) call place_on_dofs(self, (self%dofs))
-   end subroutine read_dofs
+   end subroutine add_coordinate
 end module hb_law

@@ -7,11 +7,8 @@
 !> section 5.2. Sign: f stands beside K q on the left-hand side; -f acts on the rotor.
 module hb_law_annular_clearance
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_dofs
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: law_t, placement_t
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
    implicit none
    private
    public :: annular_clearance_t, new_annular_clearance, set_sliding
@@ -29,8 +26,9 @@ module hb_law_annular_clearance
       real(wp), private :: friction = 0.0_wp                          ! s mu
       real(wp), private :: surface_speed = 0.0_wp                     ! R Omega [m/s]
    contains
-      procedure :: read => annular_clearance_read
       procedure :: declare_numbers => annular_clearance_declare_numbers
+      procedure :: placement => annular_clearance_placement
+      procedure :: shape_on_dofs => annular_clearance_shape_on_dofs
       procedure :: derive => annular_clearance_derive
       procedure :: number_slope => annular_clearance_number_slope
       procedure :: evaluate => annular_clearance_evaluate
@@ -74,6 +72,7 @@ contains
       class(annular_clearance_t), intent(inout) :: self
       class(numbers_t), intent(inout) :: numbers
 
+      call numbers%note_given("rotor_radius", self%slides)
       call numbers%add("stiffness", self%stiffness)
       call numbers%add("clearance", self%clearance)
       call numbers%add("friction_coefficient", self%friction_coefficient)
@@ -83,11 +82,41 @@ contains
          call numbers%add("slip_velocity", self%slip_velocity)
       end if
       call numbers%add("center", self%center, n=2)
+      if (self%slides) then
+         call numbers%refuse("spin", "not beside 'rotor_radius': the sign of 'rotor_speed' gives the direction")
+      else
+         call numbers%add("spin", self%spins_backwards, word="negative")
+         call numbers%refuse("rotor_speed", "needs 'rotor_radius' and 'slip_velocity'")
+         call numbers%refuse("slip_velocity", "needs 'rotor_radius' and 'rotor_speed'")
+      end if
    end subroutine annular_clearance_declare_numbers
+
+   !> On x and y of the rotor, followed by x and y of the ring if it moves too.
+   pure function annular_clearance_placement(self) result(placement)
+      class(annular_clearance_t), intent(in) :: self
+      type(placement_t) :: placement
+
+      placement%is_by_dofs = .true.
+      placement%counts = [2, 4]
+      placement%dofs = "name x and y of the rotor, or these and x and y of the ring"
+   end function annular_clearance_placement
+
+   pure function annular_clearance_shape_on_dofs(self, n) result(shape)
+      class(annular_clearance_t), intent(in) :: self
+      integer, intent(in) :: n
+      real(wp), allocatable :: shape(:, :)
+
+      if (n == 4) then
+         shape = reshape([1.0_wp, 0.0_wp, -1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, -1.0_wp], [4, 2])
+      else
+         shape = reshape([1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [2, 2])
+      end if
+   end function annular_clearance_shape_on_dofs
 
    pure subroutine annular_clearance_derive(self)
       class(annular_clearance_t), intent(inout) :: self
 
+      if (.not. allocated(self%center)) self%center = [0.0_wp, 0.0_wp]
       self%friction = self%friction_coefficient
       if (self%spins_backwards) self%friction = -self%friction
       self%surface_speed = self%rotor_radius*self%rotor_speed
@@ -97,38 +126,6 @@ contains
       self%length_scale = max(self%clearance, maxval(abs(self%center)))
       self%n_switches = merge(1, 0, self%clearance > 0.0_wp)
    end subroutine annular_clearance_derive
-
-   !> Reads a `&law type = 'annular_clearance'` group. `dofs` are x and y of the rotor, followed by x and y of the
-   !> ring if it moves too.
-   subroutine annular_clearance_read(self, group, structure)
-      class(annular_clearance_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-      integer :: spin                                                 ! positive, negative
-
-      spin = 1
-      self%slides = group%given("rotor_radius")
-      call read_numbers(self, group)
-      if (self%slides) then
-         if (group%given("spin")) call group%problem("spin", "not beside 'rotor_radius': the sign of 'rotor_speed' gives "// &
-                                                     "the direction")
-      else
-         call group%choose("spin", spin)
-         if (group%given("rotor_speed")) call group%problem("rotor_speed", "needs 'rotor_radius' and 'slip_velocity'")
-         if (group%given("slip_velocity")) call group%problem("slip_velocity", "needs 'rotor_radius' and 'rotor_speed'")
-      end if
-      self%spins_backwards = spin == 2
-      if (size(self%center) == 2) call self%derive()
-      call read_dofs(self, group, structure)
-      if (.not. allocated(self%dofs)) return
-      select case (size(self%dofs))
-      case (2)
-      case (4)
-         self%shape = reshape([1.0_wp, 0.0_wp, -1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, -1.0_wp], [4, 2])
-      case default
-         call group%problem("dofs", "name x and y of the rotor, or these and x and y of the ring")
-      end select
-   end subroutine annular_clearance_read
 
    subroutine annular_clearance_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(annular_clearance_t), intent(in) :: self

@@ -11,13 +11,11 @@
 !> and 5.3. Sign: f stands beside K q on the left-hand side.
 module hb_law_blade_contact
    use hb_kinds, only: int64, two_pi, wp
-   use hb_law, only: read_dofs
-   use hb_law_contact_table, only: check_length, check_lengths, complete_contacts, contact_table_t, declare_contacts, has_lengths, &
-      one_for_each, read_hardness, set_turns
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: placement_t
+   use hb_law_contact_table, only: check_contacts, check_length, complete_contacts, contact_table_t, declare_contacts, &
+      has_lengths, one_for_each, set_turns
    use hb_numbers, only: numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
+   use hb_problems, only: problems_t
    implicit none
    private
    public :: blade_contact_t, new_blade_contact
@@ -26,10 +24,13 @@ module hb_law_blade_contact
       integer :: n_diameters = 0
       real(wp), allocatable :: arms(:)                                !! eta_d, eta_c
       real(wp), allocatable :: given_shares(:)                        !! s_i; one for all blades, or (n_contacts)
+      logical :: is_rotating = .true.                                 !! both bodies belong to the frame of the blades
+      logical :: is_stationary = .false.                              !! both belong to the stationary frame; or each to its own
    contains
-      procedure :: read => blade_contact_read
       procedure :: declare_numbers => blade_contact_declare_numbers
+      procedure :: placement => blade_contact_placement
       procedure :: has_valid_numbers => blade_contact_has_valid_numbers
+      procedure :: check => blade_contact_check
       procedure :: derive => blade_contact_derive
    end type blade_contact_t
 
@@ -59,9 +60,15 @@ contains
       class(blade_contact_t), intent(inout) :: self
       class(numbers_t), intent(inout) :: numbers
 
+      call numbers%add("n_diameters", self%n_diameters)
+      call numbers%add("n_blades", self%n_contacts)
       call declare_contacts(self, numbers)
       call numbers%add("shares", self%given_shares)
+      if (.not. allocated(self%arms)) self%arms = [0.0_wp, 0.0_wp]
       call numbers%add("friction_arms", self%arms, n=2, required=any(self%given_friction > 0.0_wp))
+      call numbers%add("frame", self%is_rotating, word="rotating")
+      call numbers%add("frame", self%is_stationary, word="stationary")
+      if (.not. self%is_rotating) call numbers%add("tone", self%n_phases)
    end subroutine blade_contact_declare_numbers
 
    logical function blade_contact_has_valid_numbers(self) result(are_valid)
@@ -72,11 +79,40 @@ contains
       if (are_valid) are_valid = .not. allocated(self%failure)
    end function blade_contact_has_valid_numbers
 
+   !> Whether the numbers have their lengths.
+   pure logical function is_complete(self)
+      class(blade_contact_t), intent(in) :: self
+
+      is_complete = has_lengths(self) .and. allocated(self%given_shares) .and. allocated(self%arms)
+      is_complete = is_complete .and. self%n_contacts > 0 .and. self%n_diameters > 0
+      if (is_complete) is_complete = any(size(self%given_shares) == [1, self%n_contacts]) .and. size(self%arms) == 2
+   end function is_complete
+
+   subroutine blade_contact_check(self, problems)
+      class(blade_contact_t), intent(in) :: self
+      class(problems_t), intent(inout) :: problems
+
+      call check_contacts(self, problems)
+      if (allocated(self%given_shares) .and. self%n_contacts > 0) &
+         call check_length("shares", self%given_shares, self%n_contacts, problems)
+   end subroutine blade_contact_check
+
+   pure function blade_contact_placement(self) result(placement)
+      class(blade_contact_t), intent(in) :: self
+      type(placement_t) :: placement
+
+      placement%is_by_dofs = .true.
+      placement%counts = 4
+      placement%dofs = "name both coordinates of the disk, then both of the casing"
+   end function blade_contact_placement
+
    pure subroutine blade_contact_derive(self)
       class(blade_contact_t), intent(inout) :: self
       real(wp), dimension(self%n_contacts) :: angle, shares
       integer :: i
 
+      self%has_potential = .true.                                     ! until determined
+      if (.not. is_complete(self)) return
       if (allocated(self%shapes)) then
          if (size(self%shapes, 1) /= self%n_contacts) deallocate (self%shapes, self%friction_shapes)
       end if
@@ -97,37 +133,10 @@ contains
          friction_shapes(:, 4) = arms(2)*cos(angle)
       end associate
       call complete_contacts(self)
+      if (.not. self%is_rotating .and. self%n_phases > 0) then
+         associate (n => self%n_diameters)
+            call set_turns(self, self%n_phases, merge([n, n], [0, n], self%is_stationary))
+         end associate
+      end if
    end subroutine blade_contact_derive
-
-   !> Reads a `&law type = 'blade_contact'` group.
-   subroutine blade_contact_read(self, group, structure)
-      class(blade_contact_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-      character(:), allocatable :: frame
-      integer :: tone
-
-      tone = 0
-      self%has_potential = .true.                                     ! until determined
-      call read_dofs(self, group, structure)
-      call group%get("n_diameters", self%n_diameters)
-      call group%get("n_blades", self%n_contacts)
-      call read_hardness(self, group)
-      self%arms = [0.0_wp, 0.0_wp]
-      call read_numbers(self, group)
-      call group%get("frame", frame)
-      if (frame /= "rotating") call group%get("tone", tone)
-      if (.not. (allocated(self%dofs) .and. allocated(self%given_gaps) .and. allocated(self%given_stiffness))) return
-      if (size(self%dofs) /= 4) call group%problem("dofs", "name both coordinates of the disk, then both of the casing")
-      if (self%n_contacts < 1 .or. self%n_diameters < 1) return
-      call check_lengths(self, group)
-      call check_length(group, "shares", self%given_shares, self%n_contacts)
-      if (.not. has_lengths(self) .or. all(size(self%given_shares) /= [1, self%n_contacts]) .or. size(self%arms) /= 2) return
-      call self%derive()
-      if (allocated(self%failure)) call group%problem("contact", self%failure)
-      if (tone < 1 .or. size(self%dofs) /= 4) return
-      associate (n => self%n_diameters)
-         call set_turns(self, tone, merge([n, n], [0, n], frame == "stationary"))
-      end associate
-   end subroutine blade_contact_read
 end module hb_law_blade_contact

@@ -13,12 +13,8 @@
 module hb_law_bouc_wen
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
-   use hb_law, only: read_location
-   use hb_number_reader, only: read_numbers
    use hb_numbers, only: numbers_t
-   use hb_properties, only: properties_t
    use hb_slider, only: turning_point
-   use hb_structure, only: structure_t
    implicit none
    private
    public :: bouc_wen_t
@@ -30,7 +26,6 @@ module hb_law_bouc_wen
       real(wp) :: exponent = 1.0_wp                                   !! n >= 1
       real(wp) :: beta = 0.5_wp                                       !! >= 0.5
    contains
-      procedure :: read => bouc_wen_read
       procedure :: declare_numbers => bouc_wen_declare_numbers
       procedure :: derive => bouc_wen_derive
       procedure :: advance => bouc_wen_advance
@@ -46,17 +41,6 @@ module hb_law_bouc_wen
                                         0.10122853629037626_wp]
 
 contains
-
-   !> Reads a `&law type = 'bouc_wen'` group.
-   subroutine bouc_wen_read(self, group, structure)
-      class(bouc_wen_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-
-      call read_numbers(self, group)
-      call self%derive()
-      call read_location(self, group, structure)
-   end subroutine bouc_wen_read
 
    subroutine bouc_wen_declare_numbers(self, numbers)
       class(bouc_wen_t), intent(inout) :: self

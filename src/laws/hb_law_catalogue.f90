@@ -1,5 +1,4 @@
-!> The laws that an input file can name, one case each. Their names are the types of `&law` in the table of input
-!> keys.
+!> The laws by their names, one case each: the types of `&law` in the table of input keys.
 module hb_law_catalogue
    use hb_law, only: law_box_t
    use hb_law_annular_clearance, only: annular_clearance_t
@@ -25,14 +24,11 @@ module hb_law_catalogue
    use hb_law_rolling_bearing, only: rolling_bearing_t
    use hb_law_short_bearing, only: short_bearing_t
    use hb_law_tabulated, only: tabulated_t
-   use hb_law_user, only: take_memory, user_law_t
+   use hb_law_user, only: user_law_t
    use hb_law_van_der_pol, only: van_der_pol_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
-   use hb_text, only: to_text
    implicit none
    private
-   public :: read_law
+   public :: allocate_law
 
 contains
 
@@ -69,25 +65,4 @@ contains
       case ("van_der_pol"); allocate (van_der_pol_t :: box%law)
       end select
    end subroutine allocate_law
-
-   !> Reads a `&law` group into a law of the kind given by its key `type`. Problems are collected in the group; the
-   !> box remains empty if the kind is unknown.
-   subroutine read_law(box, group, structure, number)
-      type(law_box_t), intent(out) :: box
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-      integer, intent(in) :: number                                   !! of the group in the file, for the default label
-      character(:), allocatable :: kind_of_law, label
-
-      call group%get("type", kind_of_law)
-      if (.not. allocated(kind_of_law)) return
-      call allocate_law(box, kind_of_law)
-      if (.not. allocated(box%law)) return
-      if (.not. group%given("label")) label = kind_of_law//" "//to_text(number)
-      call group%get("label", label)
-      if (.not. allocated(label)) label = kind_of_law//" "//to_text(number)   ! the given value is not a text
-      box%law%label = label
-      call box%law%read(group, structure)
-      call take_memory(box)
-   end subroutine read_law
 end module hb_law_catalogue

@@ -16,17 +16,15 @@
 module hb_law_contact_table
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
-   use hb_law, only: defects_t, hold_t, kink_t, law_t, read_dofs
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: defects_t, hold_t, kink_t, law_t, placement_t
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
+   use hb_problems, only: problems_t
    use hb_rigid_contacts, only: new_rigid_contacts, rigid_contacts_t
-   use hb_structure, only: structure_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: check_length, check_lengths, complete_contacts, contact_table_t, declare_contacts, has_lengths, make_rigid
-   public :: new_contact_table, one_for_each, read_hardness, set_turns
+   public :: check_contacts, check_length, complete_contacts, contact_table_t, declare_contacts, has_lengths, make_rigid
+   public :: new_contact_table, one_for_each, set_turns
 
    integer, parameter :: block_size = 256                             ! samples that remain in the cache over all contacts
 
@@ -47,9 +45,10 @@ module hb_law_contact_table
       integer, allocatable :: turns(:)                                !! n of each pair of coordinates; not allocated: none rotates
       real(wp), allocatable, private :: cosine(:, :), sine(:, :)      ! of n tau, (n_samples, n_pairs)
    contains
-      procedure :: read => contact_table_read
       procedure :: declare_numbers => contact_table_declare_numbers
+      procedure :: placement => contact_table_placement
       procedure :: has_valid_numbers => contact_table_has_valid_numbers
+      procedure :: check => contact_table_check
       procedure :: derive => contact_table_derive
       procedure :: number_slope => contact_table_number_slope
       procedure :: set_phases => contact_table_set_phases
@@ -88,25 +87,33 @@ contains
       class(contact_table_t), intent(inout) :: self
       class(numbers_t), intent(inout) :: numbers
 
+      call numbers%add("n_contacts", self%n_contacts)
       call declare_contacts(self, numbers)
-      if (.not. (allocated(self%given_gaps) .and. allocated(self%given_stiffness) .and. allocated(self%dofs))) return
-      if (self%n_contacts < 1) return
-      associate (n => self%n_contacts, m => size(self%dofs))
-         call numbers%add("shapes", self%shapes, n, m)
-         if (.not. allocated(self%friction_shapes)) allocate (self%friction_shapes(n, m), source=0.0_wp)
-         call numbers%add("friction_shapes", self%friction_shapes, n, m, required=any(self%given_friction > 0.0_wp))
-      end associate
+      if (allocated(self%given_gaps) .and. allocated(self%given_stiffness) .and. allocated(self%dofs) .and. &
+          self%n_contacts > 0) then
+         associate (n => self%n_contacts, m => size(self%dofs))
+            call numbers%add("shapes", self%shapes, n, m)
+            if (.not. allocated(self%friction_shapes)) allocate (self%friction_shapes(n, m), source=0.0_wp)
+            call numbers%add("friction_shapes", self%friction_shapes, n, m, required=any(self%given_friction > 0.0_wp))
+         end associate
+      end if
+      call numbers%add("tone", self%n_phases)
+      if (self%n_phases > 0) call numbers%add("turns", self%turns)
    end subroutine contact_table_declare_numbers
 
-   !> Declares the numbers of contacts other than their shapes.
+   !> Declares whether contacts are rigid, and their numbers other than shapes.
    subroutine declare_contacts(self, numbers)
       class(contact_table_t), intent(inout) :: self
       class(numbers_t), intent(inout) :: numbers
 
+      call numbers%add("contact", self%is_rigid, word="rigid")
       call numbers%add("gaps", self%given_gaps)
       if (self%is_rigid) then
+         call numbers%refuse("stiffness", "rigid contacts have none: remove it, or use contact = 'elastic'")
+         self%given_stiffness = [0.0_wp]
          call numbers%add("augmentation", self%augmentation)
       else
+         call numbers%refuse("augmentation", "only rigid contacts have one: remove it, or use contact = 'rigid'")
          call numbers%add("stiffness", self%given_stiffness)
       end if
       call numbers%add("friction_coefficient", self%given_friction)
@@ -137,10 +144,56 @@ contains
       end function is_fine
    end function has_lengths
 
+   subroutine contact_table_check(self, problems)
+      class(contact_table_t), intent(in) :: self
+      class(problems_t), intent(inout) :: problems
+      integer :: i
+
+      call check_contacts(self, problems)
+      if (.not. allocated(self%shapes)) return
+      do i = 1, size(self%shapes, 1)
+         if (all(self%shapes(i, :) == 0.0_wp)) call problems%add("shapes", "row "//to_text(i)//" is zero: its gap never moves")
+      end do
+      if (.not. allocated(self%turns)) return
+      if (2*size(self%turns) /= size(self%shapes, 2)) &
+         call problems%add("turns", "give one number for each pair of 'dofs', that is half as many")
+   end subroutine contact_table_check
+
+   !> Reports lists that have neither one number nor one for each contact, and contacts that cannot be rigid.
+   subroutine check_contacts(self, problems)
+      class(contact_table_t), intent(in) :: self
+      class(problems_t), intent(inout) :: problems
+
+      if (.not. (allocated(self%given_gaps) .and. allocated(self%given_stiffness) .and. allocated(self%given_friction))) return
+      if (self%n_contacts < 1) return
+      call check_length("gaps", self%given_gaps, self%n_contacts, problems)
+      call check_length("stiffness", self%given_stiffness, self%n_contacts, problems)
+      call check_length("friction_coefficient", self%given_friction, self%n_contacts, problems)
+      if (allocated(self%failure)) call problems%add("contact", self%failure)
+   end subroutine check_contacts
+
+   !> Reports a list that has neither one number nor one for each contact.
+   subroutine check_length(key, values, n, problems)
+      character(*), intent(in) :: key
+      real(wp), intent(in) :: values(:)
+      integer, intent(in) :: n                                        !! contacts
+      class(problems_t), intent(inout) :: problems
+
+      if (all(size(values) /= [1, n])) call problems%add(key, "give one number, or one for each of the "//to_text(n)//" contacts")
+   end subroutine check_length
+
+   pure function contact_table_placement(self) result(placement)
+      class(contact_table_t), intent(in) :: self
+      type(placement_t) :: placement
+
+      placement%is_by_dofs = .true.
+   end function contact_table_placement
+
    pure subroutine contact_table_derive(self)
       class(contact_table_t), intent(inout) :: self
 
-      call complete_contacts(self)
+      self%has_potential = .true.                                     ! until determined
+      if (has_lengths(self) .and. allocated(self%shapes)) call complete_contacts(self)
    end subroutine contact_table_derive
 
    !> Computes what follows from the shapes and the other numbers of contacts.
@@ -220,75 +273,6 @@ contains
          self%sine(:, k) = sin(self%turns(k)*phase)
       end do
    end subroutine contact_table_set_phases
-
-   !> Reads a `&law type = 'contact_table'` group.
-   subroutine contact_table_read(self, group, structure)
-      class(contact_table_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-      integer, allocatable :: turns(:)
-      integer :: i, tone
-
-      self%has_potential = .true.                                     ! until determined
-      call read_dofs(self, group, structure)
-      call group%get("n_contacts", self%n_contacts)
-      call read_hardness(self, group)
-      call read_numbers(self, group)
-      call group%get("tone", tone)
-      if (tone > 0) call group%get("turns", turns)
-      if (self%n_contacts < 1 .or. .not. (allocated(self%dofs) .and. allocated(self%given_gaps) .and. &
-                                          allocated(self%given_stiffness))) return
-      call check_lengths(self, group)
-      if (.not. allocated(self%shapes)) return
-      do i = 1, self%n_contacts
-         if (all(self%shapes(i, :) == 0.0_wp)) call group%problem("shapes", "row "//to_text(i)//" is zero: its gap never moves")
-      end do
-      if (has_lengths(self)) call self%derive()
-      if (allocated(self%failure)) call group%problem("contact", self%failure)
-      if (.not. allocated(turns)) return
-      if (2*size(turns) == size(self%dofs)) then
-         call set_turns(self, tone, turns)
-      else
-         call group%problem("turns", "give one number for each pair of 'dofs', that is half as many")
-      end if
-   end subroutine contact_table_read
-
-   !> Reads whether contacts are rigid, which decides about the numbers that they have.
-   subroutine read_hardness(self, group)
-      class(contact_table_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      integer :: kind                                                 ! elastic, rigid
-
-      call group%choose("contact", kind)
-      self%is_rigid = kind == 2
-      if (.not. self%is_rigid) then
-         if (group%given("augmentation")) call group%problem("augmentation", "only rigid contacts have one: remove it, or "// &
-                                                             "use contact = 'rigid'")
-         return
-      end if
-      if (group%given("stiffness")) call group%problem("stiffness", "rigid contacts have none: remove it, or use "// &
-                                                       "contact = 'elastic'")
-      self%given_stiffness = [0.0_wp]
-   end subroutine read_hardness
-
-   !> Reports lists that have neither one number nor one for each contact.
-   subroutine check_lengths(self, group)
-      class(contact_table_t), intent(in) :: self
-      type(properties_t), intent(inout) :: group
-
-      call check_length(group, "gaps", self%given_gaps, self%n_contacts)
-      call check_length(group, "stiffness", self%given_stiffness, self%n_contacts)
-      call check_length(group, "friction_coefficient", self%given_friction, self%n_contacts)
-   end subroutine check_lengths
-
-   subroutine check_length(group, key, values, n)
-      type(properties_t), intent(inout) :: group
-      character(*), intent(in) :: key
-      real(wp), intent(in) :: values(:)
-      integer, intent(in) :: n                                        !! contacts
-
-      if (all(size(values) /= [1, n])) call group%problem(key, "give one number, or one for each of the "//to_text(n)//" contacts")
-   end subroutine check_length
 
    !> One number for each contact.
    pure function one_for_each(given, n) result(values)

@@ -7,11 +7,8 @@
 !> Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375. Sign: f stands beside K q on the left-hand side.
 module hb_law_coulomb_rigid
    use hb_kinds, only: wp
-   use hb_law, only: defects_t, hold_t, law_t, read_location
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: defects_t, hold_t, law_t
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
    implicit none
    private
    public :: coulomb_rigid_t
@@ -20,7 +17,6 @@ module hb_law_coulomb_rigid
       real(wp) :: limit = 0.0_wp                                      !! S = mu N [N]
       real(wp) :: augmentation = 0.0_wp                               !! eps [N s/m]; 0: the impedance of the structure
    contains
-      procedure :: read => coulomb_rigid_read
       procedure :: declare_numbers => coulomb_rigid_declare_numbers
       procedure :: derive => coulomb_rigid_derive
       procedure :: number_slope => coulomb_rigid_number_slope
@@ -31,17 +27,6 @@ module hb_law_coulomb_rigid
    end type coulomb_rigid_t
 
 contains
-
-   !> Reads a `&law type = 'coulomb_rigid'` group.
-   subroutine coulomb_rigid_read(self, group, structure)
-      class(coulomb_rigid_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-
-      call read_numbers(self, group)
-      call self%derive()
-      call read_location(self, group, structure)
-   end subroutine coulomb_rigid_read
 
    subroutine coulomb_rigid_declare_numbers(self, numbers)
       class(coulomb_rigid_t), intent(inout) :: self

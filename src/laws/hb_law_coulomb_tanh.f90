@@ -4,11 +4,8 @@
 !> Source: docs/why/theory.md, section 5.5. Sign: f stands beside K q on the left-hand side.
 module hb_law_coulomb_tanh
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_location
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: law_t
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
    implicit none
    private
    public :: coulomb_tanh_t
@@ -17,7 +14,6 @@ module hb_law_coulomb_tanh
       real(wp) :: limit = 0.0_wp                                      !! S = mu N [N]
       real(wp) :: velocity = 0.0_wp                                   !! v_0 [m/s]
    contains
-      procedure :: read => coulomb_tanh_read
       procedure :: declare_numbers => coulomb_tanh_declare_numbers
       procedure :: derive => coulomb_tanh_derive
       procedure :: number_slope => coulomb_tanh_number_slope
@@ -25,17 +21,6 @@ module hb_law_coulomb_tanh
    end type coulomb_tanh_t
 
 contains
-
-   !> Reads a `&law type = 'coulomb_tanh'` group.
-   subroutine coulomb_tanh_read(self, group, structure)
-      class(coulomb_tanh_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-
-      call read_numbers(self, group)
-      call self%derive()
-      call read_location(self, group, structure)
-   end subroutine coulomb_tanh_read
 
    subroutine coulomb_tanh_declare_numbers(self, numbers)
       class(coulomb_tanh_t), intent(inout) :: self

@@ -6,11 +6,9 @@
 !> beside K q on the left-hand side.
 module hb_law_cubic_damping
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_dofs
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: law_t, placement_t
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
+   use hb_problems, only: problems_t
    implicit none
    private
    public :: cubic_damping_t
@@ -21,9 +19,10 @@ module hb_law_cubic_damping
       integer :: n_diameters = 1
       real(wp) :: rate = 0.0_wp                                       !! W, their product [rad/s]
    contains
-      procedure :: read => cubic_damping_read
       procedure :: declare_numbers => cubic_damping_declare_numbers
+      procedure :: placement => cubic_damping_placement
       procedure :: has_valid_numbers => cubic_damping_has_valid_numbers
+      procedure :: check => cubic_damping_check
       procedure :: derive => cubic_damping_derive
       procedure :: number_slope => cubic_damping_number_slope
       procedure :: evaluate => cubic_damping_evaluate
@@ -31,25 +30,13 @@ module hb_law_cubic_damping
 
 contains
 
-   !> Reads a `&law type = 'cubic_damping'` group.
-   subroutine cubic_damping_read(self, group, structure)
-      class(cubic_damping_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-
-      call read_dofs(self, group, structure)
-      call read_numbers(self, group)
-      call group%get("n_diameters", self%n_diameters)
-      call self%derive()
-      if (.not. self%has_valid_numbers()) call group%problem("speed", "only two coordinates can belong to a rotating frame")
-   end subroutine cubic_damping_read
-
    subroutine cubic_damping_declare_numbers(self, numbers)
       class(cubic_damping_t), intent(inout) :: self
       class(numbers_t), intent(inout) :: numbers
 
       call numbers%add("coefficient", self%coefficient)
       call numbers%add("speed", self%speed)
+      call numbers%add("n_diameters", self%n_diameters)
    end subroutine cubic_damping_declare_numbers
 
    logical function cubic_damping_has_valid_numbers(self) result(are_valid)
@@ -58,6 +45,20 @@ contains
       are_valid = .true.
       if (abs(self%speed) > 0.0_wp .and. allocated(self%dofs)) are_valid = size(self%dofs) == 2
    end function cubic_damping_has_valid_numbers
+
+   subroutine cubic_damping_check(self, problems)
+      class(cubic_damping_t), intent(in) :: self
+      class(problems_t), intent(inout) :: problems
+
+      if (.not. self%has_valid_numbers()) call problems%add("speed", "only two coordinates can belong to a rotating frame")
+   end subroutine cubic_damping_check
+
+   pure function cubic_damping_placement(self) result(placement)
+      class(cubic_damping_t), intent(in) :: self
+      type(placement_t) :: placement
+
+      placement%is_by_dofs = .true.
+   end function cubic_damping_placement
 
    pure subroutine cubic_damping_derive(self)
       class(cubic_damping_t), intent(inout) :: self

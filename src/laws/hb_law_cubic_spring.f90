@@ -2,11 +2,8 @@
 !> Source: docs/why/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
 module hb_law_cubic_spring
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_location
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: law_t
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
    implicit none
    private
    public :: cubic_spring_t
@@ -14,7 +11,6 @@ module hb_law_cubic_spring
    type, extends(law_t) :: cubic_spring_t
       real(wp) :: stiffness = 0.0_wp                                  !! k3 [N/m**3], negative for a softening spring
    contains
-      procedure :: read => cubic_spring_read
       procedure :: declare_numbers => cubic_spring_declare_numbers
       procedure :: derive => cubic_spring_derive
       procedure :: number_slope => cubic_spring_number_slope
@@ -23,17 +19,6 @@ module hb_law_cubic_spring
    end type cubic_spring_t
 
 contains
-
-   !> Reads a `&law type = 'cubic_spring'` group.
-   subroutine cubic_spring_read(self, group, structure)
-      class(cubic_spring_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-
-      call read_numbers(self, group)
-      call self%derive()
-      call read_location(self, group, structure)
-   end subroutine cubic_spring_read
 
    subroutine cubic_spring_declare_numbers(self, numbers)
       class(cubic_spring_t), intent(inout) :: self

@@ -2,11 +2,8 @@
 !> Source: docs/why/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
 module hb_law_elastic_stop
    use hb_kinds, only: wp
-   use hb_law, only: kink_t, law_t, read_location
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: kink_t, law_t
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
    implicit none
    private
    public :: elastic_stop_t
@@ -16,7 +13,6 @@ module hb_law_elastic_stop
       real(wp) :: gap = 0.0_wp                                        !! g [m]; negative: preloaded at rest
       logical :: two_sided = .false.
    contains
-      procedure :: read => elastic_stop_read
       procedure :: declare_numbers => elastic_stop_declare_numbers
       procedure :: derive => elastic_stop_derive
       procedure :: number_slope => elastic_stop_number_slope
@@ -28,24 +24,13 @@ module hb_law_elastic_stop
 
 contains
 
-   !> Reads a `&law type = 'elastic_stop'` group.
-   subroutine elastic_stop_read(self, group, structure)
-      class(elastic_stop_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-
-      call read_numbers(self, group)
-      call group%get("two_sided", self%two_sided)
-      call self%derive()
-      call read_location(self, group, structure)
-   end subroutine elastic_stop_read
-
    subroutine elastic_stop_declare_numbers(self, numbers)
       class(elastic_stop_t), intent(inout) :: self
       class(numbers_t), intent(inout) :: numbers
 
       call numbers%add("stiffness", self%stiffness)
       call numbers%add("gap", self%gap)
+      call numbers%add("two_sided", self%two_sided)
    end subroutine elastic_stop_declare_numbers
 
    pure subroutine elastic_stop_derive(self)

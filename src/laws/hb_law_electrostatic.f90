@@ -5,11 +5,9 @@
 module hb_law_electrostatic
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_location
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: law_t
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
+   use hb_problems, only: problems_t
    use hb_text, only: to_text
    implicit none
    private
@@ -22,9 +20,9 @@ module hb_law_electrostatic
       real(wp) :: wave(2) = 0.0_wp                                    !! V_c, V_s [V]
       real(wp), allocatable, private :: cosine(:), sine(:)            ! of the phase at the following samples
    contains
-      procedure :: read => electrostatic_read
       procedure :: declare_numbers => electrostatic_declare_numbers
       procedure :: has_valid_numbers => electrostatic_has_valid_numbers
+      procedure :: check => electrostatic_check
       procedure :: derive => electrostatic_derive
       procedure :: number_slope => electrostatic_number_slope
       procedure :: set_phases => electrostatic_set_phases
@@ -35,28 +33,11 @@ module hb_law_electrostatic
 
 contains
 
-   !> Reads a `&law type = 'electrostatic'` group.
-   subroutine electrostatic_read(self, group, structure)
-      class(electrostatic_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-
-      call group%get("tuple", self%modulation)
-      call read_numbers(self, group)
-      call self%derive()
-      call read_location(self, group, structure)
-      if (allocated(self%modulation)) then
-         self%n_phases = size(self%modulation)
-         if (all(self%modulation == 0)) call group%problem("tuple", "all zero: a constant voltage belongs to 'voltage'")
-      else if (.not. self%has_valid_numbers()) then
-         call group%problem("tuple", "give the tuple with which 'voltage_cos' and 'voltage_sin' vary")
-      end if
-   end subroutine electrostatic_read
-
    subroutine electrostatic_declare_numbers(self, numbers)
       class(electrostatic_t), intent(inout) :: self
       class(numbers_t), intent(inout) :: numbers
 
+      call numbers%add("tuple", self%modulation)
       call numbers%add("coefficient", self%coefficient)
       call numbers%add("gap", self%gap)
       call numbers%add("voltage", self%voltage)
@@ -70,11 +51,23 @@ contains
       are_valid = allocated(self%modulation) .or. all(abs(self%wave) <= 0.0_wp)
    end function electrostatic_has_valid_numbers
 
+   subroutine electrostatic_check(self, problems)
+      class(electrostatic_t), intent(in) :: self
+      class(problems_t), intent(inout) :: problems
+
+      if (allocated(self%modulation)) then
+         if (all(self%modulation == 0)) call problems%add("tuple", "all zero: a constant voltage belongs to 'voltage'")
+      else if (.not. self%has_valid_numbers()) then
+         call problems%add("tuple", "give the tuple with which 'voltage_cos' and 'voltage_sin' vary")
+      end if
+   end subroutine electrostatic_check
+
    pure subroutine electrostatic_derive(self)
       class(electrostatic_t), intent(inout) :: self
 
       self%length_scale = self%gap/3                                   ! static pull-in
       self%has_potential = .not. allocated(self%modulation)
+      if (allocated(self%modulation)) self%n_phases = size(self%modulation)
    end subroutine electrostatic_derive
 
    pure subroutine electrostatic_set_phases(self, phases)

@@ -3,11 +3,8 @@
 !> for chi. Sign: f stands beside K q on the left-hand side.
 module hb_law_hertz
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_location
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: law_t
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
    implicit none
    private
    public :: hertz_t
@@ -18,7 +15,6 @@ module hb_law_hertz
       real(wp) :: gap = 0.0_wp                                        !! g [m]; negative: preloaded at rest
       real(wp) :: dissipation = 0.0_wp                                !! chi [s/m]
    contains
-      procedure :: read => hertz_read
       procedure :: declare_numbers => hertz_declare_numbers
       procedure :: derive => hertz_derive
       procedure :: number_slope => hertz_number_slope
@@ -29,17 +25,6 @@ module hb_law_hertz
    end type hertz_t
 
 contains
-
-   !> Reads a `&law type = 'hertz'` group.
-   subroutine hertz_read(self, group, structure)
-      class(hertz_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-
-      call read_numbers(self, group)
-      call self%derive()
-      call read_location(self, group, structure)
-   end subroutine hertz_read
 
    subroutine hertz_declare_numbers(self, numbers)
       class(hertz_t), intent(inout) :: self

@@ -5,12 +5,8 @@
 module hb_law_iwan
    use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
-   use hb_law, only: read_location
-   use hb_number_reader, only: read_numbers
    use hb_numbers, only: numbers_t
-   use hb_properties, only: properties_t
    use hb_slider, only: move_slider, pushed_by
-   use hb_structure, only: structure_t
    implicit none
    private
    public :: iwan_t
@@ -19,7 +15,6 @@ module hb_law_iwan
       real(wp), allocatable :: stiffness(:)                           !! k_i [N/m], (n_states)
       real(wp), allocatable :: limit(:)                               !! mu N_i [N], (n_states)
    contains
-      procedure :: read => iwan_read
       procedure :: declare_numbers => iwan_declare_numbers
       procedure :: derive => iwan_derive
       procedure :: advance => iwan_advance
@@ -28,17 +23,6 @@ module hb_law_iwan
    end type iwan_t
 
 contains
-
-   !> Reads a `&law type = 'iwan'` group.
-   subroutine iwan_read(self, group, structure)
-      class(iwan_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-
-      call read_numbers(self, group)
-      call self%derive()
-      call read_location(self, group, structure)
-   end subroutine iwan_read
 
    subroutine iwan_declare_numbers(self, numbers)
       class(iwan_t), intent(inout) :: self

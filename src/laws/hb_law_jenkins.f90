@@ -6,16 +6,12 @@
 module hb_law_jenkins
    use hb_hysteretic_law, only: advance_step_by_step, hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
-   use hb_law, only: place_coordinate, read_location
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: placement_t
    use hb_numbers, only: numbers_t
-   use hb_properties, only: properties_t
    use hb_slider, only: move_slider, move_steadily, pushed_by
-   use hb_structure, only: structure_t
-   use hb_text, only: string_t
    implicit none
    private
-   public :: derive_limit, jenkins_t, read_limit, read_normal
+   public :: derive_limit, jenkins_t
 
    type, extends(hysteretic_law_t) :: jenkins_t
       real(wp) :: stiffness = 0.0_wp                                  !! k [N/m]
@@ -25,8 +21,8 @@ module hb_law_jenkins
       real(wp) :: preload = 0.0_wp                                    !! N_0 [N]; negative: a gap N_0/k_n
       real(wp) :: normal_stiffness = 0.0_wp                           !! k_n [N/m]
    contains
-      procedure :: read => jenkins_read
       procedure :: declare_numbers => jenkins_declare_numbers
+      procedure :: placement => jenkins_placement
       procedure :: derive => jenkins_derive
       procedure :: advance => jenkins_advance
       procedure :: advance_line => jenkins_advance_line
@@ -37,31 +33,29 @@ module hb_law_jenkins
 
 contains
 
-   !> Reads a `&law type = 'jenkins'` group; with `friction_coefficient` the normal load varies.
-   subroutine jenkins_read(self, group, structure)
-      class(jenkins_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-
-      call read_limit(self, group)
-      call self%derive()
-      call read_location(self, group, structure)
-      call read_normal(self, group, structure)
-   end subroutine jenkins_read
-
    subroutine jenkins_declare_numbers(self, numbers)
       class(jenkins_t), intent(inout) :: self
       class(numbers_t), intent(inout) :: numbers
 
+      call numbers%note_given("friction_coefficient", self%normal_load_varies)
       call numbers%add("stiffness", self%stiffness)
       if (self%normal_load_varies) then
          call numbers%add("friction_coefficient", self%friction_coefficient)
          call numbers%add("normal_stiffness", self%normal_stiffness)
          call numbers%add("preload", self%preload)
+         call numbers%refuse("limit", "give either 'limit' or 'friction_coefficient', not both")
       else
          call numbers%add("limit", self%limit)
       end if
    end subroutine jenkins_declare_numbers
+
+   !> The normal coordinate is the last one.
+   pure function jenkins_placement(self) result(placement)
+      class(jenkins_t), intent(in) :: self
+      type(placement_t) :: placement
+
+      if (self%normal_load_varies) placement%further(1) = "normal_dofs"
+   end function jenkins_placement
 
    pure subroutine jenkins_derive(self)
       class(jenkins_t), intent(inout) :: self
@@ -83,33 +77,6 @@ contains
          self%length_scale = self%limit/self%stiffness
       end if
    end subroutine derive_limit
-
-   !> Reads the stiffness and the limit, or the keys from which it follows if the normal load varies.
-   subroutine read_limit(self, group)
-      class(jenkins_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-
-      self%normal_load_varies = group%given("friction_coefficient")
-      call read_numbers(self, group)
-      if (.not. (self%normal_load_varies .and. group%given("limit"))) return
-      call group%problem("limit", "give either 'limit' or 'friction_coefficient', not both")
-      call group%get("limit", self%limit)
-   end subroutine read_limit
-
-   !> Reads the normal coordinate, the last of the law, if the normal load varies.
-   subroutine read_normal(self, group, structure)
-      class(jenkins_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-      type(string_t), allocatable :: names(:)
-      real(wp), allocatable :: weights(:)
-
-      if (.not. self%normal_load_varies) return
-      call group%get("normal_dofs", names)
-      if (.not. allocated(names)) return
-      call group%get("normal_weights", weights, n=size(names))
-      call place_coordinate(self, group, structure, "normal_dofs", names, weights)
-   end subroutine read_normal
 
    subroutine jenkins_advance(self, s_old, path, s_new, ds_ds_old, ds_dpath)
       class(jenkins_t), intent(in) :: self

@@ -10,18 +10,15 @@
 module hb_law_jenkins_2d
    use hb_hysteretic_law, only: path_part
    use hb_kinds, only: wp
-   use hb_law, only: place_coordinate, read_location
-   use hb_law_jenkins, only: derive_limit, jenkins_t, read_limit, read_normal
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
-   use hb_text, only: string_t
+   use hb_law, only: placement_t
+   use hb_law_jenkins, only: derive_limit, jenkins_t
    implicit none
    private
    public :: jenkins_2d_t
 
    type, extends(jenkins_t) :: jenkins_2d_t
    contains
-      procedure :: read => jenkins_2d_read
+      procedure :: placement => jenkins_2d_placement
       procedure :: derive => jenkins_2d_derive
       procedure :: advance => jenkins_2d_advance
    end type jenkins_2d_t
@@ -31,23 +28,13 @@ module hb_law_jenkins_2d
 
 contains
 
-   !> Reads a `&law type = 'jenkins_2d'` group; with `friction_coefficient` the normal load varies.
-   subroutine jenkins_2d_read(self, group, structure)
-      class(jenkins_2d_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-      type(string_t), allocatable :: names(:)
-      real(wp), allocatable :: weights(:)
+   pure function jenkins_2d_placement(self) result(placement)
+      class(jenkins_2d_t), intent(in) :: self
+      type(placement_t) :: placement
 
-      call read_limit(self, group)
-      call self%derive()
-      call read_location(self, group, structure)
-      call group%get("second_dofs", names)
-      if (.not. allocated(names)) return
-      call group%get("second_weights", weights, n=size(names))
-      call place_coordinate(self, group, structure, "second_dofs", names, weights)
-      call read_normal(self, group, structure)
-   end subroutine jenkins_2d_read
+      placement%further(1) = "second_dofs"
+      if (self%normal_load_varies) placement%further(2) = "normal_dofs"
+   end function jenkins_2d_placement
 
    pure subroutine jenkins_2d_derive(self)
       class(jenkins_2d_t), intent(inout) :: self

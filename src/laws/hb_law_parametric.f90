@@ -6,11 +6,9 @@
 !> side.
 module hb_law_parametric
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_location
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: law_t
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
+   use hb_problems, only: problems_t
    implicit none
    private
    public :: parametric_t
@@ -22,8 +20,8 @@ module hb_law_parametric
       real(wp), allocatable, private :: cosine(:, :), sine(:, :)      ! of the phase at the following samples, (n_samples, 1)
       real(wp), allocatable, private :: k(:, :), d(:, :)              ! there, (n_samples, 1)
    contains
-      procedure :: read => parametric_read
       procedure :: declare_numbers => parametric_declare_numbers
+      procedure :: check => parametric_check
       procedure :: derive => parametric_derive
       procedure :: number_slope => parametric_number_slope
       procedure :: set_phases => parametric_set_phases
@@ -34,25 +32,11 @@ module hb_law_parametric
 
 contains
 
-   !> Reads a `&law type = 'parametric'` group.
-   subroutine parametric_read(self, group, structure)
-      class(parametric_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-
-      call group%get("tuple", self%modulation)
-      call read_numbers(self, group)
-      call self%derive()
-      call read_location(self, group, structure)
-      if (.not. allocated(self%modulation)) return
-      self%n_phases = size(self%modulation)
-      if (all(self%modulation == 0)) call group%problem("tuple", "all zero: constant terms belong to the structure")
-   end subroutine parametric_read
-
    subroutine parametric_declare_numbers(self, numbers)
       class(parametric_t), intent(inout) :: self
       class(numbers_t), intent(inout) :: numbers
 
+      call numbers%add("tuple", self%modulation)
       call numbers%add("stiffness_cos", self%stiffness(1))
       call numbers%add("stiffness_sin", self%stiffness(2))
       call numbers%add("damping_cos", self%damping(1))
@@ -60,9 +44,18 @@ contains
       call numbers%add("backlash", self%backlash)
    end subroutine parametric_declare_numbers
 
+   subroutine parametric_check(self, problems)
+      class(parametric_t), intent(in) :: self
+      class(problems_t), intent(inout) :: problems
+
+      if (.not. allocated(self%modulation)) return
+      if (all(self%modulation == 0)) call problems%add("tuple", "all zero: constant terms belong to the structure")
+   end subroutine parametric_check
+
    pure subroutine parametric_derive(self)
       class(parametric_t), intent(inout) :: self
 
+      if (allocated(self%modulation)) self%n_phases = size(self%modulation)
       self%needs_velocity = any(abs(self%damping) > 0.0_wp)
       self%n_switches = merge(2, 0, self%backlash > 0.0_wp)
       self%length_scale = self%backlash

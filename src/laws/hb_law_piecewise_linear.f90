@@ -3,11 +3,9 @@
 module hb_law_piecewise_linear
    use hb_interpolation, only: interval_of, is_ascending
    use hb_kinds, only: wp
-   use hb_law, only: kink_t, law_t, read_location
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: kink_t, law_t
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
+   use hb_problems, only: problems_t
    implicit none
    private
    public :: new_piecewise_linear, piecewise_linear_t
@@ -18,9 +16,9 @@ module hb_law_piecewise_linear
       real(wp) :: force_at_zero = 0.0_wp                              !! [N]
       real(wp), allocatable :: forces(:)                              !! at the breakpoints [N]
    contains
-      procedure :: read => piecewise_linear_read
       procedure :: declare_numbers => piecewise_linear_declare_numbers
       procedure :: has_valid_numbers => piecewise_linear_has_valid_numbers
+      procedure :: check => piecewise_linear_check
       procedure :: derive => piecewise_linear_derive
       procedure :: number_slope => piecewise_linear_number_slope
       procedure :: evaluate => piecewise_linear_evaluate
@@ -53,18 +51,28 @@ contains
       if (allocated(self%breakpoints)) call numbers%add("slopes", self%slopes, n=size(self%breakpoints) + 1)
    end subroutine piecewise_linear_declare_numbers
 
-   logical function piecewise_linear_has_valid_numbers(self) result(are_valid)
+   pure logical function piecewise_linear_has_valid_numbers(self) result(are_valid)
       class(piecewise_linear_t), intent(in) :: self
 
       are_valid = allocated(self%breakpoints) .and. allocated(self%slopes)
       if (are_valid) are_valid = size(self%slopes) == size(self%breakpoints) + 1 .and. is_ascending(self%breakpoints)
    end function piecewise_linear_has_valid_numbers
 
+   subroutine piecewise_linear_check(self, problems)
+      class(piecewise_linear_t), intent(in) :: self
+      class(problems_t), intent(inout) :: problems
+
+      if (.not. allocated(self%breakpoints)) return
+      if (.not. is_ascending(self%breakpoints)) call problems%add("breakpoints", "each must be greater than the one before")
+   end subroutine piecewise_linear_check
+
    pure subroutine piecewise_linear_derive(self)
       class(piecewise_linear_t), intent(inout) :: self
       real(wp) :: at_zero
       integer :: i
 
+      self%has_potential = .true.                                     ! even if other numbers have problems
+      if (.not. self%has_valid_numbers()) return
       associate (breakpoints => self%breakpoints, slopes => self%slopes, n => size(self%breakpoints))
          self%forces = [(0.0_wp, i=1, n)]
          do i = 2, n
@@ -72,7 +80,6 @@ contains
          end do
          at_zero = force_at(self, interval_of(breakpoints, 0.0_wp), 0.0_wp)
          self%forces = self%forces + (self%force_at_zero - at_zero)
-         self%has_potential = .true.
          self%is_piecewise_linear = .true.
          self%length_scale = maxval(abs(breakpoints))
          self%n_switches = n
@@ -85,22 +92,6 @@ contains
                        all(abs(self%forces + self%forces(n:1:-1)) <= rounding*maxval(abs(self%forces)))
       end associate
    end subroutine piecewise_linear_derive
-
-   !> Reads a `&law type = 'piecewise_linear'` group.
-   subroutine piecewise_linear_read(self, group, structure)
-      class(piecewise_linear_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-
-      self%has_potential = .true.                                     ! even if other keys have problems
-      call read_numbers(self, group)
-      if (self%has_valid_numbers()) then
-         call self%derive()
-      else if (allocated(self%breakpoints)) then
-         if (.not. is_ascending(self%breakpoints)) call group%problem("breakpoints", "each must be greater than the one before")
-      end if
-      call read_location(self, group, structure)
-   end subroutine piecewise_linear_read
 
    subroutine piecewise_linear_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(piecewise_linear_t), intent(in) :: self

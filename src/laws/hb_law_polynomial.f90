@@ -2,11 +2,9 @@
 !> Source: docs/why/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
 module hb_law_polynomial
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_location
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: law_t
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
+   use hb_problems, only: problems_t
    implicit none
    private
    public :: polynomial_t
@@ -15,8 +13,8 @@ module hb_law_polynomial
       real(wp), allocatable :: stiffness(:)                           !! k_1, k_2, ... [N/m, N/m**2, ...]
       real(wp), allocatable :: damping(:)                             !! d_1, d_2, ... [N s/m, N s**2/m**2, ...]
    contains
-      procedure :: read => polynomial_read
       procedure :: declare_numbers => polynomial_declare_numbers
+      procedure :: check => polynomial_check
       procedure :: derive => polynomial_derive
       procedure :: number_slope => polynomial_number_slope
       procedure :: evaluate => polynomial_evaluate
@@ -24,22 +22,6 @@ module hb_law_polynomial
    end type polynomial_t
 
 contains
-
-   !> Reads a `&law type = 'polynomial'` group.
-   subroutine polynomial_read(self, group, structure)
-      class(polynomial_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-
-      call read_numbers(self, group)
-      if (.not. (allocated(self%stiffness) .or. allocated(self%damping))) then
-         call group%problem("stiffness", "a polynomial law needs 'stiffness' or 'damping' coefficients")
-      end if
-      if (.not. allocated(self%stiffness)) allocate (self%stiffness(0))
-      if (.not. allocated(self%damping)) allocate (self%damping(0))
-      call self%derive()
-      call read_location(self, group, structure)
-   end subroutine polynomial_read
 
    subroutine polynomial_declare_numbers(self, numbers)
       class(polynomial_t), intent(inout) :: self
@@ -49,9 +31,19 @@ contains
       call numbers%add("damping", self%damping)
    end subroutine polynomial_declare_numbers
 
+   subroutine polynomial_check(self, problems)
+      class(polynomial_t), intent(in) :: self
+      class(problems_t), intent(inout) :: problems
+
+      if (size(self%stiffness) + size(self%damping) == 0) &
+         call problems%add("stiffness", "a polynomial law needs 'stiffness' or 'damping' coefficients")
+   end subroutine polynomial_check
+
    pure subroutine polynomial_derive(self)
       class(polynomial_t), intent(inout) :: self
 
+      if (.not. allocated(self%stiffness)) allocate (self%stiffness(0))
+      if (.not. allocated(self%damping)) allocate (self%damping(0))
       self%degree = max(size(self%stiffness), size(self%damping), 1)
       self%needs_velocity = size(self%damping) > 0
       self%has_potential = .true.

@@ -2,11 +2,8 @@
 !> Source: docs/why/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
 module hb_law_quadratic_damping
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_location
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: law_t
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
    implicit none
    private
    public :: quadratic_damping_t
@@ -14,7 +11,6 @@ module hb_law_quadratic_damping
    type, extends(law_t) :: quadratic_damping_t
       real(wp) :: coefficient = 0.0_wp                                !! c [N s**2/m**2]
    contains
-      procedure :: read => quadratic_damping_read
       procedure :: declare_numbers => quadratic_damping_declare_numbers
       procedure :: derive => quadratic_damping_derive
       procedure :: number_slope => quadratic_damping_number_slope
@@ -24,17 +20,6 @@ module hb_law_quadratic_damping
    end type quadratic_damping_t
 
 contains
-
-   !> Reads a `&law type = 'quadratic_damping'` group.
-   subroutine quadratic_damping_read(self, group, structure)
-      class(quadratic_damping_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-
-      call read_numbers(self, group)
-      call self%derive()
-      call read_location(self, group, structure)
-   end subroutine quadratic_damping_read
 
    subroutine quadratic_damping_declare_numbers(self, numbers)
       class(quadratic_damping_t), intent(inout) :: self

@@ -7,11 +7,9 @@
 !> 353-375.
 module hb_law_rigid_wall
    use hb_kinds, only: wp
-   use hb_law, only: defects_t, hold_t, law_t, read_location
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: defects_t, hold_t, law_t
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
+   use hb_problems, only: problems_t
    implicit none
    private
    public :: rigid_wall_t
@@ -23,9 +21,9 @@ module hb_law_rigid_wall
       real(wp) :: restitution = -1.0_wp !! ratio of the speeds after and before an impact; < 0: not given
       logical :: has_restitution = .false.                            !! it is a number of the law
    contains
-      procedure :: read => rigid_wall_read
       procedure :: declare_numbers => rigid_wall_declare_numbers
       procedure :: has_valid_numbers => rigid_wall_has_valid_numbers
+      procedure :: check => rigid_wall_check
       procedure :: derive => rigid_wall_derive
       procedure :: number_slope => rigid_wall_number_slope
       procedure :: evaluate => rigid_wall_evaluate
@@ -37,27 +35,15 @@ module hb_law_rigid_wall
 
 contains
 
-   !> Reads a `&law type = 'rigid_wall'` group.
-   subroutine rigid_wall_read(self, group, structure)
-      class(rigid_wall_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-
-      self%has_restitution = group%given("restitution")
-      call read_numbers(self, group)
-      call group%get("two_sided", self%two_sided)
-      if (.not. self%has_valid_numbers()) call group%problem("gap", "a two-sided rigid wall needs a gap of 0 or more")
-      call self%derive()
-      call read_location(self, group, structure)
-   end subroutine rigid_wall_read
-
    subroutine rigid_wall_declare_numbers(self, numbers)
       class(rigid_wall_t), intent(inout) :: self
       class(numbers_t), intent(inout) :: numbers
 
+      call numbers%note_given("restitution", self%has_restitution)
       call numbers%add("gap", self%gap)
       call numbers%add("augmentation", self%augmentation)
       if (self%has_restitution) call numbers%add("restitution", self%restitution)
+      call numbers%add("two_sided", self%two_sided)
    end subroutine rigid_wall_declare_numbers
 
    logical function rigid_wall_has_valid_numbers(self) result(are_valid)
@@ -65,6 +51,13 @@ contains
 
       are_valid = .not. (self%two_sided .and. self%gap < 0.0_wp)
    end function rigid_wall_has_valid_numbers
+
+   subroutine rigid_wall_check(self, problems)
+      class(rigid_wall_t), intent(in) :: self
+      class(problems_t), intent(inout) :: problems
+
+      if (.not. self%has_valid_numbers()) call problems%add("gap", "a two-sided rigid wall needs a gap of 0 or more")
+   end subroutine rigid_wall_check
 
    pure subroutine rigid_wall_derive(self)
       class(rigid_wall_t), intent(inout) :: self

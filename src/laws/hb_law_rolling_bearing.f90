@@ -5,12 +5,8 @@
 !> 2001; docs/why/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
 module hb_law_rolling_bearing
    use hb_kinds, only: two_pi, wp
-   use hb_law, only: law_t, place_coordinate, read_location
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: law_t, placement_t
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
-   use hb_text, only: string_t
    implicit none
    private
    public :: rolling_bearing_t
@@ -22,8 +18,8 @@ module hb_law_rolling_bearing
       real(wp) :: clearance = 0.0_wp                                  !! c, radial [m]; negative: preloaded at rest
       real(wp), allocatable, private :: angle(:)                      ! j.tau/N at the following samples
    contains
-      procedure :: read => rolling_bearing_read
       procedure :: declare_numbers => rolling_bearing_declare_numbers
+      procedure :: placement => rolling_bearing_placement
       procedure :: derive => rolling_bearing_derive
       procedure :: number_slope => rolling_bearing_number_slope
       procedure :: set_phases => rolling_bearing_set_phases
@@ -32,39 +28,29 @@ module hb_law_rolling_bearing
 
 contains
 
-   !> Reads a `&law type = 'rolling_bearing'` group.
-   subroutine rolling_bearing_read(self, group, structure)
-      class(rolling_bearing_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-      type(string_t), allocatable :: names(:)
-      real(wp), allocatable :: weights(:)
-
-      call group%get("n_balls", self%n_balls)
-      call read_numbers(self, group)
-      call group%get("tuple", self%modulation)
-      if (allocated(self%modulation)) self%n_phases = size(self%modulation)
-      call self%derive()
-      call read_location(self, group, structure)
-      call group%get("second_dofs", names)
-      if (.not. allocated(names)) return
-      call group%get("second_weights", weights, n=size(names))
-      call place_coordinate(self, group, structure, "second_dofs", names, weights)
-   end subroutine rolling_bearing_read
-
    subroutine rolling_bearing_declare_numbers(self, numbers)
       class(rolling_bearing_t), intent(inout) :: self
       class(numbers_t), intent(inout) :: numbers
 
+      call numbers%add("n_balls", self%n_balls)
       call numbers%add("stiffness", self%stiffness)
       call numbers%add("exponent", self%exponent)
       call numbers%add("clearance", self%clearance)
+      call numbers%add("tuple", self%modulation)
    end subroutine rolling_bearing_declare_numbers
+
+   pure function rolling_bearing_placement(self) result(placement)
+      class(rolling_bearing_t), intent(in) :: self
+      type(placement_t) :: placement
+
+      placement%further(1) = "second_dofs"
+   end function rolling_bearing_placement
 
    pure subroutine rolling_bearing_derive(self)
       class(rolling_bearing_t), intent(inout) :: self
 
       self%length_scale = abs(self%clearance)
+      if (allocated(self%modulation)) self%n_phases = size(self%modulation)
    end subroutine rolling_bearing_derive
 
    pure subroutine rolling_bearing_set_phases(self, phases)

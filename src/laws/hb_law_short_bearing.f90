@@ -10,12 +10,8 @@
 !> 2010, chapter 6; docs/why/theory.md, section 5.2. Sign: f stands beside K q on the left-hand side.
 module hb_law_short_bearing
    use hb_kinds, only: two_pi, wp
-   use hb_law, only: defects_t, law_t, place_coordinate, read_location
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: defects_t, law_t, placement_t
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
-   use hb_text, only: string_t
    implicit none
    private
    public :: short_bearing_t
@@ -28,8 +24,8 @@ module hb_law_short_bearing
       real(wp) :: rotor_speed = 0.0_wp                                !! Omega [rad/s], from x towards y
       logical :: is_full = .false.                                    !! oil carries tension
    contains
-      procedure :: read => short_bearing_read
       procedure :: declare_numbers => short_bearing_declare_numbers
+      procedure :: placement => short_bearing_placement
       procedure :: derive => short_bearing_derive
       procedure :: number_slope => short_bearing_number_slope
       procedure :: evaluate => short_bearing_evaluate
@@ -49,26 +45,6 @@ module hb_law_short_bearing
 
 contains
 
-   !> Reads a `&law type = 'short_bearing'` group.
-   subroutine short_bearing_read(self, group, structure)
-      class(short_bearing_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-      type(string_t), allocatable :: names(:)
-      real(wp), allocatable :: weights(:)
-      integer :: film                                                 ! half, full
-
-      call read_numbers(self, group)
-      call group%choose("film", film)
-      self%is_full = film == 2
-      call self%derive()
-      call read_location(self, group, structure)
-      call group%get("second_dofs", names)
-      if (.not. allocated(names)) return
-      call group%get("second_weights", weights, n=size(names))
-      call place_coordinate(self, group, structure, "second_dofs", names, weights)
-   end subroutine short_bearing_read
-
    subroutine short_bearing_declare_numbers(self, numbers)
       class(short_bearing_t), intent(inout) :: self
       class(numbers_t), intent(inout) :: numbers
@@ -78,7 +54,15 @@ contains
       call numbers%add("length", self%length)
       call numbers%add("clearance", self%clearance)
       call numbers%add("rotor_speed", self%rotor_speed)
+      call numbers%add("film", self%is_full, word="full")
    end subroutine short_bearing_declare_numbers
+
+   pure function short_bearing_placement(self) result(placement)
+      class(short_bearing_t), intent(in) :: self
+      type(placement_t) :: placement
+
+      placement%further(1) = "second_dofs"
+   end function short_bearing_placement
 
    pure subroutine short_bearing_derive(self)
       class(short_bearing_t), intent(inout) :: self

@@ -3,11 +3,9 @@
 module hb_law_tabulated
    use hb_interpolation, only: interval_of, is_ascending, monotone_cubic_t, new_monotone_cubic
    use hb_kinds, only: wp
-   use hb_law, only: kink_t, law_t, read_location
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: kink_t, law_t
    use hb_numbers, only: numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
+   use hb_problems, only: problems_t
    implicit none
    private
    public :: new_tabulated, tabulated_t
@@ -18,9 +16,9 @@ module hb_law_tabulated
       logical :: is_constant_beyond = .false.                         !! otherwise the force continues with the slope of the end
       type(monotone_cubic_t) :: table                                 !! through these points
    contains
-      procedure :: read => tabulated_read
       procedure :: declare_numbers => tabulated_declare_numbers
       procedure :: has_valid_numbers => tabulated_has_valid_numbers
+      procedure :: check => tabulated_check
       procedure :: derive => tabulated_derive
       procedure :: evaluate => tabulated_evaluate
       procedure :: potential => tabulated_potential
@@ -49,9 +47,10 @@ contains
 
       call numbers%add("displacements", self%nodes)
       if (allocated(self%nodes)) call numbers%add("forces", self%forces, n=size(self%nodes))
+      call numbers%add("beyond", self%is_constant_beyond, word="constant")
    end subroutine tabulated_declare_numbers
 
-   logical function tabulated_has_valid_numbers(self) result(are_valid)
+   pure logical function tabulated_has_valid_numbers(self) result(are_valid)
       class(tabulated_t), intent(in) :: self
 
       are_valid = allocated(self%nodes) .and. allocated(self%forces)
@@ -59,12 +58,25 @@ contains
       if (are_valid) are_valid = is_ascending(self%nodes)
    end function tabulated_has_valid_numbers
 
+   subroutine tabulated_check(self, problems)
+      class(tabulated_t), intent(in) :: self
+      class(problems_t), intent(inout) :: problems
+
+      if (.not. allocated(self%nodes)) return
+      if (size(self%nodes) < 2) then
+         call problems%add("displacements", "a table needs two points or more")
+      else if (.not. is_ascending(self%nodes)) then
+         call problems%add("displacements", "each must be greater than the one before")
+      end if
+   end subroutine tabulated_check
+
    pure subroutine tabulated_derive(self)
       class(tabulated_t), intent(inout) :: self
 
+      self%has_potential = .true.                                     ! even if other numbers have problems
+      if (.not. self%has_valid_numbers()) return
       call new_monotone_cubic(self%table, self%nodes, self%forces, self%is_constant_beyond)
       associate (nodes => self%nodes, forces => self%forces)
-         self%has_potential = .true.
          self%length_scale = maxval(abs(nodes))
          self%n_switches = size(nodes)
          if (allocated(self%kinks)) deallocate (self%kinks)
@@ -78,29 +90,6 @@ contains
          end associate
       end associate
    end subroutine tabulated_derive
-
-   !> Reads a `&law type = 'tabulated'` group.
-   subroutine tabulated_read(self, group, structure)
-      class(tabulated_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-      integer :: beyond                                               ! linear, constant
-
-      self%has_potential = .true.                                     ! even if other keys have problems
-      call read_numbers(self, group)
-      call group%choose("beyond", beyond)
-      self%is_constant_beyond = beyond == 2
-      if (self%has_valid_numbers()) then
-         call self%derive()
-      else if (allocated(self%nodes)) then
-         if (size(self%nodes) < 2) then
-            call group%problem("displacements", "a table needs two points or more")
-         else if (.not. is_ascending(self%nodes)) then
-            call group%problem("displacements", "each must be greater than the one before")
-         end if
-      end if
-      call read_location(self, group, structure)
-   end subroutine tabulated_read
 
    subroutine tabulated_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
       class(tabulated_t), intent(in) :: self

@@ -7,11 +7,9 @@ module hb_law_user
    use hb_error, only: error_t, fail
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
-   use hb_law, only: law_box_t, law_t, read_dofs, read_location
+   use hb_law, only: law_box_t, law_t
    use hb_numbers, only: numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
-   use hb_system, only: library_path
+   use hb_problems, only: problems_t
    use hb_text, only: to_text
    use hb_user_library, only: any_number, law_input_t, load_user_library, user_library_t
    implicit none
@@ -25,8 +23,8 @@ module hb_law_user
       real(wp), allocatable, private :: phases(:, :)                  ! [rad], (n_samples, n_tones), if it needs them
       real(wp), allocatable, private :: omega(:)                      ! [rad/s], (n_tones), if it needs them
    contains
-      procedure :: read => user_law_read
       procedure :: declare_numbers => user_law_declare_numbers
+      procedure :: check => user_law_check
       procedure :: set_phases => user_law_set_phases
       procedure :: set_frequencies => user_law_set_frequencies
       procedure :: frequency_slope => user_law_frequency_slope
@@ -40,7 +38,6 @@ module hb_law_user
    type, extends(hysteretic_law_t) :: user_memory_t
       type(user_law_t), private :: own
    contains
-      procedure :: read => user_memory_read
       procedure :: declare_numbers => user_memory_declare_numbers
       procedure :: advance => user_memory_advance
       procedure :: force => user_memory_force
@@ -75,46 +72,24 @@ contains
       self%n_states = self%library%n_states
    end subroutine load_user_law
 
-   !> Reads a `&law type = 'user'` group.
-   subroutine user_law_read(self, group, structure)
-      class(user_law_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-      character(:), allocatable :: library, name
-      real(wp), allocatable :: parameters(:)
-      type(error_t), allocatable :: error
-
-      if (group%given("dofs") .and. .not. group%given("weights")) then
-         if (group%given("dof")) call group%problem("dofs", "give either 'dof' or 'dofs', not both")
-         call read_dofs(self, group, structure)
-      else
-         call read_location(self, group, structure)
-      end if
-      allocate (parameters(0))
-      call group%get("library", library)
-      call group%get("name", name)
-      call group%get("parameters", parameters)
-      call group%get("odd", self%is_odd)                              ! only the user can know
-      if (.not. (allocated(library) .and. allocated(name))) return
-      if (len(library) > 0) library = trim(library_path(group%file_name, library))
-      call load_user_law(self, library, name, parameters, error)
-      if (self%is_odd .and. self%n_phases > 0) call group%problem("odd", "a law that needs phases cannot be declared odd")
-      if (allocated(error)) then
-         call group%problem("library", error%message)
-      else if (allocated(self%shape)) then
-         if (all(self%library%n_coordinates /= [any_number, size(self%shape, 2)])) then
-            call group%problem("dofs", "'"//name//"' takes "//to_text(self%library%n_coordinates)//" coordinates, not "// &
-                               to_text(size(self%shape, 2)))
-         end if
-      end if
-   end subroutine user_law_read
-
    subroutine user_law_declare_numbers(self, numbers)
       class(user_law_t), intent(inout) :: self
       class(numbers_t), intent(inout) :: numbers
 
       call numbers%add("parameters", self%parameters)
    end subroutine user_law_declare_numbers
+
+   !> Whether the library expects the coordinates of the law, and what the user declares is possible.
+   subroutine user_law_check(self, problems)
+      class(user_law_t), intent(in) :: self
+      class(problems_t), intent(inout) :: problems
+
+      if (self%is_odd .and. self%n_phases > 0) call problems%add("odd", "a law that needs phases cannot be declared odd")
+      if (.not. (allocated(self%shape) .and. allocated(self%name))) return
+      if (all(self%library%n_coordinates /= [any_number, size(self%shape, 2)])) &
+         call problems%add("dofs", "'"//self%name//"' takes "//to_text(self%library%n_coordinates)//" coordinates, not "// &
+                           to_text(size(self%shape, 2)))
+   end subroutine user_law_check
 
    !> Returns NaN throughout if the library reports a failure, so that the residual is not finite there.
    subroutine user_law_evaluate(self, z, v, p, f, df_dz, df_dv, df_dp)
@@ -225,15 +200,6 @@ contains
       end select
       if (allocated(memory)) call move_alloc(memory, box%law)
    end subroutine take_memory
-
-   !> Not called: a group is read by `user_law_t`.
-   subroutine user_memory_read(self, group, structure)
-      class(user_memory_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-
-      call self%own%read(group, structure)
-   end subroutine user_memory_read
 
    subroutine user_memory_declare_numbers(self, numbers)
       class(user_memory_t), intent(inout) :: self

@@ -2,11 +2,8 @@
 !> 2 (1926) 978-992, with a = 1; docs/why/theory.md, section 5.1. Sign: f stands beside K q on the left-hand side.
 module hb_law_van_der_pol
    use hb_kinds, only: wp
-   use hb_law, only: law_t, read_location
-   use hb_number_reader, only: read_numbers
+   use hb_law, only: law_t
    use hb_numbers, only: number_t, numbers_t
-   use hb_properties, only: properties_t
-   use hb_structure, only: structure_t
    implicit none
    private
    public :: van_der_pol_t
@@ -15,7 +12,6 @@ module hb_law_van_der_pol
       real(wp) :: strength = 0.0_wp                                   !! mu [N s/m]
       real(wp) :: threshold = 1.0_wp                                  !! a [m], at which driving changes to damping
    contains
-      procedure :: read => van_der_pol_read
       procedure :: declare_numbers => van_der_pol_declare_numbers
       procedure :: derive => van_der_pol_derive
       procedure :: number_slope => van_der_pol_number_slope
@@ -23,17 +19,6 @@ module hb_law_van_der_pol
    end type van_der_pol_t
 
 contains
-
-   !> Reads a `&law type = 'van_der_pol'` group.
-   subroutine van_der_pol_read(self, group, structure)
-      class(van_der_pol_t), intent(inout) :: self
-      type(properties_t), intent(inout) :: group
-      type(structure_t), intent(in) :: structure
-
-      call read_numbers(self, group)
-      call self%derive()
-      call read_location(self, group, structure)
-   end subroutine van_der_pol_read
 
    subroutine van_der_pol_declare_numbers(self, numbers)
       class(van_der_pol_t), intent(inout) :: self

@@ -4,7 +4,7 @@ module hb_model_laws
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_law, only: law_box_t, law_t
-   use hb_law_catalogue, only: read_law
+   use hb_law_reader, only: read_law
    use hb_model, only: model_t
    use hb_numbers, only: number_t
    use hb_properties, only: properties_t

@@ -22,8 +22,8 @@ KEYS = runpy.run_path(str(ROOT / "tests" / "keys"))["keys"]()
 # Where neither the file nor the procedure (read_<group>) tells whose keys are read.
 SECTIONS_BY_FILE = {
     "hb_truncation_reader.f90": ["harmonics"],
-    "hb_law.f90": ["law"],
-    "hb_law_catalogue.f90": ["law"],
+    "hb_location_reader.f90": ["law"],
+    "hb_coupled_terms_reader.f90": ["law polynomial_coupled"],
     "hb_proportional_damping.f90": ["structure"],
     "hb_structure_catalogue.f90": ["structure"],
     "hb_sweep_plan.f90": ["sweep"],
@@ -34,11 +34,9 @@ SECTIONS_BY_PROCEDURE = {
     "read_modal_beam": ["structure modal_beam"],
     "read_amplitude": ["load", "start"],
     "read_ties": ["tie"],
-    "read_hardness": ["law blade_contact", "law contact_table"],
+    "read_user_law": ["law user"],
     "jenkins_declare_numbers": ["law jenkins", "law jenkins_2d"],
     "declare_contacts": ["law blade_contact", "law contact_table"],
-    "read_limit": ["law jenkins", "law jenkins_2d"],
-    "read_normal": ["law jenkins", "law jenkins_2d"],
     "read_frequency_part": ["dynamic_stiffness"],  # and of its kinds, each in a case
     "read_locations": ["dynamic_stiffness"],
     "read_bearing": ["bearing"],
@@ -50,6 +48,7 @@ CALL = re.compile(r"\bcall\s+(?:(?!file%)\w+%(?:get|choose)|numbers%add)\s*\(\s*
 CALL_BY_LIST = re.compile(r"\bcall\s+\w+%get\s*\(\s*trim\(\s*(\w+)\s*\(", re.IGNORECASE)
 LIST = re.compile(r"parameter\s*::\s*(\w+)\(\d+\)\s*=\s*\[character\(\d+\)\s*::([^]]*)\]", re.IGNORECASE)
 CASE = re.compile(r"^\s*(?:case\s*\(\"(\w+)\"\)|end select)", re.IGNORECASE)
+FURTHER = re.compile(r'"(\w+_)dofs"')  # a further coordinate of a law, which has weights too
 PROCEDURE = re.compile(r"^\s*(?:(?:pure|impure|elemental|recursive|module)\s+)*subroutine\s+(\w+)", re.IGNORECASE)
 
 
@@ -84,6 +83,8 @@ def keys_of_program() -> dict[str, dict[str, str]]:
                 kind = match.group(1)
             lists |= {name: re.findall(r'"(\w+)"', names) for name, names in LIST.findall(line)}
             listed = [key for name in CALL_BY_LIST.findall(line) for key in lists[name]]
+            if "placement%further" in line:
+                listed += [first + key for first in FURTHER.findall(line) for key in ("dofs", "weights")]
             for key in [key for _, key in CALL.findall(line)] + listed:
                 for section in sections_of(path, procedure):
                     if procedure == "read_frequency_part" and kind:
